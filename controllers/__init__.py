@@ -1,0 +1,1 @@
+"""LQR and MPC, one file each."""

@@ -1,0 +1,1 @@
+"""Diagnoses the gap between a robot's model and its logged runs."""

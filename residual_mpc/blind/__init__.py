@@ -1,0 +1,1 @@
+"""Make, seal, score: the benchmark whose answers are withheld."""

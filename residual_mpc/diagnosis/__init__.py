@@ -1,0 +1,1 @@
+"""Gap, where, which, how far, unknown: diagnose() runs them in order."""

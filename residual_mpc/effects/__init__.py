@@ -1,0 +1,1 @@
+"""The unmodelled effects, by stage: command, actuator, body, contact, sensor."""

@@ -1,0 +1,1 @@
+"""Run tables: read, check, resample, cut into windows."""

@@ -1,0 +1,1 @@
+"""A nominal model once, for numpy, JAX and CasADi; the integrators; linearisation."""

@@ -1,0 +1,1 @@
+"""Sections, figures and templates that become one self-contained HTML file."""

@@ -1,0 +1,1 @@
+"""Closed-loop experiments, one runnable file each."""
