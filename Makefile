@@ -1,0 +1,56 @@
+# Everything runs in an environment of its own (.venv), made on first use and brought up to date when pyproject.toml
+# or constraints.txt change. PYTHON names the interpreter that makes it; VENV says where.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
+
+# Tests and sweeps are parallel already: one thread a process keeps them from fighting over the cores.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: help demo test slow bench blind lint clean
+
+help:
+	@echo "make demo    a robot that differs from its model, diagnosed from start to end"
+	@echo "make test    the tests, without the slow ones"
+	@echo "make slow    the slow tests"
+	@echo "make bench   the diagnosis, timed and scored"
+	@echo "make blind   a development sweep of the blind benchmark"
+	@echo "make lint    style, types and the direction of imports"
+	@echo "make clean   removes $(VENV) and what the tools left behind"
+
+demo: $(VENV)/.installed
+	$(BIN)/python -m residual_mpc.demo
+
+test: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n 2 -q -m "not slow"
+
+slow: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n 2 -q -m slow
+
+bench: $(VENV)/.installed-test
+	$(BIN)/python -m benchmarks.diagnosis
+
+blind: $(VENV)/.installed-test
+	$(BIN)/python -m benchmarks.blind
+
+lint: $(VENV)/.installed-test
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+# The interpreter is an order-only prerequisite: its time stamp says nothing about what is installed.
+$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e .
+	@touch $@
+
+$(VENV)/.installed-test: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e ".[test]"
+	@touch $@ $(VENV)/.installed
