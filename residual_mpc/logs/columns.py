@@ -1,0 +1,42 @@
+"""The column names of a run table, as the log format defines them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+PLANAR = ("x", "y", "theta")
+PER_ACTUATOR = ("command", "enabled")
+PER_JOINT = ("position", "velocity", "effort")
+PER_BODY = ("pose", "twist")
+GROUPS = PER_ACTUATOR + PER_JOINT + PER_BODY
+SPECIAL = ("t", "run")
+
+
+def group(name: str) -> str | None:
+    """The group of a recognised data column (`command.left` -> `command`), or None for any other name."""
+    head, dot, tail = name.partition(".")
+    if not dot or not tail or head not in GROUPS:
+        return None
+    if head in PER_BODY and tail not in PLANAR:
+        return None
+    return head
+
+
+def member(name: str) -> str:
+    """The actuator, joint or axis of a recognised data column (`command.left` -> `left`)."""
+    return name.partition(".")[2]
+
+
+def is_measured(name: str) -> bool:
+    """Whether a name stands for something that the robot's sensors or its localisation reported."""
+    return group(name) in PER_JOINT + PER_BODY
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """A remedy that names the nearest known word, or the known words where none is near."""
+    words = list(known)
+    near = difflib.get_close_matches(name, words, n=1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return "known here: " + ", ".join(words[:40]) + (", ..." if len(words) > 40 else "")
