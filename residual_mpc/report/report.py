@@ -1,0 +1,47 @@
+"""One HTML file that says what was found: it needs no network, no script and no second file."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.section import Document, Maker, Section, render
+from residual_mpc.report.sections.audit import audit
+from residual_mpc.report.sections.causes import causes
+from residual_mpc.report.sections.confounded import confounded
+from residual_mpc.report.sections.definitions import definitions
+from residual_mpc.report.sections.gap import gap
+from residual_mpc.report.sections.left import left
+from residual_mpc.report.sections.next import next_experiment
+from residual_mpc.report.sections.not_testable import not_testable
+from residual_mpc.report.sections.traces import traces
+from residual_mpc.report.sections.verdict import verdict
+from residual_mpc.report.sections.where import where
+
+SECTIONS: tuple[Maker, ...] = (
+    verdict, gap, traces, where, causes, confounded, next_experiment, not_testable, left, audit, definitions,
+)  # fmt: skip
+
+NAME = "report.html"
+
+
+def write_report(document: Document, evidence: Evidence, folder: Path) -> Path:
+    """Write `folder/report.html` and return its path. `document` is diagnosis.json (contract, section 5).
+
+    The file appears whole or not at all. Raises KeyError where the document lacks a key of the contract.
+    """
+    page = compose(document, evidence)
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / NAME
+    with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=folder, suffix=".part", delete=False) as part:
+        part.write(page)
+    os.chmod(part.name, 0o644)  # a temporary file is the owner's alone; a report is there to be passed on
+    os.replace(part.name, target)
+    return target
+
+
+def compose(document: Document, evidence: Evidence, makers: tuple[Maker, ...] = SECTIONS) -> str:
+    """The page as text: the sections that have something to say, one after the other."""
+    made = (maker(document, evidence) for maker in makers)
+    sections: list[Section] = [section for section in made if section is not None]
+    return str(render("report.html.jinja", robot=document["robot"], sections=sections)) + "\n"

@@ -1,0 +1,1 @@
+"""One section a file, each a function of the document and the evidence."""

@@ -1,0 +1,14 @@
+"""What the audit found in the logs before anything was fitted."""
+
+from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.section import Document, Section, render
+
+ORDER = {"error": 0, "warning": 1, "info": 2}
+SHOWN = 12  # findings in the table; the rest fold away
+
+
+def audit(document: Document, evidence: Evidence) -> Section:
+    """Always there: that nothing was found is worth saying too."""
+    findings = sorted(evidence.findings, key=lambda finding: ORDER.get(finding.severity, len(ORDER)))
+    body = render("sections/audit.html.jinja", shown=findings[:SHOWN], folded=findings[SHOWN:])
+    return Section("audit", "What the logs are like", body)

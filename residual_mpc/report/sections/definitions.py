@@ -1,0 +1,10 @@
+"""What each figure of the report means."""
+
+from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.section import Document, Section, render
+
+
+def definitions(document: Document, evidence: Evidence) -> Section:
+    """Always there: it closes the report."""
+    body = render("sections/definitions.html.jinja", horizon=document["gap"]["horizon"], schema=document.get("schema"))
+    return Section("definitions", "What the figures mean", body)

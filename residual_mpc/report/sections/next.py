@@ -1,0 +1,19 @@
+"""What to do next: the experiment or the sensor that would tell the rest."""
+
+from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.section import Document, Section, render
+
+
+def next_experiment(document: Document, evidence: Evidence) -> Section | None:
+    """There where the diagnosis proposes one."""
+    experiment = document.get("next_experiment")
+    if not experiment:
+        return None
+    commands = experiment.get("commands")
+    body = render(
+        "sections/next.html.jinja",
+        what=experiment["what"],
+        parts=[str(part).replace("_", " ") for part in experiment.get("parts") or []],
+        commands=commands if isinstance(commands, str) else None,
+    )
+    return Section("next", "What to record next", body)

@@ -1,0 +1,25 @@
+"""What the robot did and what the model predicts, on stretches that no fit has seen."""
+
+from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.figures import traces as figures
+from residual_mpc.report.section import Document, Section, render
+
+
+def traces(document: Document, evidence: Evidence) -> Section | None:
+    """There where the evidence holds signals."""
+    if not evidence.panels:
+        return None
+    panels = [
+        {
+            "panel": panel,
+            "from": float(panel.t[0]),
+            "to": float(panel.t[-1]),
+            "svg": figures.traces(panel, f"trace{index}"),
+            "before": figures.rms_error(panel, panel.before),
+            "after": figures.rms_error(panel, panel.after),
+        }
+        for index, panel in enumerate(evidence.panels)
+    ]
+    body = render("sections/traces.html.jinja", panels=panels, horizon=evidence.horizon,
+                  explained=bool(document["explanation"]))  # fmt: skip
+    return Section("traces", "Measured against predicted", body)

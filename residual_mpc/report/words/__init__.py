@@ -1,0 +1,1 @@
+"""Numbers, effects and verdicts in words that anyone understands."""

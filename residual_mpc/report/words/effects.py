@@ -1,0 +1,111 @@
+"""Each effect in a sentence for someone who has never heard its name."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from residual_mpc.report.words.numbers import measure, percent
+
+STAGES = ("command", "actuator", "body", "contact", "sensor")
+
+
+@dataclass(frozen=True)
+class Phrase:
+    """`text` names the parameters in braces, and `{who}` for the target; `everyone` is who it is without a target."""
+
+    stage: str
+    text: str
+    everyone: str = "the robot"
+    someone: str = "{}"
+    as_percent: tuple[str, ...] = ()  # parameters that read better as a percentage
+
+
+PHRASES = {
+    "command_delay": Phrase("command", "{who} answers {delay} late"),
+    "dead_zone": Phrase("command", "{who} ignores commands smaller than {width}"),
+    "actuator_lag": Phrase("actuator", "{who} follows commands with a lag of {time_constant}"),
+    "actuator_gain": Phrase("actuator", "{who} gives {gain} of what the model expects", "every actuator",
+                            "the actuator {}", ("gain",)),
+    "saturation": Phrase("actuator", "{who} stops at {limit}", "every actuator", "the actuator {}"),
+    "voltage_sag": Phrase("actuator", "{who} loses {rate} of its strength each second", as_percent=("rate",)),
+    "backlash": Phrase("actuator", "{who} has {gap} of play", "every gear", "the gear of {}"),
+    "coulomb_friction": Phrase("body", "dry friction of {torque} brakes {who}", "every joint"),
+    "viscous_friction": Phrase("body", "friction of {coefficient} grows with the speed of {who}", "every joint"),
+    "stribeck_friction": Phrase("body", "friction in {who} falls from {static} at rest to {kinetic} in motion",
+                                "every joint"),
+    "load_dependent_friction": Phrase("body", "friction eats {coefficient} of the torque at {who}", "every joint",
+                                      as_percent=("coefficient",)),
+    "payload": Phrase("body", "the robot carries {mass} that its model lacks"),
+    "link_mass": Phrase("body", "{who} is {mass} heavier than modelled", "the link"),
+    "armature": Phrase("body", "the rotor of {who} has {inertia} more inertia than modelled", "every joint"),
+    "joint_compliance": Phrase("body", "{who} gives way like a spring of {stiffness}", "every joint"),
+    "link_length": Phrase("body", "{who} is {offset} longer than modelled", "the link"),
+    "wheel_radius": Phrase("contact", "the wheels roll {scale} of the distance that the model expects",
+                           as_percent=("scale",)),
+    "wheel_radius_mismatch": Phrase("contact", "the right wheel has {ratio} of the left wheel's radius",
+                                    as_percent=("ratio",)),
+    "track_width": Phrase("contact", "the robot turns as if its wheels stood at {scale} of their distance",
+                          as_percent=("scale",)),
+    "lateral_slip": Phrase("contact", "the robot slips outwards in turns (coefficient {coefficient})"),
+    "longitudinal_slip": Phrase("contact", "the wheels slip as they accelerate (coefficient {coefficient})"),
+    "slope": Phrase("contact", "the robot drifts steadily at {rate}"),
+    "sensor_delay": Phrase("sensor", "{who} arrive {delay} late", "the measurements", "the measurements of {}"),
+    "sensor_bias": Phrase("sensor", "{who} reads {bias} too high", "every channel"),
+    "sensor_mounting": Phrase("sensor", "the tracked point sits at ({x}, {y}) on the robot, not where the model"
+                              " has it"),
+    "sensor_outliers": Phrase("sensor", "{rate} of the samples jump away", as_percent=("rate",)),
+}  # fmt: skip
+
+# A sentence whose parameter is negative says the opposite.
+OPPOSITES = {"heavier": "lighter", "longer": "shorter", "too high": "too low", "more inertia": "less inertia"}
+
+
+def name(effect: Mapping[str, Any]) -> str:
+    """{"effect": "command_delay", ...} as "command delay"."""
+    return str(effect["effect"]).replace("_", " ")
+
+
+def target_name(effect: Mapping[str, Any]) -> str:
+    """The target, or who is meant where there is none."""
+    phrase = PHRASES.get(effect["effect"])
+    return effect.get("target") or (phrase.everyone if phrase else "the robot")
+
+
+def stage(effect: Mapping[str, Any]) -> str:
+    """The stage of the chain at which the effect sits; empty for an effect that this house does not know."""
+    phrase = PHRASES.get(effect["effect"])
+    return str(effect.get("stage") or (phrase.stage if phrase else ""))
+
+
+def sentence(effect: Mapping[str, Any]) -> str:
+    """One entry of an explanation as a clause without a full stop: "the robot answers 81 ms late".
+
+    An effect from somewhere else, or one without its parameters, is called by its name.
+    """
+    phrase, parameters = PHRASES.get(effect["effect"]), effect.get("parameters") or {}
+    target = effect.get("target")
+    if phrase is None:
+        return f"{name(effect)} acts on {target or 'the robot'}"
+    text, values = phrase.text, {}
+    for key, parameter in parameters.items():
+        if parameter.get("value") is None:
+            continue
+        value = parameter["value"]
+        if value < 0:
+            text, value = _opposite(text, value)
+        unit = parameter.get("unit", "1")
+        show: Callable[[], str] = (lambda v=value: percent(v)) if key in phrase.as_percent else (
+            lambda v=value, u=unit: measure(v, u))  # fmt: skip
+        values[key] = show()
+    who = phrase.someone.format(target) if target else phrase.everyone
+    try:
+        return text.format(who=who, **values)
+    except KeyError:
+        return f"{name(effect)} acts on {target or phrase.everyone}"
+
+
+def _opposite(text: str, value: float) -> tuple[str, float]:
+    for word, opposite in OPPOSITES.items():
+        if word in text:
+            return text.replace(word, opposite), -value
+    return text, value

@@ -1,0 +1,104 @@
+"""Numbers as people write them: few digits, a unit that suits the size, an interval that sets the precision."""
+
+import math
+from collections.abc import Sequence
+
+SPACE = "\N{NO-BREAK SPACE}"
+MINUS = "\N{MINUS SIGN}"
+DEGREE = "\N{DEGREE SIGN}"
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+# unit -> (the size below which the smaller unit reads better, factor, smaller unit)
+SMALLER = {
+    "s": (1.0, 1e3, "ms"),
+    "m": (0.1, 1e3, "mm"),
+    "kg": (0.1, 1e3, "g"),
+    "m/s": (0.1, 1e3, "mm/s"),
+    "N m": (0.01, 1e3, "mN m"),
+}
+Interval = Sequence[float | None]
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """`value` to `digits` significant digits: 0.0812, 1240, 2.5 x 10^-6; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "\N{EN DASH}"
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(value)))
+    if -4 <= exponent < 6:
+        return _fixed(value, max(0, digits - 1 - exponent))
+    mantissa = _fixed(value / 10.0**exponent, digits - 1)
+    return f"{mantissa}{SPACE}×{SPACE}10{str(exponent).translate(SUPERSCRIPTS)}"
+
+
+def percent(share: float | None) -> str:
+    """0.857 as 86 %; a tenth of a per cent below ten; what rounds to nothing as less than 0.1 %."""
+    if share is None or not math.isfinite(share):
+        return "\N{EN DASH}"
+    hundredths = 100.0 * share
+    if 0 < abs(hundredths) < 0.1:
+        return f"<{SPACE}0.1{SPACE}%" if share > 0 else f"0{SPACE}%"
+    decimals = 0 if abs(hundredths) >= 9.95 or hundredths == 0 else 1
+    return f"{_fixed(hundredths, decimals)}{SPACE}%"
+
+
+def percent_interval(interval: Interval | None) -> str:
+    """[0.83, 0.89] as "83 % to 89 %"; empty where there is no interval."""
+    if not interval:
+        return ""
+    low, high = interval
+    return f"{percent(low)} to {percent(high)}"
+
+
+def measure(value: float | None, unit: str) -> str:
+    """A value with its unit: 0.081 s as 81 ms; radians carry their degrees; the unit 1 is left away."""
+    if value is None or not math.isfinite(value):
+        return "\N{EN DASH}"
+    factor, shown = _scale(value, unit)
+    return f"{number(value * factor)}{_suffix(shown)}{_degrees(value, unit)}"
+
+
+def measure_interval(value: float | None, interval: Interval | None, unit: str) -> str:
+    """A value with its 95 % interval, to the digits that the interval leaves meaningful: "81 ms (78 to 84)"."""
+    if value is None or not interval or None in interval or not all(math.isfinite(x or 0.0) for x in interval):
+        return measure(value, unit)
+    low, high = (float(x) for x in interval if x is not None)
+    factor, shown = _scale(value, unit)
+    decimals = _decimals(factor * 0.5 * (high - low), factor * value)
+    middle, low_text, high_text = (_fixed(factor * x, decimals) for x in (value, low, high))
+    return f"{middle}{_suffix(shown)} ({low_text} to {high_text}){_degrees(value, unit)}"
+
+
+def listed(words: Sequence[str], joint: str = "and") -> str:
+    """["a", "b", "c"] as "a, b and c"."""
+    *most, last = words
+    return f"{', '.join(most)} {joint} {last}" if most else last
+
+
+def _scale(value: float, unit: str) -> tuple[float, str]:
+    below, factor, smaller = SMALLER.get(unit, (0.0, 1.0, unit))
+    return (factor, smaller) if abs(value) < below else (1.0, unit)
+
+
+def _decimals(half_width: float, value: float) -> int:
+    """One digit of the half width, two where it starts with 1 or 2; without a width, three digits of the value."""
+    size = half_width or 0.01 * abs(value) or 1.0
+    exponent = math.floor(math.log10(size))
+    leading = size / 10.0**exponent
+    return min(8, max(0, -exponent + (1 if leading < 3 and exponent < 0 else 0)))
+
+
+def _fixed(value: float, decimals: int) -> str:
+    text = f"{value:.{decimals}f}"
+    if float(text) == 0:
+        text = text.lstrip("-")
+    return text.replace("-", MINUS)
+
+
+def _suffix(unit: str) -> str:
+    return "" if unit in ("", "1") else SPACE + unit.replace(" ", SPACE)
+
+
+def _degrees(value: float, unit: str) -> str:
+    return f", {number(math.degrees(value), 2)}{DEGREE}" if unit == "rad" else ""
