@@ -1,0 +1,1 @@
+"""Truths of the blind benchmark, one family a module."""

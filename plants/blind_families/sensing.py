@@ -1,0 +1,69 @@
+"""How a log comes to look like one: stamps, noise, resolution, outliers and dropouts, for all families."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """What a working day does to a log; the defaults do nothing."""
+
+    jitter: float = 0.0  # standard deviation of the sampling instants, as a share of the period
+    colour: float = 0.0  # correlation of the noise from one sample to the next
+    dropouts: float = 0.0  # stretches without a sample of a channel group, per 10 s
+    resolution: float = 0.0  # quantisation step, in sigmas of the noise
+
+
+def draw_roughness(rng: np.random.Generator) -> Roughness:
+    """The roughness of one case."""
+    return Roughness(
+        rng.uniform(0.02, 0.12), rng.uniform(0.2, 0.6), rng.uniform(0.3, 1.0), rng.uniform(0.5, 1.5)
+    )
+
+
+def stamps(seconds: float, rate: float, rough: Roughness, rng: np.random.Generator) -> Array:
+    """Increasing sampling instants (n,) s from 0."""
+    n = round(seconds * rate) + 1
+    shift = np.clip(rough.jitter * rng.standard_normal(n), -0.4, 0.4)
+    shift[0] = 0.0
+    return (np.arange(n) + shift) / rate
+
+
+def noisy(clean: Array, sigma: float, rough: Roughness, rng: np.random.Generator) -> Array:
+    """``clean`` (n,) under noise of standard deviation ``sigma``, at the sensor's resolution."""
+    white = rng.standard_normal(len(clean))
+    if rough.colour:
+        white = np.asarray(lfilter([np.sqrt(1 - rough.colour**2)], [1.0, -rough.colour], white))
+    return quantised(clean + sigma * white, rough.resolution * sigma)
+
+
+def quantised(values: Array, step: float) -> Array:
+    """``values`` on the grid of ``step``; unchanged where the step is 0."""
+    return np.round(values / step) * step if step > 0 else values
+
+
+def with_dropouts(
+    channels: dict[str, Array], t: Array, per_ten_seconds: float, rng: np.random.Generator
+) -> None:
+    """Blank stretches of 0.1 to 0.5 s in all ``channels`` at once, in place, never in the first second."""
+    if t[-1] < 3.0:
+        return
+    for _ in range(rng.poisson(per_ten_seconds * t[-1] / 10)):
+        begin = rng.uniform(1.0, t[-1] - 1.0)
+        gone = (t >= begin) & (t < begin + rng.uniform(0.1, 0.5))
+        for name in channels:
+            channels[name][gone] = np.nan
+
+
+def outlier_mask(n: int, rate: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Samples (n,) that jump away, each with probability ``rate``; never the first."""
+    mask = rng.random(n) < rate
+    mask[0] = False
+    return mask

@@ -1,0 +1,61 @@
+"""The families of truths, found through the entry point group ``residual_mpc.blind_families``."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Protocol
+from zlib import crc32
+
+import numpy as np
+
+from residual_mpc.blind.levels import LEVELS, Level
+from residual_mpc.blind.records import Answer
+from residual_mpc.errors import BadInput
+
+GROUP = "residual_mpc.blind_families"
+
+
+class Family(Protocol):
+    """A kind of robot whose truth can be drawn."""
+
+    name: str
+
+    def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
+        """Draw a truth, write what a user would have (robot file, model, runs) to ``folder``, return it."""
+        ...
+
+
+def family_names() -> tuple[str, ...]:
+    """Names of all installed families, sorted."""
+    return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
+
+
+def load_family(name: str) -> Family:
+    """The installed family called ``name``; ``BadInput`` where there is none."""
+    for point in entry_points(group=GROUP):
+        if point.name == name:
+            family: Family = point.load()
+            return family
+    known = ", ".join(family_names()) or "none is installed"
+    raise BadInput(f"no family of blind cases is called {name!r}", "blind", f"Known families: {known}")
+
+
+def load_level(name: str) -> Level:
+    """The level called ``name``; ``BadInput`` where there is none."""
+    if name not in LEVELS:
+        raise BadInput(f"no level is called {name!r}", "blind", f"Known levels: {', '.join(LEVELS)}")
+    return LEVELS[name]
+
+
+def make_case(family: str, level: str, seed: int, folder: Path | str) -> Answer:
+    """Write one case to ``folder/case`` and return its answer, which is written nowhere.
+
+    The same family, level and seed give the same files.
+    """
+    case = Path(folder) / "case"
+    case.mkdir(parents=True, exist_ok=True)
+    recipe = load_level(level)
+    # the names of family and level enter the stream, so that equal seeds share nothing across them
+    key = [seed, crc32(family.encode()), crc32(level.encode())]
+    return load_family(family).write_case(recipe, seed, np.random.default_rng(key), case)
