@@ -20,4 +20,5 @@ class BadInput(Exception):
 
     def __str__(self) -> str:
         text = f"{self.where}: {self.what}" if self.where else self.what
-        return f"{text.rstrip('.')}. {self.remedy.rstrip('.')}." if self.remedy else f"{text.rstrip('.')}."
+        remedy = f" {self.remedy[0].upper()}{self.remedy[1:]}." if self.remedy else ""
+        return f"{text}.{remedy}".replace("..", ".").replace("?.", "?")

@@ -1,0 +1,211 @@
+"""A CSV or Parquet file: its header first, so that only the columns that are needed are read."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from residual_mpc.errors import BadInput
+
+HEADER_LIMIT = 4 << 20  # bytes; a first line longer than this is no header
+GZIP_RATIO = 12  # text of numbers rarely shrinks more
+MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "<NA>")
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a table says about itself before its rows are read.
+
+    Attributes:
+        path: the file.
+        names: its columns, in order, no two alike.
+        size: estimated memory of all columns as numbers, bytes.
+        separator: between the cells of a CSV file; empty for Parquet.
+        skip: lines of a CSV file before its first row.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    size: float
+    separator: str
+    skip: int
+
+
+@dataclass(frozen=True)
+class Table:
+    """The rows: columns by name as Arrow arrays, and what was mended on the way."""
+
+    columns: dict[str, Any]
+    warnings: tuple[str, ...]
+
+
+def read_header(path: Path) -> Header:
+    """The column names of a table.
+
+    Raises:
+        BadInput: an empty, unreadable, binary or damaged file, or two columns of one name.
+    """
+    try:
+        with open(path, "rb") as file:
+            start = file.read(4)
+        size = os.stat(path).st_size
+        if not start.strip():
+            raise BadInput("the file is empty; a table with a header was wanted", str(path))
+        if start == b"PAR1":
+            return _parquet_header(path)
+        if path.suffix.lower() == ".parquet":
+            raise BadInput("this is no Parquet file, whatever its name says", str(path), "write it again")
+        return _csv_header(path, size, zipped=start[:2] == b"\x1f\x8b")
+    except OSError as fault:
+        raise BadInput(f"it cannot be read ({fault.strerror or fault})", str(path)) from fault
+
+
+def read_table(header: Header, columns: Sequence[str]) -> Table:
+    """The named columns of a table.
+
+    Raises:
+        BadInput: a damaged file, or rows that do not fit the header.
+    """
+    return _read_csv(header, columns) if header.separator else _read_parquet(header, columns)
+
+
+def _parquet_header(path: Path) -> Header:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            names = tuple(str(name) for name in file.schema_arrow.names)
+            rows = file.metadata.num_rows
+    except (pa.ArrowException, OSError, ValueError) as fault:
+        what = f"the Parquet file is damaged ({_first_line(fault)})"
+        raise BadInput(what, str(path), "write it again") from fault
+    _no_twins(names, path)
+    return Header(path, names, 8.0 * rows * len(names), "", 0)
+
+
+def _read_parquet(header: Header, columns: Sequence[str]) -> Table:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(header.path) as file:  # a dataset would invent columns from folder names
+            table = file.read(columns=list(columns), use_pandas_metadata=False)
+    except (pa.ArrowException, OSError, ValueError) as fault:
+        what = f"the Parquet file is damaged ({_first_line(fault)})"
+        raise BadInput(what, str(header.path), "write it again") from fault
+    return Table({name: table.column(name) for name in columns}, ())
+
+
+def _csv_header(path: Path, size: int, zipped: bool) -> Header:
+    raw = _first_bytes(path, zipped)
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise BadInput("this text is UTF-16, UTF-8 was wanted", str(path), "save the table as UTF-8")
+    if b"\0" in raw:
+        raise BadInput("this is a binary file; a CSV or Parquet table was wanted", str(path))
+    lines = raw.removeprefix(b"\xef\xbb\xbf").splitlines()
+    blank = next((i for i, line in enumerate(lines) if line.strip()), len(lines))
+    if blank == len(lines):
+        raise BadInput("the file holds blank lines alone; a table with a header was wanted", str(path))
+    try:
+        line = lines[blank].decode("utf-8")
+    except UnicodeDecodeError as fault:
+        raise BadInput(
+            "this is neither UTF-8 text nor Parquet; a CSV or Parquet table was wanted", str(path),
+            "save the table as UTF-8",
+        ) from fault
+    if not line.isprintable() and not line.replace("\t", "").isprintable():
+        raise BadInput("the header holds control characters; a CSV or Parquet table was wanted", str(path))
+    separator = max(",;\t", key=lambda mark: (line.count(mark), -",;\t".index(mark)))
+    cells = next(csv.reader(io.StringIO(line), delimiter=separator, skipinitialspace=True), [])
+    cells[0] = cells[0].removeprefix("#")  # numpy.savetxt marks its header as a comment
+    names = tuple(cell.strip() or f"unnamed {i}" for i, cell in enumerate(cells, start=1))
+    _no_twins(names, path)
+    return Header(path, names, float(size * GZIP_RATIO if zipped else size), separator, blank + 1)
+
+
+def _first_bytes(path: Path, zipped: bool) -> bytes:
+    try:
+        with gzip.open(path) if zipped else open(path, "rb") as file:
+            raw: bytes = file.read(HEADER_LIMIT)
+    except (EOFError, gzip.BadGzipFile, gzip.zlib.error) as fault:  # type: ignore[attr-defined]
+        raise BadInput(f"the compressed file is damaged ({fault})", str(path), "write it again") from fault
+    return raw
+
+
+def _read_csv(header: Header, columns: Sequence[str]) -> Table:
+    table, ragged = _parse(header, columns, ".")
+    warnings = []
+    if header.separator != ",":
+        mark = {";": "semicolons", "\t": "tabs"}[header.separator]
+        warnings.append(f"cells are separated by {mark} in place of commas")
+        if _has_decimal_commas(table):
+            table, ragged = _parse(header, columns, ",")
+            warnings.append("decimals are written with commas")
+    if ragged:
+        number, cells, text = ragged[0]
+        if "\n" in text:
+            raise BadInput(f"a quote is not closed in data row {number + 1}: {text[:60]!r}", str(header.path))
+        if len(ragged) > 1 or cells > len(header.names) or number < table.num_rows:
+            raise BadInput(
+                f"data row {number + 1} has {cells} cells, the header {len(header.names)}: {text[:80]!r}",
+                str(header.path),
+                "one separator and as many cells as names in every row; decimals with a point",
+            )
+        warnings.append("the last row is cut short and was left out")
+    return Table({name: table.column(name) for name in columns}, tuple(warnings))
+
+
+def _parse(header: Header, columns: Sequence[str], decimal: str) -> tuple[Any, list[tuple[int, int, str]]]:
+    """The rows, and those that do not fit the header as (0-based data row, cells, text)."""
+    import pyarrow as pa
+    import pyarrow.csv as pc
+
+    ragged: list[tuple[int, int, str]] = []
+
+    def note(row: Any) -> str:
+        ragged.append((int(row.number or 0) - header.skip - 1, int(row.actual_columns), str(row.text)))
+        return "skip"
+
+    try:
+        table = pc.read_csv(
+            header.path,
+            # one thread: only then does Arrow know the number of a row that does not fit
+            read_options=pc.ReadOptions(
+                column_names=list(header.names), skip_rows=header.skip, use_threads=False
+            ),
+            parse_options=pc.ParseOptions(delimiter=header.separator, invalid_row_handler=note),
+            convert_options=pc.ConvertOptions(
+                include_columns=list(columns), null_values=list(MISSING), strings_can_be_null=True,
+                decimal_point=decimal, timestamp_parsers=[],
+            ),
+        )
+    except (pa.ArrowException, OSError, ValueError) as fault:
+        raise BadInput(f"the table cannot be read ({_first_line(fault)})", str(header.path)) from fault
+    return table, ragged
+
+
+def _has_decimal_commas(table: Any) -> bool:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    pattern = r"^\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*$"
+    texts = [column.slice(0, 1000) for column in table.columns if pa.types.is_string(column.type)]
+    return any(bool(pc.any(pc.match_substring_regex(text, pattern)).as_py()) for text in texts)
+
+
+def _no_twins(names: Sequence[str], path: Path) -> None:
+    twins = [name for name, count in Counter(names).items() if count > 1]
+    if twins:
+        raise BadInput(f"the column {twins[0]!r} stands twice in the header", str(path), "rename one of them")
+
+
+def _first_line(fault: Exception) -> str:
+    return (str(fault).splitlines() or [type(fault).__name__])[0][:200]
