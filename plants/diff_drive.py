@@ -1,0 +1,160 @@
+"""The differential drive of the paper (the equation labelled wheel_prop), batched in numpy, with its effects."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.effects.actuator import backlash_start, backlash_step, gain_step, sag_step, saturation_step
+from residual_mpc.effects.chain import command_chain
+from residual_mpc.effects.contact import ground_twist, slope_drift
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.errors import BadInput
+from residual_mpc.models.protocol import Drive, State
+from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.settings import Settings
+
+WHEELS = ("left", "right")
+ON_A_WHEEL = frozenset(
+    {"command_delay", "dead_zone", "actuator_lag", "actuator_gain", "saturation", "voltage_sag", "backlash"}
+)
+ON_THE_ROBOT = frozenset(
+    {
+        "wheel_radius",
+        "wheel_radius_mismatch",
+        "track_width",
+        "lateral_slip",
+        "longitudinal_slip",
+        "slope",
+        "sensor_mounting",
+        "sensor_outliers",
+    }
+)
+POSE = ("pose.x", "pose.y", "pose.theta")
+CONTACT = ("wheel_radius", "wheel_radius_mismatch", "track_width", "lateral_slip", "longitudinal_slip")
+
+
+@dataclass(frozen=True)
+class DiffDrive:
+    """A planar robot on two driven wheels; commands are wheel speeds in rad/s."""
+
+    name: str
+    wheel_radius: float  # m
+    track_width: float  # m, wheel centre to wheel centre
+    actuators: tuple[str, ...] = WHEELS
+    command_kinds: tuple[str, ...] = ("speed", "speed")
+    step: float | None = None
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        return tuple(State(c, None) for c in POSE)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (*POSE, "twist.x", "twist.y", "twist.theta", "velocity.left", "velocity.right")
+
+    def slots(self, effect: str) -> tuple[str, ...]:
+        if effect in ON_A_WHEEL:
+            return WHEELS
+        if effect in ON_THE_ROBOT:
+            return (self.name,)
+        return {"sensor_delay": ("pose",), "sensor_bias": ("pose.theta",)}.get(effect, ())
+
+    def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
+        return -np.inf, np.inf
+
+    def reference(self, kind: str, slot: str | None) -> float:
+        return {"length": self.track_width}.get(kind, 1.0)
+
+    def nominal(self) -> Mapping[str, float]:
+        return {"wheel_radius": self.wheel_radius, "track_width": self.track_width}
+
+    def replay(
+        self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    ) -> Mapping[str, np.ndarray]:
+        dt, effects = drive.dt, settings.effects
+        lead = drive.lead if "backlash" in effects else 0  # play remembers the motion before the window
+        motor = _motor_speed(effects, drive, lead)  # (B, lead + K, 2) rad/s, what an encoder on the motor sees
+        wheel = _wheel_speed(effects, motor, dt)[:, lead:]
+        motor = motor[:, lead:]
+        accel = np.diff(wheel, axis=1, prepend=wheel[:, :1]) / dt
+        values = {e: {p: v for p, v in effects[e].items()} for e in CONTACT if e in effects}
+        radius = settings.tuned.get("wheel_radius", np.array([self.wheel_radius]))[:, None]
+        track = settings.tuned.get("track_width", np.array([self.track_width]))[:, None]
+        forward, sideways, yaw = ground_twist(
+            NUMPY, values, radius, track, (wheel[..., 0], wheel[..., 1]), (accel[..., 0], accel[..., 1])
+        )
+        theta = _integrate(start["pose.theta"], yaw, dt)
+        middle = 0.5 * (theta[:, 1:] + theta[:, :-1])  # exact to second order for a speed held over the step
+        c, s = np.cos(middle), np.sin(middle)
+        rates = {"x": forward * c - sideways * s, "y": forward * s + sideways * c, "theta": yaw}
+        if "slope" in effects:
+            drift = slope_drift(NUMPY, effects["slope"])
+            rates["x"], rates["y"] = rates["x"] + drift[0], rates["y"] + drift[1]
+        out: dict[str, np.ndarray] = {}
+        for channel in wanted:
+            kind, _, axis = channel.partition(".")
+            if channel == "pose.theta":
+                out[channel] = theta
+            elif kind == "pose":
+                out[channel] = _integrate(start[channel], rates[axis], dt)
+            elif kind == "twist":
+                out[channel] = _at_nodes(rates[axis])
+            else:  # velocity.<wheel>, output.<wheel>
+                out[channel] = _at_nodes(motor[..., WHEELS.index(axis)])
+        return out
+
+
+def build(robot: RobotFile) -> DiffDrive:
+    """The robot of a file whose plant is `diff_drive`. Raises BadInput for parameters that are missing or not positive."""
+    parameters = {"wheel_radius": 0.033, "track_width": 0.16, **robot.parameters}  # the TurtleBot3 Burger's where built in
+    for name, value in parameters.items():
+        if name not in ("wheel_radius", "track_width"):
+            raise BadInput(
+                f"unknown parameter {name!r}", robot.name, "diff_drive knows wheel_radius (m) and track_width (m)"
+            )
+        if not (np.isfinite(value) and value > 0):
+            raise BadInput(f"parameter {name} is {value}", robot.name, "give a positive length in metres")
+    if robot.parameters and len(robot.parameters) < 2:
+        missing = ({"wheel_radius", "track_width"} - set(robot.parameters)).pop()
+        raise BadInput(f"parameter {missing} is missing", robot.name, f"add {missing} in metres under [parameters]")
+    return DiffDrive(robot.name, parameters["wheel_radius"], parameters["track_width"])
+
+
+def _motor_speed(effects: Mapping[str, Mapping[str, np.ndarray]], drive: Drive, lead: int) -> np.ndarray:
+    """(B, lead + K, 2) rad/s: the motors' speeds from `lead` steps before the window on."""
+    dt = drive.dt
+    y = command_chain(effects, drive.command, drive.lead - lead, dt, np.array([True, True]))
+    if drive.enabled is not None:
+        y = np.concatenate([y[:, :lead], y[:, lead:] * drive.enabled], axis=1)
+    clock = drive.clock[:, None, None] + dt * (np.arange(y.shape[1]) - lead + 0.5)[None, :, None]
+    for name, step in (("actuator_gain", gain_step), ("voltage_sag", sag_step), ("saturation", saturation_step)):
+        if name in effects:
+            y, _ = step(NUMPY, {p: v[:, None, :] for p, v in effects[name].items()}, (), y, clock, dt)
+    return y
+
+
+def _wheel_speed(effects: Mapping[str, Mapping[str, np.ndarray]], motor: np.ndarray, dt: float) -> np.ndarray:
+    if "backlash" not in effects:
+        return motor
+    p = effects["backlash"]
+    moving = np.argmax(motor != 0, axis=1)  # (B, 2) first step in motion: it tells which stop the play rests on
+    x = backlash_start(NUMPY, p, np.take_along_axis(motor, moving[:, None, :], axis=1)[:, 0])
+    out = np.empty_like(motor)
+    for k in range(motor.shape[1]):
+        out[:, k], x = backlash_step(NUMPY, p, x, motor[:, k], np.zeros(1), dt)
+    return out
+
+
+def _integrate(start: np.ndarray, rate: np.ndarray, dt: float) -> np.ndarray:
+    """(B, K + 1) from start (B,) and the rate held over each step (B, K)."""
+    out = np.empty((rate.shape[0], rate.shape[1] + 1))
+    out[:, 0] = 0.0
+    np.cumsum(rate * dt, axis=1, out=out[:, 1:])
+    return out + start[:, None]
+
+
+def _at_nodes(held: np.ndarray) -> np.ndarray:
+    """(B, K + 1) values at the nodes from values held over the steps (B, K)."""
+    ends = np.concatenate([held[:, :1], held, held[:, -1:]], axis=1)
+    return 0.5 * (ends[:, 1:] + ends[:, :-1])

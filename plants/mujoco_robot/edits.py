@@ -1,0 +1,123 @@
+"""Effects that change the model itself, as per-simulation values of the batch's model fields.
+
+Rows in which an effect is null keep the compiled values, bit for bit.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from plants.mujoco_robot.masses import add_point_mass, principal, quat_to_matrix
+from residual_mpc.models.settings import Settings
+
+if TYPE_CHECKING:
+    import mujoco
+
+TUNABLE_JOINT = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}
+
+
+def edit_batch(batch: Any, model: "mujoco.MjModel", settings: Settings, payload: tuple[int, np.ndarray]) -> None:
+    """Write payload, link masses, armature, constant frictions and retuned parameters into the batch (one row a simulation)."""
+    changed = _tune(batch, model, settings)
+    effects = settings.effects
+    if "armature" in effects:
+        batch.expand("dof_armature")[:] += _on_dofs(model, effects["armature"]["inertia"])
+        changed = True
+    if "viscous_friction" in effects:
+        batch.expand("dof_damping")[:] += _on_dofs(model, effects["viscous_friction"]["coefficient"])
+    masses = [e for e in ("link_mass", "payload") if e in effects]
+    if masses:
+        _edit_masses(batch, model, effects, masses, payload)
+        changed = True
+    if changed:
+        batch.set_const()
+
+
+def _on_dofs(model: "mujoco.MjModel", per_joint: np.ndarray) -> np.ndarray:
+    """(n, nv) from (n, njnt); hinge and slide joints have one degree of freedom each."""
+    out = np.zeros((per_joint.shape[0], model.nv))
+    out[:, model.jnt_dofadr] = per_joint
+    return out
+
+
+def _edit_masses(
+    batch: Any,
+    model: "mujoco.MjModel",
+    effects: Mapping[str, Mapping[str, np.ndarray]],
+    names: list[str],
+    payload: tuple[int, np.ndarray],
+) -> None:
+    mass, com = batch.expand("body_mass"), batch.expand("body_ipos")
+    moments, axes = batch.expand("body_inertia"), batch.expand("body_iquat")
+
+    def rewrite(rows: np.ndarray, body: int, added: np.ndarray, at: np.ndarray) -> None:
+        turn = quat_to_matrix(axes[rows, body])
+        inertia = turn @ (moments[rows, body][:, :, None] * turn.transpose(0, 2, 1))
+        m, c, about = add_point_mass(mass[rows, body], com[rows, body], inertia, added, at)
+        mass[rows, body], com[rows, body] = m, c
+        moments[rows, body], axes[rows, body] = principal(about)
+
+    for name in names:
+        p = effects[name]
+        if name == "payload":
+            rows = np.flatnonzero(p["mass"][:, 0])
+            rewrite(rows, payload[0], p["mass"][rows, 0], np.broadcast_to(payload[1], (len(rows), 3)))
+            continue
+        for slot in range(model.nbody - 1):
+            body = slot + 1
+            rows = np.flatnonzero((p["mass"][:, slot] != 0) | (p["com"][:, slot] != 0))
+            if not len(rows):
+                continue
+            # mass at the link's own centre leaves the centre; then the whole moves along the line to the next joint
+            rewrite(rows, body, p["mass"][rows, slot], com[rows, body].copy())
+            com[rows, body] += p["com"][rows, slot, None] * link_direction(model, body)
+
+
+def link_direction(model: "mujoco.MjModel", body: int) -> np.ndarray:
+    """Unit vector (3,) in the body's frame from its joint to the next joint; at the chain's end to the centre of mass."""
+    children = [b for b in range(model.nbody) if int(model.body_parentid[b]) == body and model.body_jntnum[b]]
+    line = model.body_pos[children[0]] if children else model.body_ipos[body]
+    length = float(np.linalg.norm(line))
+    return np.array([1.0, 0.0, 0.0]) if length < 1e-9 else np.asarray(line / length)
+
+
+def tunable_values(model: "mujoco.MjModel") -> dict[str, float]:
+    """Every nominal parameter that `tunable` may name, with its compiled value."""
+    out: dict[str, float] = {}
+    for j in range(model.njnt):
+        for short, field in TUNABLE_JOINT.items():
+            out[f"joint.{model.joint(j).name}.{short}"] = float(np.ravel(getattr(model, field)[model.jnt_dofadr[j]])[0])
+    for i in range(model.nu):
+        out[f"actuator.{model.actuator(i).name}.kp"] = float(model.actuator_gainprm[i, 0])
+        out[f"actuator.{model.actuator(i).name}.kv"] = float(-model.actuator_biasprm[i, 2])
+    for b in range(1, model.nbody):
+        out[f"body.{model.body(b).name or b}.mass"] = float(model.body_mass[b])
+    return out
+
+
+def _tune(batch: Any, model: "mujoco.MjModel", settings: Settings) -> bool:
+    """Write the retuned parameters; whether derived constants have to follow."""
+    derived = False
+    for name, value in settings.tuned.items():
+        kind, rest = name.split(".", 1)
+        target, _, short = rest.rpartition(".")
+        if kind == "joint":
+            dof = int(model.jnt_dofadr[model.joint(target).id])
+            batch.expand(TUNABLE_JOINT[short])[:, dof] = value
+            derived |= short == "armature"
+        elif kind == "actuator":
+            i = model.actuator(target).id
+            if short == "kp":
+                batch.expand("actuator_gainprm")[:, i, 0] = value
+                if model.actuator_biasprm[i, 1] != 0:
+                    batch.expand("actuator_biasprm")[:, i, 1] = -value
+            else:
+                batch.expand("actuator_biasprm")[:, i, 2] = -value
+        else:
+            body = model.body(target).id
+            ratio = value / model.body_mass[body]
+            batch.expand("body_mass")[:, body] = value
+            batch.expand("body_inertia")[:, body] *= ratio[:, None]
+            derived = True
+    return derived

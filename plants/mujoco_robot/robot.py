@@ -1,0 +1,119 @@
+"""A MuJoCo robot as the diagnosis sees it: names, slots, bounds, and the batched replay."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plants.mujoco_robot.edits import tunable_values
+from plants.mujoco_robot.replay import replay
+from residual_mpc.models.protocol import Drive, State
+from residual_mpc.models.settings import Settings
+
+if TYPE_CHECKING:
+    import mujoco
+
+ON_ACTUATORS = frozenset(
+    {"command_delay", "dead_zone", "actuator_lag", "actuator_gain", "saturation", "voltage_sag"}
+)
+ON_JOINTS = frozenset(
+    {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction", "armature"}
+)
+POSITION, VELOCITY, TORQUE = "position", "velocity", "torque"
+
+
+@dataclass(frozen=True, eq=False)  # two compiled models are the same robot only if they are the same object
+class MujocoRobot:
+    """A compiled model of hinge and slide joints."""
+
+    name: str
+    model: "mujoco.MjModel"
+    payload: tuple[int, np.ndarray]  # body, position in its frame (3,) m
+    servo_feedback: str
+    position_sensor: str
+
+    @cached_property
+    def actuators(self) -> tuple[str, ...]:
+        return tuple(self.model.actuator(i).name for i in range(self.model.nu))
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        return tuple(self.model.joint(j).name for j in range(self.model.njnt))
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        return tuple(self.model.body(b).name or f"body{b}" for b in range(1, self.model.nbody))
+
+    @cached_property
+    def command_kinds(self) -> tuple[str, ...]:
+        bias = self.model.actuator_biasprm
+        return tuple(
+            POSITION if bias[i, 1] != 0 else VELOCITY if bias[i, 2] != 0 else TORQUE for i in range(self.model.nu)
+        )
+
+    @cached_property
+    def actuator_joints(self) -> tuple[str, ...]:
+        """The joint that each actuator drives."""
+        return tuple(self.joints[int(self.model.actuator_trnid[i, 0])] for i in range(self.model.nu))
+
+    @cached_property
+    def states(self) -> tuple[State, ...]:
+        return tuple(State(f"position.{j}", f"velocity.{j}") for j in self.joints)
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        return (*(f"position.{j}" for j in self.joints), *(f"velocity.{j}" for j in self.joints))
+
+    @property
+    def step(self) -> float:
+        return float(self.model.opt.timestep)
+
+    def slots(self, effect: str) -> tuple[str, ...]:
+        if effect in ON_ACTUATORS:
+            return self.actuators
+        if effect in ON_JOINTS:
+            return self.joints
+        if effect in ("payload", "sensor_outliers"):
+            return (self.name,)
+        return {
+            "link_mass": self.links,
+            "sensor_delay": self.joints,
+            "sensor_bias": tuple(f"position.{j}" for j in self.joints),
+        }.get(effect, ())
+
+    def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
+        dof = self.model.jnt_dofadr
+        least: dict[str, np.ndarray] = {
+            "coulomb_friction": -self.model.dof_frictionloss[dof],
+            "viscous_friction": -self.model.dof_damping[dof],
+            "armature": -0.95 * self.model.dof_armature[dof],
+            "payload": np.array([-0.9 * self.model.body_mass[self.payload[0]]]),
+        }
+        if effect == "link_mass" and parameter == "mass":
+            least["link_mass"] = -0.9 * self.model.body_mass[1:]
+        if effect not in least:
+            return -np.inf, np.inf
+        low = least[effect].reshape(len(self.slots(effect)), -1)[:, 0]
+        return float(low.max() if slot is None else low[self.slots(effect).index(slot)]), np.inf
+
+    def reference(self, kind: str, slot: str | None) -> float:
+        m = self.model
+        if kind == "inertia":
+            inertia = m.dof_M0[m.jnt_dofadr]
+            return float(np.median(inertia) if slot is None else inertia[self.joints.index(slot)])
+        if kind == "mass":
+            body = self.payload[0] if slot is None or slot not in self.links else self.links.index(slot) + 1
+            return float(max(m.body_mass[body], 0.1 * m.body_mass[1:].sum() / (m.nbody - 1)))
+        if kind == "length":
+            return float(max(np.linalg.norm(m.body_pos[1:], axis=1).mean(), 1e-3))
+        return 1.0
+
+    def nominal(self) -> Mapping[str, float]:
+        return tunable_values(self.model)
+
+    def replay(
+        self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    ) -> Mapping[str, np.ndarray]:
+        return replay(self, start, drive, settings, wanted)

@@ -1,0 +1,247 @@
+"""Runs cut into windows, ready to be replayed: what was measured, what was sent, and the start of each window."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.logs.run import Run, held
+from residual_mpc.logs.signals import noise_sigma, resolution, unwrap_with_gaps
+from residual_mpc.models.protocol import Drive, Robot
+
+LEAD = 1.5  # s of commands before a window, that warm up what remembers
+POSITION_LIKE = ("position", "pose")
+
+
+@dataclass(frozen=True)
+class Signal:
+    """The samples of one channel of one run that are not missing: t (n,) s, y (n,) channel unit."""
+
+    t: np.ndarray
+    y: np.ndarray
+
+
+@dataclass(frozen=True)
+class Block:
+    """The windows of the runs that share one robot model (a variant), as rows `where` of the dataset's arrays."""
+
+    robot: Robot
+    where: slice
+    drive: Drive
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """W windows of at most M samples of C channels.
+
+    run (W,) index into `runs`; start (W,) s; t (W, M) s since the window's start, NaN where padded; y (W, M, C), NaN where
+    missing; compared (W, C) whether the gap compares that channel; sigma (C,) and steps (C,) the 1-sigma noise and the
+    quantisation of each channel, channel units.
+    """
+
+    runs: tuple[Run, ...]
+    channels: tuple[str, ...]
+    blocks: tuple[Block, ...]
+    signals: Mapping[tuple[int, str], Signal]
+    run: np.ndarray
+    start: np.ndarray
+    t: np.ndarray
+    y: np.ndarray
+    compared: np.ndarray
+    sigma: np.ndarray
+    steps: np.ndarray
+    horizon: float
+    skipped: int
+
+    @property
+    def count(self) -> int:
+        return len(self.start)
+
+    def take(self, keep: np.ndarray) -> "Dataset":
+        """The windows where the mask (W,) is true."""
+        blocks, first = [], 0
+        for b in self.blocks:
+            rows = keep[b.where]
+            n = int(rows.sum())
+            if n:
+                drive = replace(
+                    b.drive,
+                    command=b.drive.command[rows],
+                    enabled=None if b.drive.enabled is None else b.drive.enabled[rows],
+                    clock=b.drive.clock[rows],
+                )
+                blocks.append(Block(b.robot, slice(first, first + n), drive))
+                first += n
+        return replace(
+            self,
+            blocks=tuple(blocks),
+            run=self.run[keep],
+            start=self.start[keep],
+            t=self.t[keep],
+            y=self.y[keep],
+            compared=self.compared[keep],
+        )
+
+
+def build_dataset(
+    runs: Sequence[Run], robots: Sequence[Robot], noise: Mapping[str, float], horizon: float = 1.0
+) -> Dataset:
+    """Cut runs into windows. robots[i] is the model of runs[i] (the same object for runs that share one).
+
+    Raises ValueError where no window has a measured start.
+    """
+    runs = tuple(runs)
+    channels = tuple(sorted({c for r, m in zip(runs, robots, strict=True) for c in r.measured if c in m.channels}))
+    signals = {
+        (i, c): _signal(r, c) for i, r in enumerate(runs) for c in channels if c in r.columns and c in r.measured
+    }
+    cut = [window_starts(r, horizon) for r in runs]
+    order = sorted(range(len(runs)), key=lambda i: [id(m) for m in robots].index(id(robots[i])))
+    blocks, index, starts, first, skipped = [], [], [], 0, 0
+    for robot in dict.fromkeys(robots[i] for i in order):
+        mine = [i for i in order if robots[i] is robot]
+        kept = []
+        for i in mine:
+            good = _has_start(runs[i], cut[i], signals, i)
+            skipped += int((~good).sum())
+            kept.append(cut[i][good])
+        n = sum(len(k) for k in kept)
+        if n == 0:
+            continue
+        blocks.append(Block(robot, slice(first, first + n), _drive(robot, [runs[i] for i in mine], kept, horizon, mine, signals)))
+        index += [np.full(len(k), i) for i, k in zip(mine, kept, strict=True)]
+        starts += kept
+        first += n
+    if not first:
+        raise ValueError("no window has a measured start")
+    run, start = np.concatenate(index), np.concatenate(starts)
+    t, y = _samples(runs, run, start, channels, signals, horizon)
+    compared = np.array([[c in compared_channels(runs[i], channels) for c in channels] for i in run])
+    sigma, steps = _noise(channels, signals, noise)
+    return Dataset(runs, channels, tuple(blocks), signals, run, start, t, y, compared, sigma, steps, horizon, skipped)
+
+
+def window_starts(run: Run, horizon: float) -> np.ndarray:
+    """(W,) s: every `horizon` from the first stamp; a window counts if the last stamp is within a period of its end."""
+    length = run.t[-1] - run.t[0]
+    if length < horizon:
+        return run.t[:1].copy()
+    n = int(np.floor((length + run.period) / horizon + 1e-9))
+    return np.asarray(run.t[0] + horizon * np.arange(n))
+
+
+def compared_channels(run: Run, channels: Sequence[str]) -> tuple[str, ...]:
+    """The position-like channels of a run that are measured; its velocities where it has nothing else."""
+    mine = [c for c in channels if c in run.measured]
+    like = [c for c in mine if c.split(".")[0] in POSITION_LIKE]
+    return tuple(like or mine)
+
+
+def _signal(run: Run, channel: str) -> Signal:
+    y = run.columns[channel]
+    if channel == "pose.theta" or channel.startswith("position."):
+        y = unwrap_with_gaps(y)
+    good = np.isfinite(y)
+    return Signal(run.t[good], y[good])
+
+
+def _has_start(run: Run, starts: np.ndarray, signals: Mapping[tuple[int, str], Signal], i: int) -> np.ndarray:
+    """(W,) whether every measured position-like channel has a sample within reach of the window's start."""
+    from residual_mpc.diagnosis.local_fit import local_fit
+
+    good = np.ones(len(starts), dtype=bool)
+    for (j, c), s in signals.items():
+        if j == i and c.split(".")[0] in POSITION_LIKE:
+            good &= local_fit(s.t, starts).count > 0
+    return good
+
+
+def _samples(
+    runs: Sequence[Run],
+    run: np.ndarray,
+    start: np.ndarray,
+    channels: Sequence[str],
+    signals: Mapping[tuple[int, str], Signal],
+    horizon: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    spans = []
+    for i, t0 in zip(run, start, strict=True):
+        t = runs[i].t
+        spans.append((np.searchsorted(t, t0 - 1e-9), np.searchsorted(t, t0 + horizon + 1e-9)))
+    m = max(b - a for a, b in spans)
+    t_out = np.full((len(start), m), np.nan)
+    y_out = np.full((len(start), m, len(channels)), np.nan)
+    full: dict[tuple[int, str], np.ndarray] = {}
+    for (i, c), s in signals.items():
+        column = np.full(len(runs[i].t), np.nan)
+        column[np.searchsorted(runs[i].t, s.t)] = s.y
+        full[i, c] = column
+    for w, (i, (a, b)) in enumerate(zip(run, spans, strict=True)):
+        t_out[w, : b - a] = runs[i].t[a:b] - start[w]
+        for k, c in enumerate(channels):
+            if (i, c) in full:
+                y_out[w, : b - a, k] = full[i, c][a:b]
+    return t_out, y_out
+
+
+def _noise(
+    channels: Sequence[str], signals: Mapping[tuple[int, str], Signal], given: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    sigma, steps = [], []
+    for c in channels:
+        mine = [s for (_, name), s in signals.items() if name == c and len(s.t) >= 8]
+        longest = sorted(mine, key=lambda s: -len(s.t))[:12]
+        step = float(np.median([resolution(s.y) for s in longest])) if longest else 0.0
+        found = [x for s in longest if np.isfinite(x := noise_sigma(s.t, s.y))]
+        estimate = float(np.median(found)) if found else 0.0
+        floor = max(step / np.sqrt(12.0), 1e-9)
+        sigma.append(max(given.get(c, estimate), floor))
+        steps.append(step)
+    return np.array(sigma), np.array(steps)
+
+
+def _drive(
+    robot: Robot,
+    runs: Sequence[Run],
+    starts: Sequence[np.ndarray],
+    horizon: float,
+    index: Sequence[int],
+    signals: Mapping[tuple[int, str], Signal],
+) -> Drive:
+    dt = robot.step or float(np.clip(min(r.period for r in runs) / 4.0, 0.004, 0.01))
+    steps = int(np.ceil(horizon / dt - 1e-9))
+    lead = int(np.ceil(LEAD / dt))
+    commands, enabled, clocks = [], [], []
+    for run, t0, i in zip(runs, starts, index, strict=True):
+        edges = t0[:, None] + dt * np.arange(-lead, steps + 1)[None, :]
+        per_actuator = [
+            _mean_held(run, held(run, f"command.{a}"), edges, _resting(robot, k, i, signals))
+            for k, a in enumerate(robot.actuators)
+        ]
+        commands.append(np.stack(per_actuator, axis=-1))
+        clocks.append(t0 - run.t[0])
+        centres = 0.5 * (edges[:, lead:-1] + edges[:, lead + 1 :])
+        at = np.clip(np.searchsorted(run.t, centres, side="right") - 1, 0, len(run.t) - 1)
+        on = [held(run, f"enabled.{a}")[at] if f"enabled.{a}" in run.columns else np.ones(at.shape) for a in robot.actuators]
+        enabled.append(np.where(np.isnan(on), 1.0, on).transpose(1, 2, 0))
+    on_all = np.concatenate(enabled)
+    return Drive(dt, lead, np.concatenate(commands), None if (on_all == 1).all() else on_all, np.concatenate(clocks))
+
+
+def _resting(robot: Robot, k: int, i: int, signals: Mapping[tuple[int, str], Signal]) -> float | None:
+    """What the actuator held before the first stamp, if the run measured it: a wheel's speed, a servo's position."""
+    kind = {"speed": "velocity", "velocity": "velocity", "position": "position"}.get(robot.command_kinds[k])
+    joints = getattr(robot, "actuator_joints", robot.actuators)
+    signal = signals.get((i, f"{kind}.{joints[k]}"))
+    return None if signal is None or not len(signal.y) else float(signal.y[0])
+
+
+def _mean_held(run: Run, u: np.ndarray, edges: np.ndarray, before: float | None) -> np.ndarray:
+    """(W, K) mean of the held command u (n,) over each interval of edges (W, K + 1) s."""
+    t = run.t
+    first = u[0] if before is None else before
+    total = np.concatenate([[0.0], np.cumsum(u[:-1] * np.diff(t))])
+    at = np.searchsorted(t, edges, side="right") - 1
+    inside = np.clip(at, 0, len(t) - 1)
+    integral = np.where(at < 0, first * (edges - t[0]), total[inside] + u[inside] * (edges - t[inside]))
+    return np.asarray(np.diff(integral, axis=1) / np.diff(edges, axis=1))

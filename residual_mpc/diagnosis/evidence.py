@@ -1,0 +1,62 @@
+"""How much a drop in cost is worth when residuals are coloured and the model is not the truth."""
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.fit import Fit
+
+BLOCK = 3.0  # s: windows closer than this count as one observation
+
+
+def blocks_of(data: Dataset) -> np.ndarray:
+    """(W,) block number of each window: stretches of BLOCK seconds of one run."""
+    stretch = np.floor((data.start + 1e-9) / max(BLOCK, data.horizon)).astype(int)
+    _, number = np.unique(np.stack([data.run, stretch]), axis=1, return_inverse=True)
+    return np.asarray(number).ravel()
+
+
+def dispersion(fit: Fit, blocks: np.ndarray) -> float:
+    """tr(H^-1 G) / P with H = J'J and G the covariance of the blocks' gradients: 1 where the residuals are white and of the
+    assumed size, larger where they are coloured (Takeuchi's criterion; White 1982, eq. 3.2). At least 1."""
+    if not fit.knobs:
+        return 1.0
+    bread, meat = _sandwich(fit, blocks)
+    free = ~fit.held
+    if not free.any():
+        return 1.0
+    ratio = np.linalg.lstsq(bread[np.ix_(free, free)], meat[np.ix_(free, free)], rcond=None)[0]
+    return float(max(1.0, np.trace(ratio) / free.sum()))
+
+
+def covariance(fit: Fit, blocks: np.ndarray) -> np.ndarray:
+    """(P, P) sandwich covariance of the knobs in their own units; held knobs have zero rows."""
+    p = len(fit.knobs)
+    out = np.zeros((p, p))
+    free = ~fit.held
+    if not free.any():
+        return out
+    bread, meat = _sandwich(fit, blocks)
+    inverse = np.linalg.pinv(bread[np.ix_(free, free)])
+    n = len(np.unique(blocks))
+    small = n / max(n - int(free.sum()), 1)  # few blocks understate the meat
+    out[np.ix_(free, free)] = small * inverse @ meat[np.ix_(free, free)] @ inverse
+    return np.asarray(out * fit.scales[:, None] * fit.scales[None, :])
+
+
+def _sandwich(fit: Fit, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    gradients = np.einsum("wnp,wn->wp", fit.jacobian, fit.r)
+    summed = np.zeros((blocks.max() + 1, gradients.shape[1]))
+    np.add.at(summed, blocks, gradients)
+    j = fit.jacobian.reshape(-1, gradients.shape[1])
+    bread = j.T @ j
+    # never less than what white noise of the residual's own size would give
+    white = bread * max(fit.cost / max(np.count_nonzero(fit.r), 1), 1e-12)
+    meat = summed.T @ summed
+    return bread, np.where(np.eye(len(bread), dtype=bool), np.maximum(meat, white), meat)
+
+
+def paired_z(worse: Fit, better: Fit, blocks: np.ndarray) -> float:
+    """z of the summed difference of cost between two fits of one problem, blocks as observations."""
+    d = np.bincount(blocks, worse.per_window - better.per_window)
+    spread = float(np.std(d)) * np.sqrt(len(d))
+    return float(d.sum() / spread) if spread > 0 else 0.0

@@ -1,0 +1,153 @@
+"""Least-squares fits of many hypotheses in lockstep: every trial step and every derivative of all of them is one batch.
+
+Levenberg-Marquardt with bounds by projection (Nocedal and Wright, Numerical Optimization, 2006, section 10.3); three
+dampings are tried at once, since rows of a batch are cheap.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
+
+STEP = 0.05  # derivative step in units of a knob's scale: wide enough for delays and dead zones on sampled commands
+MOST = 12
+
+
+@dataclass(frozen=True)
+class Fit:
+    """values by knob; cost: sum of squares of the whitened residual r (W, n); jacobian (W, n, P) per scaled knob, the
+    scales beside it, in the order of `knobs`. `held` (P,) marks knobs that rest on a bound."""
+
+    terms: tuple[Term, ...]
+    knobs: tuple[Knob, ...]
+    values: Values
+    scales: np.ndarray
+    cost: float
+    r: np.ndarray
+    jacobian: np.ndarray
+    held: np.ndarray
+
+    @property
+    def per_window(self) -> np.ndarray:
+        """(W,) sum of squares of each window."""
+        return np.einsum("wn,wn->w", self.r, self.r)
+
+
+@dataclass
+class _Run:
+    """The moving state of one fit."""
+
+    knobs: tuple[Knob, ...]
+    x: np.ndarray  # scaled
+    low: np.ndarray
+    high: np.ndarray
+    scale: np.ndarray
+    r: np.ndarray
+    cost: float
+    jacobian: np.ndarray | None = None
+    damping: float = 1e-2
+    done: bool = False
+    failures: int = 0
+
+    def values(self, x: np.ndarray) -> dict[Knob, float]:
+        return {k: float(v) for k, v in zip(self.knobs, x * self.scale, strict=True)}
+
+
+def fit_all(problem: Problem, starts: list[Values], most: int = MOST, tolerance: float = 1e-4) -> list[Fit]:
+    """Fit each start's own knobs; the result keeps the order. Memory grows with len(starts) * knobs * samples."""
+    if not starts:
+        return []
+    residuals = problem.residuals(starts)
+    runs = [_begin(problem, s, r) for s, r in zip(starts, residuals, strict=True)]
+    for _ in range(most):
+        active = [run for run in runs if not run.done and run.knobs]
+        if not active:
+            break
+        _derive(problem, [run for run in active if run.jacobian is None])
+        _advance(problem, active, tolerance)
+    _derive(problem, [run for run in runs if run.jacobian is None])
+    return [_finish(run) for run in runs]
+
+
+def _begin(problem: Problem, start: Values, r: np.ndarray) -> _Run:
+    knobs = tuple(start)
+    scale = np.array([problem.space.scale(k) for k in knobs])
+    bounds = np.array([problem.space.bounds(k) for k in knobs]).reshape(-1, 2) / scale.reshape(-1, 1)
+    x = np.array([start[k] for k in knobs]) / scale
+    return _Run(knobs, x, bounds[:, 0], bounds[:, 1], scale, r, float(np.sum(r * r)))
+
+
+def _derive(problem: Problem, runs: list[_Run]) -> None:
+    rows: list[Values] = []
+    steps: list[float] = []
+    for run in runs:
+        for i in range(len(run.knobs)):
+            # a delay's or play's derivative at its null is one-sided; away from it the upper side serves as well
+            step = STEP if run.x[i] + STEP <= run.high[i] else -STEP
+            x = run.x.copy()
+            x[i] += step
+            rows.append(run.values(x))
+            steps.append(step)
+    if rows:
+        moved = problem.residuals(rows)
+    at = 0
+    for run in runs:
+        n = len(run.knobs)
+        columns = [(moved[at + i] - run.r) / steps[at + i] for i in range(n)]
+        run.jacobian = np.stack(columns, axis=-1) if n else np.zeros((*run.r.shape, 0))
+        at += n
+
+
+def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:
+    trials: list[np.ndarray] = []
+    dampings: list[float] = []
+    for run in runs:
+        for factor in (0.1, 1.0, 30.0):
+            dampings.append(run.damping * factor)
+            trials.append(_step(run, run.damping * factor))
+    owner = [run for run in runs for _ in range(3)]
+    results = problem.residuals([run.values(x) for run, x in zip(owner, trials, strict=True)])
+    costs = np.einsum("hwn,hwn->h", results, results)
+    for j, run in enumerate(runs):
+        best = 3 * j + int(np.argmin(costs[3 * j : 3 * j + 3]))
+        if costs[best] < run.cost:
+            gained = run.cost - float(costs[best])
+            run.done = gained < tolerance * run.cost
+            run.x, run.r, run.cost, run.jacobian = trials[best], results[best].copy(), float(costs[best]), None
+            run.damping = float(np.clip(dampings[best], 1e-7, 1e6))
+            run.failures = 0
+        else:
+            run.damping *= 100.0
+            run.failures += 1
+            run.done = run.failures > 2
+
+
+def _step(run: _Run, damping: float) -> np.ndarray:
+    assert run.jacobian is not None
+    j = run.jacobian.reshape(-1, len(run.knobs))
+    gradient = j.T @ run.r.ravel()
+    free = ~(((run.x <= run.low) & (gradient > 0)) | ((run.x >= run.high) & (gradient < 0)))
+    hessian = j.T @ j
+    x = run.x.copy()
+    if free.any():
+        h = hessian[np.ix_(free, free)]
+        d = np.maximum(np.diag(h), 1e-9 * max(float(np.diag(hessian).max()), 1e-12))
+        x[free] -= np.linalg.lstsq(h + damping * np.diag(d), gradient[free], rcond=None)[0]
+    # a trust region of a few scales keeps a nearly flat direction from running away
+    return np.clip(run.x + np.clip(x - run.x, -20.0, 20.0), run.low, run.high)
+
+
+def _finish(run: _Run) -> Fit:
+    assert run.jacobian is not None
+    terms = tuple(dict.fromkeys(k.term for k in run.knobs if k.effect != TUNE))
+    held = (run.x <= run.low + 1e-9) | (run.x >= run.high - 1e-9)
+    return Fit(terms, run.knobs, run.values(run.x), run.scale, run.cost, run.r, run.jacobian, held)
+
+
+def on_problem(problem: Problem, fit: Fit) -> Fit:
+    """The same values judged on another problem (other windows or weights), without refitting."""
+    again = _begin(problem, fit.values, problem.residuals([fit.values])[0])
+    _derive(problem, [again])
+    return replace(_finish(again), terms=fit.terms)

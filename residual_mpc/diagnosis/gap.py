@@ -1,0 +1,78 @@
+"""The gap figure: how much of the motion within one horizon the model misses, per channel and in all."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.local_fit import local_fit
+
+STILL_SIGMAS = 3.0
+STILL_STEPS = 3.0
+
+
+@dataclass(frozen=True)
+class Scales:
+    """The size of the motion: s (C,) channel units, and `still` (C,) bool for channels that hardly move or are not compared."""
+
+    s: np.ndarray
+    still: np.ndarray
+    compared: np.ndarray  # (C,) bool: compared in some window
+
+
+@dataclass(frozen=True)
+class Gap:
+    """total and channels (C,) are unitless; a channel that is still or not compared holds NaN."""
+
+    total: float
+    channels: np.ndarray
+
+
+def start_values(data: Dataset) -> np.ndarray:
+    """(W, C) each channel's local value at the window's start; NaN where there is no sample near."""
+    out = np.full((data.count, len(data.channels)), np.nan)
+    for (i, c), signal in data.signals.items():
+        mine = np.flatnonzero(data.run == i)
+        out[mine, data.channels.index(c)] = local_fit(signal.t, data.start[mine]).value(signal.y)
+    return out
+
+
+def measure_scales(data: Dataset) -> Scales:
+    """s_c: root mean square of c(t) - c(window start); pose.x and pose.y share the root of the sum of their squares."""
+    moved = np.where(data.compared[:, None, :], data.y - start_values(data)[:, None, :], np.nan)
+    with np.errstate(invalid="ignore"):
+        count = np.isfinite(moved).sum(axis=(0, 1))
+        s = np.sqrt(np.nansum(moved**2, axis=(0, 1)) / np.maximum(count, 1))
+    compared = count > 0
+    x, y = (data.channels.index(c) if c in data.channels else None for c in ("pose.x", "pose.y"))
+    if x is not None and y is not None:
+        s[[x, y]] = np.hypot(s[x], s[y])
+    still = (s < STILL_SIGMAS * data.sigma) | (s < STILL_STEPS * data.steps) | ~compared
+    return Scales(s, still, compared)
+
+
+def gap_of(data: Dataset, scales: Scales, error: np.ndarray, windows: np.ndarray | None = None) -> Gap:
+    """The gap of an error (W, M, C) = measured - predicted, NaN where nothing is compared; windows (W,) mask or weights."""
+    square = np.where(data.compared[:, None, :], error, np.nan) ** 2
+    weight = np.ones(data.count) if windows is None else windows.astype(float)
+    total = np.nansum(square, axis=1)  # (W, C)
+    count = np.isfinite(square).sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (weight @ total) / (weight @ count)
+        channels = np.where(scales.still, np.nan, np.sqrt(mean) / scales.s)
+    if np.isnan(channels).all():
+        return Gap(float("nan"), channels)
+    return Gap(float(np.sqrt(np.nanmean(channels**2))), channels)
+
+
+def window_squares(data: Dataset, scales: Scales, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of scaled squares and counts (W, C) from which any subset's gap follows; for the bootstrap."""
+    square = np.where(data.compared[:, None, :] & ~scales.still, (error / scales.s) ** 2, np.nan)
+    return np.nansum(square, axis=1), np.isfinite(square).sum(axis=1).astype(float)
+
+
+def gap_from_squares(total: np.ndarray, count: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Gaps (B,) for window weights (B, W)."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (weight @ total) / (weight @ count)
+    return np.asarray(np.sqrt(np.nanmean(mean, axis=1)))

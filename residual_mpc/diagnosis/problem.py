@@ -1,0 +1,95 @@
+"""The residual that hypotheses are judged by: scaled by noise, with each window's uncertain start state taken out.
+
+A window's start comes from five noisy samples. Its error moves the whole prediction, so the residuals of a window have
+covariance R + A P0 A' (A: sensitivity to the start, P0: its covariance), and r is multiplied by that matrix' inverse square
+root: generalised least squares with the start as a nuisance.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.floor import start_errors
+from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.space import Space
+from residual_mpc.models.settings import Values
+
+START_INFLATION = 3.0  # on the start's standard deviation: its own noise is also in the window's first samples
+
+
+@dataclass(frozen=True)
+class Problem:
+    """data: the windows judged; space: the hypotheses; sensitivity (W, M * C, k): prediction moved by one sigma of
+    each start coordinate, channel units; weight (C,) 1 / standard deviation of each channel's residual."""
+
+    data: Dataset
+    space: Space
+    sensitivity: np.ndarray
+    weight: np.ndarray
+    basis: np.ndarray  # (W, M * C, k) orthonormal
+    shrink: np.ndarray  # (W, k) 1 - 1 / sqrt(1 + s^2)
+
+    def residuals(self, hypotheses: list[Values]) -> np.ndarray:
+        """(H, W, M * C) whitened; a missing sample is 0, a diverged prediction inf."""
+        return self.whiten(predict(self.data, self.space.settings(hypotheses)))
+
+    def whiten(self, predicted: np.ndarray) -> np.ndarray:
+        """As `residuals`, from predictions (H, W, M, C)."""
+        y = self.data.y
+        r = (y - predicted) * self.weight
+        r = np.where(np.isfinite(y), np.where(np.isnan(r), 1e3, r), 0.0)
+        return self.project(np.clip(r.reshape(*r.shape[:2], -1), -1e4, 1e4))
+
+    def project(self, r: np.ndarray) -> np.ndarray:
+        """Take the start's share out of scaled residuals (H, W, n)."""
+        along = np.einsum("wnk,hwn->hwk", self.basis, r, optimize=True) * self.shrink
+        return np.asarray(r - np.einsum("wnk,hwk->hwn", self.basis, along, optimize=True))
+
+
+def build_problem(data: Dataset, space: Space, sigma: np.ndarray) -> Problem:
+    """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better."""
+    return reweigh(data, space, start_sensitivity(data, space, {}), sigma)
+
+
+def reweigh(data: Dataset, space: Space, sensitivity: np.ndarray, sigma: np.ndarray) -> Problem:
+    """The same problem with other standard deviations."""
+    weight = 1.0 / sigma
+    w, n, k = sensitivity.shape
+    scaled = sensitivity.reshape(w, -1, len(sigma), k) * weight[None, None, :, None]
+    basis, s, _ = np.linalg.svd(scaled.reshape(w, n, k), full_matrices=False)
+    return Problem(data, space, sensitivity, weight, basis, 1.0 - 1.0 / np.sqrt(1.0 + s**2))
+
+
+def start_sensitivity(data: Dataset, space: Space, values: Values) -> np.ndarray:
+    """(W, M * C, k): how one inflated standard deviation of each start coordinate moves the prediction."""
+    settings = space.settings([values])
+    base = predict(data, settings)[0]
+    columns = []
+    for channel, size in start_sigma(data).items():
+        if not size.any():
+            continue
+        moved = predict(data, settings, {channel: size})[0] - base
+        columns.append(np.nan_to_num(np.where(np.isfinite(data.y), moved, 0.0)).reshape(data.count, -1))
+    if not columns:
+        return np.zeros((data.count, data.y.shape[1] * data.y.shape[2], 1))
+    return np.stack(columns, axis=-1)
+
+
+def start_sigma(data: Dataset) -> dict[str, np.ndarray]:
+    """Inflated standard deviation (W,) of each start coordinate, from noise drawn through the local fits."""
+    rng = np.random.default_rng(0)  # a fixed draw: this is a number about the windows, not an experiment
+    draws = [
+        start_errors(
+            data,
+            {
+                key: data.sigma[data.channels.index(key[1])] * rng.standard_normal(len(s.y))
+                for key, s in data.signals.items()
+            },
+        )
+        for _ in range(24)
+    ]
+    return {
+        c: START_INFLATION * np.maximum(np.std([d[c] for d in draws], axis=0), 0.0) * np.ones(data.count)
+        for c in draws[0]
+    }

@@ -1,0 +1,158 @@
+"""Hypotheses x windows -> predicted samples: start states through the sensor effects, replay, sensors."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Block, Dataset
+from residual_mpc.diagnosis.local_fit import local_fit
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.sensor import mounted, unmounted
+from residual_mpc.models.protocol import Drive, Robot
+from residual_mpc.models.settings import Settings
+
+ROOM = 24_000_000  # numbers that one chunk of hypotheses may hold
+
+Start = Mapping[str, np.ndarray]
+
+
+def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np.ndarray:
+    """(H, W, M, C): what each hypothesis says the sensors would report at every sample; NaN where padded.
+
+    nudge: added to the start states by channel, (W,), for the sensitivity to the start.
+    """
+    h, (w, m), c = settings.rows, data.t.shape, len(data.channels)
+    out = np.full((h, w, m, c), np.nan)
+    for block in data.blocks:
+        rows = block.where.stop - block.where.start
+        size = rows * (block.drive.steps + block.drive.lead) * (c + len(block.robot.actuators))
+        per = max(1, ROOM // size)
+        for a in range(0, h, per):
+            part = settings.take(np.arange(a, min(a + per, h)))
+            out[a : a + per, block.where] = _predict_block(data, block, part, nudge)
+    return out
+
+
+def start_states(data: Dataset, block: Block, settings: Settings) -> dict[str, np.ndarray]:
+    """Start of each window under each hypothesis: position and velocity channels, (H, W_block).
+
+    Positions from the local quadratic's value, velocities from the logged velocity's, else from the position's slope, else
+    0; mapped back through the sensor effects.
+    """
+    out: dict[str, np.ndarray] = {}
+    for state in block.robot.states:
+        value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position))
+        out[state.position] = np.nan_to_num(value) - _bias(block.robot, settings, state.position)
+        if state.velocity is not None:
+            rate, _ = _local(data, block, state.velocity, _delay(block.robot, settings, state.velocity))
+            out[state.velocity] = np.nan_to_num(np.where(np.isnan(rate), slope, rate))
+    if "sensor_mounting" in settings.effects:
+        p = settings.effects["sensor_mounting"]
+        out["pose.x"], out["pose.y"] = unmounted(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
+    return out
+
+
+def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start | None) -> np.ndarray:
+    h, w = settings.rows, block.where.stop - block.where.start
+    start = start_states(data, block, settings)
+    if nudge is not None:
+        start = {k: v + nudge[k][block.where] if k in nudge else v for k, v in start.items()}
+    each = settings.take(np.repeat(np.arange(h), w))
+    drive = Drive(
+        block.drive.dt,
+        block.drive.lead,
+        np.tile(block.drive.command, (h, 1, 1)),
+        None if block.drive.enabled is None else np.tile(block.drive.enabled, (h, 1, 1)),
+        np.tile(block.drive.clock, h),
+    )
+    wanted = tuple(c for c in data.channels if c in block.robot.channels)
+    nodes = block.robot.replay({k: v.reshape(h * w) for k, v in start.items()}, drive, each, wanted)
+    t = data.t[block.where]  # (W, M)
+    sampled: dict[str, np.ndarray] = {}
+    for channel in wanted:
+        late = _delay(block.robot, settings, channel)[:, None, None]  # (H, 1, 1) s
+        sampled[channel] = _interpolate(nodes[channel].reshape(h, w, -1), t[None] - late, drive.dt)
+    if "sensor_mounting" in settings.effects and "pose.x" in sampled:
+        p = {k: v[:, :, None] for k, v in settings.effects["sensor_mounting"].items()}
+        theta = sampled.get("pose.theta")
+        if theta is not None:
+            sampled["pose.x"], sampled["pose.y"] = mounted(NUMPY, p, sampled["pose.x"], sampled["pose.y"], theta)
+    out = np.full((h, w, t.shape[1], len(data.channels)), np.nan)
+    for k, channel in enumerate(data.channels):
+        if channel in sampled:
+            out[..., k] = sampled[channel] + _bias(block.robot, settings, channel)[:, :, None]
+    return out
+
+
+def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
+    """(H, W, M) from nodes (H, W, K + 1) at times t (broadcastable to (H, W, M)) s; straight on beyond both ends."""
+    last = nodes.shape[2] - 2
+    t = np.broadcast_to(t, (nodes.shape[0], nodes.shape[1], t.shape[2]))
+    place = np.nan_to_num(t) / dt
+    k = np.clip(np.floor(place).astype(int), 0, last)
+    low = np.take_along_axis(nodes, k, axis=2)
+    high = np.take_along_axis(nodes, k + 1, axis=2)
+    return np.where(np.isnan(t), np.nan, low + (place - k) * (high - low))
+
+
+def _slot_of(channel: str, slots: tuple[str, ...]) -> int | None:
+    """Which target of a sensor effect a channel belongs to: itself, its joint, or `pose` for the localisation."""
+    kind, _, name = channel.partition(".")
+    for i, slot in enumerate(slots):
+        if slot in (channel, name) or (slot == "pose" and kind in ("pose", "twist")):
+            return i
+    return None
+
+
+def _sensor_value(robot: Robot, settings: Settings, effect: str, parameter: str, channel: str) -> np.ndarray | None:
+    if effect not in settings.effects:
+        return None
+    slot = _slot_of(channel, robot.slots(effect))
+    return None if slot is None else settings.effects[effect][parameter][:, slot]
+
+
+def _delay(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
+    """(H,) s."""
+    value = _sensor_value(robot, settings, "sensor_delay", "delay", channel)
+    return np.zeros(settings.rows) if value is None else value
+
+
+def _bias(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
+    """(H, 1) channel unit."""
+    value = _sensor_value(robot, settings, "sensor_bias", "bias", channel)
+    return np.zeros((settings.rows, 1)) if value is None else value[:, None]
+
+
+def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Local value and slope of a channel `shift` (H,) s after the windows' starts, (H, W_block); NaN where unmeasured."""
+    w = block.where.stop - block.where.start
+    value, slope = np.full((len(shift), w), np.nan), np.full((len(shift), w), np.nan)
+    run, start = data.run[block.where], data.start[block.where]
+    distinct, back = np.unique(shift, return_inverse=True)
+    for i in np.unique(run):
+        signal = data.signals.get((int(i), channel))
+        if signal is None:
+            continue
+        mine = np.flatnonzero(run == i)
+        query = (start[mine][None, :] + distinct[:, None]).ravel()
+        fit = local_fit(signal.t, query)
+        v, s = fit.value(signal.y).reshape(len(distinct), -1), fit.slope(signal.y).reshape(len(distinct), -1)
+        value[:, mine], slope[:, mine] = v[back], s[back]
+    return value, slope
+
+
+def with_outliers_removed(data: Dataset, flagged: Mapping[tuple[int, str], np.ndarray]) -> Dataset:
+    """The dataset without the flagged samples. flagged[run, channel]: (n,) bool over that signal's samples."""
+    signals = dict(data.signals)
+    y = data.y.copy()
+    for (i, c), mask in flagged.items():
+        if not mask.any():
+            continue
+        s = signals[i, c]
+        bad = s.t[mask]
+        signals[i, c] = type(s)(s.t[~mask], s.y[~mask])
+        for w in np.flatnonzero(data.run == i):
+            hit = np.isin(np.round(data.t[w] + data.start[w], 9), np.round(bad, 9))
+            y[w, hit, data.channels.index(c)] = np.nan
+    return replace(data, signals=signals, y=y)

@@ -1,0 +1,108 @@
+"""Effects of the actuator itself: how its output (a force; a wheel: its speed) follows the command."""
+
+import math
+from typing import Any
+
+from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
+from residual_mpc.effects.ops import Array, Ops, clip
+
+TINY = 1e-12  # s: keeps exp(-dt / tau) defined at tau = 0, where it is exactly 0
+
+
+def lag_start(ops: Ops, p: Values, u: Array, dt: float) -> Array:
+    """The actuator has settled on the first command."""
+    return u
+
+
+def lag_step(ops: Ops, p: Values, y: Array, u: Array, dt: float) -> tuple[Array, Array]:
+    """tau dy/dt = u - y, exact for a command held over dt: the output is y's mean over the step, the memory y's end."""
+    tau = p["time_constant"]
+    e = ops.exp(-dt / ops.maximum(tau, TINY))
+    mean = u + (y - u) * (tau / dt) * (1.0 - e)
+    return mean, u + (y - u) * e
+
+
+def gain_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:
+    """gain * y."""
+    return p["gain"] * y, memory
+
+
+def sag_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:
+    """(1 - rate * time since the run began) * y; never below zero."""
+    return ops.maximum(1.0 - p["rate"] * clock, 0.0) * y, memory
+
+
+def saturation_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:
+    """y held within +-limit."""
+    return clip(ops, y, -p["limit"], p["limit"]), memory
+
+
+def backlash_start(ops: Ops, p: Values, w: Array) -> Array:
+    """Motor angle minus wheel angle, rad: the play rests on the stop that the motion pushes against."""
+    return 0.5 * p["gap"] * ops.sign(w)
+
+
+def backlash_step(ops: Ops, p: Values, x: Array, w: Array, clock: Array, dt: float) -> tuple[Array, Array]:
+    """The play operator (Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, eq. 2.1.5) on the angle.
+
+    x is motor minus wheel angle in [-gap/2, gap/2]; the wheel moves only while the motor pushes against a stop.
+    """
+    half = 0.5 * p["gap"]
+    x_next = clip(ops, x + w * dt, -half, half)
+    return w - (x_next - x) / dt, x_next
+
+
+ACTUATOR_LAG = Effect(
+    name="actuator_lag",
+    stage="actuator",
+    port="command",
+    target="actuator",
+    parameters=(Parameter("time_constant", "s", 0.0, 0.0, 1.0, (0.02, 0.06, 0.15, 0.35)),),
+    summary="the actuator follows its command like a first-order system",
+    start=lag_start,
+    step=lag_step,
+)
+
+ACTUATOR_GAIN = Effect(
+    name="actuator_gain",
+    stage="actuator",
+    port="output",
+    target="actuator",
+    parameters=(Parameter("gain", "1", 1.0, 0.02, 5.0, (0.6, 0.85, 1.2)),),
+    summary="the actuator gives a multiple of what the model expects",
+    start=no_memory,
+    step=gain_step,
+)
+
+SATURATION = Effect(
+    name="saturation",
+    stage="actuator",
+    port="output",
+    target="actuator",
+    parameters=(Parameter("limit", "actuator unit", math.inf, 0.0, math.inf, (0.9, 0.75, 0.55, 0.35), "output"),),
+    summary="the actuator's output stops at a limit that the model lacks",
+    start=no_memory,
+    step=saturation_step,
+)
+
+VOLTAGE_SAG = Effect(
+    name="voltage_sag",
+    stage="actuator",
+    port="output",
+    target="actuator",
+    parameters=(Parameter("rate", "1/s", 0.0, -0.02, 0.2, (0.002, 0.01)),),
+    summary="the actuator weakens over each run",
+    start=no_memory,
+    step=sag_step,
+)
+
+BACKLASH = Effect(
+    name="backlash",
+    stage="actuator",
+    port="output",
+    target="actuator",
+    parameters=(Parameter("gap", "rad", 0.0, 0.0, 2.0, (0.03, 0.1, 0.3)),),
+    summary="play between motor and link",
+    start=backlash_start,
+    step=backlash_step,
+)

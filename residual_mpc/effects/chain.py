@@ -1,0 +1,39 @@
+"""The command's way to the actuator, for a batch: delay, dead zone, lag, in the order of the contract's table."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from residual_mpc.effects.actuator import lag_step
+from residual_mpc.effects.command import dead_zone_step, delayed_sequence
+from residual_mpc.effects.ops import NUMPY
+
+
+def command_chain(
+    effects: Mapping[str, Mapping[str, np.ndarray]], u: np.ndarray, lead: int, dt: float, dead_zone: np.ndarray
+) -> np.ndarray:
+    """What the actuators see after the lead: (B, K, nu) from u (B, lead + K, nu).
+
+    dead_zone (nu,) bool: the actuators whose dead zone acts on the command itself; a position servo's acts on its
+    error, which only the robot knows.
+    """
+    if "command_delay" in effects:
+        u = delayed_sequence(effects["command_delay"]["delay"], u, dt)
+    if "dead_zone" in effects and dead_zone.any():
+        width = np.where(dead_zone, effects["dead_zone"]["width"], 0.0)[:, None, :]
+        u, _ = dead_zone_step(NUMPY, {"width": width}, (), u, dt)
+    if "actuator_lag" not in effects:
+        return u[:, lead:]
+    tau = effects["actuator_lag"]["time_constant"]
+    slow = np.flatnonzero((tau > 0).any(axis=1))
+    p = {"time_constant": tau[slow]}
+    line = u[slow]
+    y = line[:, 0]
+    out = np.empty((len(slow), u.shape[1] - lead, u.shape[2]))
+    for k in range(u.shape[1]):
+        mean, y = lag_step(NUMPY, p, y, line[:, k], dt)
+        if k >= lead:
+            out[:, k - lead] = mean
+    whole = u[:, lead:].copy()
+    whole[slow] = out
+    return whole

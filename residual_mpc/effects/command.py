@@ -1,0 +1,70 @@
+"""Effects between sending a command and the actuator seeing it."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
+from residual_mpc.effects.ops import Array, Ops
+
+LONGEST_DELAY = 0.3  # s: longer dead times are a different fault (a lost connection), and cost memory
+
+
+def delay_start(ops: Ops, p: Values, u: Array, dt: float) -> tuple[Array, ...]:
+    """The delay line, newest first: LONGEST_DELAY of the first command, held."""
+    return (u,) * (math.ceil(LONGEST_DELAY / dt) + 1)
+
+
+def delay_step(ops: Ops, p: Values, memory: tuple[Array, ...], u: Array, dt: float) -> tuple[Array, Any]:
+    """u(t - delay), linear between the samples of the line: hat weights, so that it is smooth enough to optimise."""
+    line = (u, *memory[:-1])
+    n = p["delay"] / dt  # the dead time in samples, not an integer
+    out = u * ops.maximum(1.0 - n, 0.0)
+    for j, past in enumerate(line[1:], start=1):
+        out = out + past * ops.maximum(1.0 - ops.absolute(n - j), 0.0)
+    return out, line
+
+
+def delayed_sequence(delay: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+    """delay_step over a whole sequence at once, for a batch in numpy.
+
+    delay (B, nu) s, u (B, K, nu) -> (B, K, nu); before its beginning the first command is held.
+    """
+    if not delay.any():
+        return u
+    n = delay / dt
+    whole = np.floor(n).astype(int)  # (B, nu)
+    part = (n - whole)[:, None, :]
+    k = np.arange(u.shape[1])[None, :, None]
+    late = np.take_along_axis(u, np.maximum(k - whole[:, None, :], 0), axis=1)
+    later = np.take_along_axis(u, np.maximum(k - whole[:, None, :] - 1, 0), axis=1)
+    return np.where(delay[:, None, :] > 0, (1.0 - part) * late + part * later, u)
+
+
+def dead_zone_step(ops: Ops, p: Values, memory: Any, u: Array, dt: float) -> tuple[Array, Any]:
+    """0 where |u| < width, else u in full; u is a command, or a position servo's position error."""
+    return ops.where(ops.absolute(u) < p["width"], 0.0 * u, u), memory
+
+
+COMMAND_DELAY = Effect(
+    name="command_delay",
+    stage="command",
+    port="command",
+    target="actuator",
+    parameters=(Parameter("delay", "s", 0.0, 0.0, LONGEST_DELAY, (0.01, 0.03, 0.08, 0.16)),),
+    summary="commands reach the actuator late",
+    start=delay_start,
+    step=delay_step,
+)
+
+DEAD_ZONE = Effect(
+    name="dead_zone",
+    stage="command",
+    port="command",
+    target="actuator",
+    parameters=(Parameter("width", "command unit", 0.0, 0.0, math.inf, (0.05, 0.12, 0.25, 0.4), "command"),),
+    summary="small commands do nothing",
+    start=no_memory,
+    step=dead_zone_step,
+)

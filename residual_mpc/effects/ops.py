@@ -1,0 +1,82 @@
+"""The few operations whose spelling differs between numpy, JAX and CasADi.
+
+An effect's equation is written once against this table (style: one dynamics function for every array library).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Array = Any  # an ndarray, a jax.Array or a casadi matrix, whichever table is in use
+
+
+@dataclass(frozen=True)
+class Ops:
+    """Elementwise operations; each takes and returns arrays of the library it belongs to."""
+
+    where: Callable[[Array, Array, Array], Array]
+    minimum: Callable[[Array, Array], Array]
+    maximum: Callable[[Array, Array], Array]
+    exp: Callable[[Array], Array]
+    absolute: Callable[[Array], Array]
+    cos: Callable[[Array], Array]
+    sin: Callable[[Array], Array]
+    sign: Callable[[Array], Array]
+
+
+def clip(ops: Ops, x: Array, low: Array, high: Array) -> Array:
+    """x held between low and high."""
+    return ops.minimum(ops.maximum(x, low), high)
+
+
+NUMPY = Ops(
+    where=np.where,
+    minimum=np.minimum,
+    maximum=np.maximum,
+    exp=np.exp,
+    absolute=np.abs,
+    cos=np.cos,
+    sin=np.sin,
+    sign=np.sign,
+)
+
+
+def jax_ops() -> Ops:
+    """The table for JAX. Raises BadInput where JAX is not installed."""
+    from residual_mpc.errors import BadInput
+
+    try:
+        import jax.numpy as jnp
+    except ImportError as missing:
+        raise BadInput("JAX is not installed", "effects", "pip install 'residual-mpc[jax]'") from missing
+    return Ops(
+        where=jnp.where,
+        minimum=jnp.minimum,
+        maximum=jnp.maximum,
+        exp=jnp.exp,
+        absolute=jnp.abs,
+        cos=jnp.cos,
+        sin=jnp.sin,
+        sign=jnp.sign,
+    )
+
+
+def casadi_ops(sign_width: float = 0.0) -> Ops:
+    """The table for CasADi; sign_width > 0 replaces sgn(w) by tanh(w / sign_width) for an optimiser (unit of w)."""
+    import casadi
+
+    def sign(x: Array) -> Array:
+        return casadi.tanh(x / sign_width) if sign_width > 0 else casadi.sign(x)
+
+    return Ops(
+        where=casadi.if_else,
+        minimum=casadi.fmin,
+        maximum=casadi.fmax,
+        exp=casadi.exp,
+        absolute=casadi.fabs,
+        cos=casadi.cos,
+        sin=casadi.sin,
+        sign=sign,
+    )

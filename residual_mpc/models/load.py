@@ -1,0 +1,55 @@
+"""From a robot file to its model: built-in plants and entry points by name, a user's own by module path."""
+
+import importlib
+from collections.abc import Callable
+from importlib.metadata import entry_points
+
+from residual_mpc.errors import BadInput
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.robot_file import RobotFile
+
+GROUP = "residual_mpc.robots"
+
+
+def load_robot(robot: RobotFile) -> Robot:
+    """Build the nominal model that the file names.
+
+    Raises BadInput for a plant that does not exist, whose module does not import, or whose factory fails.
+    """
+    factory = _factory(robot)
+    try:
+        model = factory(robot)
+    except BadInput:
+        raise
+    except Exception as error:  # a user's factory may raise anything; it is their input
+        raise BadInput(f"plant {robot.plant!r} failed: {error!r}", robot.source, "mend the factory") from error
+    missing = [n for n in ("actuators", "states", "channels", "slots", "replay") if not hasattr(model, n)]
+    if missing:
+        raise BadInput(
+            f"plant {robot.plant!r} returned a {type(model).__name__} without {', '.join(missing)}",
+            robot.source,
+            "return an object with the methods of residual_mpc.models.protocol.Robot",
+        )
+    return model
+
+
+def _factory(robot: RobotFile) -> Callable[[RobotFile], Robot]:
+    known = {e.name: e for e in entry_points(group=GROUP)}
+    if robot.plant in known:
+        loaded: Callable[[RobotFile], Robot] = known[robot.plant].load()
+        return loaded
+    module, colon, name = robot.plant.partition(":")
+    if not colon:
+        raise BadInput(
+            f"no plant is called {robot.plant!r}",
+            robot.source,
+            f"known: {', '.join(sorted(known))}; your own joins as package.module:factory",
+        )
+    try:
+        found = getattr(importlib.import_module(module), name, None)
+    except Exception as error:  # importing a user's module runs their code
+        raise BadInput(f"module {module!r} does not import: {error!r}", robot.source, "mend or install it") from error
+    if not callable(found):
+        raise BadInput(f"{module!r} has no factory {name!r}", robot.source, "name a function that takes the robot file")
+    factory: Callable[[RobotFile], Robot] = found
+    return factory

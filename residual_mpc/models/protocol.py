@@ -1,0 +1,93 @@
+"""What the diagnosis needs of a robot: to replay a batch of windows under a batch of hypotheses."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from residual_mpc.models.settings import Settings
+
+
+@dataclass(frozen=True)
+class State:
+    """One coordinate of the start state: the channel it is read from, and that of its rate (None: it has none)."""
+
+    position: str
+    velocity: str | None
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What the controller sent, on the replay's own grid of steps of dt; B rows, K steps, nu actuators.
+
+    command (B, lead + K, nu): mean over each step of the command held, actuator units; the first `lead` steps lie
+    before the window and warm up what remembers. enabled (B, K, nu) of 0 or 1, or None where always on.
+    clock (B,) s from the run's first stamp to the window's start.
+    """
+
+    dt: float
+    lead: int
+    command: np.ndarray
+    enabled: np.ndarray | None
+    clock: np.ndarray
+
+    @property
+    def steps(self) -> int:
+        return self.command.shape[1] - self.lead
+
+
+class Robot(Protocol):
+    """A model that can be replayed. `residual_mpc.models.contract` checks an implementation of yours."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names after `command.`, in the order of Drive.command's last axis."""
+        ...
+
+    @property
+    def command_kinds(self) -> tuple[str, ...]:
+        """For each actuator "position", "velocity", "torque" or "speed" (a wheel)."""
+        ...
+
+    @property
+    def states(self) -> tuple[State, ...]: ...
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Every channel that `replay` can predict, by the run log's names."""
+        ...
+
+    @property
+    def step(self) -> float | None:
+        """The step that the model insists on, s; None where any will do."""
+        ...
+
+    def slots(self, effect: str) -> tuple[str, ...]:
+        """The targets that the effect can have on this robot; empty where it cannot have the effect."""
+        ...
+
+    def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
+        """Physical limits of a parameter on this robot (a mass that is added may not make the whole negative)."""
+        ...
+
+    def reference(self, kind: str, slot: str | None) -> float:
+        """A typical "inertia", "mass" or "length" of the target, for scaling; 1.0 where it has none."""
+        ...
+
+    def nominal(self) -> Mapping[str, float]:
+        """The model's own parameters by name: what `tunable` may name."""
+        ...
+
+    def replay(
+        self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    ) -> Mapping[str, np.ndarray]:
+        """Predicted channels on the nodes of the grid, each (B, K + 1).
+
+        start: for each State its position and velocity channel, (B,). settings has B rows. `wanted` may also name
+        `output.<actuator>`: the actuator's output (force, or wheel speed).
+        """
+        ...
