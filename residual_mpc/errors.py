@@ -20,5 +20,5 @@ class BadInput(Exception):
 
     def __str__(self) -> str:
         text = f"{self.where}: {self.what}" if self.where else self.what
-        remedy = f" {self.remedy[0].upper()}{self.remedy[1:]}." if self.remedy else ""
-        return f"{text}.{remedy}".replace("..", ".").replace("?.", "?")
+        sentences = [text, self.remedy[:1].upper() + self.remedy[1:]]
+        return " ".join(s if s.endswith((".", "?", "!")) else f"{s}." for s in sentences if s)

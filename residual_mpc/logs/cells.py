@@ -85,7 +85,7 @@ def _first_text(column: Any) -> tuple[int, str]:
         if value is None:
             continue
         try:
-            float(value if isinstance(value, str | int | float) else "no number")
+            float(_text(value))
         except (ValueError, OverflowError):
             return row, _text(value)[:60]
     return 0, str(column.type)

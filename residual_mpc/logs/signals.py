@@ -1,0 +1,221 @@
+"""What one channel's samples say about its sensor: wrapping, rate, step, noise, spikes.
+
+Every function takes one channel as an (n,) array in the channel's unit, NaN where a sample is missing, and t
+as (n,) s, strictly increasing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from residual_mpc.logs.run import FloatArray
+
+BoolArray = NDArray[np.bool_]
+
+MAD_TO_SIGMA = 1.4826  # of a normal distribution
+EVEN = 0.95  # share of a slower sensor's holds that are equally long, up to a sample
+SLOWER = 0.1  # share of clear moves followed by a repeat, from which a sensor counts as slower than its log
+BURST = 3  # samples: the longest spike
+FLANK = 0.3  # of a spike's height: the most that the samples beside it may share
+REACH = 11  # samples in the window of a local polynomial
+STRETCH = 61  # samples over which errors of prediction are usual
+SPIKE = 6.0  # times the noise, and times the local error of prediction
+
+
+def unwrap_with_gaps(y: FloatArray) -> FloatArray:
+    """An angle without its jumps of 2 pi, (n,) rad; missing samples stay missing and are stepped over.
+
+    Across a gap the nearest turn is taken, so a turn of more than pi within it cannot be seen.
+    """
+    out = np.array(y, dtype=np.float64)
+    finite = np.isfinite(out)
+    out[finite] = np.unwrap(out[finite])
+    return out
+
+
+def fresh_samples(y: FloatArray) -> BoolArray:
+    """Where a sample is neither missing nor a mere repeat of a slower sensor's last one, (n,).
+
+    A channel counts as slower than its log only when clear moves, of several steps of its resolution, are
+    followed by exact repeats, equally many each time; a quantised channel that creeps or stands still repeats
+    itself at full rate. Without motion, one sample in each of the sensor's periods counts as fresh.
+    """
+    fresh = np.isfinite(y)
+    where = np.flatnonzero(fresh)
+    period = _sensor_period(y[where])
+    if period > 1:
+        repeat = np.diff(y[where], prepend=np.nan) == 0.0
+        last_change = np.maximum.accumulate(np.where(repeat, 0, np.arange(len(where))))
+        fresh[where] = (np.arange(len(where)) - last_change) % period == 0
+    return fresh
+
+
+def _sensor_period(values: FloatArray) -> int:
+    """How many samples a slower sensor holds its value while it moves; 1 for a sensor at full rate."""
+    if len(values) < 8:
+        return 1
+    changes = np.flatnonzero(np.diff(values) != 0.0)  # the value at changes + 1 is new
+    if len(changes) < 4:
+        return 1
+    size = np.abs(np.diff(values)[changes])
+    clear = size > max(3.0 * resolution(values), 0.5 * float(np.median(size)))
+    # how long a value is held between two clear moves: creeping at either end would say nothing
+    hold = np.diff(changes)[clear[:-1] & clear[1:]]
+    if len(hold) < 4 or np.mean(hold > 1) < SLOWER:
+        return 1
+    # a sensor holds its values for equally long; a motion that pauses now and then does not
+    even = np.abs(hold - np.median(hold)) <= np.maximum(1.0, 0.25 * np.median(hold))
+    return max(2, int(np.quantile(hold, 0.9, method="nearest"))) if np.mean(even) >= EVEN else 1
+
+
+def resolution(y: FloatArray) -> float:
+    """The step of a quantised channel, in its unit; 0 where its values lie on no common grid.
+
+    A grid finer than a few millionths of the largest value cannot be told from the rounding of 32-bit floats.
+    """
+    values = np.unique(y[np.isfinite(y)])
+    if len(values) < 2:
+        return 0.0
+    rounding = float(np.finfo(np.float32).eps * np.abs(values).max())
+    levels = values[np.append(True, np.diff(values) > 4.0 * rounding)]
+    # a few levels fit some grid by chance, unless the samples return to them again and again
+    if len(levels) < 2 or len(levels) < 6 and len(levels) > 0.25 * np.count_nonzero(np.isfinite(y)):
+        return 0.0
+    gaps = np.diff(levels)
+    smallest = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    # where few levels are visited, the smallest gap may be several steps; many gaps rule out a grid by chance
+    parts = range(1, 5) if len(gaps) >= 12 else (1,)
+    return next((step for k in parts if (step := _grid(gaps, smallest / k, rounding)) > 0.0), 0.0)
+
+
+def _grid(gaps: FloatArray, step: float, rounding: float) -> float:
+    """The step near `step` of which all gaps are whole multiples, 0 if there is none."""
+    for _ in range(2):  # the smallest gaps carry rounding; the whole range then refines the step
+        counts = np.rint(gaps / step)
+        if step < 40.0 * rounding or np.any(counts < 1.0):
+            return 0.0
+        off = np.abs(gaps - counts * step) > 0.05 * step + 2.0 * rounding
+        if np.mean(off) > 0.05:
+            return 0.0
+        step = float(gaps[~off].sum() / counts[~off].sum())
+    return step
+
+
+def noise_sigma(t: FloatArray, y: FloatArray) -> float:
+    """A robust 1-sigma of a channel's white sensor noise, in its unit; 0 where it shows none.
+
+    Differences of third, fifth and seventh order over consecutive fresh samples leave nothing of a motion that
+    is locally a polynomial of one order less; white noise gives all three the same size, motion that is left
+    over gives the lower orders more, so that the smallest counts. A quantised channel has at least the noise of
+    its rounding, step / sqrt(12).
+
+    What differences cannot see: coloured noise (slower than a few samples), drift, offsets, and stamps that are
+    late by the same amount. Motion faster than a few samples and jitter of the stamps count as noise.
+    """
+    fresh = fresh_samples(y)
+    t, y = t[fresh], y[fresh]
+    found = [s for s in (_difference_sigma(t, y, order) for order in (3, 5, 7)) if np.isfinite(s)]
+    return max(min(found, default=0.0), resolution(y) / np.sqrt(12.0))
+
+
+def _difference_sigma(t: FloatArray, y: FloatArray, order: int) -> float:
+    """1-sigma from normalised divided differences; NaN with fewer than eight of them."""
+    if len(t) < order + 8:
+        return float("nan")
+    windows = np.lib.stride_tricks.sliding_window_view
+    times, values = windows(t, order + 1), windows(y, order + 1)  # (m, order + 1)
+    step = np.diff(times, axis=1)
+    even = step.max(axis=1) < 3.0 * float(np.median(np.diff(t)))  # not across a gap
+    if np.count_nonzero(even) < 8:
+        return float("nan")
+    times, values = times[even], values[even]
+    apart = (times[:, :, None] - times[:, None, :]) / np.median(step)
+    apart[:, np.arange(order + 1), np.arange(order + 1)] = 1.0
+    weights = 1.0 / np.prod(apart, axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    return float(MAD_TO_SIGMA * np.median(np.abs(np.sum(weights * (values - values[:, :1]), axis=1))))
+
+
+def spikes(t: FloatArray, y: FloatArray, sigma: float) -> BoolArray:
+    """The samples that jump away and come back within three samples, (n,).
+
+    A spike lies off a robust quadratic through its eleven nearest fresh samples, and off the line of either
+    side continued to it, by more than six sigma of the noise, of the quadratic's errors at its neighbours, and
+    of what is usual in that stretch, so that fast motion, steps and corners are none. The first and the last
+    three samples of a run cannot be seen to come back, and are never flagged.
+
+    Args:
+        t: (n,) s.
+        y: (n,).
+        sigma: 1-sigma noise of the channel, in its unit; see `noise_sigma`.
+    """
+    out = np.zeros(len(y), dtype=bool)
+    where = np.flatnonzero(fresh_samples(y))
+    if len(where) < REACH:
+        return out
+    floor = max(SPIKE * sigma, 3.0 * resolution(y[where]))
+    for part in np.array_split(where, max(1, len(where) // 100_000)):
+        first, last = np.searchsorted(where, [part[0], part[-1]])
+        around = where[max(0, first - STRETCH) : last + 1 + STRETCH]  # no trace of the cuts
+        out[part] = np.isin(part, around[_jumps(t[around], y[around], floor)])
+    return out
+
+
+def _jumps(t: FloatArray, y: FloatArray, floor: float) -> BoolArray:
+    """The spikes among consecutive fresh samples, (n,); floor is the smallest that counts."""
+    n = len(t)
+    first = np.clip(np.arange(n) - REACH // 2, 0, n - REACH)
+    window = first[:, None] + np.arange(REACH)  # (n, REACH)
+    own = window == np.arange(n)[:, None]
+    tau = t[window] - t[:, None]
+    tau /= np.abs(tau).max(axis=1, keepdims=True)
+    basis = np.stack([np.ones_like(tau), tau, tau**2], axis=2)  # (n, REACH, 3)
+    values = y[window]
+    # start: distance from the window's median, which three bad samples of eleven cannot move away
+    error = values - np.median(values, axis=1, keepdims=True)
+    for _ in range(8):  # reweighted least squares, without the sample itself
+        scale = np.median(np.abs(error), axis=1, keepdims=True) + 0.1 * floor + 1e-300
+        weight = np.where(own, 0.0, 1.0 / (1.0 + np.minimum(np.abs(error) / scale, 1e6) ** 2))
+        error = values - np.einsum("nki,ni->nk", basis, _fit(basis, values, weight))
+    away = error[own]  # (n,) one own sample a window
+    nearest = np.abs(away)
+    for side in (tau < 0.0, tau > 0.0):  # at a corner one side's line, continued, meets the sample
+        line = y - _fit(basis[:, :, :2], values, weight * side)[:, 0]
+        seen = np.count_nonzero(side, axis=1) >= 3
+        nearest = np.where(seen, np.minimum(nearest, np.where(line * away > 0.0, np.abs(line), 0.0)), nearest)
+    others = np.sort(np.where(own, np.inf, np.abs(error)), axis=1)
+    local = others[:, REACH - 2 - BURST]  # the largest three of the ten neighbours may be spikes themselves
+    usual = _running_quantile(np.abs(away), 0.8) / 1.28  # 1 sigma of normal errors, with room for 20 % spikes
+    jump = nearest > np.maximum(floor, SPIKE * np.maximum(local, usual))
+    jump[:3] = jump[-3:] = False
+    place = np.arange(n) - first
+    before, after = (np.abs(error[np.arange(n), np.clip(place + k, 0, REACH - 1)]) for k in (-1, 1))
+    return _bursts(jump, before < FLANK * np.abs(away), after < FLANK * np.abs(away))
+
+
+def _fit(basis: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:
+    """Weighted least squares in every window: (n, k, p), (n, k), (n, k) -> (n, p)."""
+    normal = np.einsum("nk,nki,nkj->nij", weight, basis, basis)
+    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-300
+    normal = normal + ridge * np.eye(basis.shape[2])
+    right = np.einsum("nk,nki,nk->ni", weight, basis, values)
+    solved: FloatArray = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+    return solved
+
+
+def _running_quantile(x: FloatArray, share: float) -> FloatArray:
+    """The quantile over the `STRETCH` samples around each, (n,)."""
+    reach = min(STRETCH, len(x))
+    k = int(share * (reach - 1))
+    ranked = np.partition(np.lib.stride_tricks.sliding_window_view(x, reach), k, axis=1)[:, k]
+    return ranked[np.clip(np.arange(len(x)) - reach // 2, 0, len(ranked) - 1)]
+
+
+def _bursts(flags: BoolArray, rises: BoolArray, falls: BoolArray) -> BoolArray:
+    """The flags in bursts of at most `BURST` that begin and end sharply; a quick motion has flanks."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    out = np.zeros(len(flags), dtype=bool)
+    for start, stop in edges.reshape(-1, 2):
+        out[start:stop] = stop - start <= BURST and rises[start] and falls[stop - 1]
+    return out
