@@ -26,9 +26,9 @@ NAME = "report.html"
 
 
 def write_report(document: Document, evidence: Evidence, folder: Path) -> Path:
-    """Write `folder/report.html` and return its path. `document` is diagnosis.json (contract, section 5).
+    """Write `folder/report.html` and return its path. `document` is what diagnosis.json holds.
 
-    The file appears whole or not at all. Raises KeyError where the document lacks a key of the contract.
+    The file appears whole or not at all. Raises KeyError where the document lacks a key.
     """
     page = compose(document, evidence)
     folder.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
 
-Document = Mapping[str, Any]  # diagnosis.json as read: its keys are the interface of section 5 of the contract
+Document = Mapping[str, Any]  # diagnosis.json as read: its keys are an interface of their own
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,8 @@ def environment() -> "Environment":
         "measure_interval": numbers.measure_interval,
         "percent_interval": numbers.percent_interval,
         "effect_name": effects.name,
-        "effect_sentence": effects.sentence,
+        "effect_sentence": effects.sentence_of,
         "effect_stage": effects.stage,
-        "target_name": effects.target_name,
         "capital": lambda text: text[:1].upper() + text[1:],
         "listed": numbers.listed,
     }

@@ -1,4 +1,4 @@
-"""A matplotlib figure as a piece of the page: SVG in the page's own colours, or a PNG where the SVG would be too big."""
+"""A matplotlib figure as a piece of the page: SVG in the page's colours, or a PNG where that gets too big."""
 
 import base64
 import io
@@ -15,7 +15,7 @@ LARGEST_SVG = 300_000  # bytes; a page of twelve such drawings still opens at on
 PNG_DPI = 200
 
 # Stand-ins that matplotlib can parse, and the custom properties of templates/style.css that take their place.
-# They are the light theme's colours, so that the PNG, which cannot follow a theme, looks right on its white card.
+# They are the light theme's colours, so that the PNG, which follows no theme, looks right on its white card.
 COLOURS = {
     "ink": "#1c2430",
     "muted": "#5b6675",
@@ -25,7 +25,7 @@ COLOURS = {
     "floor": "#6d7885",
 }
 
-SETTINGS: dict[str, Any] = {
+SETTINGS: Any = {
     "svg.fonttype": "none",  # text stays text: sharp, small, found by a search
     "text.parse_math": False,  # a column may be called "a$b$"
     "font.size": 9,
@@ -53,7 +53,7 @@ SETTINGS: dict[str, Any] = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """The settings above, inside the `with` alone. Figures are made without pyplot, so nothing global remains."""
+    """The settings above, inside the `with` alone; figures are made without pyplot, so nothing stays."""
     import matplotlib
 
     with matplotlib.rc_context(SETTINGS):
@@ -71,11 +71,13 @@ def inline(figure: "Figure", name: str, alt: str) -> "Markup":
 
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": name}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+        figure.savefig(
+            buffer, format="svg", metadata={"Date": None}
+        )  # without a date: the same data, the same page
     svg = buffer.getvalue()
     if len(svg.encode()) > LARGEST_SVG:
         return Markup('<img class="paper" src="data:image/png;base64,{}" alt="{}">').format(_png(figure), alt)
-    return Markup(_in_page_colours(_own_ids(_bare(svg), name), str(escape(alt))))  # noqa: S704 (matplotlib escapes its text)
+    return Markup(_in_page_colours(_own_ids(_bare(svg), name), str(escape(alt))))
 
 
 def _png(figure: "Figure") -> str:
@@ -85,9 +87,12 @@ def _png(figure: "Figure") -> str:
 
 
 def _bare(svg: str) -> str:
-    """Without prologue and metadata, which name hosts, and without a fixed size, so that the page decides."""
+    """Without prologue and metadata, which name hosts; without a size and a font, which the page decides;
+    and with coordinates to 0.01 of a point, which halves the size."""
     svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"font-family: [^;\"]*;? ?", "", svg)
+    svg = re.sub(r"(?<=\d\.\d\d)\d+", "", svg)
     head, rest = svg.split(">", 1)
     head = re.sub(r'\s(width|height|version|xmlns|xmlns:xlink)="[^"]*"', "", head)
     return f"{head}>{rest}".replace("xlink:href", "href").strip()
@@ -101,5 +106,4 @@ def _own_ids(svg: str, name: str) -> str:
 def _in_page_colours(svg: str, alt: str) -> str:
     for property_, colour in COLOURS.items():
         svg = svg.replace(colour, f"var(--{property_})")
-    svg = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font-size: \1px", svg)
     return svg.replace("<svg", f'<svg role="img" aria-label="{alt}"', 1)

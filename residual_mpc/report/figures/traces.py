@@ -64,8 +64,8 @@ def rms_error(panel: Panel, signal: Array) -> float:
 
 def _alt(panel: Panel, explained: bool) -> str:
     text = (
-        f"{panel.channel} of run {panel.run} from {panel.t[0]:.3g} to {panel.t[-1]:.3g} s: measured, and predicted"
-        f" before (root mean square error {rms_error(panel, panel.before):.2g} {panel.unit})"
+        f"{panel.channel} of run {panel.run} from {panel.t[0]:.4g} to {panel.t[-1]:.4g} s: measured, and"
+        f" predicted before (root mean square error {rms_error(panel, panel.before):.2g} {panel.unit})"
     )
     after = f" and after ({rms_error(panel, panel.after):.2g} {panel.unit})" if explained else ""
     return text + after + "."

@@ -14,7 +14,7 @@ SIZE = (5.4, 2.5)  # inches
 
 
 def spread(before: Array, after: Array | None, floor: float, name: str) -> "Markup":
-    """The share of windows (y) whose gap is below x. `before`, `after`: (w,) gaps of the held-out windows, finite."""
+    """The share of windows (y) whose gap is below x. `before`, `after`: (w,) finite gaps of windows."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import PercentFormatter
 

@@ -7,8 +7,10 @@ ORDER = {"error": 0, "warning": 1, "info": 2}
 SHOWN = 12  # findings in the table; the rest fold away
 
 
-def audit(document: Document, evidence: Evidence) -> Section:
-    """Always there: that nothing was found is worth saying too."""
-    findings = sorted(evidence.findings, key=lambda finding: ORDER.get(finding.severity, len(ORDER)))
+def audit(document: Document, evidence: Evidence) -> Section | None:
+    """There where the document says what the audit found, be it nothing."""
+    if document.get("audit") is None:
+        return None
+    findings = sorted(document["audit"], key=lambda finding: ORDER.get(finding["severity"], len(ORDER)))
     body = render("sections/audit.html.jinja", shown=findings[:SHOWN], folded=findings[SHOWN:])
     return Section("audit", "What the logs are like", body)

@@ -1,4 +1,4 @@
-"""What each figure of the report means."""
+"""What each figure of the report means, and how it was made."""
 
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
@@ -6,5 +6,11 @@ from residual_mpc.report.section import Document, Section, render
 
 def definitions(document: Document, evidence: Evidence) -> Section:
     """Always there: it closes the report."""
-    body = render("sections/definitions.html.jinja", horizon=document["gap"]["horizon"], schema=document.get("schema"))
+    body = render(
+        "sections/definitions.html.jinja",
+        horizon=document["gap"]["horizon"],
+        schema=document.get("schema"),
+        command=document.get("command"),
+        seconds=document.get("seconds"),
+    )
     return Section("definitions", "What the figures mean", body)

@@ -1,5 +1,8 @@
 """What is left: the unexplained share, what a flexible learner finds in it, and constants that moved."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
 
@@ -9,13 +12,28 @@ def left(document: Document, evidence: Evidence) -> Section | None:
     moved = document.get("moved") or []
     if document["verdict"] == "no_gap" and not moved:
         return None
+    unexplained, learned = document.get("unexplained") or {}, document.get("learned") or {}
+    shrink = unexplained.get("learned_residual_shrink")
     body = render(
         "sections/left.html.jinja",
         verdict=document["verdict"],
-        gap=document["gap"],
-        share=document["unexplained"]["share"],
-        learned=document["unexplained"].get("learned_residual_shrink"),
+        share=unexplained.get("share"),
+        learned=learned.get("shrink") if shrink is None else shrink,
+        learned_where=[_place(place) for place in _listed(learned.get("where"))],
+        outliers=document.get("outliers"),
         moved=moved,
-        explained=bool(document["explanation"]),
     )
     return Section("left", "What is left", body)
+
+
+def _listed(places: Sequence[Any] | Mapping[str, Any] | None) -> list[Any]:
+    """The places as a list, whether they come as one, or by kind (regimes, channels) as in `where`."""
+    if isinstance(places, Mapping):
+        return [place for kind in places.values() for place in kind]
+    return list(places or [])
+
+
+def _place(place: Any) -> dict[str, Any]:
+    if isinstance(place, Mapping):
+        return {"name": place.get("name", place.get("run", "")), "share": place.get("share")}
+    return {"name": str(place), "share": None}

@@ -20,6 +20,6 @@ def traces(document: Document, evidence: Evidence) -> Section | None:
         }
         for index, panel in enumerate(evidence.panels)
     ]
-    body = render("sections/traces.html.jinja", panels=panels, horizon=evidence.horizon,
+    body = render("sections/traces.html.jinja", panels=panels, horizon=document["gap"]["horizon"],
                   explained=bool(document["explanation"]))  # fmt: skip
     return Section("traces", "Measured against predicted", body)

@@ -2,19 +2,31 @@
 
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
-from residual_mpc.report.words.verdict import TITLES, headline, unseen
+from residual_mpc.report.wording import sentence, unseen
+from residual_mpc.report.words.groups import group_sentence
+
+TITLES = {
+    "no_gap": "No gap",
+    "effects": "Explained",
+    "partial": "Partly explained",
+    "unknown": "Cause unknown",
+}
+LONG = 180  # characters, above which the sentence is set smaller
 
 
 def verdict(document: Document, evidence: Evidence) -> Section:
     """Always there: it opens the report."""
+    headline = document.get("verdict_sentence") or sentence(document)
     body = render(
         "sections/verdict.html.jinja",
         verdict=document["verdict"],
         title=TITLES[document["verdict"]],
-        headline=headline(document),
+        headline=headline,
+        long=len(headline) > LONG,
         gap=document["gap"],
         shrink=document.get("shrink"),
         unseen=unseen(document["held_out"]),
-        confounded=document.get("confounded") or [],
+        doubts=[group_sentence(group) for group in document.get("confounded") or []],
+        notes=document.get("notes") or [],
     )
     return Section("verdict", "Verdict", body)

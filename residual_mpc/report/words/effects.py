@@ -1,6 +1,6 @@
 """Each effect in a sentence for someone who has never heard its name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,52 +9,80 @@ from residual_mpc.report.words.numbers import measure, percent
 STAGES = ("command", "actuator", "body", "contact", "sensor")
 
 
+# Whom a target names, by the stage of the effect.
+TARGETS = {
+    "command": "the actuator {}",
+    "actuator": "the actuator {}",
+    "body": "the joint {}",
+    "contact": "{}",
+    "sensor": "the channel {}",
+}
+WHEELS = {"left": "the left wheel", "right": "the right wheel"}
+
+
 @dataclass(frozen=True)
 class Phrase:
-    """`text` names the parameters in braces, and `{who}` for the target; `everyone` is who it is without a target."""
+    """`text` names the parameters in braces, and {who}: the target, or `everyone` where there is none."""
 
     stage: str
     text: str
     everyone: str = "the robot"
-    someone: str = "{}"
-    as_percent: tuple[str, ...] = ()  # parameters that read better as a percentage
+    someone: str = ""  # how the target is called, where that differs from TARGETS
+    shares: tuple[str, ...] = ()  # parameters that read better as a percentage
+
+    def who(self, target: str | None) -> str:
+        if not target:
+            return self.everyone
+        return (self.someone or TARGETS[self.stage]).format(WHEELS.get(target, target)).replace(
+            "the actuator the", "the").replace("the joint the", "the")  # fmt: skip
 
 
 PHRASES = {
     "command_delay": Phrase("command", "{who} answers {delay} late"),
     "dead_zone": Phrase("command", "{who} ignores commands smaller than {width}"),
     "actuator_lag": Phrase("actuator", "{who} follows commands with a lag of {time_constant}"),
-    "actuator_gain": Phrase("actuator", "{who} gives {gain} of what the model expects", "every actuator",
-                            "the actuator {}", ("gain",)),
-    "saturation": Phrase("actuator", "{who} stops at {limit}", "every actuator", "the actuator {}"),
-    "voltage_sag": Phrase("actuator", "{who} loses {rate} of its strength each second", as_percent=("rate",)),
+    "actuator_gain": Phrase(
+        "actuator", "{who} gives {gain} of what the model expects", "every actuator", shares=("gain",)
+    ),
+    "saturation": Phrase("actuator", "{who} stops at {limit}", "every actuator"),
+    "voltage_sag": Phrase("actuator", "{who} loses {rate} of its strength each second", shares=("rate",)),
     "backlash": Phrase("actuator", "{who} has {gap} of play", "every gear", "the gear of {}"),
     "coulomb_friction": Phrase("body", "dry friction of {torque} brakes {who}", "every joint"),
-    "viscous_friction": Phrase("body", "friction of {coefficient} grows with the speed of {who}", "every joint"),
-    "stribeck_friction": Phrase("body", "friction in {who} falls from {static} at rest to {kinetic} in motion",
-                                "every joint"),
-    "load_dependent_friction": Phrase("body", "friction eats {coefficient} of the torque at {who}", "every joint",
-                                      as_percent=("coefficient",)),
+    "viscous_friction": Phrase(
+        "body", "friction of {coefficient} grows with the speed of {who}", "every joint"
+    ),
+    "stribeck_friction": Phrase(
+        "body", "friction in {who} falls from {static} at rest to {kinetic} in motion", "every joint"
+    ),
+    "load_dependent_friction": Phrase(
+        "body", "friction eats {coefficient} of the torque at {who}", "every joint", shares=("coefficient",)
+    ),
     "payload": Phrase("body", "the robot carries {mass} that its model lacks"),
-    "link_mass": Phrase("body", "{who} is {mass} heavier than modelled", "the link"),
+    "link_mass": Phrase("body", "{who} is {mass} heavier than modelled", "the link", "the link {}"),
     "armature": Phrase("body", "the rotor of {who} has {inertia} more inertia than modelled", "every joint"),
     "joint_compliance": Phrase("body", "{who} gives way like a spring of {stiffness}", "every joint"),
-    "link_length": Phrase("body", "{who} is {offset} longer than modelled", "the link"),
-    "wheel_radius": Phrase("contact", "the wheels roll {scale} of the distance that the model expects",
-                           as_percent=("scale",)),
-    "wheel_radius_mismatch": Phrase("contact", "the right wheel has {ratio} of the left wheel's radius",
-                                    as_percent=("ratio",)),
-    "track_width": Phrase("contact", "the robot turns as if its wheels stood at {scale} of their distance",
-                          as_percent=("scale",)),
+    "link_length": Phrase("body", "{who} is {offset} longer than modelled", "the link", "the link {}"),
+    "wheel_radius": Phrase(
+        "contact", "the wheels roll {scale} of the distance that the model expects", shares=("scale",)
+    ),
+    "wheel_radius_mismatch": Phrase(
+        "contact", "the right wheel has {ratio} of the left wheel's radius", shares=("ratio",)
+    ),
+    "track_width": Phrase(
+        "contact", "the robot turns as if its wheels stood at {scale} of their distance", shares=("scale",)
+    ),
     "lateral_slip": Phrase("contact", "the robot slips outwards in turns (coefficient {coefficient})"),
     "longitudinal_slip": Phrase("contact", "the wheels slip as they accelerate (coefficient {coefficient})"),
     "slope": Phrase("contact", "the robot drifts steadily at {rate}"),
-    "sensor_delay": Phrase("sensor", "{who} arrive {delay} late", "the measurements", "the measurements of {}"),
+    "sensor_delay": Phrase(
+        "sensor", "{who} arrive {delay} late", "the measurements", "the measurements of {}"
+    ),
     "sensor_bias": Phrase("sensor", "{who} reads {bias} too high", "every channel"),
-    "sensor_mounting": Phrase("sensor", "the tracked point sits at ({x}, {y}) on the robot, not where the model"
-                              " has it"),
-    "sensor_outliers": Phrase("sensor", "{rate} of the samples jump away", as_percent=("rate",)),
-}  # fmt: skip
+    "sensor_mounting": Phrase(
+        "sensor", "the tracked point sits at ({x}, {y}) on the robot, not where the model has it"
+    ),
+    "sensor_outliers": Phrase("sensor", "{rate} of the samples jump away", shares=("rate",)),
+}
 
 # A sentence whose parameter is negative says the opposite.
 OPPOSITES = {"heavier": "lighter", "longer": "shorter", "too high": "too low", "more inertia": "less inertia"}
@@ -65,19 +93,13 @@ def name(effect: Mapping[str, Any]) -> str:
     return str(effect["effect"]).replace("_", " ")
 
 
-def target_name(effect: Mapping[str, Any]) -> str:
-    """The target, or who is meant where there is none."""
-    phrase = PHRASES.get(effect["effect"])
-    return effect.get("target") or (phrase.everyone if phrase else "the robot")
-
-
 def stage(effect: Mapping[str, Any]) -> str:
     """The stage of the chain at which the effect sits; empty for an effect that this house does not know."""
     phrase = PHRASES.get(effect["effect"])
     return str(effect.get("stage") or (phrase.stage if phrase else ""))
 
 
-def sentence(effect: Mapping[str, Any]) -> str:
+def sentence_of(effect: Mapping[str, Any]) -> str:
     """One entry of an explanation as a clause without a full stop: "the robot answers 81 ms late".
 
     An effect from somewhere else, or one without its parameters, is called by its name.
@@ -94,14 +116,11 @@ def sentence(effect: Mapping[str, Any]) -> str:
         if value < 0:
             text, value = _opposite(text, value)
         unit = parameter.get("unit", "1")
-        show: Callable[[], str] = (lambda v=value: percent(v)) if key in phrase.as_percent else (
-            lambda v=value, u=unit: measure(v, u))  # fmt: skip
-        values[key] = show()
-    who = phrase.someone.format(target) if target else phrase.everyone
+        values[key] = percent(value) if key in phrase.shares else measure(value, unit)
     try:
-        return text.format(who=who, **values)
+        return text.format(who=phrase.who(target), **values)
     except KeyError:
-        return f"{name(effect)} acts on {target or phrase.everyone}"
+        return f"{name(effect)} acts on {phrase.who(target)}"
 
 
 def _opposite(text: str, value: float) -> tuple[str, float]:

@@ -1,4 +1,4 @@
-"""Numbers as people write them: few digits, a unit that suits the size, an interval that sets the precision."""
+"""Numbers as people write them: few digits, a unit that suits the size, precision set by the interval."""
 
 import math
 from collections.abc import Sequence
@@ -14,21 +14,21 @@ SMALLER = {
     "m": (0.1, 1e3, "mm"),
     "kg": (0.1, 1e3, "g"),
     "m/s": (0.1, 1e3, "mm/s"),
-    "N m": (0.01, 1e3, "mN m"),
+    "N m": (0.1, 1e3, "mN m"),
 }
 Interval = Sequence[float | None]
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """`value` to `digits` significant digits: 0.0812, 1240, 2.5 x 10^-6; a dash where there is none."""
+    """`value` to at most `digits` significant digits: 0.0812, 1240, 2.5 x 10^-6; a dash for none."""
     if value is None or not math.isfinite(value):
         return "\N{EN DASH}"
     if value == 0:
         return "0"
     exponent = math.floor(math.log10(abs(value)))
     if -4 <= exponent < 6:
-        return _fixed(value, max(0, digits - 1 - exponent))
-    mantissa = _fixed(value / 10.0**exponent, digits - 1)
+        return _trimmed(_fixed(value, max(0, digits - 1 - exponent)))
+    mantissa = _trimmed(_fixed(value / 10.0**exponent, digits - 1))
     return f"{mantissa}{SPACE}×{SPACE}10{str(exponent).translate(SUPERSCRIPTS)}"
 
 
@@ -40,7 +40,7 @@ def percent(share: float | None) -> str:
     if 0 < abs(hundredths) < 0.1:
         return f"<{SPACE}0.1{SPACE}%" if share > 0 else f"0{SPACE}%"
     decimals = 0 if abs(hundredths) >= 9.95 or hundredths == 0 else 1
-    return f"{_fixed(hundredths, decimals)}{SPACE}%"
+    return f"{_trimmed(_fixed(hundredths, decimals))}{SPACE}%"
 
 
 def percent_interval(interval: Interval | None) -> str:
@@ -56,18 +56,20 @@ def measure(value: float | None, unit: str) -> str:
     if value is None or not math.isfinite(value):
         return "\N{EN DASH}"
     factor, shown = _scale(value, unit)
-    return f"{number(value * factor)}{_suffix(shown)}{_degrees(value, unit)}"
+    degrees = f" ({number(math.degrees(value), 2)}{DEGREE})" if unit == "rad" else ""
+    return f"{number(value * factor)}{_suffix(shown)}{degrees}"
 
 
 def measure_interval(value: float | None, interval: Interval | None, unit: str) -> str:
-    """A value with its 95 % interval, to the digits that the interval leaves meaningful: "81 ms (78 to 84)"."""
-    if value is None or not interval or None in interval or not all(math.isfinite(x or 0.0) for x in interval):
+    """A value with its 95 % interval, to the digits that the interval leaves: "81 ms (78 to 84)"."""
+    low, high = interval or (None, None)
+    if value is None or low is None or high is None or not math.isfinite(high - low):
         return measure(value, unit)
-    low, high = (float(x) for x in interval if x is not None)
     factor, shown = _scale(value, unit)
     decimals = _decimals(factor * 0.5 * (high - low), factor * value)
+    degrees = f", {number(math.degrees(value), 2)}{DEGREE}" if unit == "rad" else ""
     middle, low_text, high_text = (_fixed(factor * x, decimals) for x in (value, low, high))
-    return f"{middle}{_suffix(shown)} ({low_text} to {high_text}){_degrees(value, unit)}"
+    return f"{middle}{_suffix(shown)} ({low_text} to {high_text}){degrees}"
 
 
 def listed(words: Sequence[str], joint: str = "and") -> str:
@@ -82,8 +84,8 @@ def _scale(value: float, unit: str) -> tuple[float, str]:
 
 
 def _decimals(half_width: float, value: float) -> int:
-    """One digit of the half width, two where it starts with 1 or 2; without a width, three digits of the value."""
-    size = half_width or 0.01 * abs(value) or 1.0
+    """One digit of the half width, two where it starts with 1 or 2; three of the value where it is 0."""
+    size = half_width or 0.03 * abs(value) or 1.0
     exponent = math.floor(math.log10(size))
     leading = size / 10.0**exponent
     return min(8, max(0, -exponent + (1 if leading < 3 and exponent < 0 else 0)))
@@ -96,9 +98,9 @@ def _fixed(value: float, decimals: int) -> str:
     return text.replace("-", MINUS)
 
 
+def _trimmed(text: str) -> str:
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
 def _suffix(unit: str) -> str:
     return "" if unit in ("", "1") else SPACE + unit.replace(" ", SPACE)
-
-
-def _degrees(value: float, unit: str) -> str:
-    return f", {number(math.degrees(value), 2)}{DEGREE}" if unit == "rad" else ""

@@ -1,0 +1,173 @@
+"""The page as a whole: complete, self-contained and accessible, for every verdict."""
+
+import copy
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from fabricated_diagnosis import HORIZON, document, evidence
+
+from residual_mpc.report import Evidence, Panel, Windows, compose, write_report
+
+VERDICTS = ("no_gap", "effects", "partial", "unknown")
+VOID = {"meta", "br", "img", "link", "hr", "input", "col"}
+OPTIONAL = (
+    "where candidates confounded not_testable moved next_experiment schema stages_of_gap"
+    " rivals learned audit fit notes outliers seconds command"
+).split()
+
+
+class Page(HTMLParser):
+    """Checks on the way that every element is closed in order, and gathers what the tests ask about."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(text)
+        assert not self.open, f"never closed: {self.open}"
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes {self.open[-3:]}"
+        self.open.pop()
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] != "style":
+            self.text += " ".join(data.split()) + " "
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module", params=VERDICTS)
+def page(request):
+    return Page(compose(document(request.param), evidence(request.param)))
+
+
+def test_page_is_whole_and_its_links_lead_somewhere(page):
+    ids = [attributes["id"] for _, attributes in page.elements if attributes.get("id")]
+    assert len(ids) == len(set(ids))
+    for attributes in page.all("a") + page.all("use"):
+        assert attributes["href"].removeprefix("#") in ids
+
+
+def test_page_fetches_nothing_and_runs_nothing(page):
+    assert not page.all("script") and not page.all("link") and not page.all("iframe")
+    for _, attributes in page.elements:
+        assert not any(name.startswith("on") for name in attributes)
+        for value in attributes.values():
+            assert "http:" not in (value or "") and "https:" not in (value or "")
+    policy = next(a["content"] for a in page.all("meta") if a.get("http-equiv") == "Content-Security-Policy")
+    assert policy.startswith("default-src 'none'")
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_text_names_no_host(verdict):
+    text = compose(document(verdict), evidence(verdict))
+    assert "://" not in text and "@import" not in text
+    assert set(re.findall(r"url\((.)", text)) <= {"#"}
+
+
+def test_page_is_accessible(page):
+    assert page.all("html")[0]["lang"] == "en"
+    assert page.all("title") and len(page.all("h1")) == 1 and page.all("main")
+    assert all(attributes.get("aria-label") and attributes["role"] == "img" for attributes in page.all("svg"))
+    assert all(attributes.get("alt") for attributes in page.all("img"))
+    assert len(page.all("caption")) == len(page.all("table"))
+    assert all(attributes.get("scope") in ("col", "row") for attributes in page.all("th"))
+
+
+def test_same_diagnosis_gives_the_same_page():
+    once, twice = (compose(document("effects"), evidence("effects")) for _ in range(2))
+    assert once == twice
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_a_document_with_the_least_in_it_is_shown(verdict):
+    least = {key: value for key, value in document(verdict).items() if key not in OPTIONAL}
+    least["gap"] = {key: least["gap"][key] for key in ("before", "after", "noise_floor", "horizon")}
+    for effect in least["explanation"]:
+        del effect["target"]
+    Page(compose(least, Evidence()))
+
+
+@pytest.mark.parametrize("key", OPTIONAL)
+def test_an_optional_key_may_be_null(key):
+    Page(compose(document("partial") | {key: None}, evidence("partial")))
+
+
+def test_intervals_may_be_missing():
+    some = copy.deepcopy(document("effects"))
+    some["explanation"][0]["parameters"]["delay"]["ci95"] = None
+    some["shrink"] |= {"expected": None, "expected_ci95": None}
+    some["candidates"][0]["shrink"] = None
+    assert "Promised and kept" not in Page(compose(some, evidence("effects"))).text
+
+
+def test_sections_follow_the_verdict():
+    def titles(verdict):
+        return re.findall(r"<h2[^>]*>([^<]*)</h2>", compose(document(verdict), evidence(verdict)))
+
+    assert "Where the gap lies" not in titles("no_gap") and "What is left" not in titles("no_gap")
+    assert "What cannot be told apart" in titles("effects")
+    for verdict in VERDICTS:
+        assert titles(verdict)[0] == "Verdict" and titles(verdict)[-1] == "What the figures mean"
+
+
+def test_what_a_user_named_is_escaped():
+    named = document("partial") | {"robot": "<script>alert(1)</script>", "notes": ["<b>&"]}
+    named["explanation"][0]["target"] = '"><img src=x>'
+    panel = Panel("<i>", "a$b$<u>", "m<", *(np.linspace(0.0, 1.0, 9) for _ in range(4)))
+    windows = Windows(["<i>"], np.zeros(1), np.ones(1), np.ones(1))
+    page = Page(compose(named, Evidence((panel,), windows)))
+    assert not page.all("script") and not page.all("img") and not page.all("u")
+    assert "<script>alert(1)</script>" in page.text
+
+
+def test_missed_promise_is_said():
+    assert "less than the interval that was stated" in Page(compose(document("partial"), Evidence())).text
+    assert "inside the interval that was stated" in Page(compose(document("effects"), Evidence())).text
+
+
+def test_the_shown_sentence_is_the_one_in_the_document():
+    page = Page(compose(document("effects") | {"verdict_sentence": "It is late."}, Evidence()))
+    assert "It is late." in page.text
+
+
+def test_write_report_leaves_one_file(tmp_path):
+    path = write_report(document("effects"), evidence("effects"), tmp_path / "new" / "out")
+    assert path == tmp_path / "new" / "out" / "report.html"
+    assert [child.name for child in path.parent.iterdir()] == ["report.html"]
+    assert path.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_a_broken_document_leaves_nothing(tmp_path):
+    with pytest.raises(KeyError):
+        write_report({"robot": "rover"}, Evidence(), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_many_runs_and_long_signals_stay_small():
+    rng = np.random.default_rng(1)
+    count = 400
+    windows = Windows(
+        [f"run{k // 60}" for k in range(count * 60)],
+        HORIZON * np.tile(np.arange(60.0), count),
+        rng.uniform(0.0, 1.0, count * 60),
+        rng.uniform(0.0, 0.1, count * 60),
+    )
+    t = np.arange(0.0, 60.0, 0.002)
+    noise = rng.standard_normal((3, t.size))  # nothing to simplify: the worst case for a drawing of lines
+    page = compose(document("effects"), Evidence((Panel("run1", "pose.x", "m", t, *noise),), windows))
+    assert len(page.encode()) < 1_500_000
+    assert "376 more runs" in Page(page).text

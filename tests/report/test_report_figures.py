@@ -1,0 +1,78 @@
+"""Drawings and the records behind them."""
+
+import numpy as np
+import pytest
+from fabricated_diagnosis import document, evidence
+
+from residual_mpc.report import Panel, Windows
+from residual_mpc.report.figures import inline as inline_module
+from residual_mpc.report.figures.strips import PIECES, strips
+from residual_mpc.report.figures.traces import bridged, rms_error, traces
+from residual_mpc.report.held_out import held_out
+
+NAN = float("nan")
+
+
+def test_missing_samples_are_bridged_and_breaks_are_kept():
+    signal = np.array([NAN, 1.0, NAN, 3.0, NAN, NAN, 5.0, NAN])
+    breaks = np.array([False, False, False, False, False, True, False, False])
+    assert np.array_equal(bridged(signal, breaks), [NAN, 1.0, 2.0, 3.0, NAN, NAN, 5.0, NAN], equal_nan=True)
+
+
+def test_error_of_a_wrapped_heading():
+    t = np.arange(3.0)
+    panel = Panel("r", "pose.theta", "rad", t, np.full(3, 3.1), np.full(3, -3.1), np.full(3, NAN))
+    assert rms_error(panel, panel.before) == pytest.approx(2 * np.pi - 6.2)
+    assert np.isnan(rms_error(panel, panel.after))
+
+
+def test_drawing_follows_the_page_and_has_its_own_ids():
+    svg = str(traces(evidence("effects").panels[0], "a"))
+    assert svg.startswith("<svg") and "var(--before)" in svg and "#c2500a" not in svg
+    assert "font-family" not in svg and 'id="a-' in svg
+    assert "after (0.015 rad)" in svg
+
+
+def test_a_big_drawing_becomes_a_picture_with_its_words(monkeypatch):
+    monkeypatch.setattr(inline_module, "LARGEST_SVG", 1000)
+    image = str(traces(evidence("effects").panels[0], "a"))
+    assert (
+        image.startswith('<img class="paper" src="data:image/png;base64,')
+        and 'alt="pose.theta of run' in image
+    )
+
+
+def test_no_setting_of_matplotlib_stays_behind():
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    traces(evidence("effects").panels[0], "a")
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_held_out_by_run_and_by_block():
+    windows = Windows(["a", "a", "b", "b"], np.array([0.0, 1.0, 0.0, 1.0]), np.zeros(4), np.zeros(4))
+    kept = document("effects") | {"held_out": ["a"]}
+    assert held_out(kept, windows).tolist() == [True, True, False, False]
+    kept = document("effects") | {"held_out": [{"run": "b", "from": 1.0, "to": 2.0}]}
+    assert held_out(kept, windows).tolist() == [False, False, False, True]
+
+
+def test_long_runs_are_pooled_and_skipped_windows_left_blank():
+    count = 1000
+    windows = Windows(["a"] * count, np.arange(float(count)), np.full(count, 0.5), np.zeros(count))
+    (strip,) = strips(windows, np.zeros(count, dtype=bool), 1.0, 1.0, [{"run": "a", "from": 3.0, "to": 5.0}])
+    assert len(strip.pieces) <= PIECES and strip.length == count and strip.marks == ((3.0, 2.0),)
+    assert all(piece.level == pytest.approx(0.5) for piece in strip.pieces)
+    skipped = Windows(["a"], np.zeros(1), np.full(1, NAN), np.zeros(1))
+    (strip,) = strips(skipped, np.ones(1, dtype=bool), 1.0, 1.0, [])
+    assert strip.pieces[0].level is None and strip.gap == 0.0
+
+
+def test_evidence_of_unequal_lengths_is_refused():
+    with pytest.raises(ValueError, match="one length"):
+        Panel("r", "c", "m", np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(3))
+    with pytest.raises(ValueError, match="no sample"):
+        Panel("r", "c", "m", *(np.zeros(0) for _ in range(4)))
+    with pytest.raises(ValueError, match="one length"):
+        Windows(["a"], np.zeros(2), np.zeros(2), np.zeros(2))
