@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 SIZE = (5.4, 2.5)  # inches; at a phone's width the text is still about 8 px
-DOTTED = 120  # with fewer measured samples than this, each is shown as a dot
+DOTTED = 60  # with fewer measured samples than this, each is shown as a dot
 
 
 def traces(panel: Panel, name: str) -> "Markup":
