@@ -1,4 +1,4 @@
-"""The rules of the house that a machine can check: style, types, imports, packaging, and what no file may hold."""
+"""The rules of the house that a machine can check: style, types, imports, packaging, forbidden words."""
 
 import re
 import subprocess
@@ -96,7 +96,13 @@ def test_gitignore_hides_no_source():
 def test_no_path_of_a_machine_and_no_registry_in_any_file():
     # Written in pieces, so that this file passes its own test.
     paths = ["work", "tmp/ven" + "v", "root", "home/" + r"\w+", "opt/" + r"\w+", "Users/" + r"\w+"]
-    hosts = ["py" + r"pi\.", "python" + r"hosted\.", "ana" + r"conda\.", "registry." + r"npm", "crates" + r"\.io"]
+    hosts = [
+        "py" + r"pi\.",
+        "python" + r"hosted\.",
+        "ana" + r"conda\.",
+        "registry." + r"npm",
+        "crates" + r"\.io",
+    ]
     machine = r"(?<![\w.*}<>)\]-])/(?:" + "|".join(paths) + r")/"
     forbidden = re.compile("|".join([machine, *hosts]).encode())
     found = []
