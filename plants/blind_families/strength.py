@@ -54,8 +54,8 @@ def planar_ratio(
             count += len(inside)
     # still channels are left out, as the gap does
     used = moved / count > 9 * np.array([2 * sigma[0] ** 2, sigma[1] ** 2])
-    weight = np.array([1.0, 1.0]) * used
-    return float(np.sqrt(np.sum(weight * squares / moved) / np.sum(weight * floors / moved)))
+    weight = np.where(used, 1.0 / np.where(used, moved, 1.0), 0.0)
+    return float(np.sqrt(np.sum(weight * squares) / np.sum(weight * floors)))
 
 
 def tuned(

@@ -133,13 +133,13 @@ def _ratio(rover: Rover, setting: Setting) -> float:
     return planar_ratio(runs, nominal.wheel_radius, nominal.track_width, setting.sigma)
 
 
-def _plant_one(setting: Setting, draw: Draw, wanted: float) -> Planted | None:
+def _plant_one(setting: Setting, draw: Draw, wanted: float, start: float) -> Planted | None:
     """The effect at the strength that gives the wanted ratio, or None where these runs cannot show it."""
     plant = PLANT[draw.effect]
     if draw.effect == "sensor_outliers":
         strength, ratio = float(np.clip(wanted / 15, 0.15, 1.0)), wanted
     else:
-        strength, ratio = tuned(lambda s: _ratio(plant(setting.rover, draw, s)[0], setting), wanted)
+        strength, ratio = tuned(lambda s: _ratio(plant(setting.rover, draw, s)[0], setting), wanted, start)
         if not 2.5 <= ratio <= 18.0:
             return None
     _, parameters = plant(setting.rover, draw, strength)
@@ -212,7 +212,8 @@ class WheeledFamily:
             draw = draw_effect(effect, setting.encoders, rng)
             if straight:
                 draw = replace(draw, angle=float(rng.choice([0.0, np.pi])))
-            one = _plant_one(setting, draw, float(np.exp(rng.uniform(np.log(3.5), np.log(13)))))
+            wanted = float(np.exp(rng.uniform(np.log(3.5), np.log(13))))
+            one = _plant_one(setting, draw, wanted, float(rng.uniform(0.15, 0.5)))
             if one is None:
                 return None
             planted.append((draw, one))

@@ -14,6 +14,7 @@ _TWINS: tuple[tuple[str, str, frozenset[str]], ...] = (
     ("longitudinal_slip", "slope", frozenset({"wheeled", "straight"})),
     ("actuator_gain", "longitudinal_slip", frozenset({"wheeled", "straight", "no_encoders"})),
     ("actuator_gain", "slope", frozenset({"wheeled", "straight", "no_encoders"})),
+    ("command_delay", "sensor_delay", frozenset({"arm", "no_drops"})),
     ("coulomb_friction", "stribeck_friction", frozenset({"arm"})),
     ("payload", "link_mass", frozenset({"arm", "com_near_site"})),
 )
