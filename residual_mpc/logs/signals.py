@@ -6,6 +6,8 @@ as (n,) s, strictly increasing.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -105,13 +107,13 @@ def _grid(gaps: FloatArray, step: float, rounding: float) -> float:
 def noise_sigma(t: FloatArray, y: FloatArray) -> float:
     """A robust 1-sigma of a channel's white sensor noise, in its unit; 0 where it shows none.
 
-    Differences of third, fifth and seventh order over consecutive fresh samples leave nothing of a motion that
-    is locally a polynomial of one order less; white noise gives all three the same size, motion that is left
-    over gives the lower orders more, so that the smallest counts. A quantised channel has at least the noise of
-    its rounding, step / sqrt(12).
+    Differences of third, fifth and seventh order over consecutive fresh samples leave nothing of a motion
+    that is locally a polynomial of one order less; white noise gives all three the same size, motion that is
+    left over gives the lower orders more, so that the smallest counts. A quantised channel has at least the
+    noise of its rounding, step / sqrt(12).
 
-    What differences cannot see: coloured noise (slower than a few samples), drift, offsets, and stamps that are
-    late by the same amount. Motion faster than a few samples and jitter of the stamps count as noise.
+    What differences cannot see: coloured noise (slower than a few samples), drift, offsets, and stamps that
+    are late by the same amount. Motion faster than a few samples and jitter of the stamps count as noise.
     """
     fresh = fresh_samples(y)
     t, y = t[fresh], y[fresh]
@@ -123,26 +125,28 @@ def _difference_sigma(t: FloatArray, y: FloatArray, order: int) -> float:
     """1-sigma from normalised divided differences; NaN with fewer than eight of them."""
     if len(t) < order + 8:
         return float("nan")
-    windows = np.lib.stride_tricks.sliding_window_view
-    times, values = windows(t, order + 1), windows(y, order + 1)  # (m, order + 1)
-    step = np.diff(times, axis=1)
-    even = step.max(axis=1) < 3.0 * float(np.median(np.diff(t)))  # not across a gap
+    count = len(t) - order
+    times = np.stack([t[i : i + count] for i in range(order + 1)])  # (order + 1, m)
+    values = np.stack([y[i : i + count] for i in range(order + 1)])
+    period = float(np.median(np.diff(t)))
+    even = np.diff(times, axis=0).max(axis=0) < 3.0 * period  # not across a gap
     if np.count_nonzero(even) < 8:
         return float("nan")
-    times, values = times[even], values[even]
-    apart = (times[:, :, None] - times[:, None, :]) / np.median(step)
-    apart[:, np.arange(order + 1), np.arange(order + 1)] = 1.0
-    weights = 1.0 / np.prod(apart, axis=2)
-    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
-    return float(MAD_TO_SIGMA * np.median(np.abs(np.sum(weights * (values - values[:, :1]), axis=1))))
+    times, values = (times[:, even] - times[0, even]) / period, values[:, even] - values[0, even]
+    weights = np.ones_like(times)
+    for i, j in itertools.permutations(range(order + 1), 2):
+        weights[i] *= times[i] - times[j]
+    weights = 1.0 / weights
+    weights /= np.sqrt(np.sum(weights**2, axis=0))
+    return float(MAD_TO_SIGMA * np.median(np.abs(np.sum(weights * values, axis=0))))
 
 
 def spikes(t: FloatArray, y: FloatArray, sigma: float) -> BoolArray:
     """The samples that jump away and come back within three samples, (n,).
 
     A spike lies off a robust quadratic through its eleven nearest fresh samples, and off the line of either
-    side continued to it, by more than six sigma of the noise, of the quadratic's errors at its neighbours, and
-    of what is usual in that stretch, so that fast motion, steps and corners are none. The first and the last
+    side continued to it, by more than six sigma of the noise, of the quadratic's errors at its neighbours,
+    and of what is usual in that stretch, so that fast motion, steps and corners are none. The first and the last
     three samples of a run cannot be seen to come back, and are never flagged.
 
     Args:
@@ -170,18 +174,19 @@ def _jumps(t: FloatArray, y: FloatArray, floor: float) -> BoolArray:
     own = window == np.arange(n)[:, None]
     tau = t[window] - t[:, None]
     tau /= np.abs(tau).max(axis=1, keepdims=True)
-    basis = np.stack([np.ones_like(tau), tau, tau**2], axis=2)  # (n, REACH, 3)
-    values = y[window]
+    square = tau * tau
+    powers = np.stack([np.ones_like(tau), tau, square, square * tau, square * square])  # (5, n, REACH)
+    values = y[window] - y[:, None]  # about the sample itself, for the sake of the digits
     # start: distance from the window's median, which three bad samples of eleven cannot move away
     error = values - np.median(values, axis=1, keepdims=True)
-    for _ in range(8):  # reweighted least squares, without the sample itself
+    for _ in range(6):  # reweighted least squares, without the sample itself
         scale = np.median(np.abs(error), axis=1, keepdims=True) + 0.1 * floor + 1e-300
         weight = np.where(own, 0.0, 1.0 / (1.0 + np.minimum(np.abs(error) / scale, 1e6) ** 2))
-        error = values - np.einsum("nki,ni->nk", basis, _fit(basis, values, weight))
+        error = values - _quadratic(powers, values, weight)
     away = error[own]  # (n,) one own sample a window
     nearest = np.abs(away)
     for side in (tau < 0.0, tau > 0.0):  # at a corner one side's line, continued, meets the sample
-        line = y - _fit(basis[:, :, :2], values, weight * side)[:, 0]
+        line = -_line_at_zero(powers, values, weight * side)
         seen = np.count_nonzero(side, axis=1) >= 3
         nearest = np.where(seen, np.minimum(nearest, np.where(line * away > 0.0, np.abs(line), 0.0)), nearest)
     others = np.sort(np.where(own, np.inf, np.abs(error)), axis=1)
@@ -194,14 +199,30 @@ def _jumps(t: FloatArray, y: FloatArray, floor: float) -> BoolArray:
     return _bursts(jump, before < FLANK * np.abs(away), after < FLANK * np.abs(away))
 
 
-def _fit(basis: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:
-    """Weighted least squares in every window: (n, k, p), (n, k), (n, k) -> (n, p)."""
-    normal = np.einsum("nk,nki,nkj->nij", weight, basis, basis)
-    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-300
-    normal = normal + ridge * np.eye(basis.shape[2])
-    right = np.einsum("nk,nki,nk->ni", weight, basis, values)
-    solved: FloatArray = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-    return solved
+def _quadratic(powers: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:
+    """The weighted least squares quadratic of every window at its samples, (n, k).
+
+    Args:
+        powers: (5, n, k) tau^0 to tau^4.
+        values, weight: (n, k).
+    """
+    m0, m1, m2, m3, m4 = np.einsum("nk,pnk->pn", weight, powers)
+    r0, r1, r2 = np.einsum("nk,nk,pnk->pn", weight, values, powers[:3])
+    # the symmetric 3 x 3 normal equations by cofactors: thousands of tiny systems at once
+    c00, c01, c02 = m2 * m4 - m3 * m3, m2 * m3 - m1 * m4, m1 * m3 - m2 * m2
+    c11, c12, c22 = m0 * m4 - m2 * m2, m1 * m2 - m0 * m3, m0 * m2 - m1 * m1
+    scale = 1.0 / (m0 * c00 + m1 * c01 + m2 * c02 + 1e-300)
+    a = (c00 * r0 + c01 * r1 + c02 * r2) * scale
+    b = (c01 * r0 + c11 * r1 + c12 * r2) * scale
+    c = (c02 * r0 + c12 * r1 + c22 * r2) * scale
+    return a[:, None] + b[:, None] * powers[1] + c[:, None] * powers[2]
+
+
+def _line_at_zero(powers: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:
+    """The weighted least squares line of every window at tau = 0, (n,)."""
+    m0, m1, m2 = np.einsum("nk,pnk->pn", weight, powers[:3])
+    r0, r1 = np.einsum("nk,nk,pnk->pn", weight, values, powers[:2])
+    return (m2 * r0 - m1 * r1) / (m0 * m2 - m1 * m1 + 1e-300)
 
 
 def _running_quantile(x: FloatArray, share: float) -> FloatArray:

@@ -1,0 +1,6 @@
+"""What is wrong or remarkable about runs, before anything is fitted to them."""
+
+from residual_mpc.logs.audit.audit import audit
+from residual_mpc.logs.audit.facts import ActuatorFacts, RobotFacts
+
+__all__ = ["ActuatorFacts", "RobotFacts", "audit"]

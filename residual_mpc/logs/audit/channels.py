@@ -1,0 +1,138 @@
+"""Columns that are missing, that the robot does not have, or that never move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from residual_mpc.logs.audit.facts import RobotFacts
+from residual_mpc.logs.columns import did_you_mean, group, member
+from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.run import Run, held
+from residual_mpc.logs.signals import resolution
+
+MOVED = 0.1  # rad, m: a position command that moves this far ought to move its joint
+
+
+def check_channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    """Commands and channels that the robot has and the runs lack, and the other way round; stuck sensors."""
+    return [
+        *_absent_commands(runs, robot),
+        *_strange_commands(runs, robot),
+        *_channels(runs, robot),
+        *(finding for run in runs for finding in _stuck(run, robot)),
+        *_switched_off(runs),
+    ]
+
+
+def _where(names: Sequence[str], runs: Sequence[Run]) -> tuple[str, str]:
+    """The run to name in a finding, and the words that say how many runs it concerns."""
+    if len(names) == 1:
+        return names[0], f"in {names[0]}"
+    return "", "in every run" if len(names) == len(runs) else f"in {len(names)} of {len(runs)} runs"
+
+
+def _absent_commands(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    findings = []
+    for actuator in robot.actuators:
+        lacking = [run.name for run in runs if actuator.name not in run.actuators]
+        if not lacking:
+            continue
+        run, words = _where(lacking, runs)
+        column = f"command.{actuator.name}"
+        given = [name for r in runs for name in r.columns if group(name) == "command"]
+        none_left = all(a.name not in r.actuators for r in runs if r.name in lacking for a in robot.actuators)
+        findings.append(Finding(
+            "error" if none_left else "warning", "missing command", run, column, None,
+            f"there is no column {column!r} {words}",
+            f"name it in [log] of the robot file; {did_you_mean(column, dict.fromkeys(given))}",
+        ))
+    return findings
+
+
+def _strange_commands(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    known = [actuator.name for actuator in robot.actuators]
+    return _strange(
+        runs, known, lambda run: (f"command.{name}" for name in run.actuators), "unknown actuator",
+        "the robot has no such actuator; the column is not used", "command.",
+    )
+
+
+def _channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    findings = []
+    blind = [run.name for run in runs if not set(run.measured) & set(robot.channels)]
+    if blind:
+        run, words = _where(blind, runs)
+        findings.append(Finding(
+            "error", "nothing to compare", run, "", None,
+            f"no measured column {words} is one that the model predicts ({', '.join(robot.channels[:12])})",
+            "rename columns in [log] of the robot file, or leave these runs out",
+        ))
+    findings += _strange(
+        runs, robot.channels, lambda run: (n for n in run.measured if group(n) != "effort"),
+        "unknown channel", "the robot's model does not predict it; the column is not compared", "",
+    )
+    for name in dict.fromkeys(n for run in runs for n in run.columns):
+        empty = [r.name for r in runs if name in r.columns and not np.isfinite(r.columns[name]).any()]
+        if empty:
+            run, words = _where(empty, runs)
+            findings.append(Finding("info", "empty column", run, name, None, f"{name} has no value {words}"))
+    return findings
+
+
+def _strange(
+    runs: Sequence[Run], known: Sequence[str], names: Callable[[Run], Iterable[str]], kind: str,
+    message: str, prefix: str,
+) -> list[Finding]:
+    full = [prefix + name for name in known]
+    seen: dict[str, list[str]] = {}
+    for run in runs:
+        for name in names(run):
+            if name not in full:
+                seen.setdefault(name, []).append(run.name)
+    findings = []
+    for name, where in seen.items():
+        run_name, words = _where(where, runs)
+        remedy = did_you_mean(name, full)
+        full_message = f"{name} ({words}): {message}"
+        findings.append(Finding("warning", kind, run_name, name, None, full_message, remedy))
+    return findings
+
+
+def _stuck(run: Run, robot: RobotFacts) -> list[Finding]:
+    """Joints that report one value throughout while their position servo is sent far."""
+    findings = []
+    for actuator in robot.actuators:
+        command, position = f"command.{actuator.name}", f"position.{actuator.joint}"
+        if actuator.kind != "position" or command not in run.columns or position not in run.measured:
+            continue
+        y = run.columns[position]
+        y = y[np.isfinite(y)]
+        sent = held(run, command)
+        span = float(np.quantile(sent, 0.95) - np.quantile(sent, 0.05))
+        if len(y) > 10 and span > max(MOVED, 5.0 * resolution(y)) and np.ptp(y) == 0.0:
+            findings.append(Finding(
+                "warning", "stuck sensor", run.name, position, None,
+                f"{position} is {y[0]:.4g} throughout, while its command spans {span:.3g}",
+                "leave the column out if the sensor or its connection failed",
+            ))
+    return findings
+
+
+def _switched_off(runs: Sequence[Run]) -> list[Finding]:
+    findings = []
+    for name in dict.fromkeys(n for run in runs for n in run.columns if group(n) == "enabled"):
+        off = {run.name: _time_off(run, name) for run in runs if name in run.columns}
+        some = {run: time for run, time in off.items() if time > 0.0}
+        if some:
+            run, words = _where(list(some), runs)
+            findings.append(Finding(
+                "info", "motor off", run, name, None,
+                f"{member(name)} is switched off for {sum(some.values()):.3g} s {words}",
+            ))
+    return findings
+
+
+def _time_off(run: Run, name: str) -> float:
+    return float(np.sum(np.diff(run.t)[held(run, name)[:-1] == 0.0]))

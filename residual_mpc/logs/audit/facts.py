@@ -1,0 +1,41 @@
+"""The little that the audit has to know about a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+CommandKind = Literal["position", "velocity", "torque"]
+
+
+@dataclass(frozen=True)
+class ActuatorFacts:
+    """One actuator: its name as in `command.<name>`, the joint it drives, and what its command asks for.
+
+    Attributes:
+        name: as in `command.<name>`.
+        joint: as in `position.<joint>`, None where it drives no single joint.
+        kind: what the command asks of the joint.
+    """
+
+    name: str
+    joint: str | None
+    kind: CommandKind
+
+
+@dataclass(frozen=True)
+class RobotFacts:
+    """A robot as the audit sees it.
+
+    Attributes:
+        actuators: in the robot's order.
+        channels: measured columns that the robot's model predicts, such as `position.j1` and `pose.x`.
+        sliding: joints that slide (m) and do not turn (rad).
+        limits: range of each joint that has one, rad or m.
+    """
+
+    actuators: tuple[ActuatorFacts, ...]
+    channels: tuple[str, ...]
+    sliding: frozenset[str] = frozenset()
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)

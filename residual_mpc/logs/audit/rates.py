@@ -1,0 +1,93 @@
+"""Velocities against the positions they are the rates of, and sensors slower than their log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual_mpc.logs.audit.facts import RobotFacts
+from residual_mpc.logs.audit.follow import follow, on_grid, position_on_grid, tame
+from residual_mpc.logs.columns import group, member
+from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.run import Run
+from residual_mpc.logs.signals import fresh_samples, noise_sigma
+
+REACH = 0.3  # s
+SURE = 0.9
+OFF = 0.15  # deviation of a slope from one that is worth a word
+DEGREES = 180.0 / np.pi
+SLOWER = 0.7  # share of fresh samples below which a sensor is slower than its log
+
+
+def check_rates(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    """Each logged velocity against its differentiated position; the true rate of each sensor."""
+    dt = float(np.median([run.period for run in runs]))
+    findings: list[Finding] = []
+    names = dict.fromkeys(name for run in runs for name in run.measured if name in robot.channels)
+    for name in names:
+        findings += _slow_sensor(name, [run for run in runs if name in run.measured])
+        if group(name) in ("velocity", "twist"):
+            rate_of = f"{'position' if group(name) == 'velocity' else 'pose'}.{member(name)}"
+            both = [r for r in runs if name in r.measured and rate_of in r.measured]
+            findings += _rate(name, rate_of, both, dt) if both else []
+    return findings
+
+
+def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Finding]:
+    moving = [
+        run for run in runs if np.nanstd(run.columns[name]) > 3.0 * noise_sigma(run.t, run.columns[name])
+    ]
+    # both through the same filter, so that differentiated rounding does not drown the motion
+    rates = [tame(_smooth(np.gradient(position_on_grid(run, rate_of, dt), dt))) for run in moving]
+    velocities = [tame(_smooth(on_grid(run, run.columns[name], dt))) for run in moving]
+    seen = follow(rates, velocities, dt, REACH)
+    if seen is None:
+        return []
+    k = int(np.argmax(np.abs(seen.correlation)))
+    strength, slope, lag = float(seen.correlation[k]), float(seen.slope[k]), seen.lag
+    if abs(strength) < SURE:
+        return []
+    if strength < 0.0:
+        return [Finding(
+            "error", "sign", "", name, None, f"{name} is the rate of {rate_of} with the other sign",
+            f"multiply {name} by -1",
+        )]
+    for column, factor in ((name, slope / DEGREES), (rate_of, 1.0 / (slope * DEGREES))):
+        if 0.8 < factor < 1.25:
+            return [Finding(
+                "error", "degrees", "", column, None,
+                f"{name} is {slope:.4g} times the rate of {rate_of}: {column} is in degrees",
+                f"multiply {column} by pi / 180",
+            )]
+    findings = []
+    if abs(slope - 1.0) > OFF:
+        findings.append(Finding(
+            "warning", "velocity scale", "", name, None,
+            f"{name} is {slope:.3g} times the rate of {rate_of} (correlation {strength:.2f})",
+            "check the unit of both, and the gear between their sensors",
+        ))
+    if abs(lag) > 1.5 * dt:
+        word = "behind" if lag > 0.0 else "ahead of"
+        findings.append(Finding(
+            "info", "channels out of step", "", name, None,
+            f"{name} is {abs(lag) * 1e3:.0f} ms {word} the rate of {rate_of}",
+            "a filter in the sensor, or two clocks",
+        ))
+    return findings
+
+
+def _smooth(x: np.ndarray) -> np.ndarray:
+    return np.convolve(x, np.ones(5) / 5.0, mode="same")
+
+
+def _slow_sensor(name: str, runs: Sequence[Run]) -> list[Finding]:
+    fresh = sum(int(fresh_samples(run.columns[name]).sum()) for run in runs)
+    present = sum(int(np.isfinite(run.columns[name]).sum()) for run in runs)
+    total = sum(len(run.t) for run in runs)
+    time = sum(float(run.t[-1] - run.t[0]) for run in runs)
+    if fresh > SLOWER * total:
+        return []
+    how = "is missing" if fresh > SLOWER * present else "is repeated"
+    message = f"{name} {how} in between: about {fresh / time:.3g} Hz, the log has {total / time:.3g} Hz"
+    return [Finding("info", "slow sensor", "", name, None, message)]

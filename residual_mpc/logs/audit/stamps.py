@@ -1,0 +1,64 @@
+"""Rate, jitter and gaps of the time stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual_mpc.logs.audit.facts import RobotFacts
+from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.run import Run
+
+GAP = 5.0  # median periods
+LONG_GAP = 0.25  # s: no start state can be fitted across more
+JITTER = 0.5  # of the median period, from the 5th to the 95th percentile
+SLOW = 0.25  # s between samples: a window of a second then holds fewer than four
+
+
+def check_stamps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    """Gaps, jitter and slow rates of each run, and rates that differ between the runs."""
+    findings: list[Finding] = []
+    for run in runs:
+        findings += _gaps(run)
+    uneven = [run.name for run in runs if _jitter(run) > JITTER]
+    if uneven:
+        worst = max(runs, key=_jitter)
+        findings.append(Finding(
+            "info", "jitter", uneven[0] if len(uneven) == 1 else "", "t", None,
+            f"in {len(uneven)} of {len(runs)} runs the time between samples varies by more than {JITTER:.0%} of its"
+            f" median (by {_jitter(worst):.0%} in {worst.name}); the stamps are used as they are",
+        ))
+    periods = np.array([run.period for run in runs])
+    if periods.max() > 1.5 * periods.min():
+        findings.append(Finding(
+            "info", "rates differ", "", "t", None,
+            f"the runs were sampled at {1.0 / periods.max():.3g} to {1.0 / periods.min():.3g} Hz",
+        ))
+    if periods.max() > SLOW:
+        slowest = runs[int(periods.argmax())]
+        findings.append(Finding(
+            "warning", "slow rate", slowest.name, "t", None,
+            f"samples are {slowest.period:.3g} s apart; whatever the robot does in between cannot be seen",
+            "log faster, or check that 't' is in seconds",
+        ))
+    return findings
+
+
+def _gaps(run: Run) -> list[Finding]:
+    step = np.diff(run.t)
+    wide = np.flatnonzero(step > max(GAP * run.period, LONG_GAP))
+    if not wide.size:
+        return []
+    k = int(wide[0])
+    more = f", and {wide.size - 1} more gaps" if wide.size > 1 else ""
+    return [Finding(
+        "warning", "gap in time", run.name, "t", k,
+        f"no sample for {step[k]:.3g} s from t = {run.t[k]:.6g} s{more} ({step[wide].sum():.3g} s in all)",
+        "the last command is held across it; cut the run there if the log lost commands",
+    )]
+
+
+def _jitter(run: Run) -> float:
+    low, high = np.quantile(np.diff(run.t), [0.05, 0.95])
+    return float(high - low) / run.period

@@ -1,0 +1,137 @@
+"""Single columns: wrapped angles, spikes, coarse steps, clipped commands, joints beyond their range."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual_mpc.logs.audit.facts import RobotFacts
+from residual_mpc.logs.columns import group, member
+from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.run import FloatArray, Run
+from residual_mpc.logs.signals import noise_sigma, resolution, spikes
+
+TURN, TURN_DEGREES = 2.0 * np.pi, 360.0
+WRAP = 0.15  # of a turn: how near to it a jump has to be
+MANY_SPIKES = 0.002  # share of the samples
+CLIPPED = 0.02  # share of a command's samples at its very end
+COARSE = 0.05  # rounding step over the spread of the motion
+
+
+def check_values(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    """Every column that the robot has, one at a time over all runs."""
+    findings: list[Finding] = []
+    names = dict.fromkeys(name for run in runs for name in run.measured if name in robot.channels)
+    for name in names:
+        having = [run for run in runs if name in run.measured]
+        findings += _wraps(name, having, robot)
+        findings += _beyond_limits(name, having, robot)
+        findings += _spikes(name, having)
+        findings += _steps(name, having)
+    commands = dict.fromkeys(name for run in runs for name in run.columns if group(name) == "command")
+    for name in commands:
+        findings += _clipped(name, [run for run in runs if name in run.columns])
+    return findings
+
+
+def _turns(name: str, robot: RobotFacts) -> bool:
+    return name == "pose.theta" or group(name) == "position" and member(name) not in robot.sliding
+
+
+def _wraps(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    if not _turns(name, robot):
+        return []
+    for turn, unit in ((TURN_DEGREES, "degrees"), (TURN, "radians")):
+        for run in runs:
+            row = _first_wrap(run.columns[name], turn)
+            if row is None:
+                continue
+            jump = f"{name} jumps by a turn, in {unit}, at t = {run.t[row]:.6g} s"
+            if unit == "degrees":
+                remedy = "multiply it by pi / 180; angles are in radians"
+                return [Finding("error", "degrees", run.name, name, row, jump, remedy)]
+            severity = "info" if name == "pose.theta" else "warning"  # the log format lets theta wrap
+            message = f"{jump}; it is unwrapped before it is compared"
+            return [Finding(severity, "wrapped angle", run.name, name, row, message)]  # type: ignore[arg-type]
+    return []
+
+
+def _first_wrap(y: FloatArray, turn: float) -> int | None:
+    """The first sample after a jump by one turn between samples that otherwise move little, None without one."""
+    where = np.flatnonzero(np.isfinite(y))
+    if len(where) < 4:
+        return None
+    step = np.diff(y[where])
+    near = np.abs(np.abs(step) - turn) < WRAP * turn
+    usual = float(np.quantile(np.abs(step), 0.9))
+    # a wrapped angle reaches from one end of a turn to the other, and hardly farther
+    if not near.any() or usual > 0.25 * turn or np.ptp(y[where]) > 1.5 * turn:
+        return None
+    return int(where[1:][near][0])
+
+
+def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    """Positions so far beyond the joint's range that they can only be in degrees."""
+    if group(name) != "position" or member(name) not in robot.limits:
+        return []
+    low, high = robot.limits[member(name)]
+    reach = max(abs(low), abs(high), high - low)
+    for run in runs:
+        far = float(np.nanquantile(np.abs(run.columns[name]), 0.9))
+        if _turns(name, robot) and reach > 0.0 and far > 5.0 * reach and far > TURN:
+            return [Finding(
+                "error", "degrees", run.name, name, None,
+                f"{name} reaches {far:.4g}, the joint's range is {low:.4g} to {high:.4g} rad: these are degrees",
+                "multiply position, velocity and command by pi / 180",
+            )]
+        margin = 0.2 * (high - low)
+        outside = np.flatnonzero((run.columns[name] < low - margin) | (run.columns[name] > high + margin))
+        if len(outside) > 0.05 * np.count_nonzero(np.isfinite(run.columns[name])):
+            return [Finding(
+                "warning", "beyond the range", run.name, name, int(outside[0]),
+                f"{name} is {run.columns[name][outside[0]]:.4g}, the joint's range is {low:.4g} to {high:.4g}",
+                "check the unit, the sign and the zero of this column",
+            )]
+    return []
+
+
+def _spikes(name: str, runs: Sequence[Run]) -> list[Finding]:
+    count, total, first = 0, 0, None
+    for run in runs:
+        y = run.columns[name]
+        flags = spikes(run.t, y, noise_sigma(run.t, y))
+        count, total = count + int(flags.sum()), total + int(np.isfinite(y).sum())
+        if first is None and flags.any():
+            first = (run, int(np.flatnonzero(flags)[0]))
+    if first is None:
+        return []
+    run, row = first
+    share = count / total
+    message = f"{count} of {total} samples of {name} jump away and come back, first at t = {run.t[row]:.6g} s"
+    return [Finding("warning" if share > MANY_SPIKES else "info", "spikes", run.name, name, row, message)]
+
+
+def _steps(name: str, runs: Sequence[Run]) -> list[Finding]:
+    """Rounding that is coarse against the motion."""
+    steps = np.array([resolution(run.columns[name]) for run in runs])
+    spread = np.array([float(np.nanstd(run.columns[name])) for run in runs])
+    coarse = (steps > 0.0) & (steps > COARSE * np.maximum(spread, 1e-12))
+    # where the robot stands still every sensor is coarse
+    if not coarse.any() or np.median(steps[coarse]) <= COARSE * float(spread.max()):
+        return []
+    message = f"{name} comes in steps of {np.median(steps[coarse]):.4g}, its spread is {spread.max():.4g}"
+    return [Finding("info", "coarse steps", "", name, None, message)]
+
+
+def _clipped(name: str, runs: Sequence[Run]) -> list[Finding]:
+    """Commands with many different values that rest at one and the same end, run after run."""
+    y = np.concatenate([run.columns[name][np.isfinite(run.columns[name])] for run in runs])
+    if len(np.unique(y)) < 0.2 * len(y):  # steps and ramps rest at their ends by design
+        return []
+    for end, word in ((float(y.max()), "above"), (float(y.min()), "below")):
+        share = float(np.mean(y == end))
+        if share > CLIPPED:
+            message = f"{share:.0%} of the samples of {name} are exactly {end:.5g}, none is {word}: it may be clipped"
+            return [Finding("info", "clipped command", "", name, None, message)]
+    return []
