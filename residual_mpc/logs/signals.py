@@ -146,8 +146,8 @@ def spikes(t: FloatArray, y: FloatArray, sigma: float) -> BoolArray:
 
     A spike lies off a robust quadratic through its eleven nearest fresh samples, and off the line of either
     side continued to it, by more than six sigma of the noise, of the quadratic's errors at its neighbours,
-    and of what is usual in that stretch, so that fast motion, steps and corners are none. The first and the last
-    three samples of a run cannot be seen to come back, and are never flagged.
+    and of what is usual in that stretch, so that fast motion, steps and corners are none. The first and the
+    last three samples of a run cannot be seen to come back, and are never flagged.
 
     Args:
         t: (n,) s.

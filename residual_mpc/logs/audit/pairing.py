@@ -35,8 +35,12 @@ def check_pairing(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
     findings, swapped = _swaps(pairs, sources, answers, own, dt)
     for actuator, name in pairs:
         seen = own[actuator.name]
-        if seen is not None and actuator.name not in swapped:
-            findings += _units(actuator, name, seen) or _sign(actuator, name, seen) or _delay(actuator, name, seen, dt)
+        if seen is None or actuator.name in swapped:
+            continue
+        # a wrong unit or sign explains the rest, so that the first of these checks to speak is the last
+        findings += (
+            _units(actuator, name, seen) or _sign(actuator, name, seen) or _delay(actuator, name, seen, dt)
+        )
     return findings
 
 
@@ -62,9 +66,11 @@ def _answers(actuator: ActuatorFacts, name: str, runs: Sequence[Run], dt: float)
             signals.append(np.zeros(len(on)))
             continue
         moves = np.nanstd(run.columns[name]) > 3.0 * noise_sigma(run.t, run.columns[name])
-        y = position_on_grid(run, name, dt) if name.startswith("position") else on_grid(run, run.columns[name], dt)
-        if actuator.kind == "velocity" and name.startswith("position"):
-            y = np.gradient(y, dt)
+        if name.startswith("velocity"):
+            y = on_grid(run, run.columns[name], dt)
+        else:
+            y = position_on_grid(run, name, dt)
+            y = np.gradient(y, dt) if actuator.kind == "velocity" else y
         signals.append(tame(y, on) if moves else np.zeros(len(on)))
     return signals
 
@@ -89,7 +95,8 @@ def _swaps(
     doubtful = [(a, name) for a, name in pairs if best[a.name] < WEAK]
     for k, (a, a_column) in enumerate(doubtful):
         for b, b_column in doubtful[k + 1 :]:
-            across = [follow(sources[x], answers[y], dt, REACH) for x, y in ((a.name, b.name), (b.name, a.name))]
+            crossed = ((a.name, b.name), (b.name, a.name))
+            across = [follow(sources[x], answers[y], dt, REACH) for x, y in crossed]
             strength = min(f.correlation.max() if f else 0.0 for f in across)
             if a.kind != b.kind or strength < SURE:
                 continue
@@ -98,7 +105,7 @@ def _swaps(
                 "error" if strength > 0.98 and max(best[a.name], best[b.name]) < 0.3 else "warning",
                 "swapped channels", "", a_column, None,
                 f"{a_column} follows command.{b.name} and {b_column} follows command.{a.name} (correlation"
-                f" {strength:.2f}), neither its own ({max(best[a.name], best[b.name]):.2f}): they look swapped",
+                f" {strength:.2f}), neither its own ({max(best[a.name], best[b.name]):.2f}): swapped columns",
                 f'in [log] of the robot file: "{a_column}" = "{b_column}" and "{b_column}" = "{a_column}"',
             ))
     return findings, swapped
@@ -149,6 +156,7 @@ def _delay(actuator: ActuatorFacts, name: str, seen: Follow, dt: float) -> list[
     if lag > 2.0 * dt:
         return [Finding(
             "info", "late answer", "", name, None,
-            f"{name} follows command.{actuator.name} about {lag * 1e3:.0f} ms later (delay, lag and inertia together)",
+            f"{name} follows command.{actuator.name} about {lag * 1e3:.0f} ms later"
+            " (delay, lag and inertia together)",
         )]
     return []

@@ -26,8 +26,8 @@ def check_stamps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         worst = max(runs, key=_jitter)
         findings.append(Finding(
             "info", "jitter", uneven[0] if len(uneven) == 1 else "", "t", None,
-            f"in {len(uneven)} of {len(runs)} runs the time between samples varies by more than {JITTER:.0%} of its"
-            f" median (by {_jitter(worst):.0%} in {worst.name}); the stamps are used as they are",
+            f"in {len(uneven)} of {len(runs)} runs the time between samples varies by more than {JITTER:.0%}"
+            f" of its median (by {_jitter(worst):.0%} in {worst.name}); the stamps are used as they are",
         ))
     periods = np.array([run.period for run in runs])
     if periods.max() > 1.5 * periods.min():

@@ -58,7 +58,7 @@ def _wraps(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
 
 
 def _first_wrap(y: FloatArray, turn: float) -> int | None:
-    """The first sample after a jump by one turn between samples that otherwise move little, None without one."""
+    """The first sample after a jump by one turn between samples that otherwise move little, or None."""
     where = np.flatnonzero(np.isfinite(y))
     if len(where) < 4:
         return None
@@ -82,7 +82,7 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
         if _turns(name, robot) and reach > 0.0 and far > 5.0 * reach and far > TURN:
             return [Finding(
                 "error", "degrees", run.name, name, None,
-                f"{name} reaches {far:.4g}, the joint's range is {low:.4g} to {high:.4g} rad: these are degrees",
+                f"{name} reaches {far:.4g}, the range is {low:.4g} to {high:.4g} rad: these are degrees",
                 "multiply position, velocity and command by pi / 180",
             )]
         margin = 0.2 * (high - low)
@@ -90,7 +90,7 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
         if len(outside) > 0.05 * np.count_nonzero(np.isfinite(run.columns[name])):
             return [Finding(
                 "warning", "beyond the range", run.name, name, int(outside[0]),
-                f"{name} is {run.columns[name][outside[0]]:.4g}, the joint's range is {low:.4g} to {high:.4g}",
+                f"{name} is {run.columns[name][outside[0]]:.4g}, the range is {low:.4g} to {high:.4g}",
                 "check the unit, the sign and the zero of this column",
             )]
     return []
@@ -132,6 +132,6 @@ def _clipped(name: str, runs: Sequence[Run]) -> list[Finding]:
     for end, word in ((float(y.max()), "above"), (float(y.min()), "below")):
         share = float(np.mean(y == end))
         if share > CLIPPED:
-            message = f"{share:.0%} of the samples of {name} are exactly {end:.5g}, none is {word}: it may be clipped"
+            message = f"{share:.0%} of {name} is exactly {end:.5g} and none is {word}: it may be clipped"
             return [Finding("info", "clipped command", "", name, None, message)]
     return []
