@@ -37,6 +37,7 @@ from residual_mpc.blind.twins import twins_of
 
 Array = NDArray[np.float64]
 UNKNOWN = ("cogging", "dragging_cable", "warming_friction", "gusts")
+STRONG = 7.0  # ratio to the noise floor of a usual strong effect
 _ATTEMPTS = 60  # draws of effects before a level is given up
 _SPEED_NOISE = 0.02  # rad/s, of logged joint speeds
 _SPIN_UP = 0.7  # s, reference held at home at the start of a run
@@ -195,7 +196,11 @@ class ArmFamily:
                 if _clash((effect, *effects)) and effect in ("coulomb_friction", "load_dependent_friction"):
                     continue
                 draw = draw_effect(effect, len(arm.axes), rng)
-                strength = level.background * TYPICAL[effect] * float(rng.uniform(0.5, 1.5))
+                tried = 0.2 * TYPICAL[effect]
+                shown_by_it = max(_ratio(PLANT[effect](setting.robot, draw, tried)[0], setting), 0.2)
+                strength = min(
+                    tried * level.background * STRONG * float(rng.uniform(0.5, 1.5)) / shown_by_it, 0.5
+                )
                 robot, parameters = PLANT[effect](robot, draw, strength)
                 background.append(Planted(effect, target_of(draw), parameters))
         for draw, one in planted:

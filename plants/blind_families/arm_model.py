@@ -85,10 +85,10 @@ def mjcf(arm: Arm, actuators: bool = True) -> str:
         vector = {"y": "0 1 0", "z": "0 0 1"}[axis]
         lines += [
             f'{indent}<body name="link{i + 1}" pos="{at:.9g} 0 0">',
-            f'{indent}  <joint name="j{i + 1}" type="hinge" axis="{vector}" armature="{arm.armature[i]:.9g}" '
-            f'damping="{arm.damping[i]:.9g}"/>',
-            f'{indent}  <geom type="capsule" fromto="0 0 0 {arm.length[i]:.9g} 0 0" size="{arm.radius[i]:.9g}" '
-            f'mass="{arm.mass[i]:.9g}"/>',
+            f'{indent}  <joint name="j{i + 1}" type="hinge" axis="{vector}" '
+            f'armature="{arm.armature[i]:.9g}" damping="{arm.damping[i]:.9g}"/>',
+            f'{indent}  <geom type="capsule" fromto="0 0 0 {arm.length[i]:.9g} 0 0" '
+            f'size="{arm.radius[i]:.9g}" mass="{arm.mass[i]:.9g}"/>',
         ]
         indent += "  "
     lines.append(f'{indent}<site name="tool" pos="{arm.length[-1]:.9g} 0 0"/>')
@@ -100,9 +100,8 @@ def mjcf(arm: Arm, actuators: bool = True) -> str:
         lines.append("  <actuator>")
         for i, joint in enumerate(arm.joints):
             if arm.kind == "position":
-                lines.append(
-                    f'    <position name="{joint}" joint="{joint}" kp="{arm.kp[i]:.9g}" kv="{arm.kv[i]:.9g}"/>'
-                )
+                gains = f'kp="{arm.kp[i]:.9g}" kv="{arm.kv[i]:.9g}"'
+                lines.append(f'    <position name="{joint}" joint="{joint}" {gains}/>')
             elif arm.kind == "velocity":
                 lines.append(f'    <velocity name="{joint}" joint="{joint}" kv="{arm.kv[i]:.9g}"/>')
             else:

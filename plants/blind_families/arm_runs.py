@@ -28,7 +28,7 @@ class Course:
 
 @dataclass(frozen=True)
 class Happened:
-    """What happened: positions (r, m, n) rad on the fine grid of STEP, torques (r, m, n), commands (r, k, n)."""
+    """What happened: positions and torques (r, m, n) on the fine grid, rad and N m; commands (r, k, n)."""
 
     q: Array
     torque: Array
@@ -126,9 +126,9 @@ def gap_ratio(
 ) -> float:
     """Noise-free one-second gap of the ideal arm over its noise floor.
 
-    ``seen`` and ``speed`` (r, k, n) are noise-free measurements; ``sigma`` (n,) rad the noise of a sample and
-    ``speed_sigma`` (n,) rad/s that of a window's start velocity. The floor comes from a second set of windows that
-    start off by such errors. Written apart from the program's own gap.
+    ``seen`` and ``speed`` (r, k, n) are noise-free measurements; ``sigma`` (n,) rad the noise of a sample
+    and ``speed_sigma`` (n,) rad/s that of a window's start velocity. The floor comes from a second set of
+    windows that start off by such errors. Written apart from the program's own gap.
     """
     t, n = course.t, seen.shape[2]
     index = np.round(t / STEP).astype(int)

@@ -1,9 +1,9 @@
 """An arm as it really is: its rigid bodies stepped by MuJoCo in fine steps, all else here.
 
 The nominal model takes coarser steps with implicit velocity terms. The truth steps at 0.5 ms, as a leapfrog
-(velocities live between the positions), computes every torque itself, and its friction is LuGre's (Canudas de
-Wit et al. 1995, equations 1 to 4): bristles with a state of their own, so that a joint at rest creeps before it
-breaks away. All runs of a case, or all windows of a log, step side by side.
+(velocities live between the positions), computes every torque itself, and its friction is LuGre's (Canudas
+de Wit et al. 1995, equations 1 to 4): bristles with a state of their own, so that a joint at rest creeps
+before it breaks away. All runs of a case, or all windows of a log, step side by side.
 """
 
 from __future__ import annotations

@@ -27,6 +27,7 @@ from residual_mpc.blind.twins import twins_of
 
 Array = NDArray[np.float64]
 UNKNOWN = ("eccentric_wheel", "one_sided_turning", "warming_up", "gusts")
+STRONG = 7.0  # ratio to the noise floor of a usual strong effect
 _ATTEMPTS = 40  # draws of effects before a level is given up
 
 
@@ -221,8 +222,12 @@ class WheeledFamily:
         background = []
         if level.background:
             for effect in sorted(set(PLANT) - set(effects) - {"saturation", "sensor_outliers"}):
-                draw = replace(draw_effect(effect, setting.encoders, rng), target=None)
-                strength = level.background * TYPICAL[effect] * float(rng.uniform(0.5, 1.5))
+                draw = draw_effect(effect, setting.encoders, rng)
+                tried = 0.2 * TYPICAL[effect]
+                shown_by_it = max(_ratio(PLANT[effect](setting.rover, draw, tried)[0], setting), 0.2)
+                strength = min(
+                    tried * level.background * STRONG * float(rng.uniform(0.5, 1.5)) / shown_by_it, 1.0
+                )
                 rover, parameters = PLANT[effect](rover, draw, strength)
                 background.append(Planted(effect, draw.target, parameters))
         for draw, one in planted:
