@@ -100,8 +100,9 @@ class DiffDrive:
                 out[channel] = _integrate(start[channel], rates[axis], dt)
             elif kind == "twist":
                 out[channel] = _at_nodes(rates[axis])
-            else:  # velocity.<wheel>, output.<wheel>
-                out[channel] = _at_nodes(motor[..., WHEELS.index(axis)])
+            else:  # velocity.<wheel>, output.<wheel>: an encoder is read before the command of its stamp acts
+                speed = motor[..., WHEELS.index(axis)]
+                out[channel] = np.concatenate([speed[:, :1], speed], axis=1)
         return out
 
 

@@ -59,6 +59,20 @@ class MujocoRobot:
         return tuple(self.joints[int(self.model.actuator_trnid[i, 0])] for i in range(self.model.nu))
 
     @cached_property
+    def sliding(self) -> frozenset[str]:
+        """Joints that slide; the others turn."""
+        import mujoco
+
+        slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
+        return frozenset(j for i, j in enumerate(self.joints) if int(self.model.jnt_type[i]) == slide)
+
+    @cached_property
+    def limits(self) -> Mapping[str, tuple[float, float]]:
+        """Range of each joint that has one, rad or m."""
+        m = self.model
+        return {j: (float(m.jnt_range[i, 0]), float(m.jnt_range[i, 1])) for i, j in enumerate(self.joints) if m.jnt_limited[i]}
+
+    @cached_property
     def states(self) -> tuple[State, ...]:
         return tuple(State(f"position.{j}", f"velocity.{j}") for j in self.joints)
 

@@ -9,7 +9,7 @@ from residual_mpc.logs.run import Run, held
 from residual_mpc.logs.signals import noise_sigma, resolution, unwrap_with_gaps
 from residual_mpc.models.protocol import Drive, Robot
 
-LEAD = 1.5  # s of commands before a window, that warm up what remembers
+LEAD = 1.2  # s of commands before a window, that warm up what remembers
 POSITION_LIKE = ("position", "pose")
 
 
@@ -91,10 +91,9 @@ def build_dataset(
     Raises ValueError where no window has a measured start.
     """
     runs = tuple(runs)
-    channels = tuple(sorted({c for r, m in zip(runs, robots, strict=True) for c in r.measured if c in m.channels}))
-    signals = {
-        (i, c): _signal(r, c) for i, r in enumerate(runs) for c in channels if c in r.columns and c in r.measured
-    }
+    measured = [r.measured for r in runs]
+    channels = tuple(sorted({c for cs, m in zip(measured, robots, strict=True) for c in cs if c in m.channels}))
+    signals = {(i, c): _signal(r, c) for i, r in enumerate(runs) for c in channels if c in measured[i]}
     cut = [window_starts(r, horizon) for r in runs]
     order = sorted(range(len(runs)), key=lambda i: [id(m) for m in robots].index(id(robots[i])))
     blocks, index, starts, first, skipped = [], [], [], 0, 0
@@ -116,7 +115,8 @@ def build_dataset(
         raise ValueError("no window has a measured start")
     run, start = np.concatenate(index), np.concatenate(starts)
     t, y = _samples(runs, run, start, channels, signals, horizon)
-    compared = np.array([[c in compared_channels(runs[i], channels) for c in channels] for i in run])
+    of_run = [compared_channels(m, channels) for m in measured]
+    compared = np.array([[c in of_run[i] for c in channels] for i in run])
     sigma, steps = _noise(channels, signals, noise)
     return Dataset(runs, channels, tuple(blocks), signals, run, start, t, y, compared, sigma, steps, horizon, skipped)
 
@@ -130,9 +130,9 @@ def window_starts(run: Run, horizon: float) -> np.ndarray:
     return np.asarray(run.t[0] + horizon * np.arange(n))
 
 
-def compared_channels(run: Run, channels: Sequence[str]) -> tuple[str, ...]:
+def compared_channels(measured: Sequence[str], channels: Sequence[str]) -> tuple[str, ...]:
     """The position-like channels of a run that are measured; its velocities where it has nothing else."""
-    mine = [c for c in channels if c in run.measured]
+    mine = [c for c in channels if c in measured]
     like = [c for c in mine if c.split(".")[0] in POSITION_LIKE]
     return tuple(like or mine)
 

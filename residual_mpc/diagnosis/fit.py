@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 STEP = 0.05  # derivative step in units of a knob's scale: wide enough for delays and dead zones on sampled commands
-MOST = 12
+MOST = 8
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class _Run:
         return {k: float(v) for k, v in zip(self.knobs, x * self.scale, strict=True)}
 
 
-def fit_all(problem: Problem, starts: list[Values], most: int = MOST, tolerance: float = 1e-4) -> list[Fit]:
+def fit_all(problem: Problem, starts: list[Values], most: int = MOST, tolerance: float = 3e-4) -> list[Fit]:
     """Fit each start's own knobs; the result keeps the order. Memory grows with len(starts) * knobs * samples."""
     if not starts:
         return []

@@ -48,7 +48,7 @@ def measure_scales(data: Dataset) -> Scales:
     if x is not None and y is not None:
         s[[x, y]] = np.hypot(s[x], s[y])
     still = (s < STILL_SIGMAS * data.sigma) | (s < STILL_STEPS * data.steps) | ~compared
-    return Scales(s, still, compared)
+    return Scales(np.where(s > 0, s, 1.0), still, compared)  # a still channel's size is never used
 
 
 def gap_of(data: Dataset, scales: Scales, error: np.ndarray, windows: np.ndarray | None = None) -> Gap:

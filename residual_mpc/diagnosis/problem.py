@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
-from residual_mpc.diagnosis.floor import start_errors
+from residual_mpc.diagnosis.local_fit import local_fit
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.space import Space
 from residual_mpc.models.settings import Values
@@ -77,19 +77,25 @@ def start_sensitivity(data: Dataset, space: Space, values: Values) -> np.ndarray
 
 
 def start_sigma(data: Dataset) -> dict[str, np.ndarray]:
-    """Inflated standard deviation (W,) of each start coordinate, from noise drawn through the local fits."""
-    rng = np.random.default_rng(0)  # a fixed draw: this is a number about the windows, not an experiment
-    draws = [
-        start_errors(
-            data,
-            {
-                key: data.sigma[data.channels.index(key[1])] * rng.standard_normal(len(s.y))
-                for key, s in data.signals.items()
-            },
-        )
-        for _ in range(24)
-    ]
-    return {
-        c: START_INFLATION * np.maximum(np.std([d[c] for d in draws], axis=0), 0.0) * np.ones(data.count)
-        for c in draws[0]
-    }
+    """Inflated standard deviation (W,) of each start coordinate: the local fits' weights under white noise."""
+    out: dict[str, np.ndarray] = {}
+    for block in data.blocks:
+        for state in block.robot.states:
+            for channel, source, slope in (
+                (state.position, state.position, False),
+                (state.velocity, state.position, True),
+                (state.velocity, state.velocity, False),
+            ):
+                if channel is None or source is None:
+                    continue
+                spread = out.setdefault(channel, np.zeros(data.count))
+                for i in np.unique(data.run[block.where]):
+                    signal = data.signals.get((int(i), source))
+                    if signal is None:
+                        continue
+                    mine = np.flatnonzero(data.run == i)
+                    fit = local_fit(signal.t, data.start[mine])
+                    weights = fit.slope_weights if slope else fit.value_weights
+                    sigma = data.sigma[data.channels.index(source)]
+                    spread[mine] = START_INFLATION * sigma * np.sqrt((weights**2).sum(axis=1))
+    return out

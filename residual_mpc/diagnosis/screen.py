@@ -1,14 +1,19 @@
-"""Which candidates resemble what is left: one batch with every candidate at a few probe values."""
+"""Which candidates resemble what is left: one batch with every candidate at a few probe values.
 
-from dataclasses import dataclass
+The screening looks at part of the windows, each only for its first half: it has to order candidates, not to fit them.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.fit import Fit
-from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.fit import Fit, on_problem
+from residual_mpc.diagnosis.problem import Problem, reweigh
 from residual_mpc.models.settings import Knob, Term, Values
 
-ROWS = 64  # probes replayed at once: bounds the memory
+ROWS = 96  # probes replayed at once: bounds the memory
+STEPS = 6_000  # simulation steps that one probe may cost
 
 
 @dataclass(frozen=True)
@@ -24,29 +29,70 @@ class Lead:
 
 def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list[Lead]:
     """The best lead of each probe, largest gain first; probes of the same term stay apart."""
-    probes = [(term, p) for term in candidates for p in problem.space.probes(term)]
+    small, weight = _smaller(problem)
+    if small is not problem:
+        current = on_problem(small, current)
+    probes = [(term, p) for term in candidates for p in small.space.probes(term)]
     basis = _absorbed(current)
     leads: list[Lead] = []
     for a in range(0, len(probes), ROWS):
         part = probes[a : a + ROWS]
-        moved = problem.residuals([{**current.values, **p} for _, p in part])
+        moved = small.residuals([{**current.values, **p} for _, p in part])
         leads += [
-            _lead(problem, current, basis, term, p, r.ravel()) for (term, p), r in zip(part, moved, strict=True)
+            _lead(small, current, basis, term, p, r.ravel(), weight) for (term, p), r in zip(part, moved, strict=True)
         ]
     return sorted(leads, key=lambda lead: -lead.gain)
 
 
+def _smaller(problem: Problem) -> tuple[Problem, float]:
+    """The problem thinned to STEPS simulation steps, and how many times larger the whole is."""
+    data = problem.data
+    steps = max(b.drive.steps for b in data.blocks)
+    if data.count * steps <= STEPS:
+        return problem, 1.0
+    half = shorten(data, 0.5) if data.count * steps > 2 * STEPS else data
+    steps = max(b.drive.steps for b in half.blocks)
+    most = max(12, STEPS // steps)
+    pick = np.zeros(data.count, dtype=bool)
+    pick[np.unique(np.linspace(0, data.count - 1, most).round().astype(int))] = True
+    few = half.take(pick)
+    m, c = few.y.shape[1:]
+    k = problem.sensitivity.shape[2]
+    sensitivity = problem.sensitivity.reshape(data.count, -1, c, k)[pick, :m].reshape(len(few.start), m * c, k)
+    small = reweigh(few, problem.space, sensitivity, 1.0 / problem.weight)
+    return small, float(np.isfinite(data.y).sum() / max(np.isfinite(few.y).sum(), 1))
+
+
+def shorten(data: Dataset, part: float) -> Dataset:
+    """The same windows cut to their first `part`."""
+    horizon = data.horizon * part
+    with np.errstate(invalid="ignore"):
+        inside = data.t <= horizon
+    m = int(inside.sum(axis=1).max())
+    blocks = []
+    for b in data.blocks:
+        steps = int(np.ceil(horizon / b.drive.dt - 1e-9))
+        drive = replace(
+            b.drive,
+            command=b.drive.command[:, : b.drive.lead + steps],
+            enabled=None if b.drive.enabled is None else b.drive.enabled[:, :steps],
+        )
+        blocks.append(replace(b, drive=drive))
+    t = np.where(inside, data.t, np.nan)[:, :m]
+    y = np.where(inside[:, :, None], data.y, np.nan)[:, :m]
+    return replace(data, blocks=tuple(blocks), t=t, y=y)
+
+
 def _absorbed(current: Fit) -> np.ndarray:
     """(n, P) orthonormal basis of what the free parameters of the current fit can follow."""
-    j = current.jacobian.reshape(-1, len(current.knobs))
-    if not j.shape[1]:
-        return j
-    q, r = np.linalg.qr(j)
+    if not current.knobs:
+        return np.zeros((current.r.size, 0))
+    q, r = np.linalg.qr(current.jacobian.reshape(-1, len(current.knobs)))
     return np.asarray(q[:, np.abs(np.diag(r)) > 1e-9 * max(np.abs(np.diag(r)).max(), 1e-30)])
 
 
 def _lead(
-    problem: Problem, current: Fit, basis: np.ndarray, term: Term, probe: Values, moved: np.ndarray
+    problem: Problem, current: Fit, basis: np.ndarray, term: Term, probe: Values, moved: np.ndarray, weight: float
 ) -> Lead:
     r = current.r.ravel()
     delta = moved - r
@@ -55,12 +101,13 @@ def _lead(
     direct = current.cost - float(moved @ moved)
     if square < 1e-12:
         return Lead(term, probe, 0.0, 0.0)
+    reach = (weight * square) ** 0.5
     alpha = float(np.clip(-(r @ delta) / square, *_room(problem, probe)))
     along = -(2.0 * alpha * float(r @ delta) + alpha**2 * square)
     if direct >= along:
-        return Lead(term, probe, direct, square**0.5)
+        return Lead(term, probe, weight * direct, reach)
     start = {k: _between(problem, k, v, alpha) for k, v in probe.items()}
-    return Lead(term, start, along, square**0.5)
+    return Lead(term, start, weight * along, reach)
 
 
 def _between(problem: Problem, knob: Knob, value: float, alpha: float) -> float:

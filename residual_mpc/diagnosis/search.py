@@ -5,10 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit import Fit, fit_all, on_problem
-from residual_mpc.diagnosis.problem import Problem, build_problem, reweigh
+from residual_mpc.diagnosis.fit import Fit, fit_all
+from residual_mpc.diagnosis.floor import noise_errors
+from residual_mpc.diagnosis.gap import Scales, gap_of
+from residual_mpc.diagnosis.problem import Problem, reweigh
+from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.screen import screen
+from residual_mpc.diagnosis.space import Space
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 
@@ -17,15 +22,18 @@ class SearchSettings:
     """How hard to look, and what counts as found.
 
     beyond_doubt: likelihood ratio (drop in cost over dispersion) per added term, on top of `per_knob` for each knob;
-    worth: an addition has to remove this share of what is left, or `worth_first` of the first model's excess;
-    shortlist: starts that are fitted per step; largest: terms in a set.
+    worth: an addition has to remove this share of what is left of the squared gap beyond the noise floor, or `worth_first`
+    of the first model's; over_floor: and this multiple of the squared floor, below which nobody would see it;
+    shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set.
     """
 
     beyond_doubt: float = 25.0
     per_knob: float = 4.0
-    worth: float = 0.35
-    worth_first: float = 0.03
+    worth: float = 0.4
+    worth_first: float = 0.12
+    over_floor: float = 0.6
     shortlist: int = 10
+    finalists: int = 4
     largest: int = 5
 
 
@@ -46,32 +54,57 @@ class Found:
     fit: Fit
     base: Fit
     phi: float
+    ruler: "Ruler"
     steps: tuple[Step, ...]
+
+
+@dataclass(frozen=True)
+class Ruler:
+    """Squared gaps on the search's windows: what an engineer would see, beside what a likelihood sees."""
+
+    data: Dataset
+    space: Space
+    scales: Scales
+    floor: float  # squared gap of a perfect model
+
+    def squared(self, fits: list[Fit]) -> np.ndarray:
+        """(H,) squared gap of each fit."""
+        predicted = predict(self.data, self.space.settings([f.values for f in fits]))
+        return np.array([gap_of(self.data, self.scales, self.data.y - p).total ** 2 for p in predicted])
+
+
+def build_ruler(data: Dataset, space: Space, scales: Scales, base: Fit, rng: np.random.Generator) -> Ruler:
+    """The ruler of a search; its floor comes from noise drawn by rng."""
+    errors = noise_errors(data, space.settings([base.values]), rng, 2)
+    return Ruler(data, space, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
 
 
 Report = Callable[[str], None]
 
 
-def search(problem: Problem, settings: SearchSettings, report: Report = lambda _: None) -> Found:
+def search(
+    problem: Problem, scales: Scales, settings: SearchSettings, rng: np.random.Generator, report: Report = lambda _: None
+) -> Found:
     """Search on the problem's windows. The problem's own weights are those of the pure sensor noise."""
     noise = 1.0 / problem.weight
     blocks = blocks_of(problem.data)
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
     base = fit_all(problem, [base_values])[0]
+    ruler = build_ruler(problem.data, problem.space, scales, base, rng)
     current, steps = base, list[Step]()
     while len(current.terms) < settings.largest:
         here = judge(problem, current, noise)
         current = refit(here, [current])[0]
         report(f"{len(current.terms)} effects named; looking for the next")
         best = best_addition(here, current, settings)
-        if best is None or not convincing(problem, here, current, best, base, blocks, settings):
+        if best is None or not convincing(problem, ruler, current, best, base, blocks, settings):
             break
         steps.append(Step(best.terms, current.cost, best.cost))
         current = best
-        current = prune(problem, current, base, noise, blocks, settings)
+        current = prune(problem, ruler, current, base, noise, blocks, settings)
     here = judge(problem, current, noise)
     current, base = refit(here, [current, base])
-    return Found(here, current, base, dispersion(current, blocks), tuple(steps))
+    return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps))
 
 
 def judge(problem: Problem, fit: Fit, noise: np.ndarray) -> Problem:
@@ -97,13 +130,15 @@ def best_addition(problem: Problem, current: Fit, settings: SearchSettings) -> F
     """The best fit with one more term; None where no candidate is left."""
     candidates = tuple(c for c in problem.space.candidates if compatible(c, current.terms))
     leads = screen(problem, current, candidates)[: settings.shortlist]
-    fits = fit_all(problem, [{**current.values, **lead.start} for lead in leads])
+    rough = fit_all(problem, [{**current.values, **lead.start} for lead in leads], 2)
+    best = sorted(rough, key=lambda f: f.cost)[: settings.finalists]
+    fits = fit_all(problem, [f.values for f in best])
     return min(fits, key=lambda f: f.cost, default=None)
 
 
 def convincing(
     problem: Problem,
-    here: Problem,
+    ruler: Ruler,
     current: Fit,
     best: Fit,
     base: Fit,
@@ -111,19 +146,20 @@ def convincing(
     settings: SearchSettings,
 ) -> bool:
     """Beyond doubt against coloured residuals, and worth naming."""
-    fair = judge(here, best, 1.0 / problem.weight)
-    after, before, first = on_problem(fair, best), on_problem(fair, current), on_problem(fair, base)
-    phi = dispersion(after, blocks)
-    gain = before.cost - after.cost
+    fair = judge(problem, best, 1.0 / problem.weight)
+    after, before = refit(fair, [best, current])
+    ratio = (before.cost - after.cost) / dispersion(after, blocks)
     knobs = len(after.knobs) - len(before.knobs)
-    floor = float(np.count_nonzero(after.r))  # the cost of pure noise, where the weights are the noise's
-    left, all_of_it = max(before.cost - floor, 1e-9), max(first.cost - floor, 1e-9)
-    worth = gain > settings.worth * left or gain > settings.worth_first * all_of_it
-    return gain / phi > settings.beyond_doubt + settings.per_knob * knobs and worth
+    if ratio < settings.beyond_doubt + settings.per_knob * knobs:
+        return False
+    first, was, now = ruler.squared([base, current, best])
+    removed, left = was - now, max(was - ruler.floor, 0.0)
+    seen = removed > settings.over_floor * ruler.floor
+    return bool(seen and (removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor)))
 
 
 def prune(
-    problem: Problem, current: Fit, base: Fit, noise: np.ndarray, blocks: np.ndarray, settings: SearchSettings
+    problem: Problem, ruler: Ruler, current: Fit, base: Fit, noise: np.ndarray, blocks: np.ndarray, settings: SearchSettings
 ) -> Fit:
     """Drop terms that the others have made needless."""
     while len(current.terms) > 1:
@@ -131,7 +167,7 @@ def prune(
         full = refit(here, [current])[0]
         fewer = fit_all(here, [without(full.values, t) for t in full.terms])
         weakest = min(fewer, key=lambda f: f.cost)
-        if convincing(problem, here, weakest, full, base, blocks, settings):
+        if convincing(problem, ruler, weakest, full, base, blocks, settings):
             return full
         current = weakest
     return current

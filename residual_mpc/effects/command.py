@@ -31,15 +31,13 @@ def delayed_sequence(delay: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
 
     delay (B, nu) s, u (B, K, nu) -> (B, K, nu); before its beginning the first command is held.
     """
-    if not delay.any():
-        return u
-    n = delay / dt
-    whole = np.floor(n).astype(int)  # (B, nu)
-    part = (n - whole)[:, None, :]
-    k = np.arange(u.shape[1])[None, :, None]
-    late = np.take_along_axis(u, np.maximum(k - whole[:, None, :], 0), axis=1)
-    later = np.take_along_axis(u, np.maximum(k - whole[:, None, :] - 1, 0), axis=1)
-    return np.where(delay[:, None, :] > 0, (1.0 - part) * late + part * later, u)
+    out = u.copy()
+    for row, actuator in np.argwhere(delay > 0):
+        whole, part = divmod(float(delay[row, actuator]) / dt, 1.0)
+        line = u[row, :, actuator]
+        late = np.concatenate([np.full(int(whole) + 1, line[0]), line])[: len(line) + 1]
+        out[row, :, actuator] = (1.0 - part) * late[1:] + part * late[:-1]
+    return out
 
 
 def dead_zone_step(ops: Ops, p: Values, memory: Any, u: Array, dt: float) -> tuple[Array, Any]:

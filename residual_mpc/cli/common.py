@@ -1,0 +1,131 @@
+"""What the commands share: options, loading, audit, printing."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from residual_mpc.errors import BadInput
+
+if TYPE_CHECKING:
+    from residual_mpc.logs.finding import Finding
+    from residual_mpc.logs.run import Run
+    from residual_mpc.models.protocol import Robot
+    from residual_mpc.models.robot_file import RobotFile
+
+Command = Callable[..., Any]
+
+robot_option = click.option("--robot", "robot", required=True, metavar="R", help="Robot file, or a built-in robot's name.")
+runs_argument = click.argument("runs", nargs=-1, required=True, metavar="RUN...")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout, and nothing else there.")
+seed_option = click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")
+horizon_option = click.option(
+    "--horizon", type=click.FloatRange(min=0.05, max=60.0), default=1.0, show_default=True, help="Length of a window, s."
+)
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A call's input, read and audited. robots[i] is the nominal model of runs[i]."""
+
+    robot_file: "RobotFile"
+    runs: "tuple[Run, ...]"
+    robots: "tuple[Robot, ...]"
+    findings: "tuple[Finding, ...]"
+
+
+def load(robot: str, paths: Sequence[str], quiet: bool = False) -> Loaded:
+    """Read the robot file and the runs, build the models, audit. Raises BadInput for anything that cannot be used."""
+    from residual_mpc.logs.audit import audit
+    from residual_mpc.logs.read import read_runs
+    from residual_mpc.models.facts import check_columns, facts_of
+    from residual_mpc.models.load import load_robot
+    from residual_mpc.models.robot_file import for_run, read_robot_file
+
+    _allow_user_modules()
+    robot_file = read_robot_file(robot)
+    first = load_robot(robot_file)  # a faulty model is reported before a long read
+    result = read_runs(paths, robot_file)
+    built: dict[object, Robot] = {}
+    robots = []
+    for run in result.runs:
+        mine = for_run(robot_file, run.name)
+        key = (mine.plant, mine.model, tuple(sorted(mine.parameters.items())), mine.payload_site)
+        if key not in built:
+            built[key] = load_robot(mine)
+        robots.append(built[key])
+    check_columns(result.runs, robots)
+    findings = (*result.findings, *audit(result.runs, facts_of(first)))
+    fatal = [f for f in findings if f.severity == "error"]
+    if fatal:
+        worst = fatal[0]
+        where = ", ".join(str(x) for x in (worst.run, worst.column) if x)
+        raise BadInput(worst.message, where, worst.remedy)
+    if not quiet:
+        show_findings(findings)
+    return Loaded(robot_file, result.runs, tuple(robots), findings)
+
+
+def show_findings(findings: "Sequence[Finding]") -> None:
+    """Warnings on stderr; what is merely noted is counted."""
+    for f in findings:
+        if f.severity != "info":
+            where = ", ".join(str(x) for x in (f.run, f.column) if x)
+            click.echo(f"{f.severity}: {where}: {f.message}. {f.remedy}".replace("..", "."), err=True)
+    noted = sum(f.severity == "info" for f in findings)
+    if noted:
+        click.echo(f"note: {noted} more remarks; `residual-mpc check` lists them", err=True)
+
+
+def emit(document: dict[str, Any]) -> None:
+    """One JSON document on stdout."""
+    click.echo(json.dumps(document, indent=2, allow_nan=False))
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write a file whole or not at all. Raises BadInput where the folder cannot be written."""
+    import os
+    import tempfile
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False) as part:
+            part.write(text)
+        os.chmod(part.name, 0o644)
+        os.replace(part.name, path)
+    except OSError as error:
+        raise BadInput(f"cannot be written: {error.strerror}", str(path), "choose another folder with --out") from error
+
+
+@contextmanager
+def progress_bar() -> Iterator[Callable[[str, float], None]]:
+    """A bar on stderr with the stage and the time left; plain lines where stderr is no terminal."""
+    if not sys.stderr.isatty():
+        last = ""
+
+        def plain(stage: str, done: float) -> None:
+            nonlocal last
+            if stage != last:
+                click.echo(f"[{done:4.0%}] {stage}", err=True)
+                last = stage
+
+        yield plain
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=1.0)
+        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+
+
+def _allow_user_modules() -> None:
+    """A user's plant `package.module:factory` may live in the folder they stand in."""
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))

@@ -1,0 +1,135 @@
+"""`residual-mpc diagnose`."""
+
+import json
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from residual_mpc.cli.common import (
+    emit,
+    horizon_option,
+    json_option,
+    load,
+    progress_bar,
+    robot_option,
+    runs_argument,
+    seed_option,
+    write_atomically,
+)
+from residual_mpc.errors import BadInput
+
+
+@click.command()
+@robot_option
+@runs_argument
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for diagnosis.json, report.html, model.json.")
+@click.option("--only", multiple=True, metavar="EFFECT", help="Look at these effects alone; may be repeated or a comma list.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Leave these effects out; may be repeated or a comma list.")
+@click.option("--held-out", multiple=True, metavar="RUN", help="Runs kept back from every fit (file or run name); may be repeated.")
+@horizon_option
+@json_option
+@seed_option
+def diagnose(
+    robot: str,
+    runs: tuple[str, ...],
+    out: Path,
+    only: tuple[str, ...],
+    without: tuple[str, ...],
+    held_out: tuple[str, ...],
+    horizon: float,
+    as_json: bool,
+    seed: int,
+) -> None:
+    """Say where the gap lies, which unmodelled effects cause it, and how far it shrinks once they are added."""
+    if out.exists() and not out.is_dir():
+        raise BadInput("is a file", str(out), "name a folder with --out")
+    chosen = _effects(only, "--only"), _effects(without, "--without")
+    loaded = load(robot, runs)
+
+    import numpy as np
+
+    from residual_mpc.diagnosis.diagnose import Options
+    from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
+    from residual_mpc.diagnosis.document import to_document
+    from residual_mpc.report import sentence, write_report
+    from residual_mpc.report.collect import collect
+
+    kept = None if not held_out else _kept(held_out, [r.name for r in loaded.runs])
+    options = Options(horizon=horizon, only=chosen[0], without=chosen[1], held_out=kept)
+    with progress_bar() as progress:
+        made = run_diagnosis(
+            loaded.runs,
+            loaded.robots,
+            dict(loaded.robot_file.noise),
+            loaded.robot_file.tunable,
+            options,
+            np.random.default_rng(seed),
+            progress,
+        )
+        document = to_document(made.diagnosis)
+        document["audit"] = [_finding(f) for f in loaded.findings]
+        document["command"] = shlex.join(["residual-mpc", *sys.argv[1:]])
+        document["verdict_sentence"] = sentence(document)
+        progress("writing the report", 0.97)
+        write_report(document, collect(made), out)
+    write_atomically(out / "model.json", json.dumps(document["model"], indent=2, allow_nan=False) + "\n")
+    write_atomically(out / "diagnosis.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
+    if as_json:
+        emit(document)
+    else:
+        _summary(document, out)
+
+
+def _effects(given: tuple[str, ...], option: str) -> tuple[str, ...]:
+    from residual_mpc.effects.library import BY_NAME
+    from residual_mpc.logs.columns import did_you_mean
+
+    names = tuple(n.strip() for g in given for n in g.split(",") if n.strip())
+    for name in names:
+        if name not in BY_NAME:
+            raise BadInput(f"no effect is called {name!r}", option, did_you_mean(name, BY_NAME))
+    return names
+
+
+def _kept(given: tuple[str, ...], names: list[str]) -> Any:
+    from fnmatch import fnmatchcase
+
+    from residual_mpc.diagnosis.hold_out import KeptBack
+
+    out = []
+    for text in given:
+        found = [n for n in names if n == text or n == Path(text).stem or fnmatchcase(n, text) or fnmatchcase(n, Path(text).stem)]
+        if not found:
+            raise BadInput(f"no run is called {text!r}", "--held-out", f"the runs are {', '.join(names[:12])}")
+        out += [KeptBack(n) for n in found]
+    return tuple(dict.fromkeys(out))
+
+
+def _finding(finding: Any) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return asdict(finding)
+
+
+def _summary(document: dict[str, Any], out: Path) -> None:
+    click.echo(document["verdict_sentence"])
+    gap, shrink = document["gap"], document["shrink"]
+    click.echo(f"  gap {gap['before']:.3g} -> {gap['after']:.3g} (noise floor {gap['noise_floor']:.2g}), on windows that no fit has seen")
+    if shrink:
+        low, high = shrink["expected_ci95"]
+        click.echo(f"  shrink expected {shrink['expected']:.0%} ({low:.0%} to {high:.0%}), achieved {shrink['value']:.0%}")
+    for cause in document["explanation"]:
+        target = f" [{cause['target']}]" if cause["target"] else ""
+        numbers = ", ".join(
+            f"{n} = {p['value']:.4g} {p['unit']} ({p['ci95'][0]:.4g} to {p['ci95'][1]:.4g})" for n, p in cause["parameters"].items()
+        )
+        click.echo(f"  {cause['effect']}{target}: {numbers}; probability {cause['probability']:.2f}")
+    for group in document["confounded"]:
+        names = [" + ".join(t["effect"] for t in (m if isinstance(m, list) else [m])) for m in group]
+        click.echo(f"  cannot be told apart on these runs: {', '.join(dict.fromkeys(names))}")
+    if document["next_experiment"]:
+        click.echo(f"  next: {document['next_experiment']['what']}")
+    click.echo(f"  report: {out / 'report.html'}")

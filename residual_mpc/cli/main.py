@@ -1,0 +1,66 @@
+"""The command line: parsing and printing only. Heavy imports happen inside the commands."""
+
+import sys
+from collections.abc import Sequence
+
+import click
+
+from residual_mpc.errors import BadInput
+
+
+class _Lazy(click.Group):
+    """Commands by name, imported when they are called, so that --help answers at once."""
+
+    commands_in = {
+        "check": ("residual_mpc.cli.check", "check", "Audit the runs and say what to mend before anything is fitted."),
+        "gap": ("residual_mpc.cli.gap", "gap", "Measure the gap between the model and the runs."),
+        "diagnose": ("residual_mpc.cli.diagnose", "diagnose", "Where the gap lies, what causes it, how far it shrinks."),
+        "blind": ("residual_mpc.cli.blind", "blind", "Sealed benchmark cases: make, run, score."),
+    }
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands_in)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in self.commands_in:
+            return None
+        from importlib import import_module
+
+        module, name, _ = self.commands_in[cmd_name]
+        command: click.Command = getattr(import_module(module), name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, summary) for name, (_, _, summary) in self.commands_in.items()])
+
+
+@click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="residual-mpc")
+def cli() -> None:
+    """Why the robot and its model disagree: which unmodelled effect, and how far the gap shrinks once it is added."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line. Exit status 0 done, 2 bad input, 1 anything else."""
+    try:
+        cli.main(args=None if arguments is None else list(arguments), standalone_mode=False)
+    except BadInput as error:
+        click.echo(f"residual-mpc: {error}", err=True)
+        sys.exit(2)
+    except click.UsageError as error:
+        error.show()
+        sys.exit(2)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(1)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("residual-mpc: stopped", err=True)
+        sys.exit(1)
+    except BrokenPipeError:
+        sys.exit(1)
+    sys.exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,349 @@
+"""The whole diagnosis, in order: gap, where, which, how far."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion
+from residual_mpc.diagnosis.fit import Fit, fit_all
+from residual_mpc.diagnosis.floor import noise_errors
+from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales
+from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.how_far import Shrink, expected_errors, folds_of, shrink_of
+from residual_mpc.diagnosis.learner import learn, remove
+from residual_mpc.diagnosis.next_experiment import next_experiment
+from residual_mpc.diagnosis.problem import Problem, build_problem, reweigh, start_sensitivity
+from residual_mpc.diagnosis.records import (
+    Candidate,
+    Cause,
+    Diagnosis,
+    Estimate,
+    GapFigures,
+    Moved,
+    Verdict,
+)
+from residual_mpc.diagnosis.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
+from residual_mpc.diagnosis.search import SearchSettings, search
+from residual_mpc.diagnosis.space import Space, build_space
+from residual_mpc.diagnosis.spikes import Outliers, find_outliers
+from residual_mpc.diagnosis.stages import shapley, squared_gaps, stage_shares
+from residual_mpc.diagnosis.testable import not_testable
+from residual_mpc.diagnosis.where import locate
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.logs.run import Run
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import TUNE, Term, Values
+
+Progress = Callable[[str, float], None]
+T95 = 1.96
+
+
+@dataclass(frozen=True)
+class Options:
+    """horizon s; only, without: effect names; held_out: what is kept back (None: chosen); search_steps: simulation steps that
+    one hypothesis may cost in the search (windows are thinned evenly to that); search: see SearchSettings.
+
+    floor_margin: a gap within this factor of the noise floor is no gap; see docs for how it was set.
+    """
+
+    horizon: float = 1.0
+    only: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    held_out: tuple[KeptBack, ...] | None = None
+    search_steps: int = 16_000
+    floor_margin: float = 1.35
+    search: SearchSettings = field(default_factory=SearchSettings)
+
+
+@dataclass(frozen=True)
+class Made:
+    """A diagnosis and what the report draws: errors (W, M, C) of all windows before and after, and the predictions."""
+
+    diagnosis: Diagnosis
+    data: Dataset
+    scales: Scales
+    before: np.ndarray
+    after: np.ndarray
+    held: np.ndarray
+
+
+def diagnose(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    noise: dict[str, float],
+    tunable: Sequence[str],
+    options: Options,
+    rng: np.random.Generator,
+    progress: Progress = lambda stage, done: None,
+) -> Made:
+    """robots[i] is the nominal model of runs[i]. Raises BadInput where nothing can be compared."""
+    progress("cutting the runs into windows", 0.02)
+    raw = build_dataset(runs, robots, noise, options.horizon)
+    scales = measure_scales(raw)
+    outliers = find_outliers(raw)
+    clean = with_outliers_removed(raw, outliers.flagged)
+    kept = choose_held_out(raw) if options.held_out is None else options.held_out
+    held = held_out_mask(raw, kept)
+
+    fitting = clean.take(~held)
+    space = build_space(fitting, tunable, options.only, options.without)
+    progress("searching for effects", 0.1)
+    few = thin(fitting, options.search_steps)
+    found = search(
+        build_problem(few, space, few.sigma),
+        scales,
+        options.search,
+        rng,
+        lambda text: progress(text, 0.35),
+    )
+    progress("comparing with rival explanations", 0.6)
+    rivalry = find_rivals(found)
+    untestable = not_testable(build_problem(few, space, few.sigma), found.base, rivalry.fit.terms)
+
+    progress("fitting on all windows", 0.75)
+    problem = problem_like(fitting, space, found.problem)
+    final, base = fit_all(problem, [rivalry.fit.values, found.base.values], 8)
+    with_outliers = _wanted(outliers, options)
+    progress("stating the expected shrink", 0.85)
+    before_fit = raw.take(~held)
+    base_error = before_fit.y - predict(before_fit, space.settings([base.values]))[0]
+    explained = bool(final.terms) or with_outliers
+    expected = None
+    if explained:
+        expected = shrink_of(before_fit, scales, base_error, expected_errors(fitting, space, final), rng)
+
+    progress("opening the held-out windows", 0.9)
+    return _judge(
+        raw, clean, scales, held, kept, space, problem, base, final, rivalry, untestable, outliers, with_outliers,
+        expected, options, rng,
+    )  # fmt: skip
+
+
+def problem_like(data: Dataset, space: Space, like: Problem) -> Problem:
+    """The problem on other windows with the weights of one that is there."""
+    return reweigh(data, space, start_sensitivity(data, space, {}), 1.0 / like.weight)
+
+
+def thin(data: Dataset, steps: int) -> Dataset:
+    """Evenly fewer windows, so that one hypothesis costs at most about `steps` simulation steps."""
+    cost = max(b.drive.steps for b in data.blocks)
+    most = max(24, steps // cost)
+    if data.count <= most:
+        return data
+    keep = np.zeros(data.count, dtype=bool)
+    keep[np.unique(np.linspace(0, data.count - 1, most).round().astype(int))] = True
+    return data.take(keep)
+
+
+def _wanted(outliers: Outliers, options: Options) -> bool:
+    name = "sensor_outliers"
+    return outliers.telling and (not options.only or name in options.only) and name not in options.without
+
+
+def _judge(
+    raw: Dataset,
+    clean: Dataset,
+    scales: Scales,
+    held: np.ndarray,
+    kept: tuple[KeptBack, ...],
+    space: Space,
+    problem: Problem,
+    base: Fit,
+    final: Fit,
+    rivalry: Rivalry,
+    untestable: tuple,  # type: ignore[type-arg]
+    outliers: Outliers,
+    with_outliers: bool,
+    expected: Shrink | None,
+    options: Options,
+    rng: np.random.Generator,
+) -> Made:
+    after_data = clean if with_outliers else raw
+    rows = space.settings([{}, base.values, final.values])
+    nominal_p, base_p, final_p = predict(raw, rows)
+    after_p = predict(after_data, rows)[2]
+    errors = {"nominal": raw.y - nominal_p, "before": raw.y - base_p, "after": after_data.y - after_p}
+    test = held if held.any() else np.ones(raw.count, dtype=bool)
+    floors = noise_errors(after_data, space.settings([final.values]), rng)
+    floor = _mean_gap([gap_of(after_data, scales, e, test).total for e in floors])
+    floor_everywhere = _mean_gap([gap_of(after_data, scales, e).total for e in floors])
+    g = {k: gap_of(raw, scales, e, test) for k, e in errors.items()}
+    everywhere = {k: gap_of(raw, scales, e).total for k, e in errors.items()}
+
+    explained = bool(final.terms) or with_outliers
+    helps = explained and g["after"].total < g["before"].total
+    verdict: Verdict
+    if not helps:
+        verdict = "no_gap" if everywhere["before"] < options.floor_margin * floor_everywhere else "unknown"
+        share = 0.0 if verdict == "no_gap" else 1.0
+    else:
+        excess = max(g["before"].total ** 2 - floor**2, 1e-12)
+        share = float(np.clip((g["after"].total ** 2 - floor**2) / excess, 0.0, 1.0))
+        verdict = "effects" if share <= 0.25 else "partial"
+    if not helps:
+        errors["after"], g["after"] = errors["before"], g["before"]
+        after_p = base_p
+    achieved = shrink_of(raw.take(test), scales, errors["before"][test], errors["after"][test], rng) if helps else None
+
+    learned = _learned_shrink(after_data if helps else raw, scales, held, errors["after"], after_p)
+    causes = _causes(final, problem, rivalry, outliers, with_outliers) if helps else ()
+    subsets = squared_gaps(after_data, scales, space, final.values, final.terms) if helps and final.terms else {}
+    steps, stages = _staged(raw, scales, test, errors["before"], everywhere, subsets, final, floor_everywhere, helps)
+    channel_floor = np.sqrt(np.mean([gap_of(after_data, scales, e, test).channels ** 2 for e in floors], axis=0))
+    figures = GapFigures(
+        nominal=g["nominal"].total,
+        before=g["before"].total,
+        after=g["after"].total,
+        noise_floor=floor,
+        horizon=options.horizon,
+        windows=int(test.sum()),
+        skipped=raw.skipped,
+        still=tuple(c for c, s, m in zip(raw.channels, scales.still, scales.compared, strict=True) if s and m),
+        channels={
+            c: (float(g["before"].channels[k]), float(g["after"].channels[k]), float(channel_floor[k]))
+            for k, c in enumerate(raw.channels)
+            if not scales.still[k]
+        },
+    )
+    groups = rivalry.groups if helps else ()
+    diagnosis = Diagnosis(
+        robot=space.robot.name,
+        verdict=verdict,
+        held_out=kept if held.any() else (),
+        gap=figures,
+        expected=expected if helps else None,
+        achieved=achieved,
+        stages=stages,
+        where=locate(raw, scales, errors["before"]),
+        causes=causes,
+        candidates=_candidates(rivalry, problem, base, final) if helps else (),
+        groups=groups,
+        rivals=_rival_sets(rivalry) if helps else (),
+        not_testable=untestable,
+        moved=_moved(base, final) if helps else (),
+        unexplained=share,
+        learned_shrink=learned,
+        steps=steps,
+        outlier_share=outliers.share if with_outliers else 0.0,
+        outlier_channels={c: s for c, s in outliers.shares.items() if s > 0} if with_outliers else {},
+        next_experiment=next_experiment(groups, wheeled="left" in raw.blocks[0].robot.actuators),
+        values=final.values if helps else base.values,
+        notes=_notes(raw, held, outliers, with_outliers),
+    )
+    return Made(diagnosis, raw, scales, errors["before"], errors["after"], test)
+
+
+def _mean_gap(gaps: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(gaps))))
+
+
+def _causes(
+    final: Fit, problem: Problem, rivalry: Rivalry, outliers: Outliers, with_outliers: bool
+) -> tuple[Cause, ...]:
+    blocks = blocks_of(problem.data)
+    sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))
+    causes = []
+    for term in final.terms:
+        estimates = []
+        for i, k in enumerate(final.knobs):
+            if k.effect == TUNE or k.term != term:
+                continue
+            value = final.values[k]
+            unit = BY_NAME[k.effect].parameter(k.parameter).unit
+            if k.parameter == "heading":
+                value = float((value + np.pi) % (2 * np.pi) - np.pi)
+            half = T95 * float(sigma[i])
+            estimates.append(Estimate(k.parameter, value, (value - half, value + half), unit))
+        probability = float(min(rivalry.probability.get(term, 1.0), 0.99))
+        causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary))
+    if with_outliers:
+        n = sum(len(m) for m in outliers.flagged.values())
+        rate = outliers.share
+        half = T95 * np.sqrt(rate * (1 - rate) / max(n / max(len(outliers.shares), 1), 1))
+        estimate = Estimate("rate", rate, (max(rate - half, 0.0), rate + half), "1")
+        causes.append(Cause(Term("sensor_outliers", None), 0.99, (estimate,), BY_NAME["sensor_outliers"].summary))
+    return tuple(causes)
+
+
+def _learned_shrink(
+    data: Dataset, scales: Scales, held: np.ndarray, error: np.ndarray, predicted: np.ndarray
+) -> float:
+    """What a flexible learner removes of the remaining gap on held-out windows; 0 where nothing is held out."""
+    if not held.any():
+        return 0.0
+    fit_rows = data.take(~held)
+    learner = learn(fit_rows, scales, error[~held], predicted[~held], folds_of(fit_rows))
+    test = data.take(held)
+    left = remove(learner, test, scales, error[held], predicted[held])
+    before, after = gap_of(test, scales, error[held]).total, gap_of(test, scales, left).total
+    return float(max(1.0 - after / before, 0.0)) if before > 0 else 0.0
+
+
+def _staged(
+    raw: Dataset,
+    scales: Scales,
+    test: np.ndarray,
+    before: np.ndarray,
+    everywhere: dict[str, float],
+    subsets: dict[frozenset[Term], float],
+    final: Fit,
+    floor: float,
+    helps: bool,
+) -> tuple[tuple[tuple[tuple[Term, ...], float], ...], tuple[tuple[str, float], ...]]:
+    """The gap after each effect is added (largest first), and the stages' shares; over all windows."""
+    start = everywhere["before"]
+    if not helps:
+        noise = min(floor, start) ** 2 / max(start**2, 1e-30)
+        return (((), start),), (("unexplained", 1.0 - noise), ("noise", noise))
+    drops = shapley(subsets, final.terms) if subsets else {}
+    steps: list[tuple[tuple[Term, ...], float]] = [((), start)]
+    for n in range(1, len(final.terms) + 1):
+        order = sorted(final.terms, key=lambda t: -drops[t])[:n]
+        steps.append((tuple(order), float(np.sqrt(subsets[frozenset(order)]))))
+    flagged = max(start**2 - subsets[frozenset()], 0.0) if subsets else start**2 - everywhere["after"] ** 2
+    shares = stage_shares(drops, start, everywhere["after"], floor, flagged)
+    return tuple(steps), tuple((str(s["name"]), float(s["share"])) for s in shares)
+
+
+def _candidates(rivalry: Rivalry, problem: Problem, base: Fit, final: Fit) -> tuple[Candidate, ...]:
+    """Every term that was seriously compared, with its share of the likelihood and what the fit with it leaves."""
+    costs: dict[Term, float] = dict.fromkeys(final.terms, final.cost)
+    for r in rivalry.rivals:
+        for t in r.came:
+            costs.setdefault(t, r.fit.cost * final.cost / max(rivalry.fit.cost, 1e-12))
+    out = [
+        Candidate(t, rivalry.shares.get(t, 0.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
+        for t, c in costs.items()
+    ]
+    return tuple(sorted(out, key=lambda c: -c.probability))
+
+
+def _rival_sets(rivalry: Rivalry) -> tuple[tuple[tuple[Term, ...], float], ...]:
+    weights = [(rivalry.fit.terms, 1.0)]
+    weights += [(r.fit.terms, float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))) for r in rivalry.rivals]
+    total = sum(w for _, w in weights)
+    ranked = sorted(((t, w / total) for t, w in weights), key=lambda tw: -tw[1])
+    return tuple(ranked[:6])
+
+
+def _moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
+    return tuple(
+        Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE
+    )
+
+
+def _notes(raw: Dataset, held: np.ndarray, outliers: Outliers, with_outliers: bool) -> tuple[str, ...]:
+    notes = []
+    if not held.any():
+        notes.append("The runs are too short to keep windows back: every figure is on windows that the fit has seen.")
+    if raw.skipped:
+        notes.append(f"{raw.skipped} windows were skipped: a measured channel has no sample within 0.25 s of their start.")
+    if outliers.count and not with_outliers:
+        notes.append(f"{outliers.count} samples jump away; they are left out of the fit, not of the gap.")
+    notes.append(
+        "Effects outside the library cannot be named; intervals hold for the named effects being the true ones."
+    )
+    return tuple(notes)

@@ -1,0 +1,69 @@
+"""Which runs or blocks no fit may see."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.errors import BadInput
+
+BY_RUN_FROM = 6  # runs: with fewer, each run's motion may be the only one of its kind, so that blocks are kept back
+SHARE = 0.25
+
+
+@dataclass(frozen=True)
+class KeptBack:
+    """A whole run, or whole windows of one: from and to in s."""
+
+    run: str
+    start: float | None = None
+    end: float | None = None
+
+    def document(self) -> str | dict[str, object]:
+        """As diagnosis.json has it."""
+        if self.start is None:
+            return self.run
+        return {"run": self.run, "from": self.start, "to": self.end}
+
+
+def choose_held_out(data: Dataset) -> tuple[KeptBack, ...]:
+    """A quarter of the runs, or of each run's windows in one stretch; nothing where there are fewer than four windows."""
+    names = [r.name for r in data.runs]
+    present = np.unique(data.run)
+    if len(present) >= BY_RUN_FROM:
+        n = max(1, int(round(SHARE * len(present))))
+        pick = present[np.unique(np.linspace(1, len(present) - 2, n).round().astype(int))]
+        return tuple(KeptBack(names[i]) for i in pick)
+    out = []
+    for place, i in enumerate(present):
+        starts = data.start[data.run == i]
+        n = int(round(SHARE * len(starts)))
+        if len(starts) < 4 or n < 1:
+            continue
+        # another stretch in each run, so that neither the beginnings nor the ends are always kept back
+        first = int((0.4 + 0.35 * (place % 2)) * (len(starts) - n))
+        last = starts[first + n - 1] + data.horizon
+        out.append(KeptBack(names[i], float(starts[first]), float(last)))
+    return tuple(out)
+
+
+def held_out_mask(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:
+    """(W,) bool: the windows that are kept back.
+
+    Raises BadInput for a run that is not there, or where all or none of the windows would be kept back.
+    """
+    names = [r.name for r in data.runs]
+    mask = np.zeros(data.count, dtype=bool)
+    for k in kept:
+        if k.run not in names:
+            raise BadInput(f"held-out run {k.run!r} is not among the runs", "--held-out", f"the runs are {', '.join(names[:12])}")
+        mine = data.run == names.index(k.run)
+        if k.start is not None and k.end is not None:
+            mine &= (data.start >= k.start - 1e-6) & (data.start + data.horizon <= k.end + 1e-6)
+        mask |= mine
+    if kept and (mask.all() or not mask.any()):
+        raise BadInput(
+            f"{int(mask.sum())} of {data.count} windows would be held out", "--held-out", "hold some back and leave some to fit"
+        )
+    return mask

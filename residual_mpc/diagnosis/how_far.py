@@ -1,0 +1,83 @@
+"""How far the gap shrinks: stated by cross-validation before the held-out windows are opened, then measured on them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.evidence import blocks_of
+from residual_mpc.diagnosis.fit import Fit
+from residual_mpc.diagnosis.gap import Scales, gap_from_squares, window_squares
+from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.space import Space
+from residual_mpc.models.settings import Knob, Values
+
+FOLDS = 6
+DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """1 - after / before, with its 95 % interval from a block bootstrap."""
+
+    value: float
+    ci95: tuple[float, float]
+
+
+def fold_values(fit: Fit, folds: np.ndarray) -> list[Values]:
+    """The fit without each fold: one Gauss-Newton step from the whole (exact for a linear model)."""
+    out: list[Values] = []
+    free = ~fit.held
+    for k in range(int(folds.max()) + 1):
+        rest = folds != k
+        j = fit.jacobian[rest].reshape(-1, len(fit.knobs))[:, free]
+        step = np.zeros(len(fit.knobs))
+        if free.any() and len(j):
+            step[free] = -np.linalg.lstsq(j, fit.r[rest].ravel(), rcond=None)[0]
+        moved = np.array(list(fit.values.values())) + np.clip(step, -5.0, 5.0) * fit.scales
+        out.append(dict(zip(fit.knobs, moved.tolist(), strict=True)))
+    return out
+
+
+def folds_of(data: Dataset) -> np.ndarray:
+    """(W,) fold numbers: by run where there are many, else stretches of time."""
+    present = np.unique(data.run)
+    if len(present) >= FOLDS:
+        return np.searchsorted(present, data.run) % FOLDS
+    blocks = blocks_of(data)
+    return (blocks * FOLDS) // (int(blocks.max()) + 1)
+
+
+def expected_errors(data: Dataset, space: Space, fit: Fit) -> np.ndarray:
+    """(W, M, C) measured - predicted, each window predicted by the fit that has not seen its fold."""
+    folds = folds_of(data)
+    values = [_inside(space, v) for v in fold_values(fit, folds)]
+    predicted = predict(data, space.settings(values))
+    return np.asarray(data.y - predicted[folds, np.arange(data.count)])
+
+
+def shrink_of(
+    data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator
+) -> Shrink:
+    """The shrink between two errors (W, M, C) on the same windows, runs (or blocks of few runs) resampled."""
+    total_before, count_before = window_squares(data, scales, before)
+    total_after, count_after = window_squares(data, scales, after)
+    weight = np.concatenate([np.ones((1, data.count)), _bootstrap(data, rng)])
+    ratio = 1.0 - gap_from_squares(total_after, count_after, weight) / gap_from_squares(
+        total_before, count_before, weight
+    )
+    low, high = np.nanquantile(ratio[1:], [0.025, 0.975])
+    return Shrink(float(ratio[0]), (float(low), float(high)))
+
+
+def _bootstrap(data: Dataset, rng: np.random.Generator) -> np.ndarray:
+    """(DRAWS, W) how often each window is drawn, when whole runs (or blocks of time, with few runs) are drawn."""
+    unit = np.unique(data.run, return_inverse=True)[1] if len(np.unique(data.run)) >= 8 else blocks_of(data)
+    n = int(unit.max()) + 1
+    drawn = rng.multinomial(n, np.full(n, 1.0 / n), size=DRAWS)
+    return np.asarray(drawn[:, unit], dtype=float)
+
+
+def _inside(space: Space, values: Mapping[Knob, float]) -> Values:
+    return {k: float(np.clip(v, *space.bounds(k))) for k, v in values.items()}

@@ -1,0 +1,105 @@
+"""The gap of the nominal model and of a diagnosed one on the same runs: what `residual-mpc gap` prints."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.document import read_json, read_model
+from residual_mpc.diagnosis.floor import noise_errors
+from residual_mpc.diagnosis.gap import gap_of, measure_scales
+from residual_mpc.diagnosis.hold_out import KeptBack, held_out_mask
+from residual_mpc.diagnosis.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.spikes import find_outliers
+from residual_mpc.effects.library import BY_NAME, LIBRARY
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.run import Run
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.settings import TUNE, Values, assemble
+
+
+def measure(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    robot_file: RobotFile,
+    horizon: float,
+    model: Path | None,
+    held_out_of: Path | None,
+    seed: int,
+) -> dict[str, Any]:
+    """The gap object of the contract. Raises BadInput for a model of another robot, or held-out runs that are not there."""
+    values: Values = {}
+    leaves_out = False
+    if model is not None:
+        of, values, leaves_out = read_model(model)
+        check_fits(values, robots[0], of, model)
+    data = build_dataset(runs, robots, robot_file.noise, horizon)
+    scales = measure_scales(data)
+    if held_out_of is not None:
+        data = data.take(held_out_mask_of(held_out_of, data))
+    nominal = data.y - predict(data, assemble([{}], {}))[0]
+    seen = with_outliers_removed(data, find_outliers(data).flagged) if leaves_out else data
+    settings = assemble([values], {e.name: robots[0].slots(e.name) for e in LIBRARY})
+    other = seen.y - predict(seen, settings)[0] if model is not None else None
+    floors = noise_errors(seen, settings, np.random.default_rng(seed))
+    g = gap_of(data, scales, nominal)
+    m = None if other is None else gap_of(seen, scales, other)
+    f = [gap_of(seen, scales, e) for e in floors]
+    floor_channels = np.sqrt(np.mean([x.channels**2 for x in f], axis=0))
+    return {
+        "nominal": g.total,
+        "model": None if m is None else m.total,
+        "noise_floor": float(np.sqrt(np.mean([x.total**2 for x in f]))),
+        "horizon": horizon,
+        "windows": data.count,
+        "skipped": data.skipped,
+        "still": [c for c, s, k in zip(data.channels, scales.still, scales.compared, strict=True) if s and k],
+        "channels": {
+            c: {
+                "nominal": float(g.channels[k]),
+                "model": None if m is None else float(m.channels[k]),
+                "noise_floor": float(floor_channels[k]),
+            }
+            for k, c in enumerate(data.channels)
+            if not scales.still[k]
+        },
+    }
+
+
+def held_out_mask_of(path: Path, data: Any) -> np.ndarray:
+    """(W,) the windows that a diagnosis kept back; all of them where only its held-out runs are given."""
+    kept = []
+    for item in read_json(path).get("held_out", []):
+        if isinstance(item, str):
+            kept.append(KeptBack(item))
+        elif isinstance(item, dict) and {"run", "from", "to"} <= set(item):
+            kept.append(KeptBack(str(item["run"]), float(item["from"]), float(item["to"])))
+        else:
+            raise BadInput(f"held_out holds {item!r}", str(path), 'wanted a run\'s name or {"run", "from", "to"}')
+    if not kept:
+        raise BadInput("the diagnosis kept nothing back", str(path), "leave --held-out-of away")
+    names = {r.name for r in data.runs}
+    if {k.run for k in kept} >= names and all(k.start is None for k in kept):
+        return np.ones(data.count, dtype=bool)
+    return held_out_mask(data, kept)
+
+
+def check_fits(values: Values, robot: Robot, of: str, path: Path) -> None:
+    """Raises BadInput where the model's effects, targets or parameters are not this robot's."""
+    for knob in values:
+        if knob.effect == TUNE:
+            known = knob.parameter in robot.nominal()
+        else:
+            slots = robot.slots(knob.effect) if knob.effect in BY_NAME else ()
+            known = bool(slots) and (knob.target is None or knob.target in slots)
+            known = known and any(p.name == knob.parameter for p in BY_NAME[knob.effect].parameters)
+        if not known:
+            name = knob.parameter if knob.effect == TUNE else f"{knob.effect} on {knob.target or 'the robot'}"
+            raise BadInput(
+                f"{name} does not exist on {robot.name}",
+                str(path),
+                f"the model was made for {of}: give the robot file that it was diagnosed with",
+            )

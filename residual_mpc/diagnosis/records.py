@@ -1,0 +1,89 @@
+"""What a diagnosis is, once made: frozen records that the document and the report are written from."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from residual_mpc.diagnosis.hold_out import KeptBack
+from residual_mpc.diagnosis.how_far import Shrink
+from residual_mpc.diagnosis.testable import NotTestable
+from residual_mpc.diagnosis.where import Where
+from residual_mpc.models.settings import Term, Values
+
+Verdict = Literal["no_gap", "effects", "partial", "unknown"]
+
+
+@dataclass(frozen=True)
+class GapFigures:
+    """Gaps on the held-out windows, unitless; channels: name -> (before, after, noise floor)."""
+
+    nominal: float
+    before: float
+    after: float
+    noise_floor: float
+    horizon: float
+    windows: int
+    skipped: int
+    still: tuple[str, ...]
+    channels: dict[str, tuple[float, float, float]]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted number with its 95 % interval."""
+
+    name: str
+    value: float
+    ci95: tuple[float, float]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Cause:
+    term: Term
+    probability: float
+    parameters: tuple[Estimate, ...]
+    summary: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    term: Term
+    probability: float
+    shrink: float
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A nominal parameter that the retuning moved once the effects were added."""
+
+    parameter: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer. `stages`: (stage, share of the squared gap); `steps`: held-out gap as effects are added."""
+
+    robot: str
+    verdict: Verdict
+    held_out: tuple[KeptBack, ...]
+    gap: GapFigures
+    expected: Shrink | None
+    achieved: Shrink | None
+    stages: tuple[tuple[str, float], ...]
+    where: Where
+    causes: tuple[Cause, ...]
+    candidates: tuple[Candidate, ...]
+    groups: tuple[tuple[tuple[Term, ...], ...], ...]
+    rivals: tuple[tuple[tuple[Term, ...], float], ...]
+    not_testable: tuple[NotTestable, ...]
+    moved: tuple[Moved, ...]
+    unexplained: float
+    learned_shrink: float
+    steps: tuple[tuple[tuple[Term, ...], float], ...]
+    outlier_share: float
+    outlier_channels: dict[str, float]
+    next_experiment: dict[str, object] | None
+    values: Values
+    notes: tuple[str, ...]

@@ -1,0 +1,162 @@
+"""Other sets that explain these runs as well: rivals with a probability, and the groups that cannot be told apart."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.evidence import blocks_of
+from residual_mpc.diagnosis.fit import Fit, fit_all
+from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.diagnosis.screen import screen
+from residual_mpc.diagnosis.search import Found, compatible, without
+from residual_mpc.effects.library import ORDER
+from residual_mpc.models.settings import TUNE, Term
+
+ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
+PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-in may miss
+PER_KNOB = 2.0
+LOOKED_AT = 8
+# without encoders these scale the same two rims, so that one pair of them does what another pair does
+RIM_SCALES = ("actuator_gain", "wheel_radius", "wheel_radius_mismatch")
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A set with one member (or pair) replaced: what went, what came, the refitted whole, and its likelihood ratio against the
+    chosen set (positive: worse)."""
+
+    gone: tuple[Term, ...]
+    came: tuple[Term, ...]
+    fit: Fit
+    ratio: float
+    alike: bool
+
+
+@dataclass(frozen=True)
+class Rivalry:
+    """The chosen fit after swaps, its rivals, the confounded groups (members are tuples of terms), and the probability of each
+    chosen term, its group counted together."""
+
+    fit: Fit
+    rivals: tuple[Rival, ...]
+    groups: tuple[tuple[tuple[Term, ...], ...], ...]
+    probability: dict[Term, float]
+    shares: dict[Term, float]
+
+
+def place(terms: tuple[Term, ...]) -> tuple[int, int, str]:
+    """Order of a member: fewer terms first, then the contract's table, then all targets before one."""
+    return (len(terms), min(ORDER[t.effect] for t in terms), "".join(t.target or "" for t in terms))
+
+
+def find_rivals(found: Found) -> Rivalry:
+    """Replace each term (and each pair of rim scales) by every candidate that resembles it; swap where that is better."""
+    fit = found.fit
+    for _ in range(3):
+        rivals = _replacements(found.problem, fit, found.phi)
+        better = min(rivals, key=lambda r: r.ratio, default=None)
+        if better is None or better.ratio > -6.0:
+            break
+        fit = better.fit
+    groups = _groups(rivals)
+    fit, groups = _prefer_first(fit, rivals, groups)
+    return Rivalry(fit, tuple(rivals), groups, *_probabilities(fit, rivals))
+
+
+def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
+    out: list[Rival] = []
+    for gone in [(t,) for t in fit.terms] + _rim_pairs(fit.terms):
+        values = fit.values
+        for t in gone:
+            values = without(values, t)
+        rest = fit_all(problem, [values], 4)[0]
+        kept = rest.terms
+        candidates = tuple(c for c in problem.space.candidates if c not in gone and compatible(c, kept))
+        starts = []
+        if len(gone) == 1:
+            seen: set[Term] = set()
+            for lead in screen(problem, rest, candidates):
+                if lead.term not in seen and len(seen) < LOOKED_AT and lead.gain > 0.3 * (rest.cost - fit.cost):
+                    seen.add(lead.term)
+                    starts.append({**rest.values, **lead.start})
+        else:
+            rims = [c for c in candidates if c.effect in RIM_SCALES]
+            for i, a in enumerate(rims):
+                starts += [
+                    {**rest.values, **problem.space.probes(a)[-1], **problem.space.probes(b)[-1]}
+                    for b in rims[i + 1 :]
+                    if compatible(b, (*kept, a))
+                ]
+        for other in fit_all(problem, starts):
+            came = tuple(t for t in other.terms if t not in kept)
+            difference = other.cost - fit.cost
+            ratio = difference / phi + PER_KNOB * (len(other.knobs) - len(fit.knobs))
+            alike = ratio < ALIKE and difference < PARALLEL * (rest.cost - fit.cost)
+            out.append(Rival(gone, came, other, ratio, alike))
+    return out
+
+
+def _rim_pairs(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
+    rims = [t for t in terms if t.effect in RIM_SCALES]
+    return [(a, b) for i, a in enumerate(rims) for b in rims[i + 1 :]]
+
+
+def _groups(rivals: list[Rival]) -> tuple[tuple[tuple[Term, ...], ...], ...]:
+    """One group per replaced member: it, and what stands in for it. A pair's group that only repeats the groups of its
+    members says nothing new and is left out."""
+    members: dict[tuple[Term, ...], list[tuple[Term, ...]]] = {}
+    for r in rivals:
+        if r.alike:
+            members.setdefault(r.gone, []).append(r.came)
+    single = {g[0]: {c[0] for c in came if len(c) == 1} | {g[0]} for g, came in members.items() if len(g) == 1}
+    groups = []
+    for gone, came in members.items():
+        if len(gone) == 2:
+            first, second = (single.get(t, {t}) for t in gone)
+            came = [c for c in came if not any(a in first and b in second for a, b in (c, c[::-1]))]
+        if came:
+            groups.append(tuple(sorted({gone, *came}, key=place)))
+    return tuple(groups)
+
+
+def _prefer_first(
+    fit: Fit, rivals: list[Rival], groups: tuple[tuple[tuple[Term, ...], ...], ...]
+) -> tuple[Fit, tuple[tuple[tuple[Term, ...], ...], ...]]:
+    """Let the first of a group, by the contract's table, stand in the explanation where it takes one exchange."""
+    for group in groups:
+        first = group[0]
+        if all(t in fit.terms for t in first):
+            continue
+        for r in sorted(rivals, key=lambda r: r.ratio):
+            if r.alike and r.came == first and r.gone in group and all(t in fit.terms for t in r.gone):
+                kept = {k: v for k, v in fit.values.items() if k.effect == TUNE or k.term not in r.gone}
+                if all(k in r.fit.values for k in kept):
+                    fit = r.fit
+                break
+    return fit, groups
+
+
+def _probabilities(fit: Fit, rivals: list[Rival]) -> tuple[dict[Term, float], dict[Term, float]]:
+    """Likelihood weights: of each chosen term against what could replace it, and each candidate's own share."""
+    grouped: dict[Term, float] = {}
+    shares: dict[Term, float] = {}
+    for term in fit.terms:
+        mine = [r for r in rivals if r.gone == (term,)] or [r for r in rivals if r.came == (term,)]
+        weights = {(term,): 1.0}
+        alike = {(term,)}
+        for r in mine:
+            other = r.came if r.gone == (term,) else r.gone
+            weights[other] = max(weights.get(other, 0.0), float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0))))
+            if r.alike:
+                alike.add(other)
+        total = sum(weights.values())
+        grouped[term] = sum(w for m, w in weights.items() if m in alike) / total
+        for m, w in weights.items():
+            if len(m) == 1:
+                shares[m[0]] = max(shares.get(m[0], 0.0), w / total)
+    return grouped, shares
+
+
+def window_blocks(problem: Problem) -> np.ndarray:
+    """(W,) block numbers of the problem's windows."""
+    return blocks_of(problem.data)

@@ -1,0 +1,42 @@
+"""What these runs cannot show, and why: an effect whose plausible values move the prediction by less than the noise."""
+
+from dataclasses import dataclass
+
+from residual_mpc.diagnosis.fit import Fit
+from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.diagnosis.screen import screen
+from residual_mpc.models.settings import Term
+
+VISIBLE = 6.0  # whitened norm: below it even a strong dose stays within the noise
+
+WHY = {
+    "dead_zone": "no small commands near which it would act",
+    "saturation": "no command near the actuator's limit",
+    "voltage_sag": "the runs are too short for the supply to weaken",
+    "backlash": "the motion hardly reverses",
+    "stribeck_friction": "no slow motion in which the friction would rise",
+    "load_dependent_friction": "the torque hardly varies",
+    "track_width": "the robot hardly turns",
+    "lateral_slip": "the robot hardly turns while it drives",
+    "longitudinal_slip": "the robot hardly accelerates",
+    "sensor_mounting": "the robot hardly turns",
+    "sensor_bias": "the robot hardly drives in the direction that it biases",
+}
+
+
+@dataclass(frozen=True)
+class NotTestable:
+    term: Term
+    why: str
+
+
+def not_testable(problem: Problem, base: Fit, terms: tuple[Term, ...]) -> tuple[NotTestable, ...]:
+    """The candidates that even their strongest probe does not show; `terms` are never among them."""
+    reach: dict[Term, float] = {}
+    for lead in screen(problem, base, problem.space.candidates):
+        reach[lead.term] = max(reach.get(lead.term, 0.0), lead.reach)
+    return tuple(
+        NotTestable(t, WHY.get(t.effect, "its strongest plausible dose moves the prediction by less than the noise"))
+        for t in problem.space.candidates
+        if reach.get(t, 0.0) < VISIBLE and t not in terms
+    )

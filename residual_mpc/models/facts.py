@@ -1,0 +1,47 @@
+"""What the audit has to know of a robot, and whether a run's columns fit it."""
+
+from collections.abc import Sequence
+
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.audit import ActuatorFacts, RobotFacts
+from residual_mpc.logs.audit.facts import CommandKind
+from residual_mpc.logs.columns import did_you_mean
+from residual_mpc.logs.run import Run
+from residual_mpc.models.protocol import Robot
+
+
+def facts_of(robot: Robot) -> RobotFacts:
+    """Names and kinds, for the audit."""
+    joints = getattr(robot, "actuator_joints", robot.actuators)
+    kinds: dict[str, CommandKind] = {"position": "position", "torque": "torque", "speed": "velocity", "velocity": "velocity"}
+    return RobotFacts(
+        tuple(
+            ActuatorFacts(a, j, kinds[k])
+            for a, j, k in zip(robot.actuators, joints, robot.command_kinds, strict=True)
+        ),
+        robot.channels,
+        getattr(robot, "sliding", frozenset()),
+        getattr(robot, "limits", {}),
+    )
+
+
+def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
+    """Every actuator needs a command, and something has to be measured that the robot can predict.
+
+    Raises BadInput with the run, the column that is missing and the nearest that is there.
+    """
+    for run, robot in zip(runs, robots, strict=True):
+        for actuator in robot.actuators:
+            if f"command.{actuator}" not in run.columns:
+                there = [*run.columns, *run.extra]
+                raise BadInput(
+                    f"column command.{actuator} is missing",
+                    f"{run.source}, run {run.name}",
+                    f"{did_you_mean('command.' + actuator, there)}; name it under [log] in the robot file",
+                )
+        if not any(c in robot.channels for c in run.measured):
+            raise BadInput(
+                "no measured column fits the robot",
+                f"{run.source}, run {run.name}",
+                f"wanted at least one of {', '.join(robot.channels[:8])}; name yours under [log] in the robot file",
+            )

@@ -1,0 +1,55 @@
+"""From a finished diagnosis to what the report draws."""
+
+import numpy as np
+
+from residual_mpc.diagnosis.diagnose import Made
+from residual_mpc.diagnosis.gap import gap_from_squares, window_squares
+from residual_mpc.report.evidence import Evidence, Panel, Windows
+
+PANELS = 6
+STRETCH = 8  # windows shown in one panel
+UNITS = {"pose.theta": "rad", "pose.x": "m", "pose.y": "m", "twist.theta": "rad/s", "twist.x": "m/s", "twist.y": "m/s"}
+
+
+def collect(made: Made) -> Evidence:
+    """The channels with the largest gap over the held-out stretch that shows it, and the gap of every window."""
+    eye = np.eye(made.data.count)
+    before = gap_from_squares(*window_squares(made.data, made.scales, made.before), eye)
+    after = gap_from_squares(*window_squares(made.data, made.scales, made.after), eye)
+    names = [made.data.runs[i].name for i in made.data.run]
+    order = np.lexsort((made.data.start, made.data.run))
+    windows = Windows(
+        [names[i] for i in order], made.data.start[order], np.asarray(before)[order], np.asarray(after)[order]
+    )
+    return Evidence(_panels(made, before), windows)
+
+
+def _panels(made: Made, per_window: np.ndarray) -> tuple[Panel, ...]:
+    data, out = made.data, []
+    shares = dict(made.diagnosis.where.channels)
+    for channel in sorted(shares, key=lambda c: -shares[c])[:PANELS]:
+        k = data.channels.index(channel)
+        usable = made.held & np.isfinite(data.y[:, :, k]).any(axis=1)
+        if not usable.any():
+            continue
+        worst = int(np.flatnonzero(usable)[np.nanargmax(per_window[usable])])
+        mine = np.flatnonzero(usable & (data.run == data.run[worst]))
+        mine = mine[np.argsort(data.start[mine])]
+        first = int(np.clip(np.searchsorted(data.start[mine], data.start[worst]) - STRETCH // 2, 0, max(len(mine) - STRETCH, 0)))
+        out.append(_panel(made, channel, k, mine[first : first + STRETCH]))
+    return tuple(out)
+
+
+def _panel(made: Made, channel: str, k: int, windows: np.ndarray) -> Panel:
+    data = made.data
+    pieces: list[np.ndarray] = []
+    for w in windows:
+        seen = np.isfinite(data.t[w])
+        y = data.y[w, seen, k]
+        rows = np.stack([data.t[w, seen] + data.start[w], y, y - made.before[w, seen, k], y - made.after[w, seen, k]])
+        pieces += [rows, np.array([[rows[0, -1]], [np.nan], [np.nan], [np.nan]])]
+    t, measured, before, after = np.concatenate(pieces[:-1], axis=1)
+    unit = UNITS.get(channel, "rad/s" if channel.startswith("velocity.") else "rad")
+    if not made.diagnosis.causes:
+        after = np.full_like(after, np.nan)
+    return Panel(made.data.runs[data.run[windows[0]]].name, channel, unit, t, measured, before, after)
