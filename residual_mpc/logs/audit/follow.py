@@ -71,14 +71,29 @@ def enabled_on_grid(run: Run, actuator: str, dt: float) -> FloatArray:
     return np.nan_to_num(held(run, name), nan=1.0)[np.maximum(at, 0)]
 
 
-def tame(x: FloatArray, weight: FloatArray | None = None) -> FloatArray:
-    """A signal about its mean, its outermost hundredths cut off, nought where its weight is."""
-    on = np.ones(len(x), dtype=bool) if weight is None else weight > 0.0
-    if not on.any() or not np.all(np.isfinite(x)):
-        return np.zeros(len(x))
-    low, high = np.quantile(x[on], [0.005, 0.995])
-    kept = np.clip(x, low, high)
-    return np.where(on, kept - kept[on].mean(), 0.0)
+def tame(
+    signals: Sequence[FloatArray], weights: Sequence[FloatArray] | None = None, each: bool = True
+) -> list[FloatArray]:
+    """Signals about a mean, without their outermost hundredths, nought where the weight is or nothing is known.
+
+    Args:
+        signals: one (n_i,) signal each a run.
+        weights: alike, 0 where a sample does not count.
+        each: about each run's own mean (positions, whose zero may differ), else about the mean of all runs.
+    """
+    out, means, counts = [], [], []
+    masks = [np.ones(len(x)) for x in signals] if weights is None else weights
+    for x, weight in zip(signals, masks, strict=True):
+        on = (weight > 0.0) & np.isfinite(x)
+        kept = np.zeros(len(x))
+        if on.any():
+            kept[on] = np.clip(x[on], *np.quantile(x[on], [0.005, 0.995]))
+        out.append((kept, on))
+        means.append(float(kept[on].mean()) if on.any() else 0.0)
+        counts.append(int(on.sum()))
+    shared = float(np.dot(means, counts) / max(1, sum(counts)))
+    about = means if each else [shared] * len(out)
+    return [np.where(on, x - mean, 0.0) for (x, on), mean in zip(out, about, strict=True)]
 
 
 def follow(

@@ -21,8 +21,8 @@ from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.logs.signals import noise_sigma
 
 REACH = 0.5  # s: the latest answer that is looked for
-DEGREES = 180.0 / np.pi
-SURE, CLEAR, WEAK = 0.9, 0.7, 0.5  # correlations
+DEGREES, RPM = 180.0 / np.pi, 30.0 / np.pi
+SURE, CLEAR, MODERATE, WEAK, FAINT = 0.9, 0.7, 0.5, 0.5, 0.25  # correlations
 
 
 def check_pairing(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
@@ -61,27 +61,30 @@ def _usable(actuator: ActuatorFacts, name: str, run: Run) -> bool:
 def _answers(actuator: ActuatorFacts, name: str, runs: Sequence[Run], dt: float) -> list[FloatArray]:
     signals = []
     for run in runs:
-        on = enabled_on_grid(run, actuator.name, dt)
-        if not _usable(actuator, name, run):
-            signals.append(np.zeros(len(on)))
-            continue
-        moves = np.nanstd(run.columns[name]) > 3.0 * noise_sigma(run.t, run.columns[name])
-        if name.startswith("velocity"):
-            y = on_grid(run, run.columns[name], dt)
-        else:
-            y = position_on_grid(run, name, dt)
+        y = run.columns.get(name, np.full(len(run.t), np.nan))
+        moves = _usable(actuator, name, run) and np.nanstd(y) > 3.0 * noise_sigma(run.t, y)
+        if name.startswith("position"):
+            y = position_on_grid(run, name, dt) if moves else on_grid(run, np.full(len(run.t), np.nan), dt)
             y = np.gradient(y, dt) if actuator.kind == "velocity" else y
-        signals.append(tame(y, on) if moves else np.zeros(len(on)))
-    return signals
+        else:
+            y = on_grid(run, y, dt)
+        signals.append(y)
+    return tame(signals, _on(actuator, runs, dt), each=actuator.kind == "position")
 
 
 def _sources(actuator: ActuatorFacts, runs: Sequence[Run], dt: float) -> list[FloatArray]:
-    signals = []
-    for run in runs:
-        on = enabled_on_grid(run, actuator.name, dt)
-        driven = actuator.name in run.actuators
-        signals.append(tame(command_on_grid(run, f"command.{actuator.name}", dt), on) if driven else 0.0 * on)
-    return signals
+    column = f"command.{actuator.name}"
+    signals = [
+        command_on_grid(run, column, dt)
+        if column in run.columns
+        else on_grid(run, np.full(len(run.t), np.nan), dt)
+        for run in runs
+    ]
+    return tame(signals, _on(actuator, runs, dt), each=actuator.kind == "position")
+
+
+def _on(actuator: ActuatorFacts, runs: Sequence[Run], dt: float) -> list[FloatArray]:
+    return [enabled_on_grid(run, actuator.name, dt) for run in runs]
 
 
 def _swaps(
@@ -98,33 +101,34 @@ def _swaps(
             crossed = ((a.name, b.name), (b.name, a.name))
             across = [follow(sources[x], answers[y], dt, REACH) for x, y in crossed]
             strength = min(f.correlation.max() if f else 0.0 for f in across)
-            if a.kind != b.kind or strength < SURE:
+            neither = max(best[a.name], best[b.name])
+            if a.kind != b.kind or strength < (SURE if neither > FAINT else MODERATE):
                 continue
             swapped |= {a.name, b.name}
             findings.append(Finding(
-                "error" if strength > 0.98 and max(best[a.name], best[b.name]) < 0.3 else "warning",
+                "error" if strength > 0.98 and neither < FAINT else "warning",
                 "swapped channels", "", a_column, None,
                 f"{a_column} follows command.{b.name} and {b_column} follows command.{a.name} (correlation"
-                f" {strength:.2f}), neither its own ({max(best[a.name], best[b.name]):.2f}): swapped columns",
+                f" {strength:.2f}), neither its own ({neither:.2f}): swapped columns",
                 f'in [log] of the robot file: "{a_column}" = "{b_column}" and "{b_column}" = "{a_column}"',
             ))
     return findings, swapped
 
 
 def _units(actuator: ActuatorFacts, name: str, seen: Follow) -> list[Finding]:
-    """A ratio near 57.3 between an answer and its command: one of the two is in degrees."""
+    """A ratio near 57.3 (degrees) or 9.55 (revolutions per minute) between an answer and its command."""
     k = int(np.argmax(np.abs(seen.correlation)))
-    ratio = abs(float(seen.slope[k]))
-    if abs(seen.correlation[k]) < SURE:
+    ratio, strength = abs(float(seen.slope[k])), abs(float(seen.correlation[k]))
+    if strength < SURE:
         return []
-    for column, factor in ((name, ratio / DEGREES), (f"command.{actuator.name}", 1.0 / (ratio * DEGREES))):
-        if 0.6 < factor < 1.6:
-            return [Finding(
-                "error", "degrees", "", column, None,
-                f"{name} is {ratio:.4g} times command.{actuator.name}, which it follows closely"
-                f" (correlation {abs(seen.correlation[k]):.2f}): {column} is in degrees",
-                f"multiply {column} by pi / 180",
-            )]
+    for column, factor in ((name, ratio), (f"command.{actuator.name}", 1.0 / ratio)):
+        said = f"{name} is {ratio:.4g} times command.{actuator.name} (correlation {strength:.2f})"
+        if 0.6 < factor / DEGREES < 1.6:
+            remedy = f"multiply {column} by pi / 180"
+            return [Finding("error", "degrees", "", column, None, f"{said}: {column} is in degrees", remedy)]
+        if actuator.kind == "velocity" and 0.85 < factor / RPM < 1.15:
+            what = f"{said}: {column} may be in revolutions per minute"
+            return [Finding("warning", "rpm", "", column, None, what, f"multiply {column} by pi / 30")]
     return []
 
 
@@ -132,7 +136,9 @@ def _sign(actuator: ActuatorFacts, name: str, seen: Follow) -> list[Finding]:
     """An answer that follows the command's negative, at no delay the command itself."""
     after = seen.lags >= 0.0
     least, most = float(seen.correlation[after].min()), float(seen.correlation[after].max())
-    if least > -CLEAR or most > WEAK:
+    against = least < -CLEAR and most < WEAK
+    # speeds keep their sign at every shift, so that less will do
+    if not against and not (actuator.kind == "velocity" and least < -0.4 and most < 0.0):
         return []
     slope = float(seen.slope[after][int(np.argmin(seen.correlation[after]))])
     sure = least < -0.95 and -2.0 < slope < -0.5 and most < 0.3

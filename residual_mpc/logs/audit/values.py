@@ -14,7 +14,7 @@ from residual_mpc.logs.signals import noise_sigma, resolution, spikes
 
 TURN, TURN_DEGREES = 2.0 * np.pi, 360.0
 WRAP = 0.15  # of a turn: how near to it a jump has to be
-MANY_SPIKES = 0.002  # share of the samples
+MANY_SPIKES = 0.005  # share of the samples
 CLIPPED = 0.02  # share of a command's samples at its very end
 COARSE = 0.05  # rounding step over the spread of the motion
 
@@ -73,8 +73,10 @@ def _first_wrap(y: FloatArray, turn: float) -> int | None:
 
 def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
     """Positions so far beyond the joint's range that they can only be in degrees."""
-    if group(name) != "position" or member(name) not in robot.limits:
+    if group(name) != "position":
         return []
+    if member(name) not in robot.limits:
+        return _many_turns(name, runs, robot)
     low, high = robot.limits[member(name)]
     reach = max(abs(low), abs(high), high - low)
     for run in runs:
@@ -94,6 +96,17 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
                 "check the unit, the sign and the zero of this column",
             )]
     return []
+
+
+def _many_turns(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    """A position servo rarely makes several turns; degrees always look as if it did."""
+    servo = any(a.joint == member(name) and a.kind == "position" for a in robot.actuators)
+    farthest = max(runs, key=lambda run: float(np.nanmax(np.abs(run.columns[name]))))
+    reach = float(np.nanmax(np.abs(farthest.columns[name])))
+    if not servo or not _turns(name, robot) or reach < 2.0 * TURN:
+        return []
+    message = f"{name} reaches {reach:.4g} rad, {reach / TURN:.2g} turns: is it in degrees?"
+    return [Finding("warning", "many turns", farthest.name, name, None, message, "angles are in radians")]
 
 
 def _spikes(name: str, runs: Sequence[Run]) -> list[Finding]:
