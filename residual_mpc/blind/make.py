@@ -1,0 +1,130 @@
+"""Make a suite: draw the cases, seal the answers, keep the two apart."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from residual_mpc.blind.families import load_family, load_level, make_case
+from residual_mpc.blind.seal import Sealed, digest, read_sealed, seal, write_sealed
+from residual_mpc.blind.suite import FIRST_TEST_SEED, Entry, Suite, program_version, write_suite
+from residual_mpc.errors import BadInput
+
+
+@dataclass(frozen=True)
+class MakeSettings:
+    """What to draw: ``cases`` of each family at each level, with seeds from ``first_seed`` on."""
+
+    families: tuple[str, ...]
+    levels: tuple[str, ...]
+    cases: int = 5
+    first_seed: int = 0
+    jobs: int = -1  # processes; -1: all cores
+
+    def __post_init__(self) -> None:
+        if self.cases < 1:
+            raise BadInput(f"{self.cases} cases were asked for", "--cases", "Ask for 1 or more")
+        last = self.first_seed + self.cases - 1
+        if self.first_seed < 0 or (self.first_seed < FIRST_TEST_SEED <= last):
+            raise BadInput(
+                f"seeds {self.first_seed} to {last} mix development and test",
+                "--seed",
+                f"Development seeds are 0 to {FIRST_TEST_SEED - 1}, test seeds come after",
+            )
+        for name in self.families:
+            load_family(name)
+        for name in self.levels:
+            load_level(name)
+
+
+@dataclass(frozen=True)
+class Made:
+    """The suite, and the cases that could not be drawn, with why."""
+
+    suite: Suite
+    failed: tuple[tuple[str, str], ...]
+
+
+def make_suite(settings: MakeSettings, folder: Path, answers: Path) -> Made:
+    """Write the cases to ``folder``, the sealed answers to ``answers``; resume where a call stopped."""
+    from joblib import Parallel, delayed
+
+    _apart(folder, answers)
+    (folder / "cases").mkdir(parents=True, exist_ok=True)
+    answers.mkdir(parents=True, exist_ok=True)
+    plan = _plan(settings)
+    found: dict[str, Entry | str] = {
+        name: entry for name, *job in plan if (entry := _kept(name, tuple(job), folder, answers))
+    }
+    todo = [case for case in plan if case[0] not in found]
+    outcomes = Parallel(n_jobs=settings.jobs)(delayed(_one)(*case, folder, answers) for case in todo)
+    found |= {case[0]: outcome for case, outcome in zip(todo, outcomes, strict=True)}
+    entries = [found[name] for name, *_ in plan]
+    failed = tuple((name, str(found[name])) for name, *_ in plan if isinstance(found[name], str))
+    seeds = "test" if settings.first_seed >= FIRST_TEST_SEED else "development"
+    suite = Suite(folder, seeds, program_version(), tuple(e for e in entries if isinstance(e, Entry)))
+    write_suite(suite)
+    return Made(suite, failed)
+
+
+def _plan(settings: MakeSettings) -> list[tuple[str, str, str, int]]:
+    """(name, family, level, seed) of every case, in an order that says nothing of its level."""
+    every = [
+        (family, level, seed)
+        for family in settings.families
+        for level in settings.levels
+        for seed in range(settings.first_seed, settings.first_seed + settings.cases)
+    ]
+    order = np.random.default_rng([settings.first_seed, len(every)]).permutation(len(every))
+    return [(f"case-{place + 1:04d}", *every[k]) for place, k in enumerate(order)]
+
+
+def _one(name: str, family: str, level: str, seed: int, folder: Path, answers: Path) -> Entry | str:
+    """One case, whole or not at all; the reason where it cannot be drawn."""
+    work, final = folder / "cases" / f".{name}", folder / "cases" / name
+    for path in (work, final):
+        shutil.rmtree(path, ignore_errors=True)
+    try:
+        answer = make_case(family, level, seed, work)
+        sealed = seal(answer, work / "case")
+        write_sealed(sealed, answers / f"{name}.json")
+        (work / "case").rename(final)
+    except Exception as error:  # one case fails alone; the caller lists it
+        return f"{type(error).__name__}: {error}"
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return _entry(name, family, sealed)
+
+
+def _entry(name: str, family: str, sealed: Sealed) -> Entry:
+    return Entry(name, family, sealed.commitment, tuple(sealed.answer.withheld))
+
+
+def _kept(name: str, job: tuple[object, ...], folder: Path, answers: Path) -> Entry | None:
+    """The case that an earlier call made for the same ``job`` (family, level, seed), if it is still whole."""
+    case = folder / "cases" / name
+    try:
+        sealed = read_sealed(answers / f"{name}.json")
+    except BadInput:
+        return None
+    answer = sealed.answer
+    if (answer.family, answer.level, answer.seed) != job or not case.is_dir() or digest(case) != sealed.data:
+        return None
+    return _entry(name, answer.family, sealed)
+
+
+def _apart(folder: Path, answers: Path) -> None:
+    inner, outer = answers.resolve(), folder.resolve()
+    if inner == outer or outer in inner.parents:
+        raise BadInput(
+            "the answers would lie inside the suite", str(answers), "Keep them in a folder of their own"
+        )
+
+
+def default_answers(folder: Path) -> Path:
+    """Where the answers of the suite in ``folder`` are kept unless told otherwise: beside it."""
+    whole = folder.resolve()
+    return whole.with_name(whole.name + "-answers")

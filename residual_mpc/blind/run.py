@@ -1,0 +1,172 @@
+"""Diagnose the cases of a suite, each in a process and a folder of its own that hold no answer.
+
+Nothing here reads an answer or knows where one is kept. A case's files are copied to a fresh folder under a
+name that says nothing; the process that diagnoses them gets that folder, the command line and a short list of
+environment variables.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
+from residual_mpc.errors import BadInput
+
+ENGINES = ("processes", "dask")
+# what a program needs to start at all; nothing else of the caller's environment reaches a diagnosis
+_ENVIRONMENT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH",
+                "MUJOCO_GL", "SYSTEMROOT", "TEMP", "TMP")  # fmt: skip
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How to diagnose. ``command`` is any program that takes the options of `residual-mpc diagnose`."""
+
+    command: str = ""  # empty: this installation's own
+    jobs: int = -1  # cases at once; -1: all cores
+    timeout: float = 600.0  # s a case
+    engine: str = "processes"
+    address: str = ""  # of a running Dask scheduler; empty: a local cluster
+    seed: int = 0  # handed to every diagnosis
+
+    def __post_init__(self) -> None:
+        if self.timeout <= 0:
+            raise BadInput(f"the time limit is {self.timeout} s", "--timeout", "Give seconds above 0")
+        if self.engine not in ENGINES:
+            raise BadInput(
+                f"no engine is called {self.engine!r}", "--engine", f"Known engines: {', '.join(ENGINES)}"
+            )
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What a sweep did."""
+
+    cases: int
+    diagnosed: int
+    failed: int
+    resumed: int  # found diagnosed by an earlier call
+    seconds: float
+
+
+def run_suite(folder: Path, results: Path, settings: RunSettings) -> RunSummary:
+    """Diagnose every case that ``results`` does not hold yet; a failing case fails alone, kept as failed."""
+    suite = read_suite(folder)
+    command = [*_command(settings.command), "--seed", str(settings.seed)]
+    results.mkdir(parents=True, exist_ok=True)
+    todo = [entry for entry in suite.cases if not (results / entry.name / "run.json").exists()]
+    begin = time.monotonic()
+    outcomes = _spread(suite, todo, results, command, settings)
+    good = sum(outcomes)
+    return RunSummary(
+        len(suite.cases), good, len(todo) - good, len(suite.cases) - len(todo), time.monotonic() - begin
+    )
+
+
+def _spread(
+    suite: Suite, todo: list[Entry], results: Path, command: list[str], settings: RunSettings
+) -> list[bool]:
+    """Whether each case was diagnosed, in order, on all workers."""
+    from joblib import Parallel, delayed, parallel_config
+
+    calls = [
+        delayed(diagnose_case)(suite.case(entry).resolve(), entry, (results / entry.name).resolve(), command,
+                               settings.timeout)
+        for entry in todo
+    ]  # fmt: skip
+    if settings.engine == "processes":
+        # each case is a process of its own already; threads only wait for them
+        return list(Parallel(n_jobs=settings.jobs, prefer="threads")(calls))
+    try:
+        from dask.distributed import Client, LocalCluster  # type: ignore[import-not-found, unused-ignore]
+    except ImportError:
+        raise BadInput(
+            "the engine dask is not installed",
+            "--engine",
+            "Install it with `pip install 'residual-mpc[dask]'`",
+        ) from None
+    workers = settings.jobs if settings.jobs > 0 else os.cpu_count()
+    cluster = settings.address or LocalCluster(
+        n_workers=workers, threads_per_worker=1, dashboard_address=None
+    )
+    with Client(cluster), parallel_config(backend="dask"):
+        return list(Parallel()(calls))
+
+
+def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], timeout: float) -> bool:
+    """Diagnose one case into ``result`` (``diagnosis.json``, ``run.json``); whether a diagnosis came out."""
+    with tempfile.TemporaryDirectory(prefix="case-") as place:
+        work = Path(place) / "case"
+        shutil.copytree(case, work)
+        runs = sorted(p.name for p in work.iterdir() if p.suffix in (".csv", ".parquet"))
+        call = [*command, "--robot", "robot.toml", *runs, "--out", "out", "--json"]
+        for effect in entry.without:
+            call += ["--without", effect]
+        environment = {k: os.environ[k] for k in _ENVIRONMENT if k in os.environ} | _ONE_THREAD
+        begin = time.monotonic()
+        status, exit_status, complaint = _call(call, work, environment, timeout)
+        seconds = time.monotonic() - begin
+        made = work / "out" / "diagnosis.json"
+        if status == "done" and not made.exists():
+            status = "no diagnosis.json"
+        shutil.rmtree(result, ignore_errors=True)
+        result.mkdir(parents=True)
+        if status == "done":
+            shutil.copyfile(made, result / "diagnosis.json")
+            for extra in ("model.json",):
+                if (work / "out" / extra).exists():
+                    shutil.copyfile(work / "out" / extra, result / extra)
+        # written last: its presence says that the case is finished
+        write_json(
+            result / "run.json",
+            {"status": status, "exit_status": exit_status, "seconds": seconds, "complaint": complaint[-2000:],
+             "version": program_version(), "command": " ".join(command)},
+        )  # fmt: skip
+    return status == "done"
+
+
+def _call(
+    call: list[str], work: Path, environment: dict[str, str], timeout: float
+) -> tuple[str, int | None, str]:
+    """(status, exit status, end of stderr) of one process."""
+    try:
+        process = subprocess.Popen(
+            call, cwd=work, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            text=True, errors="replace", start_new_session=True,
+        )  # fmt: skip
+    except OSError as error:
+        return "not started", None, str(error)
+    try:
+        _, complaint = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        _stop(process)
+        return f"over {timeout:g} s", None, ""
+    return ("done" if process.returncode == 0 else "failed"), process.returncode, complaint
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    """End the process and whatever it started: its session is its own."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+def _command(given: str) -> list[str]:
+    """The program and its first words, the program looked up."""
+    own = Path(sys.executable).with_name("residual-mpc")
+    words = shlex.split(given) if given else [str(own), "diagnose"]
+    program = shutil.which(words[0])
+    if program is None:
+        raise BadInput(f"the program {words[0]!r} is not found", "--command", "Give its path, or install it")
+    return [str(Path(program).absolute()), *words[1:]]

@@ -1,0 +1,1 @@
+"""From diagnoses and revealed answers to figures."""

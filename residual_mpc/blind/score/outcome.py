@@ -1,0 +1,86 @@
+"""One case, scored."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from residual_mpc.blind.records import Answer
+from residual_mpc.blind.score.claim import Claim, read_claim
+from residual_mpc.blind.score.match import Match, counterpart, match
+from residual_mpc.errors import BadInput
+
+_NULL = {"gain": 1.0, "scale": 1.0, "ratio": 1.0}  # parameters whose null value is not 0
+_ANGLES = ("heading",)
+
+
+@dataclass(frozen=True)
+class ParameterOutcome:
+    """One parameter of an effect that was named at its place."""
+
+    effect: str
+    parameter: str
+    true: float
+    value: float
+    covered: bool | None  # None where no interval was given
+    relative_error: float  # of the deviation from the null value
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case: what was hidden, what was claimed, how they compare."""
+
+    name: str
+    answer: Answer
+    claim: Claim | None  # None where no diagnosis came out: counted as wrong
+    match: Match
+    parameters: tuple[ParameterOutcome, ...]
+    seconds: float | None
+    trouble: str  # why there is no diagnosis
+
+
+def outcome(name: str, answer: Answer, result: Path) -> Outcome:
+    """Score the diagnosis in the folder ``result``."""
+    seconds, trouble = _run_record(result)
+    claim: Claim | None = None
+    if not trouble:
+        try:
+            claim = read_claim(result / "diagnosis.json")
+        except (BadInput, OSError) as error:
+            trouble = str(error)
+    if claim is None:
+        return Outcome(name, answer, None, Match(False, None, (), 1), (), seconds, trouble)
+    return Outcome(name, answer, claim, match(answer, claim), _parameters(answer, claim), seconds, "")
+
+
+def _run_record(result: Path) -> tuple[float | None, str]:
+    """(seconds, why there is no diagnosis)."""
+    try:
+        record = json.loads((result / "run.json").read_text())
+    except (OSError, ValueError):
+        return None, "was not run"
+    return float(record["seconds"]), "" if record["status"] == "done" else str(record["status"])
+
+
+def _parameters(answer: Answer, claim: Claim) -> tuple[ParameterOutcome, ...]:
+    found = []
+    best_fit = answer.notes.get("best_fit", {})
+    for planted in answer.effects:
+        name = counterpart(planted, answer, claim)
+        if name is None:
+            continue
+        for parameter, drawn in planted.parameters.items():
+            estimate = claim.estimates[name].get(parameter)
+            if estimate is None:
+                continue
+            # where the truth follows another law, its best fit under the library's law is what is estimated
+            true = float(best_fit.get(f"{planted.effect}.{parameter}", drawn))
+            null = _NULL.get(parameter, 0.0)
+            scale = 1.0 if parameter in _ANGLES else max(abs(true - null), 1e-12)
+            covered = None
+            if estimate.low == estimate.low:
+                covered = estimate.low <= true <= estimate.high
+            error = abs(estimate.value - true) / scale
+            found.append(ParameterOutcome(planted.effect, parameter, true, estimate.value, covered, error))
+    return tuple(found)

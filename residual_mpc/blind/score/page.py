@@ -1,0 +1,80 @@
+"""The scores as one page that needs no network, and as Markdown for the documentation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from residual_mpc.blind.score import plots
+from residual_mpc.blind.score.calibration import calibration_error
+from residual_mpc.blind.score.rates import Rate
+from residual_mpc.blind.score.score import Scores
+from residual_mpc.blind.score.summary import Summary
+
+
+def write_page(scores: Scores, path: Path) -> None:
+    """Write the HTML page to ``path``."""
+    from jinja2 import Environment, PackageLoader
+
+    environment = Environment(
+        loader=PackageLoader("residual_mpc.blind"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    first = scores.summaries[0]
+    path.write_text(
+        environment.get_template("page.html").render(
+            scores=scores,
+            first=first,
+            table=figures(scores),
+            levels=plots.levels_plot(scores.summaries),
+            reliability=plots.reliability_plot(first),
+            shrink=plots.shrink_plot(first),
+            confusion=plots.confusion_plot(first),
+            percent=percent,
+            number=number,
+            calibration_error=calibration_error(first.bins),
+        )
+    )
+
+
+def figures(scores: Scores) -> list[tuple[str, list[str]]]:
+    """The table of methods: (name of the figure, one cell a method)."""
+    rows: list[tuple[str, list[str]]] = []
+
+    def row(name: str, cells: list[str]) -> None:
+        rows.append((name, cells))
+
+    every = scores.summaries
+    row("right", [percent(s.right) for s in every])
+    for level in every[0].by_level:
+        row(f"right, {level.replace('_', ' ')}", [percent(s.by_level[level]) for s in every])
+    for family in every[0].by_family:
+        row(f"right, {family}", [percent(s.by_family[family]) for s in every])
+    row("target right, among the right", [percent(s.target_right) for s in every])
+    row("false alarms, where there is no gap", [percent(s.false_alarms) for s in every])
+    row("unknown or partial, where no candidate is the cause", [percent(s.unknown_said) for s in every])
+    row("unknown, where a candidate is", [percent(s.unknown_wrongly) for s in every])
+    row("true value inside its 95 % interval", [percent(s.interval_coverage) for s in every])
+    row("parameter error, median", [number(s.parameter_error) for s in every])
+    row("shrink achieved inside its expected interval", [percent(s.shrink_coverage) for s in every])
+    row("shrink, mean distance from expected", [number(s.shrink_error) for s in every])
+    row("calibration error of the probabilities", [number(calibration_error(s.bins)) for s in every])
+    row("size of the groups in right answers, mean", [number(s.group_size) for s in every])
+    row("seconds a case, median", [number(s.seconds) for s in every])
+    row("cases without a diagnosis", [str(_failed(s)) for s in every])
+    return rows
+
+
+def percent(rate: Rate) -> str:
+    """A rate with its interval and count."""
+    if rate.value is None or rate.ci95 is None:
+        return "–"
+    low, high = rate.ci95
+    return f"{100 * rate.value:.0f} % ({100 * low:.0f} to {100 * high:.0f}), {rate.hits} of {rate.count}"
+
+
+def number(value: float | None) -> str:
+    """Three significant figures."""
+    return "–" if value is None else f"{value:.3g}"
+
+
+def _failed(summary: Summary) -> int:
+    return sum(o.claim is None for o in summary.outcomes)

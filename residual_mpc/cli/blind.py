@@ -1,0 +1,160 @@
+"""`residual-mpc blind make|run|score`: the benchmark whose answers are withheld."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from residual_mpc.cli.common import emit, json_option
+from residual_mpc.errors import BadInput
+
+_folder = click.Path(path_type=Path, file_okay=False)
+
+
+@click.group()
+def blind() -> None:
+    """Sealed benchmark cases, diagnoses made without their answers, and the scores."""
+
+
+@blind.command()
+@click.option("--out", type=_folder, required=True, help="Folder for the cases.")
+@click.option(
+    "--answers", type=_folder, help="Folder for the sealed answers, outside --out  [default: OUT-answers]"
+)
+@click.option(
+    "--family", "families", multiple=True, help="A family of robots; repeat for more  [default: all]"
+)
+@click.option("--level", "levels", multiple=True, help="A level; repeat for more  [default: all]")
+@click.option("--cases", type=int, default=5, show_default=True, help="Cases of each family at each level.")
+@click.option(
+    "--seed", type=int, default=0, show_default=True, help="First seed; 100000 and up are test seeds."
+)
+@click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1 for all cores.")
+@json_option
+def make(
+    out: Path,
+    answers: Path | None,
+    families: tuple[str, ...],
+    levels: tuple[str, ...],
+    cases: int,
+    seed: int,
+    jobs: int,
+    as_json: bool,
+) -> None:
+    """Draw cases and seal their answers. A second call carries on where the first one stopped."""
+    from residual_mpc.blind.families import family_names
+    from residual_mpc.blind.levels import LEVELS
+    from residual_mpc.blind.make import MakeSettings, default_answers, make_suite
+
+    settings = MakeSettings(families or family_names(), levels or tuple(LEVELS), cases, seed, jobs)
+    kept = answers or default_answers(out)
+    made = make_suite(settings, out, kept)
+    for name, why in made.failed:
+        click.echo(f"{name} could not be drawn: {why}", err=True)
+    if as_json:
+        emit({"make": {"cases": len(made.suite.cases), "failed": len(made.failed), "suite": str(out),
+                       "answers": str(kept), "seeds": made.suite.seeds}})  # fmt: skip
+        return
+    click.echo(f"{len(made.suite.cases)} cases in {out}, their answers sealed in {kept}")
+
+
+@blind.command()
+@click.argument("suite", type=_folder)
+@click.option("--out", type=_folder, required=True, help="Folder for the diagnoses.")
+@click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`.")
+@click.option("--jobs", type=int, default=-1, show_default=True, help="Cases at once; -1 for all cores.")
+@click.option("--timeout", type=float, default=600.0, show_default=True, help="Seconds a case may take.")
+@click.option(
+    "--engine", default="processes", show_default=True, help="processes, or dask for many machines."
+)
+@click.option("--address", default="", help="Of a running Dask scheduler  [default: a local cluster]")
+@click.option("--seed", type=int, default=0, show_default=True, help="Handed to every diagnosis.")
+@json_option
+def run(
+    suite: Path,
+    out: Path,
+    command: str,
+    jobs: int,
+    timeout: float,
+    engine: str,
+    address: str,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Diagnose every case of SUITE in a process and a folder of its own, without its answer.
+
+    A second call diagnoses only what is missing.
+    """
+    from residual_mpc.blind.run import RunSettings, run_suite
+
+    summary = run_suite(suite, out, RunSettings(command, jobs, timeout, engine, address, seed))
+    if as_json:
+        emit({"run": {"cases": summary.cases, "diagnosed": summary.diagnosed, "failed": summary.failed,
+                      "resumed": summary.resumed, "seconds": summary.seconds}})  # fmt: skip
+        return
+    click.echo(
+        f"{summary.diagnosed} of {summary.cases} cases diagnosed in {summary.seconds:.0f} s, "
+        f"{summary.failed} failed, {summary.resumed} were there already"
+    )
+
+
+@blind.command()
+@click.argument("suite", type=_folder)
+@click.option(
+    "--results", "given", multiple=True, required=True, help="FOLDER of `blind run`, or NAME=FOLDER; repeat."
+)
+@click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
+@click.option("--out", type=_folder, help="Folder for score.json and the page blind.html.")
+@click.option("--ledger", type=click.Path(path_type=Path, dir_okay=False),
+              help="File that counts the openings of test seeds  [default: in the folder of answers]")  # fmt: skip
+@click.option("--seed", type=int, default=0, hidden=True)
+@json_option
+def score(
+    suite: Path,
+    given: tuple[str, ...],
+    answers: Path | None,
+    out: Path | None,
+    ledger: Path | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Reveal the answers of SUITE and score methods against them; the first one is reported."""
+    from residual_mpc.blind.make import default_answers
+    from residual_mpc.blind.score.score import score_suite
+
+    kept = answers or default_answers(suite)
+    scores = score_suite(suite, kept, _methods(given), ledger or kept / "openings.jsonl")
+    first = scores.summaries[0].document()
+    first["methods"] = [s.document() for s in scores.summaries[1:]]
+    if out is not None:
+        from residual_mpc.blind.score.page import write_page
+        from residual_mpc.blind.suite import write_json
+
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(out / "score.json", {"score": first})
+        write_page(scores, out / "blind.html")
+    if as_json:
+        emit({"score": first})
+        return
+    from residual_mpc.blind.score.page import figures
+
+    names = [s.method for s in scores.summaries]
+    if len(names) > 1:
+        click.echo("methods: " + ", ".join(names))
+    for figure, cells in figures(scores):
+        click.echo(f"{figure:<52} " + "   ".join(cells))
+
+
+def _methods(given: tuple[str, ...]) -> dict[str, Path]:
+    """Name to folder of each method."""
+    methods: dict[str, Path] = {}
+    for text in given:
+        name, equals, folder = text.partition("=")
+        name, folder = (name, folder) if equals else ("diagnose", text)
+        if not name or not folder or name in methods:
+            raise BadInput(
+                f"{text!r} names no method of its own", "--results", "Give NAME=FOLDER, each name once"
+            )
+        methods[name] = Path(folder)
+    return methods
