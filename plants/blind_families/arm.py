@@ -84,7 +84,7 @@ def _setting(level: Level, rng: np.random.Generator) -> Setting | None:
     happened = play(ideal(arm), course)
     if happened is None:
         return None
-    speed = happened.speed(course.t)
+    speed = happened.speed(course.t, nothing)
     scale = np.sqrt((happened.torque**2).mean(axis=(0, 1)))
     robot = ArmRobot(
         ideal(arm),
@@ -108,7 +108,7 @@ def _ratio(robot: ArmRobot, setting: Setting) -> float:
     happened = play(robot.truth, course)
     if happened is None:
         return float("inf")
-    seen, speed = happened.seen(course.t, robot.sensor), happened.speed(course.t)
+    seen, speed = happened.seen(course.t, robot.sensor), happened.speed(course.t, robot.sensor)
     sigma = np.sqrt(setting.sigma**2 + setting.resolution**2 / 12)
     # the slope of a quadratic through five samples; where speeds are logged, the middle value of one
     period = float(np.median(np.diff(course.t)))
@@ -283,7 +283,7 @@ def _write(
     (folder / "arm.xml").write_text(mjcf(arm))
     (folder / "robot.toml").write_text("\n".join(lines) + "\n")
     t = course.t
-    seen, speed = happened.seen(t, robot.sensor), happened.speed(t)
+    seen, speed = happened.seen(t, robot.sensor), happened.speed(t, robot.sensor)
     for r in range(seen.shape[0]):
         table = {"t": t}
         for j, joint in enumerate(arm.joints):

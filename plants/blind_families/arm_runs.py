@@ -43,10 +43,15 @@ class Happened:
                 out[r, :, j] = np.interp(t - sensor.delay[j], fine, self.q[r, :, j]) + sensor.bias[j]
         return out
 
-    def speed(self, t: Array) -> Array:
-        """Joint speeds (r, k, n) rad/s at ``t``, half a fine step early: where the leapfrog keeps them."""
-        index = np.maximum(np.round(t / STEP).astype(int), 1)
-        return (self.q[:, index] - self.q[:, index - 1]) / STEP
+    def speed(self, t: Array, sensor: ArmSensor) -> Array:
+        """Joint speeds (r, k, n) rad/s as seen at ``t``, half a fine step early: where the leapfrog keeps them.
+
+        A late sensor is late with all that it reports.
+        """
+        late = np.maximum(t[:, None] - sensor.delay[None, :], 0.0)  # (k, n)
+        index = np.maximum(np.round(late / STEP).astype(int), 1)
+        joint = np.arange(self.q.shape[2])[None, :]
+        return (self.q[:, index, joint] - self.q[:, index - 1, joint]) / STEP
 
 
 def play(truth: ArmTruth, course: Course) -> Happened | None:

@@ -24,17 +24,23 @@ class SearchSettings:
     beyond_doubt: likelihood ratio (drop in cost over dispersion) per added term, on top of `per_knob` for each knob;
     worth: an addition has to remove this share of what is left of the squared gap beyond the noise floor, or `worth_first`
     of the first model's; over_floor: and this multiple of the squared floor, below which nobody would see it;
-    shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set.
+    worth_far: the share that will do where the gap is more than twice the floor and the likelihood ratio is above `massive`;
+    shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set; beam: sets that a step starts from
+    while more than the share `settled` of the squared gap beyond the floor is unexplained.
     """
 
     beyond_doubt: float = 25.0
     per_knob: float = 4.0
     worth: float = 0.4
-    worth_first: float = 0.12
+    worth_first: float = 0.08
     over_floor: float = 0.6
+    worth_far: float = 0.12
+    massive: float = 80.0
     shortlist: int = 10
     finalists: int = 4
     largest: int = 5
+    beam: int = 4
+    settled: float = 0.08
 
 
 @dataclass(frozen=True)
@@ -91,19 +97,19 @@ def search(
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
     base = fit_all(problem, [base_values])[0]
     ruler = build_ruler(problem.data, problem.space, scales, base, rng)
-    current, steps = base, list[Step]()
-    while len(current.terms) < settings.largest:
-        here = judge(problem, current, noise)
-        current = refit(here, [current])[0]
-        report(f"{len(current.terms)} effects named; looking for the next")
-        best = best_addition(here, current, settings)
-        if best is None or not convincing(problem, ruler, current, best, base, blocks, settings):
+    beam, steps = [base], list[Step]()
+    while len(beam[0].terms) < settings.largest:
+        here = judge(problem, beam[0], noise)
+        beam = refit(here, beam)
+        report(f"{len(beam[0].terms)} effects named; looking for the next")
+        children = additions(here, beam, settings)
+        if not children or not convincing(problem, ruler, beam[0], children[0], base, blocks, settings):
             break
-        steps.append(Step(best.terms, current.cost, best.cost))
-        current = best
-        current = prune(problem, ruler, current, base, noise, blocks, settings)
-    here = judge(problem, current, noise)
-    current, base = refit(here, [current, base])
+        steps.append(Step(children[0].terms, beam[0].cost, children[0].cost))
+        best = prune(problem, ruler, children[0], base, noise, blocks, settings)
+        beam = [best, *others(ruler, base, best, children[1:], settings)]
+    here = judge(problem, beam[0], noise)
+    current, base = refit(here, [beam[0], base])
     return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps))
 
 
@@ -126,14 +132,33 @@ def compatible(term: Term, terms: tuple[Term, ...]) -> bool:
     return all(t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in terms)
 
 
-def best_addition(problem: Problem, current: Fit, settings: SearchSettings) -> Fit | None:
-    """The best fit with one more term; None where no candidate is left."""
-    candidates = tuple(c for c in problem.space.candidates if compatible(c, current.terms))
-    leads = screen(problem, current, candidates)[: settings.shortlist]
-    rough = fit_all(problem, [{**current.values, **lead.start} for lead in leads], 2)
-    best = sorted(rough, key=lambda f: f.cost)[: settings.finalists]
-    fits = fit_all(problem, [f.values for f in best])
-    return min(fits, key=lambda f: f.cost, default=None)
+def additions(problem: Problem, beam: list[Fit], settings: SearchSettings) -> list[Fit]:
+    """The best sets with one more term than a set of the beam, cheapest first; each set of terms once."""
+    starts: list[Values] = []
+    for place, parent in enumerate(beam):
+        candidates = tuple(c for c in problem.space.candidates if compatible(c, parent.terms))
+        leads = screen(problem, parent, candidates)
+        starts += [{**parent.values, **lead.start} for lead in leads[: settings.shortlist // (1 + place)]]
+    rough = sorted(fit_all(problem, starts, 2), key=lambda f: f.cost)
+    finalists = distinct(rough)[: settings.finalists * (2 if len(beam) > 1 else 1)]
+    return distinct(sorted(fit_all(problem, [f.values for f in finalists]), key=lambda f: f.cost))
+
+
+def distinct(fits: list[Fit]) -> list[Fit]:
+    """The first fit of each set of terms."""
+    seen: dict[frozenset[Term], Fit] = {}
+    for f in fits:
+        seen.setdefault(frozenset(f.terms), f)
+    return list(seen.values())
+
+
+def others(ruler: Ruler, base: Fit, best: Fit, children: list[Fit], settings: SearchSettings) -> list[Fit]:
+    """Runners-up that the next step may start from as well: none where the best leaves little to explain, since a greedy step
+    goes wrong only while several causes still mix."""
+    first, now = ruler.squared([base, best])
+    if now - ruler.floor < settings.settled * (first - ruler.floor):
+        return []
+    return [c for c in children if frozenset(c.terms) != frozenset(best.terms)][: settings.beam - 1]
 
 
 def convincing(
@@ -155,7 +180,11 @@ def convincing(
     first, was, now = ruler.squared([base, current, best])
     removed, left = was - now, max(was - ruler.floor, 0.0)
     seen = removed > settings.over_floor * ruler.floor
-    return bool(seen and (removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor)))
+    # far above the noise, on a real robot, causes come one by one and each removes a little of a large remainder
+    far = left > 4.0 * ruler.floor and ratio > settings.massive and removed > settings.worth_far * left
+    return bool(
+        seen and (far or removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor))
+    )
 
 
 def prune(
