@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from residual_mpc.cli.common import emit, json_option
+from residual_mpc.cli.common import emit, json_option, load, robot_option, runs_argument
 from residual_mpc.errors import BadInput
 
 _folder = click.Path(path_type=Path, file_okay=False)
@@ -107,7 +107,7 @@ def run(
 @click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
 @click.option("--out", type=_folder, help="Folder for score.json and the page blind.html.")
 @click.option("--ledger", type=click.Path(path_type=Path, dir_okay=False),
-              help="File that counts the openings of test seeds  [default: in the folder of answers]")  # fmt: skip
+              help="File that counts the openings of test seeds  [default: beside the answers]")  # fmt: skip
 @click.option("--seed", type=int, default=0, hidden=True)
 @json_option
 def score(
@@ -158,3 +158,38 @@ def _methods(given: tuple[str, ...]) -> dict[str, Path]:
             )
         methods[name] = Path(folder)
     return methods
+
+
+@blind.command()
+@click.argument("method", type=click.Choice(["single", "all_at_once", "sparse"]))
+@robot_option
+@runs_argument
+@click.option("--out", type=_folder, required=True, help="Folder for diagnosis.json.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Leave this effect out; repeat for more.")
+@click.option("--seed", type=int, default=0, hidden=True)
+@json_option
+def baseline(
+    method: str,
+    robot: str,
+    runs: tuple[str, ...],
+    out: Path,
+    without: tuple[str, ...],
+    seed: int,
+    as_json: bool,
+) -> None:
+    """A simple method to compare with, behind the options of `diagnose`: for `blind run --command`."""
+    from importlib import import_module
+
+    from residual_mpc.blind.baselines.bench import bench_of, document_of, write_document
+
+    loaded = load(robot, runs, quiet=True)
+    bench = bench_of(
+        loaded.runs, loaded.robots, dict(loaded.robot_file.noise), loaded.robot_file.tunable, without
+    )
+    fit = getattr(import_module(f"residual_mpc.blind.baselines.{method}"), method)(bench)
+    document = document_of(bench, fit, loaded.robot_file.name)
+    write_document(document, out)
+    if as_json:
+        emit(document)
+    else:
+        click.echo(", ".join(part["effect"] for part in document["explanation"]) or document["verdict"])
