@@ -1,8 +1,8 @@
 """A sparse regression on short prediction errors: the way of equation discovery.
 
-Every candidate, nudged off its null, is one column of predicted change over a tenth of a second; sequentially
-thresholded least squares (Brunton, Proctor and Kutz 2016, algorithm 1) keeps the columns that matter, and what
-is kept is named.
+Every candidate, nudged off its null, is one column of predicted change over a tenth of a second.
+Sequentially thresholded least squares (Brunton, Proctor and Kutz 2016, algorithm 1) keeps the columns that
+matter, and what is kept is named.
 """
 
 from __future__ import annotations
