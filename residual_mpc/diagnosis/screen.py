@@ -29,7 +29,7 @@ class Lead:
 
 def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list[Lead]:
     """The best lead of each probe, largest gain first; probes of the same term stay apart."""
-    small, weight = _smaller(problem)
+    small, weight = smaller(problem)
     if small is not problem:
         current = on_problem(small, current)
     probes = [(term, p) for term in candidates for p in small.space.probes(term)]
@@ -44,7 +44,7 @@ def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list
     return sorted(leads, key=lambda lead: -lead.gain)
 
 
-def _smaller(problem: Problem) -> tuple[Problem, float]:
+def smaller(problem: Problem) -> tuple[Problem, float]:
     """The problem thinned to STEPS simulation steps, and how many times larger the whole is."""
     data = problem.data
     steps = max(b.drive.steps for b in data.blocks)

@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.problem import Problem, reweigh
 from residual_mpc.diagnosis.replay import predict
-from residual_mpc.diagnosis.screen import screen
+from residual_mpc.diagnosis.screen import screen, smaller
 from residual_mpc.diagnosis.space import Space
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
@@ -85,6 +85,8 @@ def build_ruler(data: Dataset, space: Space, scales: Scales, base: Fit, rng: np.
     return Ruler(data, space, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
 
 
+GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
+
 Report = Callable[[str], None]
 
 
@@ -102,7 +104,7 @@ def search(
         here = judge(problem, beam[0], noise)
         beam = refit(here, beam)
         report(f"{len(beam[0].terms)} effects named; looking for the next")
-        children = additions(here, beam, settings)
+        children = additions(here, beam, blocks, settings)
         if not children or not convincing(problem, ruler, beam[0], children[0], base, blocks, settings):
             break
         steps.append(Step(children[0].terms, beam[0].cost, children[0].cost))
@@ -132,15 +134,23 @@ def compatible(term: Term, terms: tuple[Term, ...]) -> bool:
     return all(t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in terms)
 
 
-def additions(problem: Problem, beam: list[Fit], settings: SearchSettings) -> list[Fit]:
-    """The best sets with one more term than a set of the beam, cheapest first; each set of terms once."""
+def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
+    """The best sets with one more term than a set of the beam, cheapest first; each set of terms once.
+
+    Empty where not even a generous reading of the screening promises anything beyond doubt: no fit is spent on it then.
+    """
     starts: list[Values] = []
+    promised = 0.0
     for place, parent in enumerate(beam):
         candidates = tuple(c for c in problem.space.candidates if compatible(c, parent.terms))
         leads = screen(problem, parent, candidates)
         starts += [{**parent.values, **lead.start} for lead in leads[: settings.shortlist // (1 + place)]]
-    rough = sorted(fit_all(problem, starts, 2), key=lambda f: f.cost)
-    finalists = distinct(rough)[: settings.finalists * (2 if len(beam) > 1 else 1)]
+        promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
+    if GENEROUS * promised < settings.beyond_doubt:
+        return []
+    small, _ = smaller(problem)
+    rough = sorted(fit_all(small, starts, 3), key=lambda f: f.cost)
+    finalists = distinct(rough)[: settings.finalists + (2 if len(beam) > 1 else 0)]
     return distinct(sorted(fit_all(problem, [f.values for f in finalists]), key=lambda f: f.cost))
 
 
