@@ -44,7 +44,7 @@ class Happened:
         return out
 
     def speed(self, t: Array, sensor: ArmSensor) -> Array:
-        """Joint speeds (r, k, n) rad/s as seen at ``t``, half a fine step early: where the leapfrog keeps them.
+        """Joint speeds (r, k, n) rad/s seen at ``t``, half a fine step early: where the leapfrog keeps them.
 
         A late sensor is late with all that it reports.
         """

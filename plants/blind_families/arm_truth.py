@@ -209,8 +209,7 @@ class Stepper:
         after = (z + STEP * v) / (1.0 + STEP * rate)  # implicit: bristles are stiff
         self.bristle = after
         return (
-            level / _PRESLIDING * after
-            + 0.2 * np.sqrt(level / _PRESLIDING * p.arm.armature) * (after - z) / STEP
+            level / _PRESLIDING * after + np.sqrt(level / _PRESLIDING * p.arm.armature) * (after - z) / STEP
         )
 
 

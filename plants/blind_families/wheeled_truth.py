@@ -22,7 +22,7 @@ _SIDE_LIMIT = 0.5  # m/s, fastest sideways drift
 _SIDE_TIME = 0.05  # s, relaxation of the tyre sideways
 _SLIP_LIMIT = 0.6  # 1, slip ratio at full sliding
 _CONTACT_TIME = 0.04  # s, relaxation of the contact patch
-_GEAR_FREQUENCY = 250.0  # rad/s, wheel against the closed gear
+_GEAR_FREQUENCY = 600.0  # rad/s, wheel against the closed gear
 _WHEEL_DRAG_TIME = 0.02  # s, a wheel let loose in its gap stops in this time
 
 
@@ -112,7 +112,7 @@ class _Drive:
             before = self.speed
             current_time = p.lag[i] / 10.0
             most = 1.2 * p.speed_scale / p.lag[i]
-            wanted = (u - self.speed) / (p.lag[i] - current_time)
+            wanted = (u - self.speed) / p.lag[i]  # the current's own lag costs no way in the end
             wanted = min(max(wanted, -most), most)
             self.acceleration += (wanted - self.acceleration) * (1.0 - exp(-h / current_time))
             self.speed += self.acceleration * h

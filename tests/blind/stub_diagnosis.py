@@ -31,8 +31,15 @@ if len(told) > 1:
     target = None if told[2] == "-" else told[2]
     explanation = [{"effect": told[1], "target": target, "probability": 0.9, "parameters": {}}]
 document = {
-    "schema": "residual-mpc/diagnosis/1", "robot": "stub", "verdict": told[0], "held_out": [],
-    "gap": {"before": 1.0, "after": 0.5, "noise_floor": 0.1, "horizon": 1.0}, "shrink": None,
-    "explanation": explanation, "candidates": [], "confounded": [], "seen": "\n".join(seen),
-}  # fmt: skip
+    "schema": "residual-mpc/diagnosis/1",
+    "robot": "stub",
+    "verdict": told[0],
+    "held_out": [],
+    "gap": {"before": 1.0, "after": 0.5, "noise_floor": 0.1, "horizon": 1.0},
+    "shrink": None,
+    "explanation": explanation,
+    "candidates": [],
+    "confounded": [],
+    "seen": "\n".join(seen),
+}
 (out / "diagnosis.json").write_text(json.dumps(document))

@@ -151,13 +151,31 @@ def test_the_command_line_makes_runs_and_scores(suite):
     assert json.loads(done.stdout)["run"]["diagnosed"] == 6
     done = runner.invoke(
         blind,
-        ["score", place["suite"], "--results", place["results"], "--answers", place["answers"], "--out", place["page"],
-         "--json"],
-    )  # fmt: skip
+        [
+            "score",
+            place["suite"],
+            "--results",
+            place["results"],
+            "--answers",
+            place["answers"],
+            "--out",
+            place["page"],
+            "--json",
+        ],
+    )
     assert done.exit_code == 0, done.output
     score = json.loads(done.stdout)["score"]
-    wanted = {"cases", "right", "ci95", "by_level", "false_alarms", "target_right", "interval_coverage", "shrink_error",
-              "calibration_error"}  # fmt: skip
+    wanted = {
+        "cases",
+        "right",
+        "ci95",
+        "by_level",
+        "false_alarms",
+        "target_right",
+        "interval_coverage",
+        "shrink_error",
+        "calibration_error",
+    }
     assert wanted <= set(score) and score["by_level"]["none"] == 1.0
     page = (suite / "page" / "blind.html").read_text()
     assert "<svg" in page and not re.search(r"(src|href)=.?https?:", page)

@@ -1,0 +1,127 @@
+"""The arm's truth: close to the nominal model without an effect, and frictions that hold as promised."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from plants.blind_families.arm_effects import ArmSensor
+from plants.blind_families.arm_model import Arm, draw_arm, mjcf
+from plants.blind_families.arm_motions import multisine
+from plants.blind_families.arm_runs import Course, play
+from plants.blind_families.arm_truth import STEP, Stepper, compiled, ideal
+from residual_mpc.blind.families import make_case
+
+
+def one_joint(**more) -> Arm:
+    """A yawing link that gravity does not move: the torque is what the actuator gives."""
+    a = np.ones(1)
+    given = {
+        "axes": ("z",),
+        "length": 0.3 * a,
+        "mass": a,
+        "radius": 0.03 * a,
+        "armature": 0.05 * a,
+        "damping": 0 * a,
+        "kind": "torque",
+        "kp": a,
+        "kv": a,
+        "home": 0 * a,
+    }
+    return Arm(**{**given, **more})
+
+
+def pushed(truth, torque, seconds, rise=0.0):
+    """Angle (rad) and speed after a torque from rest, constant once it rose for ``rise`` seconds."""
+    stepper = Stepper(truth, np.zeros((1, 1)), np.zeros((1, 1)), np.full((1, 1), torque), np.zeros(1))
+    for i in range(round(seconds / STEP)):
+        now = torque * min(1.0, i * STEP / rise) if rise else torque
+        stepper.step(np.full((1, 1), now), np.ones((1, 1)))
+    return float(stepper.q[0, 0]), float(stepper.v[0, 0])
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5])
+def test_without_an_effect_the_nominal_model_is_closer_than_an_encoder_sees(seed):
+    rng = np.random.default_rng(seed)
+    arm = draw_arm(rng)
+    n = len(arm.axes)
+    t = np.round(np.arange(0, 3.0001, 0.01) / STEP) * STEP
+    reference = (arm.home + multisine(t, n, rng))[None]
+    happened = play(ideal(arm), Course(t, reference, np.ones_like(reference), 0.0))
+    assert happened is not None
+    sensor = ArmSensor(np.zeros(n), np.zeros(n), np.zeros(n))
+    seen = happened.seen(t, sensor)[0]
+    speed = happened.speed(t, sensor)[0]
+    model = mujoco.MjModel.from_xml_string(mjcf(arm))
+    data = mujoco.MjData(model)
+    errors = []
+    for begin in (0, 100):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:] = seen[begin], speed[begin]
+        for k in range(begin, begin + 100):
+            data.ctrl[:] = happened.command[0, k]
+            for _ in range(round(0.01 / model.opt.timestep)):
+                mujoco.mj_step(model, data)
+            errors.append(data.qpos - seen[k + 1])
+    assert np.sqrt(np.mean(np.square(errors))) < 0.8e-3  # rad: the least noise that is drawn
+
+
+def test_dry_friction_holds_below_its_level_and_takes_that_much_above():
+    truth = replace(ideal(one_joint()), static=np.full(1, 0.2), kinetic=np.full(1, 0.2))
+    held, _ = pushed(truth, 0.15, 1.0, rise=0.5)
+    assert 1e-4 < abs(held) < 1e-3  # bristles bend
+    _, speed = pushed(truth, 0.5, 0.5)
+    inertia = 1.0 / pushed(ideal(one_joint()), 1.0, 1.0)[1]
+    assert speed == pytest.approx((0.5 - 0.2) * 0.5 / inertia, rel=0.02)
+
+
+def test_stribeck_friction_breaks_away_at_its_static_level_and_then_lets_go():
+    truth = replace(
+        ideal(one_joint()), static=np.full(1, 0.3), kinetic=np.full(1, 0.1), stribeck=np.full(1, 0.1)
+    )
+    assert abs(pushed(truth, 0.27, 1.0, rise=0.5)[0]) < 2e-3
+    inertia = 1.0 / pushed(ideal(one_joint()), 1.0, 1.0)[1]
+    early, late = pushed(truth, 0.5, 0.4)[1], pushed(truth, 0.5, 0.8)[1]
+    assert (late - early) * inertia / 0.4 == pytest.approx(0.4, rel=0.03)
+
+
+def test_load_dependent_friction_is_a_share_of_the_torque():
+    truth = replace(ideal(one_joint()), load=np.full(1, 0.3))
+    inertia = 1.0 / pushed(ideal(one_joint()), 1.0, 1.0)[1]
+    assert pushed(truth, 1.0, 0.5)[1] * inertia / 0.5 == pytest.approx(0.7, rel=0.02)
+
+
+def test_a_delay_off_the_grid_loses_its_time():
+    truth = replace(ideal(one_joint()), delay=np.full(1, 0.0123))
+    stepper = Stepper(truth, np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1))
+    for _ in range(round(0.5 / STEP)):
+        stepper.step(np.ones((1, 1)), np.ones((1, 1)))
+    full = pushed(ideal(one_joint()), 1.0, 0.5)[1]
+    assert float(stepper.v[0, 0]) == pytest.approx(full * (0.5 - 0.0123) / 0.5, rel=1e-3)
+
+
+def test_an_actuator_that_is_off_gives_nothing():
+    stepper = Stepper(ideal(one_joint()), np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)), np.zeros(1))
+    for _ in range(100):
+        stepper.step(np.ones((1, 1)), np.zeros((1, 1)))
+    assert float(stepper.q[0, 0]) == 0.0
+
+
+def test_added_masses_and_armature_are_in_the_compiled_bodies():
+    arm = draw_arm(np.random.default_rng(4))
+    n = len(arm.axes)
+    changed = replace(ideal(arm), payload=0.2, link_mass=np.eye(n)[0] * 0.1, armature=np.eye(n)[1] * 0.03)
+    plain, loaded = compiled(ideal(arm)), compiled(changed)
+    assert loaded.body_mass.sum() - plain.body_mass.sum() == pytest.approx(0.3)
+    assert (loaded.dof_armature - plain.dof_armature)[1] == pytest.approx(0.03)
+    shifted = compiled(replace(ideal(arm), link_com=np.eye(n)[0] * 0.05))
+    assert (shifted.body_ipos - plain.body_ipos)[1, 0] == pytest.approx(0.05)
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_arm_and_runs(tmp_path):
+    answers = [make_case("arm", "single", 2, tmp_path / name) for name in "ab"]
+    assert answers[0] == answers[1]
+    a, b = (sorted((tmp_path / n / "case").iterdir()) for n in "ab")
+    assert [p.read_bytes() for p in a] == [p.read_bytes() for p in b]
