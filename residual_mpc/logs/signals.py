@@ -17,6 +17,7 @@ BoolArray = NDArray[np.bool_]
 
 MAD_TO_SIGMA = 1.4826  # of a normal distribution
 EVEN = 0.95  # share of a slower sensor's holds that are equally long, up to a sample
+ONWARD = 0.05  # share of its holds after which the motion goes on as before; a third in pure noise
 SLOWER = 0.1  # share of clear moves followed by a repeat, from which a sensor counts as slower than its log
 BURST = 3  # samples: the longest spike
 FLANK = 0.3  # of a spike's height: the most that the samples beside it may share
@@ -68,7 +69,12 @@ def _sensor_period(values: FloatArray) -> int:
         return 1
     # a sensor holds its values for equally long; a motion that pauses now and then does not
     even = np.abs(hold - np.median(hold)) <= np.maximum(1.0, 0.25 * np.median(hold))
-    return max(2, int(np.quantile(hold, 0.9, method="nearest"))) if np.mean(even) >= EVEN else 1
+    # and it holds them on the way as well, not at turning points alone
+    moves = np.diff(values)[changes]
+    onward = (moves[:-1] * moves[1:] > 0.0)[clear[:-1] & clear[1:]]
+    if np.mean(even) < EVEN or np.mean(onward[hold > 1]) < ONWARD:
+        return 1
+    return max(2, int(np.quantile(hold, 0.9, method="nearest")))
 
 
 def resolution(y: FloatArray) -> float:

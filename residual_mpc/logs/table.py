@@ -7,7 +7,7 @@ import gzip
 import io
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ class Header:
         size: estimated memory of all columns as numbers, bytes.
         separator: between the cells of a CSV file; empty for Parquet.
         skip: lines of a CSV file before its first row.
+        zipped: whether a CSV file is compressed by gzip.
     """
 
     path: Path
@@ -36,6 +37,7 @@ class Header:
     size: float
     separator: str
     skip: int
+    zipped: bool
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ def read_header(path: Path) -> Header:
         with open(path, "rb") as file:
             start = file.read(4)
         size = os.stat(path).st_size
-        if not start.strip():
+        if not start:
             raise BadInput("the file is empty; a table with a header was wanted", str(path))
         if start == b"PAR1":
             return _parquet_header(path)
@@ -88,7 +90,7 @@ def _parquet_header(path: Path) -> Header:
         what = f"the Parquet file is damaged ({_first_line(fault)})"
         raise BadInput(what, str(path), "write it again") from fault
     _no_twins(names, path)
-    return Header(path, names, 8.0 * rows * len(names), "", 0)
+    return Header(path, names, 8.0 * rows * len(names), "", 0, False)
 
 
 def _read_parquet(header: Header, columns: Sequence[str]) -> Table:
@@ -128,7 +130,8 @@ def _csv_header(path: Path, size: int, zipped: bool) -> Header:
     cells[0] = cells[0].removeprefix("#")  # numpy.savetxt marks its header as a comment
     names = tuple(cell.strip() or f"unnamed {i}" for i, cell in enumerate(cells, start=1))
     _no_twins(names, path)
-    return Header(path, names, float(size * GZIP_RATIO if zipped else size), separator, blank + 1)
+    size *= GZIP_RATIO if zipped else 1
+    return Header(path, names, float(size), separator, blank + 1, zipped)
 
 
 def _first_bytes(path: Path, zipped: bool) -> bytes:
@@ -166,7 +169,6 @@ def _read_csv(header: Header, columns: Sequence[str]) -> Table:
 def _parse(header: Header, columns: Sequence[str], decimal: str) -> tuple[Any, list[tuple[int, int, str]]]:
     """The rows, and those that do not fit the header as (0-based data row, cells, text)."""
     import pyarrow as pa
-    import pyarrow.csv as pc
 
     ragged: list[tuple[int, int, str]] = []
 
@@ -175,11 +177,30 @@ def _parse(header: Header, columns: Sequence[str], decimal: str) -> tuple[Any, l
         return "skip"
 
     try:
-        table = pc.read_csv(
-            header.path,
-            # one thread: only then does Arrow know the number of a row that does not fit
+        return _arrow_csv(header, columns, decimal, None), ragged
+    except (pa.ArrowException, OSError, ValueError) as fault:
+        message = _first_line(fault)
+        if "Empty CSV" in message or "Could not skip" in message:
+            raise BadInput("the table has no rows", str(header.path), "leave it out") from fault
+        # Arrow hands a row on as text, which it can only be when it is UTF-8
+        if "columns, got" not in message or not _is_text(header):
+            raise BadInput(f"the table cannot be read ({message})", str(header.path)) from fault
+    return _arrow_csv(header, columns, decimal, note), ragged
+
+
+def _arrow_csv(
+    header: Header, columns: Sequence[str], decimal: str, note: Callable[[Any], str] | None
+) -> Any:
+    import pyarrow as pa
+    import pyarrow.csv as pc
+
+    with pa.input_stream(str(header.path), compression="gzip" if header.zipped else None) as stream:
+        return pc.read_csv(
+            stream,
+            # one thread where rows are noted: only then does Arrow know their numbers
             read_options=pc.ReadOptions(
-                column_names=list(header.names), skip_rows=header.skip, use_threads=False
+                column_names=list(header.names), skip_rows=header.skip, use_threads=note is None,
+                block_size=HEADER_LIMIT,
             ),
             parse_options=pc.ParseOptions(delimiter=header.separator, invalid_row_handler=note),
             convert_options=pc.ConvertOptions(
@@ -187,9 +208,19 @@ def _parse(header: Header, columns: Sequence[str], decimal: str) -> tuple[Any, l
                 decimal_point=decimal, timestamp_parsers=[],
             ),
         )
-    except (pa.ArrowException, OSError, ValueError) as fault:
-        raise BadInput(f"the table cannot be read ({_first_line(fault)})", str(header.path)) from fault
-    return table, ragged
+
+
+def _is_text(header: Header) -> bool:
+    try:
+        opened = gzip.open(header.path, "rt", encoding="utf-8") if header.zipped else open(
+            header.path, encoding="utf-8"
+        )
+        with opened as file:
+            while file.read(1 << 20):
+                pass
+    except (UnicodeDecodeError, OSError, EOFError):
+        return False
+    return True
 
 
 def _has_decimal_commas(table: Any) -> bool:

@@ -72,14 +72,22 @@ def _odd_runs(
             continue
         strength, late = float(seen.correlation.max()), seen.lag - usual
         if strength < 0.7 and len(good) > 0.7 * len(each):
-            message = f"{name} hardly follows the wheels (correlation {strength:.2f}), as it does in most runs"
+            message = f"{name} hardly follows the wheels (correlation {strength:.2f}), unlike in most runs"
             findings.append(Finding("info", "weak correlation", run.name, name, None, message))
-        elif strength > 0.8 and abs(late) > max(0.1, 3.0 * dt):
+        elif _clearly_late(seen, usual) and abs(late) > max(0.1, 3.0 * dt):
             word = "later" if late > 0.0 else "earlier"
             message = f"{name} follows the wheels {abs(late) * 1e3:.0f} ms {word} than in the other runs"
             remedy = "align the clocks of this run, or leave it out"
             findings.append(Finding("warning", "clock offset", run.name, name, None, message, remedy))
     return findings
+
+
+def _clearly_late(seen: Follow, usual: float) -> bool:
+    """Whether a run has a peak of its own, and at the others' shift much less."""
+    k = seen.best()
+    there = int(np.argmin(np.abs(seen.lags - usual)))
+    inside = 0 < k < len(seen.lags) - 1
+    return bool(inside and seen.correlation[k] > max(0.8, seen.correlation[there] + 0.05))
 
 
 def _heading(runs: Sequence[Run], dt: float) -> list[Finding]:

@@ -58,7 +58,7 @@ def command_on_grid(run: Run, name: str, dt: float) -> FloatArray:
     """A command at even times: held, or joined by lines where a measured column serves as the command."""
     if run.served_as_command:
         return on_grid(run, run.columns[name], dt)
-    at = np.searchsorted(run.t, _grid(run, dt) + 1e-9, side="right") - 1
+    at = np.searchsorted(run.t, _grid(run, dt) + 0.01 * dt, side="right") - 1
     return held(run, name)[np.maximum(at, 0)]
 
 
@@ -67,14 +67,14 @@ def enabled_on_grid(run: Run, actuator: str, dt: float) -> FloatArray:
     name = f"enabled.{actuator}"
     if name not in run.columns:
         return np.ones(_count(run, dt))
-    at = np.searchsorted(run.t, _grid(run, dt) + 1e-9, side="right") - 1
+    at = np.searchsorted(run.t, _grid(run, dt) + 0.01 * dt, side="right") - 1
     return np.nan_to_num(held(run, name), nan=1.0)[np.maximum(at, 0)]
 
 
 def tame(
     signals: Sequence[FloatArray], weights: Sequence[FloatArray] | None = None, each: bool = True
 ) -> list[FloatArray]:
-    """Signals about a mean, without their outermost hundredths, nought where the weight is or nothing is known.
+    """Signals about a mean, without their outermost hundredths, nought where the weight is.
 
     Args:
         signals: one (n_i,) signal each a run.
@@ -103,12 +103,12 @@ def follow(
 
     Args:
         sources, answers: one (n_i,) signal each a run, sampled every dt s.
-        reach: s.
+        reach: s; at most a third of the usual run is taken.
 
     Returns:
         None where either stands still.
     """
-    most = int(round(reach / dt))
+    most = int(min(round(reach / dt), np.median([len(u) for u in sources]) // 3))
     product = np.zeros(2 * most + 1)
     source_power = answer_power = 0.0
     for u, y in zip(sources, answers, strict=True):
@@ -121,6 +121,10 @@ def follow(
         answer_power += float(y @ y)
     if source_power <= 1e-18 or answer_power <= 1e-18:
         return None
+    shifts = np.abs(np.arange(-most, most + 1))
+    count = np.array([len(u) for u in sources])[:, None]
+    # a shifted signal overlaps less; unmended, this would pull the peak of slow signals towards no shift
+    product *= count.sum() / np.maximum(1, np.maximum(0, count - shifts).sum(axis=0))
     lags = dt * np.arange(-most, most + 1, dtype=np.float64)
     return Follow(lags, product / np.sqrt(source_power * answer_power), product / source_power)
 

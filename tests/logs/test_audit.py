@@ -1,0 +1,196 @@
+"""The audit finds planted faults, and is silent where there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from run_tables import ARM, WHEELS, arm_run, wheel_run
+
+from residual_mpc.logs.audit import ActuatorFacts, RobotFacts, audit
+from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.read import read_runs
+from residual_mpc.logs.run import FloatArray, Run
+from residual_mpc.models.robot_file import read_robot_file
+
+RECORDED = Path(__file__).parents[3] / "shared" / "data"
+Columns = dict[str, FloatArray]
+Fault = Callable[[Columns], None]
+
+
+def arms(seed: int = 0) -> list[Run]:
+    rng = np.random.default_rng(seed)
+    return [arm_run(rng, f"run{k}") for k in range(3)]
+
+
+def wheels(seed: int = 0) -> list[Run]:
+    rng = np.random.default_rng(seed)
+    return [wheel_run(rng, f"run{k}") for k in range(3)]
+
+
+def with_fault(runs: Sequence[Run], fault: Fault) -> list[Run]:
+    broken = []
+    for run in runs:
+        columns = {name: values.copy() for name, values in run.columns.items()}
+        fault(columns)
+        broken.append(replace(run, columns=columns))
+    return broken
+
+
+def scaled(factor: float, *names: str) -> Fault:
+    def fault(columns: Columns) -> None:
+        for name in names:
+            columns[name] *= factor
+
+    return fault
+
+
+def swapped(a: str, b: str) -> Fault:
+    def fault(columns: Columns) -> None:
+        columns[a], columns[b] = columns[b], columns[a]
+
+    return fault
+
+
+def wrapped(name: str, turn: float) -> Fault:
+    def fault(columns: Columns) -> None:
+        columns[name] = columns[name] * turn / (2.0 * np.pi) % turn
+
+    return fault
+
+
+def late(name: str, samples: int) -> Fault:
+    def fault(columns: Columns) -> None:
+        columns[name] = np.concatenate([np.full(samples, columns[name][0]), columns[name][:-samples]])
+
+    return fault
+
+
+def both(*faults: Fault) -> Fault:
+    def fault(columns: Columns) -> None:
+        for one in faults:
+            one(columns)
+
+    return fault
+
+
+def kinds(findings: Sequence[Finding], *severities: str) -> set[tuple[str, str]]:
+    return {(f.kind, f.column) for f in findings if f.severity in (severities or ("error", "warning"))}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_it_is_silent_about_sound_runs(seed: int) -> None:
+    assert kinds(audit(arms(seed), ARM)) == set()
+    assert kinds(audit(wheels(seed), WHEELS)) == set()
+
+
+def test_a_delay_is_no_fault() -> None:
+    findings = audit(arms(), ARM)
+    assert {f.kind for f in findings} == {"late answer"}
+    found = [float(f.message.split("about ")[1].split(" ms")[0]) for f in findings]
+    np.testing.assert_allclose(found, 60.0, atol=10.0)
+
+
+DEG = 180.0 / np.pi
+
+
+@pytest.mark.parametrize(
+    ("fault", "severity", "kind", "column"),
+    [
+        (scaled(DEG, "position.a"), "error", "degrees", "position.a"),
+        (scaled(DEG, "command.b"), "error", "degrees", "command.b"),
+        (scaled(DEG, "velocity.c"), "error", "degrees", "velocity.c"),
+        (scaled(DEG, "position.a", "velocity.a", "command.a"), "error", "degrees", "position.a"),
+        (scaled(-1.0, "position.a", "velocity.a"), "error", "sign", "position.a"),
+        (scaled(-1.0, "velocity.b"), "error", "sign", "velocity.b"),
+        (scaled(1.3, "velocity.b"), "warning", "velocity scale", "velocity.b"),
+        (swapped("position.a", "position.b"), "error", "swapped channels", "position.a"),
+        (both(swapped("position.a", "position.c"), swapped("velocity.a", "velocity.c")),
+         "error", "swapped channels", "position.a"),
+        (wrapped("position.a", 2.0 * np.pi), "warning", "wrapped angle", "position.a"),
+        (wrapped("position.a", 360.0), "error", "degrees", "position.a"),
+        (late("velocity.a", 5), "info", "channels out of step", "velocity.a"),
+        (late("command.a", 10), "warning", "answer before command", "position.a"),
+        (lambda c: c.update({"position.a": np.full(1000, 0.3)}), "warning", "stuck sensor", "position.a"),
+        (lambda c: c.update({"position.d": c.pop("position.a")}), "warning", "unknown channel", "position.d"),
+        (lambda c: c.update({"command.d": c.pop("command.a")}), "warning", "missing command", "command.a"),
+        (lambda c: c.update({"velocity.a": np.full(1000, np.nan)}), "info", "empty column", "velocity.a"),
+        (lambda c: c["position.a"].__setitem__(slice(50, 950, 60), 1.9), "warning", "spikes", "position.a"),
+        (lambda c: c.update({"position.a": np.repeat(c["position.a"][::4], 4)}),
+         "info", "slow sensor", "position.a"),
+        (lambda c: c["position.a"].__setitem__(np.arange(1000) % 3 > 0, np.nan),
+         "info", "slow sensor", "position.a"),
+        (lambda c: c.update({"command.a": np.clip(c["command.a"], -0.4, 0.4)}),
+         "info", "clipped command", "command.a"),
+        (lambda c: c.update({"enabled.a": np.repeat([1.0, 0.0], 500)}), "info", "motor off", "enabled.a"),
+    ],
+)
+def test_a_planted_fault_of_an_arm_is_found(fault: Fault, severity: str, kind: str, column: str) -> None:
+    assert (kind, column) in kinds(audit(with_fault(arms(), fault), ARM), severity)
+
+
+@pytest.mark.parametrize(
+    ("fault", "severity", "kind", "column"),
+    [
+        (scaled(DEG, "pose.theta"), "error", "degrees", "pose.theta"),
+        (scaled(DEG, "command.left"), "error", "degrees", "command.left"),
+        (scaled(30.0 / np.pi, "velocity.left"), "warning", "rpm", "velocity.left"),
+        (scaled(-1.0, "pose.theta"), "warning", "sign", "pose.theta"),
+        (both(swapped("command.left", "command.right"), swapped("velocity.left", "velocity.right")),
+         "warning", "sign", "pose.theta"),
+        (scaled(-1.0, "command.left", "command.right"), "warning", "sign", "command.left"),
+        (wrapped("pose.theta", 2.0 * np.pi), "info", "wrapped angle", "pose.theta"),
+        (wrapped("pose.theta", 360.0), "error", "degrees", "pose.theta"),
+    ],
+)
+def test_a_planted_fault_of_a_wheeled_robot_is_found(
+    fault: Fault, severity: str, kind: str, column: str
+) -> None:
+    assert (kind, column) in kinds(audit(with_fault(wheels(), fault), WHEELS), severity)
+
+
+def test_stamps_are_audited() -> None:
+    first, second, third = arms()
+    gap = replace(second, t=np.where(np.arange(1000) < 500, second.t, second.t + 2.0))
+    slow = replace(third, t=20.0 * third.t)
+    findings = audit([first, gap, slow], ARM)
+    assert {"gap in time", "slow rate", "rates differ"} <= {f.kind for f in findings}
+    assert next(f for f in findings if f.kind == "gap in time").row == 499
+
+
+def test_errors_come_first_and_a_foreign_robot_is_one() -> None:
+    foreign = RobotFacts((ActuatorFacts("wheel", "wheel", "velocity"),), ("position.wheel",))
+    findings = audit(arms(), foreign)
+    assert {f.kind for f in findings if f.severity == "error"} == {"missing command", "nothing to compare"}
+    order = ["error", "warning", "info"]
+    assert [f.severity for f in findings] == sorted((f.severity for f in findings), key=order.index)
+
+
+HUSKY = replace(WHEELS, channels=(*WHEELS.channels, "twist.theta"))
+SERVOS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+ROBOTS = {
+    "husky_drive": HUSKY,
+    "husky_terrain": HUSKY,
+    "so101": RobotFacts(
+        tuple(ActuatorFacts(j, j, "position") for j in SERVOS),
+        tuple(f"{kind}.{j}" for kind in ("position", "velocity") for j in SERVOS),
+    ),
+    "xl330": RobotFacts(
+        (ActuatorFacts("servo", "shaft", "position"),), ("position.shaft", "velocity.shaft")
+    ),
+}
+EXPECTED = {"husky_terrain": {("clock offset", "twist.theta")}}  # asphalt_01, aligned 0.15 s off the others
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.slow
+def test_recorded_robots_raise_no_false_alarm(robot: str) -> None:
+    folder = RECORDED / robot
+    if not folder.is_dir():
+        pytest.skip(f"no recorded runs at {folder}")
+    result = read_runs([folder], read_robot_file(folder / "robot.toml"))
+    assert kinds(result.findings) == set()
+    assert kinds(audit(result.runs, ROBOTS[robot])) == EXPECTED.get(robot, set())
