@@ -53,6 +53,7 @@ class Setting:
     resolution: float  # rad, of the encoders
     rough: Roughness
     velocities: bool
+    speed_sigma: float  # rad/s
     drops: bool
     table: str  # csv or parquet
 
@@ -97,7 +98,8 @@ def _setting(level: Level, rng: np.random.Generator) -> Setting | None:
     )
     resolution = 2 * np.pi / float(rng.choice([4096, 16384]))
     table = str(rng.choice(["csv", "parquet"]))
-    return Setting(robot, course, sigma, resolution, rough, bool(rng.random() < 0.4), drops, table)
+    velocities = bool(rng.random() < 0.4)
+    return Setting(robot, course, sigma, resolution, rough, velocities, _SPEED_NOISE, drops, table)
 
 
 def _ratio(robot: ArmRobot, setting: Setting) -> float:
@@ -203,8 +205,7 @@ class ArmFamily:
                 )
                 robot, parameters = PLANT[effect](robot, draw, strength)
                 background.append(Planted(effect, target_of(draw), parameters))
-        for draw, one in planted:
-            robot, _ = PLANT[draw.effect](robot, draw, one.parameters["_strength"])
+        robot = _with(robot, planted)
         unknown: tuple[str, ...] = ()
         if level.unknown:
             unknown = (str(rng.choice(UNKNOWN)),)
@@ -215,7 +216,10 @@ class ArmFamily:
         happened = play(robot.truth, setting.course)
         if happened is None:
             return None
-        _write(robot, happened, setting, rng, folder)
+        _write_robot(setting, bool(rng.random() < 0.5), folder)
+        _write_runs(robot, happened, setting, rng, folder)
+        if planted:
+            _write_clean(_with(setting.robot, planted), setting, rng, folder.parent / "clean")
         shown = tuple(
             Planted(p.effect, p.target, {k: v for k, v in p.parameters.items() if k != "_strength"}, p.ratio)
             for _, p in planted
@@ -233,6 +237,12 @@ class ArmFamily:
             traits=traits,
             notes={"ratio": _ratio(robot, setting), "joints": len(arm.axes), "actuators": arm.kind},
         )
+
+
+def _with(robot: ArmRobot, planted: list[tuple[Draw, Planted]]) -> ArmRobot:
+    for draw, one in planted:
+        robot, _ = PLANT[draw.effect](robot, draw, one.parameters["_strength"])
+    return robot
 
 
 def _unknown(cause: str, setting: Setting, rng: np.random.Generator) -> ArmRobot | None:
@@ -266,15 +276,11 @@ def _unknown(cause: str, setting: Setting, rng: np.random.Generator) -> ArmRobot
     return planted(strength) if 2.5 <= ratio <= 18 else None
 
 
-def _write(
-    robot: ArmRobot, happened: Happened, setting: Setting, rng: np.random.Generator, folder: Path
-) -> None:
-    """The robot file, the nominal model and the runs, noise and all."""
-    import pandas as pd
-
-    arm, course, rough = setting.robot.truth.arm, setting.course, setting.rough
+def _write_robot(setting: Setting, noise: bool, folder: Path) -> None:
+    """The robot file and the nominal model; with the sensors' noise where ``noise`` says so."""
+    arm = setting.robot.truth.arm
     lines = ['name = "arm"', 'plant = "mujoco"', 'model = "arm.xml"', 'payload_site = "tool"']
-    if rng.random() < 0.5:
+    if noise:
         lines.append("[noise]")
         lines += [
             f'"position.{joint}" = {sigma:.3g}'
@@ -282,6 +288,29 @@ def _write(
         ]
     (folder / "arm.xml").write_text(mjcf(arm))
     (folder / "robot.toml").write_text("\n".join(lines) + "\n")
+
+
+def _write_clean(planted: ArmRobot, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
+    """The same runs with the planted effects alone and no noise: what their best fit is measured on."""
+    happened = play(planted.truth, setting.course)
+    if happened is None:
+        return
+    folder.mkdir(exist_ok=True)
+    _write_robot(setting, True, folder)
+    silent = replace(
+        setting, sigma=0.0 * setting.sigma, resolution=0.0, rough=Roughness(), speed_sigma=0.0, table="csv"
+    )
+    calm = replace(planted.sensor, outliers=0.0 * planted.sensor.outliers)
+    _write_runs(replace(planted, sensor=calm), happened, silent, rng, folder)
+
+
+def _write_runs(
+    robot: ArmRobot, happened: Happened, setting: Setting, rng: np.random.Generator, folder: Path
+) -> None:
+    """The runs, noise and all."""
+    import pandas as pd
+
+    arm, course, rough = setting.robot.truth.arm, setting.course, setting.rough
     t = course.t
     seen, speed = happened.seen(t, robot.sensor), happened.speed(t, robot.sensor)
     for r in range(seen.shape[0]):
@@ -298,7 +327,9 @@ def _write(
         table |= channels
         if setting.velocities:
             for j, joint in enumerate(arm.joints):
-                table[f"velocity.{joint}"] = speed[r, :, j] + _SPEED_NOISE * rng.standard_normal(len(t))
+                table[f"velocity.{joint}"] = speed[r, :, j] + setting.speed_sigma * rng.standard_normal(
+                    len(t)
+                )
         if setting.drops and not course.on[r].all():
             for j, joint in enumerate(arm.joints):
                 table[f"enabled.{joint}"] = course.on[r, :, j].astype(int)

@@ -49,6 +49,7 @@ class Setting:
     plans: tuple[Plan, ...]
     sigma: tuple[float, float]  # m, rad
     encoders: bool
+    encoder_sigma: float  # rad/s
     feedback: bool
     rough: Roughness
     table: str  # csv or parquet
@@ -86,6 +87,7 @@ def _setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np.ran
         tuple(plans),
         sigma,
         encoders,
+        0.004 * truth.speed_scale,
         level.rough,
         rough,
         str(rng.choice(["csv", "parquet"])),
@@ -230,8 +232,7 @@ class WheeledFamily:
                 )
                 rover, parameters = PLANT[effect](rover, draw, strength)
                 background.append(Planted(effect, draw.target, parameters))
-        for draw, one in planted:
-            rover, _ = PLANT[draw.effect](rover, draw, one.parameters["_strength"])
+        rover = _with(rover, planted)
         unknown: tuple[str, ...] = ()
         if level.unknown:
             unknown = (str(rng.choice(UNKNOWN)),)
@@ -239,7 +240,10 @@ class WheeledFamily:
             if found is None:
                 return None
             rover = found
-        _write(rover, setting, rng, folder)
+        _write_robot(setting, bool(rng.random() < 0.5), folder)
+        _write_runs(rover, setting, rng, folder)
+        if planted:
+            _write_clean(_with(setting.rover, planted), setting, rng, folder.parent / "clean")
         shown = tuple(
             Planted(p.effect, p.target, {k: v for k, v in p.parameters.items() if k != "_strength"}, p.ratio)
             for _, p in planted
@@ -257,6 +261,12 @@ class WheeledFamily:
             traits=traits,
             notes={"ratio": _ratio(rover, setting)},
         )
+
+
+def _with(rover: Rover, planted: list[tuple[Draw, Planted]]) -> Rover:
+    for draw, one in planted:
+        rover, _ = PLANT[draw.effect](rover, draw, one.parameters["_strength"])
+    return rover
 
 
 def _unknown(cause: str, setting: Setting, rng: np.random.Generator) -> Rover | None:
@@ -287,11 +297,9 @@ def _unknown(cause: str, setting: Setting, rng: np.random.Generator) -> Rover | 
     return planted(strength) if 2.5 <= ratio <= 18 else None
 
 
-def _write(rover: Rover, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
-    """The robot file and the runs, noise and all."""
-    import pandas as pd
-
-    truth, rough = setting.rover.truth, setting.rough
+def _write_robot(setting: Setting, noise: bool, folder: Path) -> None:
+    """The robot file; with the sensors' noise where ``noise`` says so."""
+    truth = setting.rover.truth
     lines = [
         'name = "rover"',
         'plant = "diff_drive"',
@@ -299,10 +307,25 @@ def _write(rover: Rover, setting: Setting, rng: np.random.Generator, folder: Pat
         f"wheel_radius = {truth.wheel_radius!r}",
         f"track_width = {truth.track_width!r}",
     ]
-    if rng.random() < 0.5:
+    if noise:
         xy, th = setting.sigma
         lines += ["[noise]", f'"pose.x" = {xy:.3g}', f'"pose.y" = {xy:.3g}', f'"pose.theta" = {th:.3g}']
     (folder / "robot.toml").write_text("\n".join(lines) + "\n")
+
+
+def _write_clean(planted: Rover, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
+    """The same runs with the planted effects alone and no noise: what their best fit is measured on."""
+    folder.mkdir(exist_ok=True)
+    _write_robot(setting, True, folder)
+    silent = replace(setting, sigma=(0.0, 0.0), encoder_sigma=0.0, rough=Roughness())
+    _write_runs(replace(planted, sensor=replace(planted.sensor, outliers=0.0)), silent, rng, folder)
+
+
+def _write_runs(rover: Rover, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
+    """The runs, noise and all."""
+    import pandas as pd
+
+    rough = setting.rough
     for plan in setting.plans:
         play = (float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5)))
         trajectory = _drive(rover, setting, plan, play)
@@ -328,10 +351,9 @@ def _write(rover: Rover, setting: Setting, rng: np.random.Generator, folder: Pat
         table |= channels
         if setting.encoders:
             at = np.searchsorted(trajectory.t, plan.t - 1e-9)
-            scale = 0.004 * truth.speed_scale
             for i, name in enumerate(("velocity.left", "velocity.right")):
-                speed = trajectory.wheel[at, i] + scale * rng.standard_normal(len(plan.t))
-                table[name] = quantised(speed, 0.5 * scale)
+                speed = trajectory.wheel[at, i] + setting.encoder_sigma * rng.standard_normal(len(plan.t))
+                table[name] = quantised(speed, 0.5 * setting.encoder_sigma)
         frame = pd.DataFrame(table)
         if setting.table == "csv":
             frame.to_csv(folder / f"{plan.name}.csv", index=False, float_format="%.9g")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from residual_mpc.blind.best_fit import with_best_fit
 from residual_mpc.blind.families import load_family, load_level, make_case
 from residual_mpc.blind.seal import Sealed, digest, read_sealed, seal, write_sealed
 from residual_mpc.blind.suite import FIRST_TEST_SEED, Entry, Suite, program_version, write_suite
@@ -88,7 +89,7 @@ def _one(name: str, family: str, level: str, seed: int, folder: Path, answers: P
     for path in (work, final):
         shutil.rmtree(path, ignore_errors=True)
     try:
-        answer = make_case(family, level, seed, work)
+        answer = with_best_fit(make_case(family, level, seed, work), work / "clean")
         sealed = seal(answer, work / "case")
         write_sealed(sealed, answers / f"{name}.json")
         (work / "case").rename(final)

@@ -1,0 +1,48 @@
+"""What an interval should cover where the truth follows another law than the library.
+
+A motor of second order has no first-order time constant. Its closest one is found by fitting the planted
+effects, under the library's law, to noise-free runs that have these effects alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from residual_mpc.blind.records import Answer
+
+_FLAGGED = "sensor_outliers"  # counted, not fitted
+_FIT_STEPS = 40_000  # simulation steps that one hypothesis may cost
+
+
+def with_best_fit(answer: Answer, clean: Path) -> Answer:
+    """``answer`` with ``notes["best_fit"]``, values by "effect.parameter"; as it was if nothing is fitted."""
+    if not clean.is_dir() or not any(p.effect != _FLAGGED for p in answer.effects):
+        return answer
+    return replace(answer, notes={**answer.notes, "best_fit": best_fit(answer, clean)})
+
+
+def best_fit(answer: Answer, clean: Path) -> dict[str, float]:
+    """Least squares from the drawn values, over all windows of the runs in ``clean``."""
+    from residual_mpc.cli.common import load
+    from residual_mpc.diagnosis.dataset import build_dataset
+    from residual_mpc.diagnosis.diagnose import thin
+    from residual_mpc.diagnosis.fit import fit_all
+    from residual_mpc.diagnosis.problem import build_problem
+    from residual_mpc.diagnosis.space import build_space
+    from residual_mpc.models.settings import Knob
+
+    fitted = [p for p in answer.effects if p.effect != _FLAGGED]
+    runs = sorted(str(p) for p in clean.iterdir() if p.suffix == ".csv")
+    loaded = load(str(clean / "robot.toml"), runs, quiet=True)
+    data = thin(build_dataset(loaded.runs, loaded.robots, dict(loaded.robot_file.noise), 1.0), _FIT_STEPS)
+    space = build_space(data, (), tuple(p.effect for p in fitted))
+    known = {(t.effect, t.target) for t in space.candidates}
+    start = {}
+    for p in fitted:
+        # a robot's only target is no target to the library
+        target = p.target if (p.effect, p.target) in known else None
+        for parameter, value in p.parameters.items():
+            start[Knob(p.effect, target, parameter)] = float(value)
+    fit = fit_all(build_problem(data, space, data.sigma), [start], 12, 1e-6)[0]
+    return {f"{knob.effect}.{knob.parameter}": float(value) for knob, value in fit.values.items()}
