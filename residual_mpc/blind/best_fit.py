@@ -33,7 +33,7 @@ def best_fit(answer: Answer, clean: Path) -> dict[str, float]:
     from residual_mpc.models.settings import Knob
 
     fitted = [p for p in answer.effects if p.effect != _FLAGGED]
-    runs = sorted(str(p) for p in clean.iterdir() if p.suffix == ".csv")
+    runs = sorted(str(p) for p in clean.iterdir() if p.suffix in (".csv", ".parquet"))
     loaded = load(str(clean / "robot.toml"), runs, quiet=True)
     data = thin(build_dataset(loaded.runs, loaded.robots, dict(loaded.robot_file.noise), 1.0), _FIT_STEPS)
     space = build_space(data, (), tuple(p.effect for p in fitted))

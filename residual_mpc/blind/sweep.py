@@ -1,0 +1,65 @@
+"""A whole development sweep: make, run, the baselines, score, page.
+
+python -m residual_mpc.blind.sweep [--out FOLDER] [--cases N] [--family F] [--level L] [--seed S] [--jobs J]
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+BASELINES = ("single", "all_at_once", "sparse")
+
+
+@click.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), default=Path("build/blind"), show_default=True
+)
+@click.option("--cases", type=int, default=3, show_default=True, help="Of each family at each level.")
+@click.option("--family", "families", multiple=True)
+@click.option("--level", "levels", multiple=True)
+@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--jobs", type=int, default=-1, show_default=True)
+@click.option("--baselines/--no-baselines", default=True)
+def sweep(
+    out: Path,
+    cases: int,
+    families: tuple[str, ...],
+    levels: tuple[str, ...],
+    seed: int,
+    jobs: int,
+    baselines: bool,
+) -> None:
+    """Make, diagnose and score a suite of development cases; a second call carries on."""
+    from residual_mpc.blind.families import family_names
+    from residual_mpc.blind.levels import LEVELS
+    from residual_mpc.blind.make import MakeSettings, make_suite
+    from residual_mpc.blind.run import RunSettings, run_suite
+    from residual_mpc.blind.score.page import figures, write_page
+    from residual_mpc.blind.score.score import score_suite
+    from residual_mpc.blind.suite import write_json
+
+    settings = MakeSettings(families or family_names(), levels or tuple(LEVELS), cases, seed, jobs)
+    made = make_suite(settings, out / "suite", out / "answers")
+    click.echo(f"{len(made.suite.cases)} cases made, {len(made.failed)} could not be drawn", err=True)
+    results = {"diagnose": out / "results"}
+    run_suite(out / "suite", results["diagnose"], RunSettings(jobs=jobs))
+    for name in BASELINES if baselines else ():
+        results[name.replace("_", " ")] = out / f"results-{name}"
+        program = Path(sys.executable).with_name("residual-mpc")
+        command = shlex.join([str(program), "blind", "baseline", name])
+        run_suite(out / "suite", out / f"results-{name}", RunSettings(command, jobs))
+    scores = score_suite(out / "suite", out / "answers", results, out / "openings.jsonl")
+    first, *others = (s.document() for s in scores.summaries)
+    write_json(out / "score.json", {"score": {**first, "methods": others}})
+    write_page(scores, out / "blind.html")
+    for figure, cells in figures(scores):
+        click.echo(f"{figure:<52} " + "   ".join(cells))
+    click.echo(f"page: {out / 'blind.html'}")
+
+
+if __name__ == "__main__":
+    sweep()

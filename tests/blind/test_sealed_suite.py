@@ -1,0 +1,54 @@
+"""A small sealed suite from end to end, with the diagnosis itself and a baseline."""
+
+import json
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+
+from residual_mpc.blind.make import MakeSettings, make_suite
+from residual_mpc.blind.run import RunSettings, run_suite
+from residual_mpc.blind.score.score import score_suite
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    place = tmp_path_factory.mktemp("sealed")
+    settings = MakeSettings(("wheeled",), ("single", "none"), cases=2, first_seed=2, jobs=1)
+    made = make_suite(settings, place / "suite", place / "answers")
+    assert not made.failed
+    program = Path(sys.executable).with_name("residual-mpc")
+    for name, command in {
+        "diagnose": "",
+        "single": shlex.join([str(program), "blind", "baseline", "single"]),
+    }.items():
+        run_suite(place / "suite", place / name, RunSettings(command, jobs=2, timeout=300))
+    results = {name: place / name for name in ("diagnose", "single")}
+    return place, score_suite(place / "suite", place / "answers", results, place / "openings.jsonl")
+
+
+def test_the_diagnosis_answers_easy_cases_right(swept):
+    _, scores = swept
+    summary = scores.summaries[0]
+    trouble = [(o.name, o.trouble, o.claim and (o.claim.verdict, o.claim.named)) for o in summary.outcomes]
+    assert summary.right.hits >= 3, trouble
+    assert summary.false_alarms.hits == 0, trouble
+
+
+def test_the_baseline_keeps_to_the_same_contract(swept):
+    place, scores = swept
+    baseline = scores.summaries[1]
+    assert all(o.claim is not None for o in baseline.outcomes)
+    assert baseline.by_level["single"].hits >= 1
+    document = json.loads(next((place / "single").glob("*/diagnosis.json")).read_text())
+    assert document["schema"] == "residual-mpc/diagnosis/1"
+
+
+def test_the_best_fit_lies_near_what_was_drawn(swept):
+    _, scores = swept
+    for o in scores.summaries[0].outcomes:
+        for planted in o.answer.effects:
+            for parameter, drawn in planted.parameters.items():
+                fitted = o.answer.notes["best_fit"][f"{planted.effect}.{parameter}"]
+                assert fitted == pytest.approx(drawn, rel=0.1)
