@@ -179,3 +179,19 @@ def test_the_command_line_makes_runs_and_scores(suite):
     assert wanted <= set(score) and score["by_level"]["none"] == 1.0
     page = (suite / "page" / "blind.html").read_text()
     assert "<svg" in page and not re.search(r"(src|href)=.?https?:", page)
+
+
+def test_the_engine_dask_runs_a_local_cluster(suite):
+    pytest.importorskip("distributed")
+    summary = run_suite(
+        suite / "suite", suite / "results", RunSettings(stub("no_gap"), jobs=2, engine="dask")
+    )
+    assert (summary.diagnosed, summary.failed) == (6, 0)
+
+
+def test_a_missing_engine_says_how_to_install_it(suite, monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    with pytest.raises(BadInput, match="pip install"):
+        run_suite(suite / "suite", suite / "results", RunSettings(stub("no_gap"), engine="dask"))
+    with pytest.raises(BadInput, match="Known engines"):
+        RunSettings(engine="ray")
