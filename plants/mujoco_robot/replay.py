@@ -12,11 +12,12 @@ from residual_mpc.effects.chain import command_chain
 from residual_mpc.effects.command import dead_zone_step
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive
-from residual_mpc.models.settings import Settings
+from residual_mpc.models.settings import Settings, is_null
 
 if TYPE_CHECKING:
     from plants.mujoco_robot.robot import MujocoRobot
 
+FEW = 600  # rows times degrees of freedom
 FRICTIONS = ("coulomb_friction", "stribeck_friction", "load_dependent_friction")
 # MuJoCo's dry friction is a soft constraint that creeps while it sticks; where an effect adds friction it is made stiff
 STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
@@ -25,41 +26,128 @@ STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 def replay(
     robot: "MujocoRobot", start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
 ) -> Mapping[str, np.ndarray]:
-    """See Robot.replay. A row whose simulation diverges holds NaN from then on."""
+    """See Robot.replay. A row whose simulation diverges repeats its last state.
+
+    Rows whose actuators or frictions change from step to step are stepped one by one, the others rolled out at once:
+    between two steps of a small model, Python costs more than MuJoCo.
+    """
+    slow = _changing(robot, drive, settings, wanted)
+    if slow.all() or not slow.any():
+        return _replay(robot, start, drive, settings, wanted, bool(slow.any()))
+    out = {c: np.empty((settings.rows, drive.steps + 1)) for c in wanted}
+    for rows, stepped in ((np.flatnonzero(slow), True), (np.flatnonzero(~slow), False)):
+        part = Drive(
+            drive.dt,
+            drive.lead,
+            drive.command[rows],
+            None if drive.enabled is None else drive.enabled[rows],
+            drive.clock[rows],
+        )
+        found = _replay(robot, {k: v[rows] for k, v in start.items()}, part, settings.take(rows), wanted, stepped)
+        for c in wanted:
+            out[c][rows] = found[c]
+    return out
+
+
+def _changing(robot: "MujocoRobot", drive: Drive, settings: Settings, wanted: tuple[str, ...]) -> np.ndarray:
+    """(B,) bool: rows that need a word between the steps."""
+    if any(c.startswith("output.") for c in wanted):
+        return np.ones(settings.rows, dtype=bool)
+    slow = np.zeros(settings.rows, dtype=bool)
+    effects = settings.effects
+    for effect in ("voltage_sag", "stribeck_friction", "load_dependent_friction"):
+        if effect in effects:
+            slow |= ~is_null(effect, effects[effect]).all(axis=1)
+    if "dead_zone" in effects and "position" in robot.command_kinds:
+        slow |= ~is_null("dead_zone", effects["dead_zone"]).all(axis=1)
+    return slow
+
+
+def _replay(
+    robot: "MujocoRobot",
+    start: Mapping[str, np.ndarray],
+    drive: Drive,
+    settings: Settings,
+    wanted: tuple[str, ...],
+    stepped: bool,
+) -> Mapping[str, np.ndarray]:
     from mujoco.batch import Batch
 
-    model, effects = robot.model, settings.effects
-    rows, steps = settings.rows, drive.steps
-    batch = Batch(model, rows)
+    model = robot.model
+    # with few rows, waking a second thread at every step costs more than it brings
+    batch = Batch(model, settings.rows, nthread=1 if settings.rows * model.nv < FEW else 0)
     edit_batch(batch, model, settings, robot.payload)
     batch.reset()
-    q, v, ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
-    qadr, vadr = model.jnt_qposadr, model.jnt_dofadr
+    q, v = batch.bind("qpos"), batch.bind("qvel")
     for j, joint in enumerate(robot.joints):
-        q[:, qadr[j]] = start[f"position.{joint}"]
-        v[:, vadr[j]] = start[f"velocity.{joint}"]
+        q[:, model.jnt_qposadr[j]] = start[f"position.{joint}"]
+        v[:, model.jnt_dofadr[j]] = start[f"velocity.{joint}"]
     servo = np.array([kind == "position" for kind in robot.command_kinds])
-    u = command_chain(effects, drive.command, drive.lead, drive.dt, ~servo)
-    drives = model.actuator_trnid[:, 0]  # (nu,) the joint that each actuator drives
+    u = command_chain(settings.effects, drive.command, drive.lead, drive.dt, ~servo)
     if model.na:  # an actuator with a filter starts where its first command holds it
         batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
-
     between = _between_steps(batch, robot, settings, drive)
+    if not stepped:
+        return _roll_out(batch, robot, drive, u, between, wanted)
+    return _step_by_step(batch, robot, settings, drive, u, between, wanted)
+
+
+def _roll_out(
+    batch: Any, robot: "MujocoRobot", drive: Drive, u: np.ndarray, between: list[Any], wanted: tuple[str, ...]
+) -> dict[str, np.ndarray]:
+    """All steps in one call, or in a few where actuators are switched on and off on the way."""
+    import mujoco
+
+    model, (rows, steps, _) = robot.model, u.shape
+    cuts = [0]
+    if drive.enabled is not None:
+        cuts += (1 + np.flatnonzero((np.diff(drive.enabled, axis=1) != 0).any(axis=(0, 2)))).tolist()
+    control = int(mujoco.mjtState.mjSTATE_CTRL)
+    parts = {"qpos": [batch.bind("qpos")[:, None].copy()], "qvel": [batch.bind("qvel")[:, None].copy()]}
+    for k, end in zip(cuts, [*cuts[1:], steps], strict=True):
+        for update in between:
+            update(k, batch.bind("qvel")[:, model.jnt_dofadr], np.zeros((rows, model.nu)))
+        found = batch.rollout(end - k, np.ascontiguousarray(u[:, k:end]), control, ("qpos", "qvel"))
+        for field, part in parts.items():
+            part.append(found[field])
+    whole = {field: np.concatenate(part, axis=1) for field, part in parts.items()}
+    out = {}
+    for channel in wanted:
+        kind, name = channel.split(".", 1)
+        j = robot.joints.index(name)
+        field, column = ("qpos", model.jnt_qposadr[j]) if kind == "position" else ("qvel", model.jnt_dofadr[j])
+        out[channel] = whole[field][:, :, column]
+    return out
+
+
+def _step_by_step(
+    batch: Any,
+    robot: "MujocoRobot",
+    settings: Settings,
+    drive: Drive,
+    u: np.ndarray,
+    between: list[Any],
+    wanted: tuple[str, ...],
+) -> dict[str, np.ndarray]:
+    model, effects = robot.model, settings.effects
+    rows, steps = settings.rows, drive.steps
+    q, v, ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
     needs_force = any(c.startswith("output.") for c in wanted) or "load_dependent_friction" in effects
     force = batch.bind("actuator_force") if needs_force else np.zeros((rows, model.nu))
     record = _Recorder(robot, wanted, rows, steps)
+    servo = np.array([kind == "position" for kind in robot.command_kinds])
     zone = effects.get("dead_zone")
     width = None if zone is None or not servo.any() else np.where(servo, zone["width"], 0.0)
-    gear = model.actuator_gear[:, 0]
+    gear, driven = model.actuator_gear[:, 0], model.jnt_qposadr[model.actuator_trnid[:, 0]]
     for k in range(steps):
         record.state(k, q, v)
         ctrl[:] = u[:, k]
         if width is not None:
-            length = gear * q[:, qadr[drives]]
+            length = gear * q[:, driven]
             error, _ = dead_zone_step(NUMPY, {"width": width}, (), u[:, k] - length, drive.dt)
             ctrl[:] = np.where(error == u[:, k] - length, u[:, k], length + error)
         for update in between:
-            update(k, v[:, vadr], force)
+            update(k, v[:, model.jnt_dofadr], force)
         batch.step()
         record.force(k, force)
     record.state(steps, q, v)

@@ -9,7 +9,7 @@ from residual_mpc.diagnosis.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion
 from residual_mpc.diagnosis.fit import Fit, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
-from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales
+from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales, per_window
 from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_mask
 from residual_mpc.diagnosis.how_far import Shrink, expected_errors, folds_of, shrink_of
 from residual_mpc.diagnosis.learner import learn, remove
@@ -35,10 +35,11 @@ from residual_mpc.diagnosis.where import locate
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import TUNE, Term, Values
+from residual_mpc.models.settings import TUNE, Settings, Term, Values
 
 Progress = Callable[[str, float], None]
 T95 = 1.96
+FEWEST = 40  # windows that a search looks at, however small the steps
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,9 @@ def diagnose(
     scales = measure_scales(raw)
     outliers = find_outliers(raw)
     clean = with_outliers_removed(raw, outliers.flagged)
-    kept = choose_held_out(raw) if options.held_out is None else options.held_out
+    kept = options.held_out
+    if kept is None:
+        kept = choose_held_out(raw, per_window(raw, scales, raw.y - predict(raw, Settings(1))[0]))
     held = held_out_mask(raw, kept)
 
     fitting = clean.take(~held)
@@ -130,7 +133,7 @@ def problem_like(data: Dataset, space: Space, like: Problem) -> Problem:
 def thin(data: Dataset, steps: int) -> Dataset:
     """Evenly fewer windows, so that one hypothesis costs at most about `steps` simulation steps."""
     cost = max(b.drive.steps for b in data.blocks)
-    most = max(24, steps // cost)
+    most = max(FEWEST, steps // cost)
     if data.count <= most:
         return data
     keep = np.zeros(data.count, dtype=bool)

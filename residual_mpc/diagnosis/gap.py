@@ -76,3 +76,12 @@ def gap_from_squares(total: np.ndarray, count: np.ndarray, weight: np.ndarray) -
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = (weight @ total) / (weight @ count)
     return np.asarray(np.sqrt(np.nanmean(mean, axis=1)))
+
+
+def per_window(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray:
+    """(W,) mean over the channels of each window's mean scaled square; NaN where a window has nothing to compare."""
+    total, count = window_squares(data, scales, error)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        each = total / count
+    empty = np.isnan(each).all(axis=1)
+    return np.where(empty, np.nan, np.nanmean(np.where(empty[:, None], 0.0, each), axis=1))

@@ -27,14 +27,20 @@ class KeptBack:
         return {"run": self.run, "from": self.start, "to": self.end}
 
 
-def choose_held_out(data: Dataset) -> tuple[KeptBack, ...]:
-    """A quarter of the runs, or of each run's windows in one stretch; nothing where there are fewer than four windows."""
+def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
+    """A quarter of the runs, or of each run's windows in one stretch; nothing where there are fewer than four windows.
+
+    nominal (W,): mean square of the nominal model's scaled error in each window. Runs are drawn from all ranks of it, so that
+    what is kept back is neither the easiest nor the hardest part.
+    """
     names = [r.name for r in data.runs]
     present = np.unique(data.run)
     if len(present) >= BY_RUN_FROM:
         n = max(1, int(round(SHARE * len(present))))
-        pick = present[np.unique(np.linspace(1, len(present) - 2, n).round().astype(int))]
-        return tuple(KeptBack(names[i]) for i in pick)
+        size = [float(np.nanmean(nominal[data.run == i])) for i in present]
+        ranked = present[np.argsort(size, kind="stable")]
+        pick = ranked[((np.arange(n) + 0.5) * len(present) / n).astype(int)]
+        return tuple(KeptBack(names[i]) for i in sorted(pick))
     out = []
     for place, i in enumerate(present):
         starts = data.start[data.run == i]
