@@ -219,7 +219,7 @@ class ArmFamily:
         _write_robot(setting, bool(rng.random() < 0.5), folder)
         _write_runs(robot, happened, setting, rng, folder)
         if planted:
-            _write_clean(_with(setting.robot, planted), setting, rng, folder.parent / "clean")
+            _write_clean(robot, happened, setting, rng, folder.parent / "clean")
         shown = tuple(
             Planted(p.effect, p.target, {k: v for k, v in p.parameters.items() if k != "_strength"}, p.ratio)
             for _, p in planted
@@ -290,18 +290,15 @@ def _write_robot(setting: Setting, noise: bool, folder: Path) -> None:
     (folder / "robot.toml").write_text("\n".join(lines) + "\n")
 
 
-def _write_clean(planted: ArmRobot, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
-    """The same runs with the planted effects alone and no noise: what their best fit is measured on."""
-    happened = play(planted.truth, setting.course)
-    if happened is None:
-        return
+def _write_clean(
+    robot: ArmRobot, happened: Happened, setting: Setting, rng: np.random.Generator, folder: Path
+) -> None:
+    """The same runs without noise and outliers: what the planted effects' best fit is measured on."""
     folder.mkdir(exist_ok=True)
     _write_robot(setting, True, folder)
-    silent = replace(
-        setting, sigma=0.0 * setting.sigma, resolution=0.0, rough=Roughness(), speed_sigma=0.0, table="csv"
-    )
-    calm = replace(planted.sensor, outliers=0.0 * planted.sensor.outliers)
-    _write_runs(replace(planted, sensor=calm), happened, silent, rng, folder)
+    silent = replace(setting, sigma=0.0 * setting.sigma, resolution=0.0, rough=Roughness(), speed_sigma=0.0)
+    calm = replace(robot.sensor, outliers=0.0 * robot.sensor.outliers)
+    _write_runs(replace(robot, sensor=calm), happened, silent, rng, folder)
 
 
 def _write_runs(

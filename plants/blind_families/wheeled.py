@@ -243,7 +243,7 @@ class WheeledFamily:
         _write_robot(setting, bool(rng.random() < 0.5), folder)
         _write_runs(rover, setting, rng, folder)
         if planted:
-            _write_clean(_with(setting.rover, planted), setting, rng, folder.parent / "clean")
+            _write_clean(rover, setting, rng, folder.parent / "clean")
         shown = tuple(
             Planted(p.effect, p.target, {k: v for k, v in p.parameters.items() if k != "_strength"}, p.ratio)
             for _, p in planted
@@ -313,12 +313,12 @@ def _write_robot(setting: Setting, noise: bool, folder: Path) -> None:
     (folder / "robot.toml").write_text("\n".join(lines) + "\n")
 
 
-def _write_clean(planted: Rover, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
-    """The same runs with the planted effects alone and no noise: what their best fit is measured on."""
+def _write_clean(rover: Rover, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
+    """The same runs without noise and outliers: what the planted effects' best fit is measured on."""
     folder.mkdir(exist_ok=True)
     _write_robot(setting, True, folder)
     silent = replace(setting, sigma=(0.0, 0.0), encoder_sigma=0.0, rough=Roughness())
-    _write_runs(replace(planted, sensor=replace(planted.sensor, outliers=0.0)), silent, rng, folder)
+    _write_runs(replace(rover, sensor=replace(rover.sensor, outliers=0.0)), silent, rng, folder)
 
 
 def _write_runs(rover: Rover, setting: Setting, rng: np.random.Generator, folder: Path) -> None:

@@ -1,7 +1,8 @@
 """What an interval should cover where the truth follows another law than the library.
 
 A motor of second order has no first-order time constant. Its closest one is found by fitting the planted
-effects, under the library's law, to noise-free runs that have these effects alone.
+effects, under the library's law, to the noise-free truth: what a faint background adds to a parameter is
+then part of its true value.
 """
 
 from __future__ import annotations

@@ -18,7 +18,6 @@ from residual_mpc.diagnosis.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.diagnose import thin
 from residual_mpc.diagnosis.fit import Fit
 from residual_mpc.diagnosis.gap import gap_of, measure_scales
-from residual_mpc.diagnosis.hold_out import choose_held_out, held_out_mask
 from residual_mpc.diagnosis.problem import Problem, build_problem
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.space import Space, build_space
@@ -39,7 +38,7 @@ class Bench:
     kept: Problem
     space: Space
     whole: Dataset
-    held: np.ndarray  # (W,) windows of `whole` kept back
+    held: np.ndarray  # (W,) windows of `whole` kept back; all of them where runs are too short for that
 
 
 Method = Callable[[Bench], "Fit | None"]
@@ -52,12 +51,14 @@ def bench_of(
     tunable: Sequence[str],
     without: Sequence[str],
 ) -> Bench:
-    """Cut the runs into windows as the diagnosis does, and keep the same ones back."""
+    """Cut the runs into windows as the diagnosis does; the last quarter of each run is kept back."""
     whole = build_dataset(runs, robots, noise, 1.0)
-    held = held_out_mask(whole, choose_held_out(whole))
-    fitting = whole.take(~held)
+    last = np.array([whole.start[whole.run == run].max() for run in whole.run])  # (W,) s
+    held = whole.start > 0.75 * last
+    held = held if held.any() and not held.all() else np.ones(whole.count, dtype=bool)
+    fitting = whole.take(~held) if not held.all() else whole
     space = build_space(fitting, tunable, (), without)
-    few, rest = thin(fitting, _FIT_STEPS), whole.take(held if held.any() else ~held)
+    few, rest = thin(fitting, _FIT_STEPS), whole.take(held)
     return Bench(
         build_problem(few, space, few.sigma), build_problem(rest, space, rest.sigma), space, whole, held
     )
@@ -79,11 +80,10 @@ def standard_errors(fit: Fit) -> np.ndarray:
 def document_of(bench: Bench, fit: Fit | None, robot: str) -> dict[str, Any]:
     """A diagnosis.json with what a baseline knows: no probabilities, no groups, no expectation."""
     scales = measure_scales(bench.whole)
-    test = bench.held if bench.held.any() else np.ones(bench.whole.count, dtype=bool)
 
     def gap(values: Values) -> float:
         predicted = predict(bench.whole, bench.space.settings([values]))[0]
-        return float(gap_of(bench.whole, scales, bench.whole.y - predicted, test).total)
+        return float(gap_of(bench.whole, scales, bench.whole.y - predicted, bench.held).total)
 
     before = gap({})
     after = before if fit is None else gap(fit.values)
