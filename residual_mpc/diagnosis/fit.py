@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 STEP = 0.05  # derivative step in units of a knob's scale: wide enough for delays and dead zones on sampled commands
@@ -50,6 +51,7 @@ class _Run:
     damping: float = 1e-2
     done: bool = False
     failures: int = 0
+    width: float = 0.3  # of the scan of thresholds, relative
 
     def values(self, x: np.ndarray) -> dict[Knob, float]:
         return {k: float(v) for k, v in zip(self.knobs, x * self.scale, strict=True)}
@@ -101,27 +103,41 @@ def _derive(problem: Problem, runs: list[_Run]) -> None:
 
 
 def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:
-    trials: list[np.ndarray] = []
-    dampings: list[float] = []
+    trials: list[tuple[_Run, float, np.ndarray]] = []
     for run in runs:
         for factor in (0.1, 1.0, 30.0):
-            dampings.append(run.damping * factor)
-            trials.append(_step(run, run.damping * factor))
-    owner = [run for run in runs for _ in range(3)]
-    results = problem.residuals([run.values(x) for run, x in zip(owner, trials, strict=True)])
+            trials.append((run, run.damping * factor, _step(run, run.damping * factor)))
+        trials += [(run, run.damping, x) for x in _scan(run)]
+    results = problem.residuals([run.values(x) for run, _, x in trials])
     costs = np.einsum("hwn,hwn->h", results, results)
-    for j, run in enumerate(runs):
-        best = 3 * j + int(np.argmin(costs[3 * j : 3 * j + 3]))
+    for run in runs:
+        mine = [i for i, (owner, _, _) in enumerate(trials) if owner is run]
+        best = mine[int(np.argmin(costs[mine]))]
         if costs[best] < run.cost:
             gained = run.cost - float(costs[best])
             run.done = gained < tolerance * run.cost
-            run.x, run.r, run.cost, run.jacobian = trials[best], results[best].copy(), float(costs[best]), None
-            run.damping = float(np.clip(dampings[best], 1e-7, 1e6))
+            _, damping, run.x = trials[best]
+            run.r, run.cost, run.jacobian = results[best].copy(), float(costs[best]), None
+            run.damping = float(np.clip(damping, 1e-7, 1e6))
             run.failures = 0
         else:
             run.damping *= 100.0
             run.failures += 1
+            run.width *= 0.4
             run.done = run.failures > 2
+
+
+def _scan(run: _Run) -> list[np.ndarray]:
+    """Each threshold a little lower and higher than it is."""
+    out = []
+    for i, knob in enumerate(run.knobs):
+        if knob.effect == TUNE or not BY_NAME[knob.effect].parameter(knob.parameter).threshold:
+            continue
+        for factor in (1.0 - run.width, 1.0 - 0.4 * run.width, 1.0 + 0.4 * run.width, 1.0 + run.width):
+            x = run.x.copy()
+            x[i] = np.clip(x[i] * factor, run.low[i], run.high[i])
+            out.append(x)
+    return out
 
 
 def _step(run: _Run, damping: float) -> np.ndarray:

@@ -30,8 +30,8 @@ class KeptBack:
 def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
     """A quarter of the runs, or of each run's windows in one stretch; nothing where there are fewer than four windows.
 
-    nominal (W,): mean square of the nominal model's scaled error in each window. Runs are drawn from all ranks of it, so that
-    what is kept back is neither the easiest nor the hardest part.
+    nominal (W,): mean square of the nominal model's scaled error in each window. Runs are drawn from all ranks of it, and a
+    stretch is one where it is typical of its run, so that what is kept back is neither the easiest nor the hardest part.
     """
     names = [r.name for r in data.runs]
     present = np.unique(data.run)
@@ -42,16 +42,23 @@ def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
         pick = ranked[((np.arange(n) + 0.5) * len(present) / n).astype(int)]
         return tuple(KeptBack(names[i]) for i in sorted(pick))
     out = []
-    for place, i in enumerate(present):
-        starts = data.start[data.run == i]
-        n = int(round(SHARE * len(starts)))
-        if len(starts) < 4 or n < 1:
+    for i in present:
+        mine = np.flatnonzero(data.run == i)
+        mine = mine[np.argsort(data.start[mine])]
+        n = int(round(SHARE * len(mine)))
+        if len(mine) < 4 or n < 1:
             continue
-        # another stretch in each run, so that neither the beginnings nor the ends are always kept back
-        first = int((0.4 + 0.35 * (place % 2)) * (len(starts) - n))
-        last = starts[first + n - 1] + data.horizon
-        out.append(KeptBack(names[i], float(starts[first]), float(last)))
+        first = _typical(np.nan_to_num(nominal[mine]), n)
+        stretch = data.start[mine[first : first + n]]
+        out.append(KeptBack(names[i], float(stretch[0]), float(stretch[-1] + data.horizon)))
     return tuple(out)
+
+
+def _typical(nominal: np.ndarray, n: int) -> int:
+    """Where the stretch of n windows begins whose mean nominal error is closest to that of the whole run."""
+    total = np.concatenate([[0.0], np.cumsum(nominal)])
+    means = (total[n:] - total[:-n]) / n
+    return int(np.argmin(np.abs(np.log((means + 1e-12) / (nominal.mean() + 1e-12)))))
 
 
 def held_out_mask(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:

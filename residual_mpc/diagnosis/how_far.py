@@ -27,6 +27,8 @@ class Shrink:
 
 def fold_values(fit: Fit, folds: np.ndarray) -> list[Values]:
     """The fit without each fold: one Gauss-Newton step from the whole (exact for a linear model)."""
+    if not fit.knobs:
+        return [{}] * (int(folds.max()) + 1)
     out: list[Values] = []
     free = ~fit.held
     for k in range(int(folds.max()) + 1):

@@ -35,22 +35,31 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
 
 
 def start_states(data: Dataset, block: Block, settings: Settings) -> dict[str, np.ndarray]:
-    """Start of each window under each hypothesis: position and velocity channels, (H, W_block).
+    """State from which each window is replayed under each hypothesis: position and velocity channels, (H, W_block).
 
     Positions from the local quadratic's value, velocities from the logged velocity's, else from the position's slope, else
-    0; mapped back through the sensor effects.
+    0; mapped back through the sensor effects. Where measurements arrive late, the reading at the window's start shows an
+    earlier state: the replay starts that much earlier (see `earliest`), so that no sample lies before it.
     """
+    early = earliest(block.robot, settings)
     out: dict[str, np.ndarray] = {}
     for state in block.robot.states:
-        value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position))
+        value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
         out[state.position] = np.nan_to_num(value) - _bias(block.robot, settings, state.position)
         if state.velocity is not None:
-            rate, _ = _local(data, block, state.velocity, _delay(block.robot, settings, state.velocity))
+            rate, _ = _local(data, block, state.velocity, _delay(block.robot, settings, state.velocity) - early)
             out[state.velocity] = np.nan_to_num(np.where(np.isnan(rate), slope, rate))
     if "sensor_mounting" in settings.effects:
         p = settings.effects["sensor_mounting"]
         out["pose.x"], out["pose.y"] = unmounted(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
     return out
+
+
+def earliest(robot: Robot, settings: Settings) -> np.ndarray:
+    """(H,) s: how long before the window's start the replay begins, the largest sensor delay of each hypothesis."""
+    if "sensor_delay" not in settings.effects:
+        return np.zeros(settings.rows)
+    return np.asarray(settings.effects["sensor_delay"]["delay"].max(axis=1))
 
 
 def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start | None) -> np.ndarray:
@@ -59,19 +68,14 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
     if nudge is not None:
         start = {k: v + nudge[k][block.where] if k in nudge else v for k, v in start.items()}
     each = settings.take(np.repeat(np.arange(h), w))
-    drive = Drive(
-        block.drive.dt,
-        block.drive.lead,
-        np.tile(block.drive.command, (h, 1, 1)),
-        None if block.drive.enabled is None else np.tile(block.drive.enabled, (h, 1, 1)),
-        np.tile(block.drive.clock, h),
-    )
+    early = earliest(block.robot, settings)
+    drive = _begin_earlier(block.drive, early)
     wanted = tuple(c for c in data.channels if c in block.robot.channels)
     nodes = block.robot.replay({k: v.reshape(h * w) for k, v in start.items()}, drive, each, wanted)
     t = data.t[block.where]  # (W, M)
     sampled: dict[str, np.ndarray] = {}
     for channel in wanted:
-        late = _delay(block.robot, settings, channel)[:, None, None]  # (H, 1, 1) s
+        late = (_delay(block.robot, settings, channel) - early)[:, None, None]  # (H, 1, 1) s
         sampled[channel] = _interpolate(nodes[channel].reshape(h, w, -1), t[None] - late, drive.dt)
     if "sensor_mounting" in settings.effects and "pose.x" in sampled:
         p = {k: v[:, :, None] for k, v in settings.effects["sensor_mounting"].items()}
@@ -83,6 +87,30 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
         if channel in sampled:
             out[..., k] = sampled[channel] + _bias(block.robot, settings, channel)[:, :, None]
     return out
+
+
+def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
+    """The drive of W windows for H hypotheses, (H * W) rows, each begun `early` (H,) s sooner and as much longer."""
+    h = len(early)
+    command, enabled = drive.command, drive.enabled
+    clock = np.tile(drive.clock, h)
+    if not early.any():
+        again = None if enabled is None else np.tile(enabled, (h, 1, 1))
+        return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock)
+    extra = int(np.ceil(early.max() / drive.dt))
+    last = command.shape[1] - 1
+    step = np.arange(command.shape[1] + extra)
+    commands, ons = [], []
+    for shift in early / drive.dt:
+        place = np.clip(step - shift, 0.0, last)
+        low = np.minimum(place.astype(int), max(last - 1, 0))
+        part = (place - low)[None, :, None]
+        commands.append((1.0 - part) * command[:, low] + part * command[:, low + 1])
+        if enabled is not None:
+            inside = np.round(np.clip(step[drive.lead :] - drive.lead - shift, 0, enabled.shape[1] - 1)).astype(int)
+            ons.append(enabled[:, inside])
+    on = None if enabled is None else np.concatenate(ons)
+    return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock - np.repeat(early, len(drive.clock)))
 
 
 def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:

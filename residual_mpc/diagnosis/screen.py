@@ -10,6 +10,7 @@ import numpy as np
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.fit import Fit, on_problem
 from residual_mpc.diagnosis.problem import Problem, reweigh
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
 ROWS = 96  # probes replayed at once: bounds the memory
@@ -18,12 +19,14 @@ STEPS = 6_000  # simulation steps that one probe may cost
 
 @dataclass(frozen=True)
 class Lead:
-    """A candidate worth fitting: where to start, the drop in cost that a line search along the probe promises, and how far
-    the probe moves the prediction (whitened norm, after what the free parameters can absorb)."""
+    """A candidate worth fitting: where to start, the drop in cost that a line search along the probe promises, how much of
+    that drop is in the channels that the gap compares, and how far the probe moves the prediction (whitened norm, after what
+    the free parameters can absorb)."""
 
     term: Term
     start: Values
     gain: float
+    compared: float
     reach: float
 
 
@@ -95,19 +98,29 @@ def _lead(
     problem: Problem, current: Fit, basis: np.ndarray, term: Term, probe: Values, moved: np.ndarray, weight: float
 ) -> Lead:
     r = current.r.ravel()
-    delta = moved - r
-    delta = delta - basis @ (basis.T @ delta)
+    plain = moved - r
+    delta = plain - basis @ (basis.T @ plain)
     square = float(delta @ delta)
     direct = current.cost - float(moved @ moved)
     if square < 1e-12:
-        return Lead(term, probe, 0.0, 0.0)
+        return Lead(term, probe, 0.0, 0.0, 0.0)
     reach = (weight * square) ** 0.5
+    mask = compared_mask(problem)
     alpha = float(np.clip(-(r @ delta) / square, *_room(problem, probe)))
     along = -(2.0 * alpha * float(r @ delta) + alpha**2 * square)
-    if direct >= along:
-        return Lead(term, probe, weight * direct, reach)
+    threshold = any(BY_NAME[k.effect].parameter(k.parameter).threshold for k in probe)
+    if direct >= along or threshold:
+        part = float(r[mask] @ r[mask]) - float(moved[mask] @ moved[mask])
+        return Lead(term, probe, weight * direct, weight * part, reach)
+    part = -(2.0 * alpha * float(r[mask] @ delta[mask]) + alpha**2 * float(delta[mask] @ delta[mask]))
     start = {k: _between(problem, k, v, alpha) for k, v in probe.items()}
-    return Lead(term, start, weight * along, reach)
+    return Lead(term, start, weight * along, weight * part, reach)
+
+
+def compared_mask(problem: Problem) -> np.ndarray:
+    """(W * M * C,) bool: the samples of channels that the gap compares."""
+    data = problem.data
+    return np.broadcast_to(data.compared[:, None, :], data.y.shape).ravel()
 
 
 def _between(problem: Problem, knob: Knob, value: float, alpha: float) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.problem import Problem, reweigh
 from residual_mpc.diagnosis.replay import predict
-from residual_mpc.diagnosis.screen import screen, smaller
+from residual_mpc.diagnosis.screen import compared_mask, screen, smaller
 from residual_mpc.diagnosis.space import Space
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
@@ -37,7 +38,7 @@ class SearchSettings:
     worth_far: float = 0.12
     massive: float = 80.0
     shortlist: int = 10
-    finalists: int = 4
+    finalists: int = 5
     largest: int = 5
     beam: int = 4
     settled: float = 0.08
@@ -87,6 +88,7 @@ def build_ruler(data: Dataset, space: Space, scales: Scales, base: Fit, rng: np.
 
 GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
 
+Ranked = TypeVar("Ranked")
 Report = Callable[[str], None]
 
 
@@ -105,11 +107,13 @@ def search(
         beam = refit(here, beam)
         report(f"{len(beam[0].terms)} effects named; looking for the next")
         children = additions(here, beam, blocks, settings)
-        if not children or not convincing(problem, ruler, beam[0], children[0], base, blocks, settings):
+        # the cheapest set may only polish what nobody would see: the next one may be the cause
+        chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
+        if chosen is None:
             break
-        steps.append(Step(children[0].terms, beam[0].cost, children[0].cost))
-        best = prune(problem, ruler, children[0], base, noise, blocks, settings)
-        beam = [best, *others(ruler, base, best, children[1:], settings)]
+        steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
+        best = prune(problem, ruler, chosen, base, noise, blocks, settings)
+        beam = [best, *others(ruler, base, best, children, settings)]
     here = judge(problem, beam[0], noise)
     current, base = refit(here, [beam[0], base])
     return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps))
@@ -144,14 +148,28 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     for place, parent in enumerate(beam):
         candidates = tuple(c for c in problem.space.candidates if compatible(c, parent.terms))
         leads = screen(problem, parent, candidates)
-        starts += [{**parent.values, **lead.start} for lead in leads[: settings.shortlist // (1 + place)]]
+        # precise encoders may shout down what moves the pose: half of the places go by what the gap compares
+        ranked = mixed(leads, sorted(leads, key=lambda lead: -lead.compared))
+        starts += [{**parent.values, **lead.start} for lead in ranked[: settings.shortlist // (1 + place)]]
         promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
     if GENEROUS * promised < settings.beyond_doubt:
         return []
     small, _ = smaller(problem)
-    rough = sorted(fit_all(small, starts, 3), key=lambda f: f.cost)
-    finalists = distinct(rough)[: settings.finalists + (2 if len(beam) > 1 else 0)]
+    rough = fit_all(small, starts, 3)
+    mask = compared_mask(small)
+    by_cost = distinct(sorted(rough, key=lambda f: f.cost))
+    by_gap = distinct(sorted(rough, key=lambda f: float(np.sum(f.r.ravel()[mask] ** 2))))
+    finalists = mixed(by_cost, by_gap)[: settings.finalists + (2 if len(beam) > 1 else 0)]
     return distinct(sorted(fit_all(problem, [f.values for f in finalists]), key=lambda f: f.cost))
+
+
+def mixed(first: list[Ranked], second: list[Ranked]) -> list[Ranked]:
+    """Two rankings of the same things taken in turn, each thing once."""
+    seen: dict[int, Ranked] = {}
+    for pair in zip(first, second, strict=True):
+        for item in pair:
+            seen.setdefault(id(item), item)
+    return list(seen.values())
 
 
 def distinct(fits: list[Fit]) -> list[Fit]:

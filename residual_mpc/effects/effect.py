@@ -30,6 +30,7 @@ class Parameter:
     upper: float
     probes: tuple[float, ...]
     reference: Literal["one", "command", "output", "torque", "torque/speed", "inertia", "mass", "length"] = "one"
+    threshold: bool = False  # acts by comparison, so that derivatives say little: the fit also scans it
 
     def __post_init__(self) -> None:
         if not self.lower <= self.null <= self.upper:
