@@ -10,6 +10,9 @@ from residual_mpc.errors import BadInput
 
 BY_RUN_FROM = 6  # runs: with fewer, each run's motion may be the only one of its kind, so that blocks are kept back
 SHARE = 0.25
+CHUNK = 3  # windows in a stretch that is kept back: what happens rarely is then on both sides
+EVERY = 4
+FEWEST = 4  # windows that a run needs before some of it is kept back
 
 
 @dataclass(frozen=True)
@@ -45,20 +48,21 @@ def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
     for i in present:
         mine = np.flatnonzero(data.run == i)
         mine = mine[np.argsort(data.start[mine])]
-        n = int(round(SHARE * len(mine)))
-        if len(mine) < 4 or n < 1:
+        if len(mine) < FEWEST:
             continue
-        first = _typical(np.nan_to_num(nominal[mine]), n)
-        stretch = data.start[mine[first : first + n]]
-        out.append(KeptBack(names[i], float(stretch[0]), float(stretch[-1] + data.horizon)))
+        chunk = np.arange(len(mine)) // max(1, min(CHUNK, len(mine) // EVERY))
+        phase = _typical(np.nan_to_num(nominal[mine]), chunk)
+        for c in np.unique(chunk[chunk % EVERY == phase]):
+            stretch = data.start[mine[chunk == c]]
+            out.append(KeptBack(names[i], float(stretch[0]), float(stretch[-1] + data.horizon)))
     return tuple(out)
 
 
-def _typical(nominal: np.ndarray, n: int) -> int:
-    """Where the stretch of n windows begins whose mean nominal error is closest to that of the whole run."""
-    total = np.concatenate([[0.0], np.cumsum(nominal)])
-    means = (total[n:] - total[:-n]) / n
-    return int(np.argmin(np.abs(np.log((means + 1e-12) / (nominal.mean() + 1e-12)))))
+def _typical(nominal: np.ndarray, chunk: np.ndarray) -> int:
+    """Which of the EVERY interleaved quarters has the mean nominal error closest to that of the whole run."""
+    means = np.array([nominal[chunk % EVERY == phase].mean() for phase in range(EVERY)])
+    off = np.log((means + 1e-12) / (nominal.mean() + 1e-12))
+    return int(np.argmin(np.where(off > 0, 3.0 * off, -off)))  # rather too easy: what is rare has to be seen to be fitted
 
 
 def held_out_mask(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:
