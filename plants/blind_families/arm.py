@@ -33,7 +33,7 @@ from plants.blind_families.sensing import (
 from plants.blind_families.strength import tuned
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer, Planted
-from residual_mpc.blind.twins import twins_of
+from residual_mpc.blind.twins import may_be_withheld, twins_of
 
 Array = NDArray[np.float64]
 UNKNOWN = ("cogging", "dragging_cable", "warming_friction", "gusts")
@@ -179,8 +179,8 @@ class ArmFamily:
         if level.confounded and setting.drops:
             return None
         traits = ("arm", "drops" if setting.drops else "no_drops")
-        if level.withheld and twins_of(effects[0], traits):
-            return None  # its twin would rightly be named
+        if level.withheld and not may_be_withheld(effects[0], traits):
+            return None
         planted = []
         for effect in effects:
             draw = draw_effect(effect, len(arm.axes), rng)

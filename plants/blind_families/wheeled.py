@@ -23,7 +23,7 @@ from plants.blind_families.wheeled_effects import PLANT, TYPICAL, Draw, PoseSens
 from plants.blind_families.wheeled_truth import Policy, Trajectory, WheeledTruth, simulate
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer, Planted
-from residual_mpc.blind.twins import twins_of
+from residual_mpc.blind.twins import may_be_withheld, twins_of
 
 Array = NDArray[np.float64]
 UNKNOWN = ("eccentric_wheel", "one_sided_turning", "warming_up", "gusts")
@@ -208,8 +208,8 @@ class WheeledFamily:
             "encoders" if setting.encoders else "no_encoders",
             *(("straight",) if straight else ()),
         )
-        if level.withheld and twins_of(effects[0], traits):
-            return None  # its twin would rightly be named
+        if level.withheld and not may_be_withheld(effects[0], traits):
+            return None
         planted = []
         for effect in effects:
             draw = draw_effect(effect, setting.encoders, rng)

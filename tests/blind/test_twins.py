@@ -1,0 +1,20 @@
+"""The one list of effects that data cannot part."""
+
+from residual_mpc.blind.twins import may_be_withheld, twins_of
+
+
+def test_twins_are_read_both_ways_and_depend_on_what_was_logged():
+    assert "sensor_delay" in twins_of("command_delay", ("wheeled", "no_encoders"))
+    assert "command_delay" in twins_of("sensor_delay", ("wheeled", "no_encoders"))
+    assert twins_of("command_delay", ("wheeled", "encoders")) == ()
+    assert twins_of("slope", ("wheeled", "straight", "no_encoders")) == (
+        "actuator_gain",
+        "longitudinal_slip",
+        "wheel_radius",
+    )
+
+
+def test_an_effect_with_a_stand_in_is_never_withheld():
+    assert not may_be_withheld("actuator_lag", ("wheeled", "encoders"))
+    assert not may_be_withheld("wheel_radius", ("wheeled", "no_encoders"))
+    assert may_be_withheld("track_width", ("wheeled", "no_encoders"))
