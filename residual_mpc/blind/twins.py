@@ -19,8 +19,8 @@ _TWINS: tuple[tuple[str, str, frozenset[str]], ...] = (
     ("payload", "link_mass", frozenset({"arm", "com_near_site"})),
 )
 
-# Pairs that data can part, but whose one member removes more than three quarters of what the other does on the
-# benchmark's motions, so that a library without the cause is rightly content with the stand-in: never withheld.
+# Pairs that data can part, but whose one member removes more than three quarters of what the other does on
+# the benchmark's motions, so that a library without the cause is rightly content: never withheld.
 # Measured: steps .97 and rich .77 for lag and delay; steps .97 for the frictions.
 _STAND_INS: tuple[tuple[str, str], ...] = (
     ("actuator_lag", "command_delay"),
