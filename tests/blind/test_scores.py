@@ -3,6 +3,7 @@
 import pytest
 from answers import answer, claim
 
+from residual_mpc.blind.records import Planted
 from residual_mpc.blind.score.calibration import calibration_error, reliability
 from residual_mpc.blind.score.match import match
 from residual_mpc.blind.score.outcome import Outcome, _parameters
@@ -67,3 +68,19 @@ def test_rates_by_level_family_and_effect_and_the_confusions():
     rows, columns, counts = confusion(summary)
     assert counts[rows.index("slope"), columns.index("sensor_bias")] == 1
     assert counts[rows.index("track_width"), columns.index("(unknown)")] == 1
+
+
+def test_where_runs_are_confounded_a_lucky_guess_is_told_from_a_reported_group():
+    truth = answer(("sensor_delay", None), level="confounded")
+    group = [("command_delay", None), ("sensor_delay", None)]
+    lucky = outcome_of(truth, claim("effects", ("sensor_delay", None)))
+    honest = outcome_of(truth, claim("effects", ("command_delay", None), groups=[group]))
+    summary = summarise("m", [lucky, honest])
+    assert summary.right.value == 1.0 and summary.group_reported.value == 0.5
+
+
+def test_a_faint_background_counts_neither_way_in_the_calibration():
+    faint = (Planted("track_width", None, {}),)
+    truth = answer(("slope", None), background=faint)
+    summary = summarise("m", [outcome_of(truth, claim("effects", ("slope", None), ("track_width", None)))])
+    assert sum(b.count for b in summary.bins) == 1

@@ -15,7 +15,7 @@ from residual_mpc.blind.score.score import score_suite
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
     place = tmp_path_factory.mktemp("sealed")
-    settings = MakeSettings(("wheeled",), ("single", "none"), cases=2, first_seed=2, jobs=1)
+    settings = MakeSettings(("wheeled",), ("single", "none"), cases=1, first_seed=2, jobs=1)
     made = make_suite(settings, place / "suite", place / "answers")
     assert not made.failed
     program = Path(sys.executable).with_name("residual-mpc")
@@ -32,7 +32,7 @@ def test_the_diagnosis_answers_easy_cases_right(swept):
     _, scores = swept
     summary = scores.summaries[0]
     trouble = [(o.name, o.trouble, o.claim and (o.claim.verdict, o.claim.named)) for o in summary.outcomes]
-    assert summary.right.hits >= 3, trouble
+    assert summary.right.hits == 2, trouble
     assert summary.false_alarms.hits == 0, trouble
 
 

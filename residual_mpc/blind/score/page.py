@@ -58,6 +58,7 @@ def figures(scores: Scores) -> list[tuple[str, list[str]]]:
     row("shrink, mean distance from expected", [number(s.shrink_error) for s in every])
     row("calibration error of the probabilities", [number(calibration_error(s.bins)) for s in every])
     row("size of the groups in right answers, mean", [number(s.group_size) for s in every])
+    row("a group reported that holds the truth, confounded", [percent(s.group_reported) for s in every])
     row("seconds a case, median", [number(s.seconds) for s in every])
     row("cases without a diagnosis", [str(_failed(s)) for s in every])
     return rows

@@ -35,6 +35,7 @@ class Summary:
     shrink_coverage: Rate
     bins: tuple[Bin, ...]
     group_size: float | None  # mean size of the groups that right answers needed
+    group_reported: Rate  # where the runs are confounded by design: a group holds the truth
     seconds: float | None  # median a case
 
     def document(self) -> dict[str, Any]:
@@ -58,6 +59,7 @@ class Summary:
             "parameter_error": self.parameter_error,
             "shrink_coverage": self.shrink_coverage.value,
             "group_size": self.group_size,
+            "group_reported": self.group_reported.value,
             "seconds_a_case": self.seconds,
             "failed": sum(o.claim is None for o in self.outcomes),
             "rates": {
@@ -88,7 +90,9 @@ def summarise(method: str, outcomes: Sequence[Outcome]) -> Summary:
     planted = [o for o in every if o.answer.effects and not o.answer.withheld]
     empty = [o for o in every if not o.answer.effects and not o.answer.unknown]
     parameters = [p for o in every for p in o.parameters]
-    stated = [(p, _is_true(o, effect)) for o in every for effect, p in _probabilities(o)]
+    stated = [
+        (p, _is_true(o, effect)) for o in every for effect, p in _probabilities(o) if not _is_faint(o, effect)
+    ]
     shrinks = [
         o.claim
         for o in every
@@ -126,6 +130,7 @@ def summarise(method: str, outcomes: Sequence[Outcome]) -> Summary:
         ),
         bins=reliability([p for p, _ in stated], [y for _, y in stated]),
         group_size=sum(sizes) / len(sizes) if sizes else None,
+        group_reported=rate(_in_a_group(o) for o in every if o.answer.level == "confounded"),
         seconds=median(times) if times else None,
     )
 
@@ -151,7 +156,19 @@ def _probabilities(o: Outcome) -> list[tuple[str, float]]:
 def _is_true(o: Outcome, effect: str) -> bool:
     if o.answer.withheld:
         return False
-    return any(p.effect == effect for p in (*o.answer.effects, *o.answer.background))
+    return any(p.effect == effect for p in o.answer.effects)
+
+
+def _in_a_group(o: Outcome) -> bool:
+    """Whether a reported group holds the planted effect, as an answer without luck would."""
+    wanted = {p.effect for p in o.answer.effects}
+    groups = () if o.claim is None else o.claim.groups
+    return any(len(g) > 1 and any({e for e, _ in member} == wanted for member in g) for g in groups)
+
+
+def _is_faint(o: Outcome, effect: str) -> bool:
+    """Whether the effect is there so faintly that neither yes nor no would be wrong."""
+    return any(p.effect == effect for p in o.answer.background)
 
 
 def _true_names(o: Outcome) -> list[list[str | None]]:
