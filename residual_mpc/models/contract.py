@@ -1,7 +1,7 @@
 """The contract of `Robot`, as checks that any implementation can run on itself.
 
-    from residual_mpc.models.contract import check_robot
-    check_robot(my_robot, np.random.default_rng(0))
+from residual_mpc.models.contract import check_robot
+check_robot(my_robot, np.random.default_rng(0))
 """
 
 import itertools
@@ -66,8 +66,8 @@ class _Case:
 def check_robot(robot: Robot, rng: np.random.Generator, size: float = 0.3) -> None:
     """Check names, slots and replays of a robot; returns where it keeps its contract.
 
-    size: commands are drawn from [-size, size], actuator units, start states with a tenth of that as deviation:
-    choose what your robot can bear. Raises ContractBroken at the first law that is broken.
+    size: commands are drawn from [-size, size], actuator units, start states are a tenth of that; choose
+    what your robot can bear. Raises ContractBroken at the first law that is broken.
     """
     check_names(robot)
     check_slots(robot)
@@ -98,7 +98,7 @@ def check_names(robot: Robot) -> None:
     demand(right, "command_kinds has one kind an actuator", kinds, f"{count} of {KINDS}")
     for channel in robot.channels:
         here = is_measured(channel)
-        demand(here, "channels are names of the run log", repr(channel), "position.<joint>, pose.x or the like")
+        demand(here, "channels are names of the run log", repr(channel), "position.<joint> or the like")
     for state in robot.states:
         for source in (state.position, state.velocity):
             here = source is None or source in robot.channels
@@ -177,7 +177,7 @@ def _check_repeats(case: _Case) -> None:
     first = {c: y.copy() for c, y in case.replay(Settings(ROWS)).items()}
     _same("the same replay gives the same numbers", case.replay(Settings(ROWS)), first)
     kept = all(np.array_equal(a, b) for a, b in zip(before, given, strict=True))
-    demand(kept, "replay leaves its arguments alone", "a start, command or clock that changed", "the old values")
+    demand(kept, "replay leaves its arguments alone", "a change to one of them", "the old values")
 
 
 def _check_rows_alone(case: _Case) -> None:

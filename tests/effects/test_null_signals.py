@@ -1,0 +1,101 @@
+"""At its null value every effect leaves its signal unchanged, bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from residual_mpc.effects.actuator import lag_start, lag_step
+from residual_mpc.effects.contact import ground_twist, slope_drift
+from residual_mpc.effects.effect import STAGES, Effect, Parameter
+from residual_mpc.effects.library import BY_NAME, LIBRARY
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.sensor import mounted, unmounted
+
+DT = 0.01  # s
+SIGNALS = 0.3 + 4.0 * np.random.default_rng(1).standard_normal((60, 2, 3))  # steps, rows, actuators
+
+
+def of_port(port: str) -> list[str]:
+    return [e.name for e in LIBRARY if e.port == port]
+
+
+def null_of(effect: Effect) -> dict[str, np.ndarray]:
+    return {p.name: np.full((2, 3), p.null) for p in effect.parameters}
+
+
+@pytest.mark.parametrize("name", of_port("command"))
+def test_a_command_passes(name: str) -> None:
+    effect, p = BY_NAME[name], null_of(BY_NAME[name])
+    if name == "actuator_lag":
+        memory, step = lag_start(NUMPY, p, SIGNALS[0], DT), lambda o, p, m, u, dt: lag_step(o, p, m, u, dt)
+    else:
+        assert effect.start is not None and effect.step is not None
+        memory, step = effect.start(NUMPY, p, SIGNALS[0], DT), effect.step
+    for u in SIGNALS:
+        out, memory = step(NUMPY, p, memory, u, DT)
+        np.testing.assert_array_equal(out, u)
+
+
+@pytest.mark.parametrize("name", of_port("output"))
+def test_an_output_passes(name: str) -> None:
+    effect, p = BY_NAME[name], null_of(BY_NAME[name])
+    assert effect.start is not None and effect.step is not None
+    memory = effect.start(NUMPY, p, SIGNALS[0])
+    for k, y in enumerate(SIGNALS):
+        out, memory = effect.step(NUMPY, p, memory, y, np.array(17.0 + k * DT), DT)
+        np.testing.assert_array_equal(out, y)
+
+
+@pytest.mark.parametrize("name", of_port("friction"))
+def test_a_friction_brakes_nothing(name: str) -> None:
+    effect = BY_NAME[name]
+    assert effect.step is not None
+    np.testing.assert_array_equal(
+        effect.step(NUMPY, null_of(effect), SIGNALS[0], SIGNALS[1]) + SIGNALS[2], SIGNALS[2]
+    )
+
+
+@pytest.mark.parametrize("name", of_port("ground"))
+def test_the_ground_is_the_papers(name: str) -> None:
+    w, a = (SIGNALS[0], SIGNALS[1]), (SIGNALS[2], SIGNALS[3])
+    bare = ground_twist(NUMPY, {}, 0.033, 0.16, w, a)
+    if name == "slope":
+        drift = slope_drift(NUMPY, null_of(BY_NAME[name]))
+        there = (bare[0] + drift[0], bare[1] + drift[1], bare[2])
+    else:
+        there = ground_twist(NUMPY, {name: null_of(BY_NAME[name])}, 0.033, 0.16, w, a)
+    for x, y in zip(there, bare, strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+@pytest.mark.parametrize("through", [mounted, unmounted])
+def test_a_sensor_in_the_middle_sees_the_robot(through: object) -> None:
+    assert callable(through)
+    x, y = through(NUMPY, null_of(BY_NAME["sensor_mounting"]), *SIGNALS[:3])
+    np.testing.assert_array_equal(x, SIGNALS[0])
+    np.testing.assert_array_equal(y, SIGNALS[1])
+
+
+def test_the_sensor_position_is_undone() -> None:
+    p = {"x": np.array(0.3), "y": np.array(-0.2)}
+    there = mounted(NUMPY, p, *SIGNALS[:3])
+    back = unmounted(NUMPY, p, *there, SIGNALS[2])
+    np.testing.assert_allclose(back, SIGNALS[:2], rtol=0, atol=1e-14)
+
+
+def test_every_effect_has_its_place() -> None:
+    assert len(BY_NAME) == len(LIBRARY)
+    stages = [STAGES.index(e.stage) for e in LIBRARY]
+    assert stages == sorted(stages)  # of a confounded group the earliest is named
+    ports = {p for e in LIBRARY for p in (e.port,)}
+    assert ports == {"command", "output", "friction", "ground", "sensor", "model"}
+    for effect in LIBRARY:
+        assert len({p.name for p in effect.parameters}) == len(effect.parameters)
+        with pytest.raises(KeyError):
+            effect.parameter("no such parameter")
+
+
+def test_a_null_value_outside_its_limits_is_refused() -> None:
+    with pytest.raises(ValueError, match="null"):
+        Parameter("gain", "1", 1.0, 2.0, 3.0, ())
