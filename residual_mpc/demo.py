@@ -1,0 +1,173 @@
+"""`python -m residual_mpc.demo`: a robot that differs from its model, drawn at random and diagnosed.
+
+What is wrong with the robot is sealed before the diagnosis starts, and opened when the diagnosis is on disk.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from residual_mpc.blind.records import Answer, Planted
+    from residual_mpc.blind.score.claim import Claim
+
+TRIES = 20  # seeds looked at until one can be drawn: some sets of effects fit no robot of a family
+
+
+@dataclass(frozen=True)
+class Case:
+    """A drawn robot.
+
+    `folder` holds what its user would have; `sealed` is the file of the answer that `commitment` (hex) fixes;
+    `without` names effects that a diagnosis of it has to do without (the level `withheld`).
+    """
+
+    seed: int
+    folder: Path
+    sealed: Path
+    commitment: str
+    without: tuple[str, ...]
+
+
+@click.command()
+@click.option("--family", default="wheeled", show_default=True, help="A family of robots: wheeled, arm, ...")
+@click.option("--level", default="double", show_default=True, help="What is hidden: single, hard, none, ...")
+@click.option("--seed", type=int, default=None, help="Of the robot and what it hides  [default: random]")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="[default: demo-SEED]")
+def demo(family: str, level: str, seed: int | None, out: Path | None) -> None:
+    """Draw a robot that differs from its model, diagnose it, then open what was hidden."""
+    case = draw(family, level, seed, out)
+    place = case.sealed.parent.parent
+    click.echo(f"A robot and its model, drawn with --family {family} --level {level} --seed {case.seed}")
+    click.echo(f"  what its user has:  {case.folder}")
+    click.echo(f"  what is hidden:     {case.sealed}")
+    click.echo(f"  sealed as SHA-256   {case.commitment}\n")
+    found = diagnose(case, place)
+    answer = open_seal(case)
+    click.echo("\nThe seal is opened: the answer is the one committed to, and the runs are untouched.")
+    for line in comparison(answer, found):
+        click.echo(f"  {line}")
+    click.echo(f"\nThe report: {found.with_name('report.html')}")
+
+
+def draw(family: str, level: str, seed: int | None, out: Path | None) -> Case:
+    """Draw a case and seal its answer beside it. Raises BadInput where the seed given cannot be drawn."""
+    import numpy as np
+
+    from residual_mpc.blind.make import MakeSettings, make_suite
+    from residual_mpc.blind.suite import FIRST_TEST_SEED
+    from residual_mpc.errors import BadInput
+
+    if seed is not None and not 0 <= seed < FIRST_TEST_SEED:
+        raise BadInput(f"the seed is {seed}", "--seed", f"seeds for looking are 0 to {FIRST_TEST_SEED - 1}")
+    fresh = np.random.default_rng().integers(
+        FIRST_TEST_SEED, size=TRIES
+    )  # a demo that is different each time
+    why = ""
+    for number in [int(s) for s in fresh] if seed is None else [seed]:
+        click.echo(f"drawing a robot (seed {number})", err=True)
+        place = out or Path(f"demo-{number}")
+        made = make_suite(MakeSettings((family,), (level,), 1, number, 1), place / "suite", place / "answer")
+        if made.suite.cases:
+            entry = made.suite.cases[0]
+            sealed = place / "answer" / f"{entry.name}.json"
+            return Case(number, made.suite.case(entry), sealed, entry.commitment, entry.without)
+        why = made.failed[0][1]
+    raise BadInput(f"no robot could be drawn: {why}", "--seed", "choose another seed, or leave it out")
+
+
+def diagnose(case: Case, place: Path) -> Path:
+    """Run `residual-mpc diagnose` in a process that never meets the answer, and return its diagnosis.json."""
+    runs = str(case.folder.relative_to(place))
+    words = ["diagnose", "--robot", f"{runs}/robot.toml", runs, "--out", "diagnosis"]
+    words += [word for effect in case.without for word in ("--without", effect)]
+    click.echo(f"$ cd {shlex.quote(str(place))}\n$ residual-mpc {shlex.join(words)}")
+    sys.stdout.flush()  # the process writes to the same place
+    program = [sys.executable, "-m", "residual_mpc.cli.main", *words]
+    # one thread a library: on batches this small more of them cost time
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    status = subprocess.run(program, cwd=place, env=environment, check=False).returncode
+    if status:
+        sys.exit(status)
+    return place / "diagnosis" / "diagnosis.json"
+
+
+def open_seal(case: Case) -> Answer:
+    """The hidden answer. Raises BadInput where it, or the runs, changed since it was sealed."""
+    from residual_mpc.blind.seal import reveal
+
+    return reveal(case.sealed, case.commitment, case.folder)
+
+
+def comparison(answer: Answer, diagnosis: Path) -> list[str]:
+    """Lines that say what was hidden and whether the diagnosis is right, by the rule of the benchmark."""
+    from residual_mpc.blind.score.claim import read_claim
+    from residual_mpc.blind.score.match import match
+
+    claim = read_claim(diagnosis)
+    result = match(answer, claim)
+    lines = [f"hidden: {_planted(p, answer, claim)}" for p in answer.effects]
+    lines += [f"hidden, and in no library: {cause}" for cause in answer.unknown]
+    if answer.background:
+        lines.append(f"faint beside it: {', '.join(p.effect for p in answer.background)}")
+    if not answer.effects and not answer.unknown:
+        lines.append("hidden: nothing")
+    said = ", ".join(_named(*name) for name in claim.named)
+    said = f"{claim.verdict} ({said})" if said and claim.verdict != "effects" else said or claim.verdict
+    if not result.right:
+        return [*lines, f"The diagnosis is wrong: it says {said}."]
+    place = "" if result.target_right is None or result.target_right else ", but at another place"
+    group = "" if result.group_size < 2 else ", up to what it says cannot be told apart on these runs"
+    return [*lines, f"The diagnosis is right{place}{group}: {said}."]
+
+
+def _planted(planted: Planted, answer: Answer, claim: Claim) -> str:
+    """An effect with its parameters as planted, and as found where it was named at its place."""
+    from residual_mpc.blind.score.match import counterpart
+
+    name = counterpart(planted, answer, claim)
+    parts = []
+    for parameter, value in planted.parameters.items():
+        estimate = None if name is None else claim.estimates[name].get(parameter)
+        seen = (
+            ""
+            if estimate is None
+            else f" (found {estimate.value:.4g}, {estimate.low:.4g} to {estimate.high:.4g})"
+        )
+        parts.append(f"{parameter} {value:.4g}{seen}")
+    return f"{_named(planted.effect, planted.target)}: {', '.join(parts)}"
+
+
+def _named(effect: str, target: str | None) -> str:
+    return f"{effect} [{target}]" if target else effect
+
+
+def main() -> None:
+    """Exit status as `residual-mpc`'s."""
+    from residual_mpc.errors import BadInput
+
+    try:
+        demo.main(standalone_mode=False)
+    except OSError as error:
+        click.echo(f"demo: {error.filename}: {error.strerror}. Choose another folder with --out.", err=True)
+        sys.exit(2)
+    except BadInput as error:
+        click.echo(f"demo: {error}", err=True)
+        sys.exit(2)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except (click.Abort, KeyboardInterrupt):
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
