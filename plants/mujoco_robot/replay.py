@@ -42,6 +42,7 @@ def replay(
             drive.command[rows],
             None if drive.enabled is None else drive.enabled[rows],
             drive.clock[rows],
+            None if drive.setting is None else drive.setting[rows],
         )
         found = _replay(robot, {k: v[rows] for k, v in start.items()}, part, settings.take(rows), wanted, stepped)
         for c in wanted:
@@ -76,6 +77,9 @@ def _replay(
     model = robot.model
     # with few rows, waking a second thread at every step costs more than it brings
     batch = Batch(model, settings.rows, nthread=1 if settings.rows * model.nv < FEW else 0)
+    if robot.differing and drive.setting is not None:
+        for field in robot.differing:
+            batch.expand(field)[:] = np.stack([getattr(m, field) for m in robot.settings])[drive.setting]
     edit_batch(batch, model, settings, robot.payload)
     batch.reset()
     q, v = batch.bind("qpos"), batch.bind("qvel")

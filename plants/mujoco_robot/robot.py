@@ -1,6 +1,6 @@
 """A MuJoCo robot as the diagnosis sees it: names, slots, bounds, and the batched replay."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -9,6 +9,7 @@ import numpy as np
 
 from plants.mujoco_robot.edits import tunable_values
 from plants.mujoco_robot.replay import replay
+from plants.mujoco_robot.variants import merge
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.settings import Settings
 
@@ -33,6 +34,8 @@ class MujocoRobot:
     payload: tuple[int, np.ndarray]  # body, position in its frame (3,) m
     servo_feedback: str
     position_sensor: str
+    settings: "tuple[mujoco.MjModel, ...]" = ()  # where several settings were merged: the model of each
+    differing: tuple[str, ...] = ()  # the model fields in which they differ
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
@@ -83,6 +86,10 @@ class MujocoRobot:
     @property
     def step(self) -> float:
         return float(self.model.opt.timestep)
+
+    def merged(self, others: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
+        """This robot and others as one, whose settings are told apart by Drive.setting; None where that cannot be."""
+        return merge((self, *others))
 
     def slots(self, effect: str) -> tuple[str, ...]:
         if effect in ON_ACTUATORS:

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.logs.run import Run, held
 from residual_mpc.logs.signals import noise_sigma, resolution, unwrap_with_gaps
-from residual_mpc.models.protocol import Drive, Robot
+from residual_mpc.models.protocol import Drive, Merging, Robot
 
 LEAD = 1.2  # s of commands before a window, that warm up what remembers
 POSITION_LIKE = ("position", "pose")
@@ -69,6 +69,7 @@ class Dataset:
                     command=b.drive.command[rows],
                     enabled=None if b.drive.enabled is None else b.drive.enabled[rows],
                     clock=b.drive.clock[rows],
+                    setting=None if b.drive.setting is None else b.drive.setting[rows],
                 )
                 blocks.append(Block(b.robot, slice(first, first + n), drive))
                 first += n
@@ -91,6 +92,7 @@ def build_dataset(
     Raises ValueError where no window has a measured start.
     """
     runs = tuple(runs)
+    robots, setting = _merge(robots)
     measured = [r.measured for r in runs]
     channels = tuple(sorted({c for cs, m in zip(measured, robots, strict=True) for c in cs if c in m.channels}))
     signals = {(i, c): _signal(r, c) for i, r in enumerate(runs) for c in channels if c in measured[i]}
@@ -107,7 +109,10 @@ def build_dataset(
         n = sum(len(k) for k in kept)
         if n == 0:
             continue
-        blocks.append(Block(robot, slice(first, first + n), _drive(robot, [runs[i] for i in mine], kept, horizon, mine, signals)))
+        drive = _drive(robot, [runs[i] for i in mine], kept, horizon, mine, signals)
+        if setting is not None:
+            drive = replace(drive, setting=np.repeat([setting[i] for i in mine], [len(k) for k in kept]))
+        blocks.append(Block(robot, slice(first, first + n), drive))
         index += [np.full(len(k), i) for i, k in zip(mine, kept, strict=True)]
         starts += kept
         first += n
@@ -119,6 +124,16 @@ def build_dataset(
     compared = np.array([[c in of_run[i] for c in channels] for i in run])
     sigma, steps = _noise(channels, signals, noise)
     return Dataset(runs, channels, tuple(blocks), signals, run, start, t, y, compared, sigma, steps, horizon, skipped)
+
+
+def _merge(robots: Sequence[Robot]) -> tuple[Sequence[Robot], list[int] | None]:
+    """The robots with all settings of one merged where it can be, and which setting each run has."""
+    distinct = list(dict.fromkeys(robots))
+    first = distinct[0]
+    if len(distinct) < 2 or not isinstance(first, Merging):
+        return robots, None
+    whole = first.merged(distinct[1:])
+    return (robots, None) if whole is None else ([whole] * len(robots), [distinct.index(r) for r in robots])
 
 
 def window_starts(run: Run, horizon: float) -> np.ndarray:

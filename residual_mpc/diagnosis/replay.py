@@ -94,9 +94,10 @@ def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
     h = len(early)
     command, enabled = drive.command, drive.enabled
     clock = np.tile(drive.clock, h)
+    setting = None if drive.setting is None else np.tile(drive.setting, h)
     if not early.any():
         again = None if enabled is None else np.tile(enabled, (h, 1, 1))
-        return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock)
+        return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting)
     extra = int(np.ceil(early.max() / drive.dt))
     last = command.shape[1] - 1
     step = np.arange(command.shape[1] + extra)
@@ -110,7 +111,8 @@ def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
             inside = np.round(np.clip(step[drive.lead :] - drive.lead - shift, 0, enabled.shape[1] - 1)).astype(int)
             ons.append(enabled[:, inside])
     on = None if enabled is None else np.concatenate(ons)
-    return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock - np.repeat(early, len(drive.clock)))
+    clock = clock - np.repeat(early, len(drive.clock))
+    return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock, setting)
 
 
 def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:

@@ -36,7 +36,7 @@ class SearchSettings:
     worth_first: float = 0.08
     over_floor: float = 0.6
     worth_far: float = 0.12
-    massive: float = 80.0
+    massive: float = 40.0
     shortlist: int = 10
     finalists: int = 5
     largest: int = 5

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -23,7 +23,8 @@ class Drive:
 
     command (B, lead + K, nu): mean over each step of the command held, actuator units; the first `lead` steps lie
     before the window and warm up what remembers. enabled (B, K, nu) of 0 or 1, or None where always on.
-    clock (B,) s from the run's first stamp to the window's start.
+    clock (B,) s from the run's first stamp to the window's start. setting (B,) which setting of a merged robot each row
+    has, None for a robot with one.
     """
 
     dt: float
@@ -31,6 +32,7 @@ class Drive:
     command: np.ndarray
     enabled: np.ndarray | None
     clock: np.ndarray
+    setting: np.ndarray | None = None
 
     @property
     def steps(self) -> int:
@@ -90,4 +92,13 @@ class Robot(Protocol):
         start: for each State its position and velocity channel, (B,). settings has B rows. `wanted` may also name
         `output.<actuator>`: the actuator's output (force, or wheel speed).
         """
+        ...
+
+
+@runtime_checkable
+class Merging(Protocol):
+    """A robot that can take other settings of itself into one batch. Optional: it saves time."""
+
+    def merged(self, others: "list[Robot]") -> "Robot | None":
+        """One robot for all of them, told apart by Drive.setting; None where that cannot be."""
         ...

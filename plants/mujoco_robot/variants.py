@@ -1,0 +1,55 @@
+"""Several settings of one robot in one batch: models that differ only in numbers become per-simulation values."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from plants.mujoco_robot.robot import MujocoRobot
+
+
+def merge(robots: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
+    """One robot whose i-th setting is robots[i]; None where they differ in more than numbers that a batch can expand."""
+    first = robots[0]
+    for other in robots[1:]:
+        same = (
+            other.actuators == first.actuators
+            and other.joints == first.joints
+            and other.links == first.links
+            and other.command_kinds == first.command_kinds
+            and other.actuator_joints == first.actuator_joints
+            and other.payload[0] == first.payload[0]
+            and np.array_equal(other.payload[1], first.payload[1])
+            and other.step == first.step
+        )
+        if not same:
+            return None
+    fields = _differing(robots)
+    return None if fields is None else replace(first, settings=tuple(r.model for r in robots), differing=fields)
+
+
+def _differing(robots: "Sequence[MujocoRobot]") -> tuple[str, ...] | None:
+    """Names of the model fields that differ; None where one of them has another shape or cannot be expanded."""
+    from mujoco.batch import MODEL_FIELDS
+
+    first = robots[0].model
+    found = []
+    for name in dir(first):
+        if name.startswith("_") or name in ("names", "opt", "stat", "vis", "signature"):
+            continue
+        values = [getattr(r.model, name) for r in robots]
+        if callable(values[0]) or all(np.array_equal(v, values[0]) for v in values[1:]):
+            continue
+        if name not in MODEL_FIELDS or any(np.shape(v) != np.shape(values[0]) for v in values):
+            return None
+        found.append(name)
+    options = [_options(r) for r in robots]
+    return None if any(o != options[0] for o in options[1:]) else tuple(found)
+
+
+def _options(robot: "MujocoRobot") -> dict[str, object]:
+    opt = robot.model.opt
+    names = [n for n in dir(opt) if not n.startswith("_") and not callable(getattr(opt, n))]
+    return {n: np.asarray(getattr(opt, n)).tolist() for n in names}
