@@ -1,0 +1,212 @@
+"""`make bench`: what a diagnosis costs, by stage and by the size of the log, as ratios within one run.
+
+python -m benchmarks.diagnosis [--repeats N] [--robot wheeled] [--robot arm]
+
+Nothing here is a promise in seconds: the one absolute number, the seconds of the smallest log, says how large
+the machine's unit is. A log is made larger by repeating its runs under other names, so that its answer stays and
+only its cost grows.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import click
+import numpy as np
+
+SIZES = (1, 2, 4)  # times the runs
+STAGES = ("read and audit", "windows", "search", "rivals", "fit and forecast", "judge", "report")
+BEGINS = {  # what `diagnose` reports as it goes -> the stage that begins there
+    "cutting the runs into windows": "windows",
+    "searching for effects": "search",
+    "comparing with rival explanations": "rivals",
+    "fitting on all windows": "fit and forecast",
+    "opening the held-out windows": "judge",
+}
+ROBOTS = {"wheeled": ("wheeled", "double", 0, None), "arm": ("arm", "single", 41, 4)}
+
+
+@dataclass(frozen=True)
+class Cost:
+    """One diagnosis: seconds by stage, and the size of what it looked at."""
+
+    seconds: dict[str, float]
+    windows: int
+    named: tuple[str, ...]
+
+    @property
+    def total(self) -> float:
+        """s"""
+        return sum(self.seconds.values())
+
+
+@click.command()
+@click.option(
+    "--repeats", type=click.IntRange(min=1), default=3, show_default=True, help="Medians are over these."
+)
+@click.option("--robot", "robots", multiple=True, type=click.Choice(list(ROBOTS)), help="[default: both]")
+def bench(repeats: int, robots: tuple[str, ...]) -> None:
+    """Print the cost of a diagnosis by stage and by size, and the throughput of the replay."""
+    chosen = robots or tuple(ROBOTS)
+    with tempfile.TemporaryDirectory() as place:
+        for robot in chosen:
+            family, level, seed, joints = ROBOTS[robot]
+            case = draw(family, level, seed, joints, Path(place) / robot)
+            click.echo(growth(robot, case, repeats, Path(place) / f"{robot}-more"))
+            if robot == "arm":
+                click.echo(throughput(case, repeats))
+
+
+def draw(family: str, level: str, seed: int, joints: int | None, place: Path) -> Path:
+    """The folder of a blind case, with as many joints as asked for."""
+    from residual_mpc.blind.families import make_case
+
+    for s in range(seed, seed + 50):
+        click.echo(f"drawing a {family} robot (seed {s})", err=True)
+        shutil.rmtree(place, ignore_errors=True)
+        answer = make_case(family, level, s, place)
+        if joints is None or answer.notes.get("joints") == joints:
+            return place / "case"
+    raise RuntimeError(f"no {family} with {joints} joints among 50 seeds from {seed}")
+
+
+def growth(robot: str, case: Path, repeats: int, place: Path) -> str:
+    """Stages down, sizes across."""
+    costs = {}
+    for size in SIZES:
+        log = enlarge(case, size, place / str(size))
+        found = []
+        for k in range(repeats):
+            click.echo(f"{robot}, {size} x the runs, {k + 1} of {repeats}", err=True)
+            found.append(diagnose(log))
+        costs[size] = middle(found)
+        if costs[size].named != costs[SIZES[0]].named:
+            click.echo(f"{robot}, {size} x the runs: names {', '.join(costs[size].named)} instead", err=True)
+    first = costs[SIZES[0]]
+    lines = [f"\n{robot}: {first.windows} windows of 1 s, names {', '.join(first.named) or 'nothing'}"]
+    lines.append(
+        f"  {'share of the time at':<22}" + "".join(f"{f'{s}x':>9}" for s in SIZES) + "   time 4x / 1x"
+    )
+    for stage in STAGES:
+        shares = "".join(f"{costs[s].seconds[stage] / costs[s].total:>9.0%}" for s in SIZES)
+        ratio = costs[SIZES[-1]].seconds[stage] / first.seconds[stage]
+        lines.append(f"  {stage:<22}{shares}   {ratio:>8.1f}")
+    totals = "".join(f"{costs[s].total / first.total:>9.2f}" for s in SIZES)
+    lines.append(f"  {'all, times that of 1x':<22}{totals}   (1x took {first.total:.1f} s here)")
+    return "\n".join(lines)
+
+
+def enlarge(case: Path, size: int, folder: Path) -> Path:
+    """A copy of the case with each run `size` times under different names."""
+    folder.mkdir(parents=True)
+    for path in case.iterdir():
+        table = path.suffix in (".csv", ".parquet")
+        for k in range(size if table else 1):
+            shutil.copy(path, folder / (f"{path.stem}_{k}{path.suffix}" if table else path.name))
+    return folder
+
+
+def diagnose(log: Path) -> Cost:
+    """One diagnosis, timed by the stages that it reports."""
+    from residual_mpc.cli.common import load
+    from residual_mpc.diagnosis.diagnose import Options
+    from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
+    from residual_mpc.diagnosis.document import to_document
+    from residual_mpc.report import sentence, write_report
+    from residual_mpc.report.collect import collect
+
+    marks: list[tuple[str, float]] = [("read and audit", perf_counter())]
+
+    def progress(text: str, done: float) -> None:
+        if text in BEGINS:
+            marks.append((BEGINS[text], perf_counter()))
+
+    loaded = load(str(log / "robot.toml"), [str(log)], quiet=True)
+    made = run_diagnosis(
+        loaded.runs,
+        loaded.robots,
+        dict(loaded.robot_file.noise),
+        loaded.robot_file.tunable,
+        Options(),
+        np.random.default_rng(0),
+        progress,
+    )
+    marks.append(("report", perf_counter()))
+    document = to_document(made.diagnosis)
+    document["verdict_sentence"] = sentence(document)
+    write_report(document, collect(made), log)
+    ends = [at for _, at in marks[1:]] + [perf_counter()]
+    seconds = dict.fromkeys(STAGES, 0.0)
+    for (stage, begin), end in zip(marks, ends, strict=True):
+        seconds[stage] += end - begin
+    return Cost(seconds, made.data.count, tuple(c.term.effect for c in made.diagnosis.causes))
+
+
+def middle(costs: list[Cost]) -> Cost:
+    """Stage by stage the median."""
+    seconds = {stage: median(c.seconds[stage] for c in costs) for stage in STAGES}
+    return Cost(seconds, costs[0].windows, costs[0].named)
+
+
+def throughput(case: Path, repeats: int) -> str:
+    """What the batched replay costs beside a bare MuJoCo rollout of as many steps of the same model."""
+    import mujoco
+    from mujoco.batch import Batch
+
+    from residual_mpc.cli.common import load
+    from residual_mpc.diagnosis.dataset import build_dataset
+    from residual_mpc.diagnosis.replay import predict
+    from residual_mpc.models.settings import Knob, assemble
+
+    loaded = load(str(case / "robot.toml"), [str(case)], quiet=True)
+    data = build_dataset(loaded.runs, loaded.robots, dict(loaded.robot_file.noise))
+    block = data.blocks[0]
+    robot, drive = block.robot, block.drive
+    model = robot.model  # type: ignore[attr-defined]
+    joint, actuator = robot.slots("coulomb_friction")[0], robot.slots("voltage_sag")[0]
+    slots = {e: robot.slots(e) for e in ("coulomb_friction", "voltage_sag")}
+    rolled = {Knob("coulomb_friction", joint, "torque"): 0.01}
+    stepped = {Knob("voltage_sag", actuator, "rate"): 0.001}
+    rows = 4  # hypotheses, each on every window
+
+    def bare() -> None:
+        batch = Batch(model, rows * data.count, nthread=0)
+        batch.reset()
+        control = np.ascontiguousarray(np.tile(drive.command[:, drive.lead :], (rows, 1, 1)))
+        batch.rollout(drive.steps, control, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos", "qvel"))
+
+    unit = timed(bare, repeats)
+    lines = [
+        f"\nreplay of {rows} x {data.count} windows of {drive.steps} steps, {model.nv} joints, "
+        "against MuJoCo's own batched rollout"
+    ]
+    for name, values in (
+        ("no effect", {}),
+        ("dry friction", rolled),
+        ("a weakening supply, stepped", stepped),
+    ):
+        settings = assemble([values] * rows, slots)
+        cost = timed(lambda s=settings: predict(data, s), repeats)  # type: ignore[misc]
+        lines.append(f"  {name:<30}{cost / unit:>7.1f} times the time")
+    return "\n".join(lines)
+
+
+def timed(work: Callable[[], object], repeats: int) -> float:
+    """Median s of a call, after one that warms up."""
+    work()
+    found = []
+    for _ in range(repeats):
+        begin = perf_counter()
+        work()
+        found.append(perf_counter() - begin)
+    return median(found)
+
+
+if __name__ == "__main__":
+    bench()
