@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion
+from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion, profile_sigma
 from residual_mpc.diagnosis.fit import Fit, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales, per_window
@@ -39,6 +39,9 @@ from residual_mpc.models.settings import TUNE, Settings, Term, Values
 
 Progress = Callable[[str, float], None]
 T95 = 1.96
+# What the named effects leave unexplained may lie along an effect and pull its number: half of its relative size is allowed for
+FORM = 0.5
+MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
 FEWEST = 40  # windows that a search looks at, however small the steps
 
 
@@ -192,7 +195,7 @@ def _judge(
     achieved = shrink_of(raw.take(test), scales, errors["before"][test], errors["after"][test], rng) if helps else None
 
     learned = _learned_shrink(after_data if helps else raw, scales, held, errors["after"], after_p)
-    causes = _causes(final, problem, rivalry, outliers, with_outliers) if helps else ()
+    causes = _causes(final, problem, rivalry, outliers, with_outliers, share) if helps else ()
     subsets = squared_gaps(after_data, scales, space, final.values, final.terms) if helps and final.terms else {}
     steps, stages = _staged(raw, scales, test, errors["before"], everywhere, subsets, final, floor_everywhere, helps)
     channel_floor = np.sqrt(np.mean([gap_of(after_data, scales, e, test).channels ** 2 for e in floors], axis=0))
@@ -244,10 +247,11 @@ def _mean_gap(gaps: list[float]) -> float:
 
 
 def _causes(
-    final: Fit, problem: Problem, rivalry: Rivalry, outliers: Outliers, with_outliers: bool
+    final: Fit, problem: Problem, rivalry: Rivalry, outliers: Outliers, with_outliers: bool, unexplained: float
 ) -> tuple[Cause, ...]:
     blocks = blocks_of(problem.data)
     sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))
+    sigma = np.maximum(sigma, profile_sigma(problem, final, dispersion(final, blocks)))
     causes = []
     for term in final.terms:
         estimates = []
@@ -258,17 +262,24 @@ def _causes(
             unit = BY_NAME[k.effect].parameter(k.parameter).unit
             if k.parameter == "heading":
                 value = float((value + np.pi) % (2 * np.pi) - np.pi)
-            half = T95 * float(sigma[i])
+            half = float(np.hypot(T95 * sigma[i], FORM * np.sqrt(unexplained) * _dose(k.parameter, value, problem.space.null(k))))
             estimates.append(Estimate(k.parameter, value, (value - half, value + half), unit))
-        probability = float(min(rivalry.probability.get(term, 1.0), 0.99))
+        probability = float(min(rivalry.probability.get(term, 1.0), MOST_SURE))
         causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary))
     if with_outliers:
         n = sum(len(m) for m in outliers.flagged.values())
         rate = outliers.share
         half = T95 * np.sqrt(rate * (1 - rate) / max(n / max(len(outliers.shares), 1), 1))
         estimate = Estimate("rate", rate, (max(rate - half, 0.0), rate + half), "1")
-        causes.append(Cause(Term("sensor_outliers", None), 0.99, (estimate,), BY_NAME["sensor_outliers"].summary))
+        causes.append(Cause(Term("sensor_outliers", None), MOST_SURE, (estimate,), BY_NAME["sensor_outliers"].summary))
     return tuple(causes)
+
+
+def _dose(parameter: str, value: float, null: float) -> float:
+    """How far a number is from doing nothing; a limit's and an angle's own size says that better than its distance."""
+    if parameter == "heading":
+        return 1.0
+    return abs(value) if not np.isfinite(null) else abs(value - null)
 
 
 def _learned_shrink(

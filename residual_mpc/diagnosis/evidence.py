@@ -4,7 +4,11 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.fit import Fit
+from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE
 
+PROFILE = (0.001, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08, 0.16)  # relative offsets at which a profile is looked at
 BLOCK = 3.0  # s: windows closer than this count as one observation
 
 
@@ -60,3 +64,21 @@ def paired_z(worse: Fit, better: Fit, blocks: np.ndarray) -> float:
     d = np.bincount(blocks, worse.per_window - better.per_window)
     spread = float(np.std(d)) * np.sqrt(len(d))
     return float(d.sum() / spread) if spread > 0 else 0.0
+
+
+def profile_sigma(problem: Problem, fit: Fit, phi: float) -> np.ndarray:
+    """(P,) standard deviation of each threshold from its cost profile, the others held; 0 for knobs that are no threshold.
+
+    A threshold's derivative says little (a dead zone moves in steps), so its interval is where the cost rises by phi.
+    """
+    out = np.zeros(len(fit.knobs))
+    for i, knob in enumerate(fit.knobs):
+        if knob.effect == TUNE or not BY_NAME[knob.effect].parameter(knob.parameter).threshold:
+            continue
+        value = fit.values[knob]
+        rows = [{**fit.values, knob: value * (1.0 + side * step)} for step in PROFILE for side in (-1.0, 1.0)]
+        cost = np.einsum("hwn,hwn->h", r := problem.residuals(rows), r).reshape(-1, 2)
+        risen = (cost - fit.cost) > phi
+        sides = [PROFILE[int(np.argmax(risen[:, s]))] if risen[:, s].any() else PROFILE[-1] for s in (0, 1)]
+        out[i] = abs(value) * max(sides)
+    return out

@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
-STEP = 0.05  # derivative step in units of a knob's scale: wide enough for delays and dead zones on sampled commands
+STEP = 0.15  # derivative step in units of a knob's scale: wide, since sampled commands make delays and dead zones rough
 MOST = 8
 
 

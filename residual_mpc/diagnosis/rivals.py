@@ -15,6 +15,7 @@ from residual_mpc.models.settings import TUNE, Term
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-in may miss
 PER_KNOB = 2.0
+RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the screening
 LOOKED_AT = 8
 # without encoders these scale the same two rims, so that one pair of them does what another pair does
 RIM_SCALES = ("actuator_gain", "wheel_radius", "wheel_radius_mismatch")
@@ -71,16 +72,18 @@ def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
             values = without(values, t)
         rest = fit_all(problem, [values], 4)[0]
         kept = rest.terms
-        candidates = tuple(c for c in problem.space.candidates if c not in gone and compatible(c, kept))
+        candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
         starts = []
         if len(gone) == 1:
-            seen: set[Term] = set()
-            for lead in screen(problem, rest, candidates):
-                if lead.term not in seen and len(seen) < LOOKED_AT and lead.gain > 0.3 * (rest.cost - fit.cost):
+            seen = {gone[0]}
+            leads = screen(problem, rest, candidates)
+            own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
+            for lead in leads:
+                if lead.term not in seen and len(starts) < LOOKED_AT and lead.gain > RESEMBLES * own:
                     seen.add(lead.term)
                     starts.append({**rest.values, **lead.start})
         else:
-            rims = [c for c in candidates if c.effect in RIM_SCALES]
+            rims = [c for c in candidates if c.effect in RIM_SCALES and c not in gone]
             for i, a in enumerate(rims):
                 starts += [
                     {**rest.values, **problem.space.probes(a)[-1], **problem.space.probes(b)[-1]}
