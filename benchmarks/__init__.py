@@ -1,1 +1,1 @@
-"""What a diagnosis costs, how often it is right, what it says of recorded robots; from the repository only."""
+"""What a diagnosis costs, how often it is right, and what it says of recorded robots."""

@@ -3,8 +3,8 @@
 python -m benchmarks.diagnosis [--repeats N] [--robot wheeled] [--robot arm]
 
 Nothing here is a promise in seconds: the one absolute number, the seconds of the smallest log, says how large
-the machine's unit is. A log is made larger by repeating its runs under other names, so that its answer stays and
-only its cost grows.
+the machine's unit is. A log is made larger by repeating its runs under other names, so that its answer stays
+and only its cost grows.
 """
 
 from __future__ import annotations
