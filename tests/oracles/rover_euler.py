@@ -1,0 +1,82 @@
+"""A wheeled robot with its faults, integrated literally in tiny Euler steps, independent of the library."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+WHEEL_RADIUS, TRACK_WIDTH = 0.033, 0.16  # m
+GRAVITY = 9.81  # m/s^2
+Command = Callable[[float], tuple[float, float]]  # s -> wheel speeds, rad/s
+
+
+def simulate(
+    command: Command,
+    times: np.ndarray,
+    faults: Mapping[str, Mapping[str, float]],
+    begin: float = 0.0,
+    fine: float = 2e-4,
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> np.ndarray:
+    """Poses (n, 3) m, m, rad at the times (n,) s, settled at `begin`; both wheels have the fault.
+
+    The effects are written from their definitions: a fault is named and parametrised as in the library.
+    """
+    value = {f"{e}.{p}": v for e, ps in faults.items() for p, v in ps.items()}
+    x, y, theta = pose
+    settled = list(command(begin - value.get("command_delay.delay", 0.0)))
+    play = [0.5 * value.get("backlash.gap", 0.0) * _sign(w) for w in settled]  # motor minus wheel, rad
+    before: list[float] | None = None
+    out = np.empty((len(times), 3))
+    n = 0
+    steps = int(round((times[-1] - begin) / fine)) + 1
+    for k in range(steps):
+        t = begin + k * fine
+        while n < len(times) and times[n] <= t + 1e-9:
+            out[n] = x, y, theta
+            n += 1
+        u = list(command(t - value.get("command_delay.delay", 0.0)))
+        width = value.get("dead_zone.width", 0.0)
+        u = [0.0 if abs(v) < width else v for v in u]
+        tau = value.get("actuator_lag.time_constant", 0.0)
+        if tau > 0:
+            settled = [s + fine / tau * (v - s) for s, v in zip(settled, u, strict=True)]
+            u = settled
+        u = [
+            v * value.get("actuator_gain.gain", 1.0) * (1.0 - value.get("voltage_sag.rate", 0.0) * t)
+            for v in u
+        ]
+        limit = value.get("saturation.limit", math.inf)
+        u = [min(max(v, -limit), limit) for v in u]
+        w = list(u)
+        gap = value.get("backlash.gap", 0.0)
+        if gap > 0:
+            for i in (0, 1):
+                play[i] += u[i] * fine
+                push = play[i] - min(max(play[i], -gap / 2), gap / 2)  # what exceeds the gap moves the wheel
+                play[i] -= push
+                w[i] = push / fine
+        r_left = WHEEL_RADIUS * value.get("wheel_radius.scale", 1.0)
+        r_right = r_left * value.get("wheel_radius_mismatch.ratio", 1.0)
+        accel = [0.0, 0.0] if before is None else [(a - b) / fine for a, b in zip(w, before, strict=True)]
+        before = list(w)
+        slip = value.get("longitudinal_slip.coefficient", 0.0)
+        left = r_left * w[0] * (1.0 - slip * abs(r_left * accel[0]) / GRAVITY)
+        right = r_right * w[1] * (1.0 - slip * abs(r_right * accel[1]) / GRAVITY)
+        v = (left + right) / 2
+        omega = (right - left) / (TRACK_WIDTH * value.get("track_width.scale", 1.0))
+        outwards = (
+            v * omega * value.get("lateral_slip.coefficient", 0.0)
+        )  # to the right in a turn to the left
+        drift, heading = value.get("slope.rate", 0.0), value.get("slope.heading", 0.0)
+        x += fine * (v * math.cos(theta) + outwards * math.sin(theta) + drift * math.cos(heading))
+        y += fine * (v * math.sin(theta) - outwards * math.cos(theta) + drift * math.sin(heading))
+        theta += fine * omega
+    out[n:] = x, y, theta
+    return out
+
+
+def _sign(w: float) -> float:
+    return float(np.sign(w))
