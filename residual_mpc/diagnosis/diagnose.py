@@ -32,6 +32,7 @@ from residual_mpc.diagnosis.spikes import Outliers, find_outliers
 from residual_mpc.diagnosis.stages import shapley, squared_gaps, stage_shares
 from residual_mpc.diagnosis.testable import not_testable
 from residual_mpc.diagnosis.where import locate
+from residual_mpc.diagnosis.witness import contradicting
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
@@ -58,7 +59,7 @@ class Options:
     without: tuple[str, ...] = ()
     held_out: tuple[KeptBack, ...] | None = None
     search_steps: int = 16_000
-    floor_margin: float = 1.35
+    floor_margin: float = 1.25
     search: SearchSettings = field(default_factory=SearchSettings)
 
 
@@ -180,7 +181,8 @@ def _judge(
     everywhere = {k: gap_of(raw, scales, e).total for k, e in errors.items()}
 
     explained = bool(final.terms) or with_outliers
-    helps = explained and g["after"].total < g["before"].total
+    witnesses = contradicting(raw, errors["before"], errors["after"]) if explained else ()
+    helps = explained and g["after"].total < g["before"].total and not witnesses
     verdict: Verdict
     if not helps:
         verdict = "no_gap" if everywhere["before"] < options.floor_margin * floor_everywhere else "unknown"
@@ -237,7 +239,7 @@ def _judge(
         outlier_channels={c: s for c, s in outliers.shares.items() if s > 0} if with_outliers else {},
         next_experiment=next_experiment(groups, wheeled="left" in raw.blocks[0].robot.actuators),
         values=final.values if helps else base.values,
-        notes=_notes(raw, held, outliers, with_outliers),
+        notes=_notes(raw, held, outliers, with_outliers, witnesses, final),
     )
     return Made(diagnosis, raw, scales, errors["before"], errors["after"], test)
 
@@ -349,8 +351,15 @@ def _moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
     )
 
 
-def _notes(raw: Dataset, held: np.ndarray, outliers: Outliers, with_outliers: bool) -> tuple[str, ...]:
+def _notes(
+    raw: Dataset, held: np.ndarray, outliers: Outliers, with_outliers: bool, witnesses: tuple[str, ...], final: Fit
+) -> tuple[str, ...]:
     notes = []
+    if witnesses:
+        notes.append(
+            f"{', '.join(str(t) for t in final.terms)} would close the gap, but {', '.join(witnesses)} contradict it: the cause "
+            "lies before them."
+        )
     if not held.any():
         notes.append("The runs are too short to keep windows back: every figure is on windows that the fit has seen.")
     if raw.skipped:
