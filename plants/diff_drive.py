@@ -78,7 +78,7 @@ class DiffDrive:
         wheel = _wheel_speed(effects, motor, dt)[:, lead:]
         motor = motor[:, lead:]
         accel = np.diff(wheel, axis=1, prepend=wheel[:, :1]) / dt
-        values = {e: {p: v for p, v in effects[e].items()} for e in CONTACT if e in effects}
+        values = {e: effects[e] for e in CONTACT if e in effects}
         radius = settings.tuned.get("wheel_radius", np.array([self.wheel_radius]))[:, None]
         track = settings.tuned.get("track_width", np.array([self.track_width]))[:, None]
         forward, sideways, yaw = ground_twist(
@@ -107,8 +107,14 @@ class DiffDrive:
 
 
 def build(robot: RobotFile) -> DiffDrive:
-    """The robot of a file whose plant is `diff_drive`. Raises BadInput for parameters that are missing or not positive."""
-    parameters = {"wheel_radius": 0.033, "track_width": 0.16, **robot.parameters}  # the TurtleBot3 Burger's where built in
+    """The robot of a file whose plant is `diff_drive`. Raises BadInput for parameters that are missing or not
+    positive.
+    """
+    parameters = {
+        "wheel_radius": 0.033,
+        "track_width": 0.16,
+        **robot.parameters,
+    }  # the TurtleBot3 Burger's where built in
     for name, value in parameters.items():
         if name not in ("wheel_radius", "track_width"):
             raise BadInput(

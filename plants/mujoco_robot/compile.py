@@ -51,7 +51,9 @@ def _refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
 
     if model.nu == 0:
         raise BadInput(
-            "the model has no actuator", path, "add one <position>, <velocity> or <motor> per driven joint (a URDF has none)"
+            "the model has no actuator",
+            path,
+            "add one <position>, <velocity> or <motor> per driven joint (a URDF has none)",
         )
     simple = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     for j in range(model.njnt):
@@ -66,7 +68,9 @@ def _refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
     for i in range(model.nu):
         if int(model.actuator_trntype[i]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             raise BadInput(
-                f"actuator {model.actuator(i).name!r} does not act on a joint", path, "give it joint=... as its transmission"
+                f"actuator {model.actuator(i).name!r} does not act on a joint",
+                path,
+                "give it joint=... as its transmission",
             )
     for kind, count in (("joint", model.njnt), ("actuator", model.nu)):
         access = getattr(model, kind)

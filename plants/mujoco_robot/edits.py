@@ -18,7 +18,9 @@ TUNABLE_JOINT = {"damping": "dof_damping", "armature": "dof_armature", "friction
 
 
 def edit_batch(batch: Any, model: "mujoco.MjModel", settings: Settings, payload: tuple[int, np.ndarray]) -> None:
-    """Write payload, link masses, armature, constant frictions and retuned parameters into the batch (one row a simulation)."""
+    """Write payload, link masses, armature, constant frictions and retuned parameters into the batch (one row a
+    simulation).
+    """
     changed = _tune(batch, model, settings)
     effects = settings.effects
     if "armature" in effects:
@@ -75,7 +77,9 @@ def _edit_masses(
 
 
 def link_direction(model: "mujoco.MjModel", body: int) -> np.ndarray:
-    """Unit vector (3,) in the body's frame from its joint to the next joint; at the chain's end to the centre of mass."""
+    """Unit vector (3,) in the body's frame from its joint to the next joint; at the chain's end to the centre of
+    mass.
+    """
     children = [b for b in range(model.nbody) if int(model.body_parentid[b]) == body and model.body_jntnum[b]]
     line = model.body_pos[children[0]] if children else model.body_ipos[body]
     length = float(np.linalg.norm(line))

@@ -24,7 +24,9 @@ def parallel_axis(mass: np.ndarray, r: np.ndarray) -> np.ndarray:
 def add_point_mass(
     mass: np.ndarray, com: np.ndarray, inertia: np.ndarray, added: np.ndarray, at: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass (n,) kg, centre (n, 3) m and inertia about it (n, 3, 3) kg m^2 after a point mass is added at `at` (n, 3)."""
+    """Mass (n,) kg, centre (n, 3) m and inertia about it (n, 3, 3) kg m^2 after a point mass is added at `at` (n,
+    3).
+    """
     total = mass + added
     centre = (mass[:, None] * com + added[:, None] * at) / total[:, None]
     about = inertia + parallel_axis(mass, com - centre) + parallel_axis(added, at - centre)

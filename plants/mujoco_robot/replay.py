@@ -172,7 +172,9 @@ def _between_steps(batch: Any, robot: "MujocoRobot", settings: Settings, drive: 
 
 def _actuator_scale(batch: Any, robot: "MujocoRobot", settings: Settings, drive: Drive) -> Any:
     """Gain, sag and `enabled` scale an actuator's force, saturation limits it: gain_step, sag_step and saturation_step
-    written into gainprm, biasprm and forcerange, so that MuJoCo's implicit integrator still sees the servo's damping."""
+    written into gainprm, biasprm and forcerange, so that MuJoCo's implicit integrator still sees the servo's
+    damping.
+    """
     effects, model = settings.effects, robot.model
     sag, enabled = effects.get("voltage_sag"), drive.enabled
     gain = effects.get("actuator_gain", {}).get("gain")
@@ -226,7 +228,9 @@ def _friction(batch: Any, robot: "MujocoRobot", settings: Settings) -> Any:
     solimp = batch.expand("dof_solimp")
     index = np.argwhere(touched)
     solimp[index[:, 0], dof[index[:, 1]]] = STIFF_SOLIMP
-    constant = base + (coulomb_level(NUMPY, effects["coulomb_friction"], base, base) if "coulomb_friction" in effects else 0.0)
+    constant = base + (
+        coulomb_level(NUMPY, effects["coulomb_friction"], base, base) if "coulomb_friction" in effects else 0.0
+    )
     loss[:, dof] = np.maximum(constant, 0.0)
     if present == ["coulomb_friction"]:
         return None
@@ -238,7 +242,8 @@ def _friction(batch: Any, robot: "MujocoRobot", settings: Settings) -> Any:
             level = level + stribeck_level(NUMPY, effects["stribeck_friction"], speed, speed)
         if "load_dependent_friction" in effects:
             torque = np.zeros_like(speed)
-            np.add.at(torque, (slice(None), drives), gear * force)
+            for i, joint in enumerate(drives):
+                torque[:, joint] += gear[i] * force[:, i]
             level = level + load_level(NUMPY, effects["load_dependent_friction"], speed, torque)
         loss[:, dof] = np.maximum(level, 0.0)
 
@@ -255,7 +260,9 @@ class _Recorder:
         names = {"position": robot.joints, "velocity": robot.joints, "output": robot.actuators}
         place = {"position": model.jnt_qposadr, "velocity": model.jnt_dofadr, "output": np.arange(model.nu)}
         self._columns = {
-            kind: [(i, int(place[kind][names[kind].index(name)])) for i, (k, name) in enumerate(self._kinds) if k == kind]
+            kind: [
+                (i, int(place[kind][names[kind].index(name)])) for i, (k, name) in enumerate(self._kinds) if k == kind
+            ]
             for kind in names
         }
         self._out = np.empty((steps + 1, len(wanted), rows))

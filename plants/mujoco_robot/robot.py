@@ -16,9 +16,7 @@ from residual_mpc.models.settings import Settings
 if TYPE_CHECKING:
     import mujoco
 
-ON_ACTUATORS = frozenset(
-    {"command_delay", "dead_zone", "actuator_lag", "actuator_gain", "saturation", "voltage_sag"}
-)
+ON_ACTUATORS = frozenset({"command_delay", "dead_zone", "actuator_lag", "actuator_gain", "saturation", "voltage_sag"})
 ON_JOINTS = frozenset(
     {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction", "armature"}
 )
@@ -73,7 +71,11 @@ class MujocoRobot:
     def limits(self) -> Mapping[str, tuple[float, float]]:
         """Range of each joint that has one, rad or m."""
         m = self.model
-        return {j: (float(m.jnt_range[i, 0]), float(m.jnt_range[i, 1])) for i, j in enumerate(self.joints) if m.jnt_limited[i]}
+        return {
+            j: (float(m.jnt_range[i, 0]), float(m.jnt_range[i, 1]))
+            for i, j in enumerate(self.joints)
+            if m.jnt_limited[i]
+        }
 
     @cached_property
     def states(self) -> tuple[State, ...]:

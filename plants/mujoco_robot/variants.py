@@ -11,7 +11,9 @@ if TYPE_CHECKING:
 
 
 def merge(robots: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
-    """One robot whose i-th setting is robots[i]; None where they differ in more than numbers that a batch can expand."""
+    """One robot whose i-th setting is robots[i]; None where they differ in more than numbers that a batch can
+    expand.
+    """
     first = robots[0]
     for other in robots[1:]:
         same = (

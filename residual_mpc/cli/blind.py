@@ -19,17 +19,11 @@ def blind() -> None:
 
 @blind.command()
 @click.option("--out", type=_folder, required=True, help="Folder for the cases.")
-@click.option(
-    "--answers", type=_folder, help="Folder for the sealed answers, outside --out  [default: OUT-answers]"
-)
-@click.option(
-    "--family", "families", multiple=True, help="A family of robots; repeat for more  [default: all]"
-)
+@click.option("--answers", type=_folder, help="Folder for the sealed answers, outside --out  [default: OUT-answers]")
+@click.option("--family", "families", multiple=True, help="A family of robots; repeat for more  [default: all]")
 @click.option("--level", "levels", multiple=True, help="A level; repeat for more  [default: all]")
 @click.option("--cases", type=int, default=5, show_default=True, help="Cases of each family at each level.")
-@click.option(
-    "--seed", type=int, default=0, show_default=True, help="First seed; 100000 and up are test seeds."
-)
+@click.option("--seed", type=int, default=0, show_default=True, help="First seed; 100000 and up are test seeds.")
 @click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1 for all cores.")
 @json_option
 def make(
@@ -65,9 +59,7 @@ def make(
 @click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`.")
 @click.option("--jobs", type=int, default=-1, show_default=True, help="Cases at once; -1 for all cores.")
 @click.option("--timeout", type=float, default=600.0, show_default=True, help="Seconds a case may take.")
-@click.option(
-    "--engine", default="processes", show_default=True, help="processes, or dask for many machines."
-)
+@click.option("--engine", default="processes", show_default=True, help="processes, or dask for many machines.")
 @click.option("--address", default="", help="Of a running Dask scheduler  [default: a local cluster]")
 @click.option("--seed", type=int, default=0, show_default=True, help="Handed to every diagnosis.")
 @json_option
@@ -101,9 +93,7 @@ def run(
 
 @blind.command()
 @click.argument("suite", type=_folder)
-@click.option(
-    "--results", "given", multiple=True, required=True, help="FOLDER of `blind run`, or NAME=FOLDER; repeat."
-)
+@click.option("--results", "given", multiple=True, required=True, help="FOLDER of `blind run`, or NAME=FOLDER; repeat.")
 @click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
 @click.option("--out", type=_folder, help="Folder for score.json and the page blind.html.")
 @click.option("--ledger", type=click.Path(path_type=Path, dir_okay=False),
@@ -153,9 +143,7 @@ def _methods(given: tuple[str, ...]) -> dict[str, Path]:
         name, equals, folder = text.partition("=")
         name, folder = (name, folder) if equals else ("diagnose", text)
         if not name or not folder or name in methods:
-            raise BadInput(
-                f"{text!r} names no method of its own", "--results", "Give NAME=FOLDER, each name once"
-            )
+            raise BadInput(f"{text!r} names no method of its own", "--results", "Give NAME=FOLDER, each name once")
         methods[name] = Path(folder)
     return methods
 
@@ -183,9 +171,7 @@ def baseline(
     from residual_mpc.blind.baselines.bench import bench_of, document_of, write_document
 
     loaded = load(robot, runs, quiet=True)
-    bench = bench_of(
-        loaded.runs, loaded.robots, dict(loaded.robot_file.noise), loaded.robot_file.tunable, without
-    )
+    bench = bench_of(loaded.runs, loaded.robots, dict(loaded.robot_file.noise), loaded.robot_file.tunable, without)
     fit = getattr(import_module(f"residual_mpc.blind.baselines.{method}"), method)(bench)
     document = document_of(bench, fit, loaded.robot_file.name)
     write_document(document, out)

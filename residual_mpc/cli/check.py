@@ -52,9 +52,7 @@ def check(robot: str, runs: tuple[str, ...], as_json: bool, seed: int) -> None:
         _print_findings(findings)
         if not errors:
             warned = sum(f.severity == "warning" for f in findings)
-            click.echo(
-                "usable" if not warned else f"usable, with {_count(warned, 'warning')} to look at first"
-            )
+            click.echo("usable" if not warned else f"usable, with {_count(warned, 'warning')} to look at first")
     if errors:
         first = errors[0]
         where = ", ".join(x for x in (first.run, first.column) if x)

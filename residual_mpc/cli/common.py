@@ -20,12 +20,20 @@ if TYPE_CHECKING:
 
 Command = Callable[..., Any]
 
-robot_option = click.option("--robot", "robot", required=True, metavar="R", help="Robot file, or a built-in robot's name.")
+robot_option = click.option(
+    "--robot", "robot", required=True, metavar="R", help="Robot file, or a built-in robot's name."
+)
 runs_argument = click.argument("runs", nargs=-1, required=True, metavar="RUN...")
-json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout, and nothing else there.")
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print the result as JSON on stdout, and nothing else there."
+)
 seed_option = click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")
 horizon_option = click.option(
-    "--horizon", type=click.FloatRange(min=0.05, max=60.0), default=1.0, show_default=True, help="Length of a window, s."
+    "--horizon",
+    type=click.FloatRange(min=0.05, max=60.0),
+    default=1.0,
+    show_default=True,
+    help="Length of a window, s.",
 )
 
 

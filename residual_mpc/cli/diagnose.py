@@ -25,10 +25,24 @@ from residual_mpc.errors import BadInput
 @click.command()
 @robot_option
 @runs_argument
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for diagnosis.json, report.html, model.json.")
-@click.option("--only", multiple=True, metavar="EFFECT", help="Look at these effects alone; may be repeated or a comma list.")
-@click.option("--without", multiple=True, metavar="EFFECT", help="Leave these effects out; may be repeated or a comma list.")
-@click.option("--held-out", multiple=True, metavar="RUN", help="Runs kept back from every fit (file or run name); may be repeated.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder for diagnosis.json, report.html, model.json.",
+)
+@click.option(
+    "--only", multiple=True, metavar="EFFECT", help="Look at these effects alone; may be repeated or a comma list."
+)
+@click.option(
+    "--without", multiple=True, metavar="EFFECT", help="Leave these effects out; may be repeated or a comma list."
+)
+@click.option(
+    "--held-out",
+    multiple=True,
+    metavar="RUN",
+    help="Runs kept back from every fit (file or run name); may be repeated.",
+)
 @horizon_option
 @json_option
 @seed_option
@@ -101,7 +115,11 @@ def _kept(given: tuple[str, ...], names: list[str]) -> Any:
 
     out = []
     for text in given:
-        found = [n for n in names if n == text or n == Path(text).stem or fnmatchcase(n, text) or fnmatchcase(n, Path(text).stem)]
+        found = [
+            n
+            for n in names
+            if n == text or n == Path(text).stem or fnmatchcase(n, text) or fnmatchcase(n, Path(text).stem)
+        ]
         if not found:
             raise BadInput(f"no run is called {text!r}", "--held-out", f"the runs are {', '.join(names[:12])}")
         out += [KeptBack(n) for n in found]
@@ -117,14 +135,20 @@ def _finding(finding: Any) -> dict[str, Any]:
 def _summary(document: dict[str, Any], out: Path) -> None:
     click.echo(document["verdict_sentence"])
     gap, shrink = document["gap"], document["shrink"]
-    click.echo(f"  gap {gap['before']:.3g} -> {gap['after']:.3g} (noise floor {gap['noise_floor']:.2g}), on windows that no fit has seen")
+    click.echo(
+        f"  gap {gap['before']:.3g} -> {gap['after']:.3g} (noise floor {gap['noise_floor']:.2g}), "
+        "on windows that no fit has seen"
+    )
     if shrink:
         low, high = shrink["expected_ci95"]
-        click.echo(f"  shrink expected {shrink['expected']:.0%} ({low:.0%} to {high:.0%}), achieved {shrink['value']:.0%}")
+        click.echo(
+            f"  shrink expected {shrink['expected']:.0%} ({low:.0%} to {high:.0%}), achieved {shrink['value']:.0%}"
+        )
     for cause in document["explanation"]:
         target = f" [{cause['target']}]" if cause["target"] else ""
         numbers = ", ".join(
-            f"{n} = {p['value']:.4g} {p['unit']} ({p['ci95'][0]:.4g} to {p['ci95'][1]:.4g})" for n, p in cause["parameters"].items()
+            f"{n} = {p['value']:.4g} {p['unit']} ({p['ci95'][0]:.4g} to {p['ci95'][1]:.4g})"
+            for n, p in cause["parameters"].items()
         )
         click.echo(f"  {cause['effect']}{target}: {numbers}; probability {cause['probability']:.2f}")
     for group in document["confounded"]:

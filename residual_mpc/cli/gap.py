@@ -10,13 +10,25 @@ from residual_mpc.cli.common import emit, horizon_option, json_option, load, rob
 @click.command()
 @robot_option
 @runs_argument
-@click.option("--model", type=click.Path(path_type=Path), help="A diagnosis.json or model.json, measured beside the nominal model.")
-@click.option("--held-out-of", type=click.Path(path_type=Path), help="Only the runs or blocks that this diagnosis.json kept back.")
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    help="A diagnosis.json or model.json, measured beside the nominal model.",
+)
+@click.option(
+    "--held-out-of", type=click.Path(path_type=Path), help="Only the runs or blocks that this diagnosis.json kept back."
+)
 @horizon_option
 @json_option
 @seed_option
 def gap(
-    robot: str, runs: tuple[str, ...], model: Path | None, held_out_of: Path | None, horizon: float, as_json: bool, seed: int
+    robot: str,
+    runs: tuple[str, ...],
+    model: Path | None,
+    held_out_of: Path | None,
+    horizon: float,
+    as_json: bool,
+    seed: int,
 ) -> None:
     """Measure how much of the motion within one horizon the nominal model misses.
 

@@ -14,7 +14,11 @@ class _Lazy(click.Group):
     commands_in = {
         "check": ("residual_mpc.cli.check", "check", "Audit the runs and say what to mend before anything is fitted."),
         "gap": ("residual_mpc.cli.gap", "gap", "Measure the gap between the model and the runs."),
-        "diagnose": ("residual_mpc.cli.diagnose", "diagnose", "Where the gap lies, what causes it, how far it shrinks."),
+        "diagnose": (
+            "residual_mpc.cli.diagnose",
+            "diagnose",
+            "Where the gap lies, what causes it, how far it shrinks.",
+        ),
         "blind": ("residual_mpc.cli.blind", "blind", "Sealed benchmark cases: make, run, score."),
     }
 

@@ -34,9 +34,9 @@ class Block:
 class Dataset:
     """W windows of at most M samples of C channels.
 
-    run (W,) index into `runs`; start (W,) s; t (W, M) s since the window's start, NaN where padded; y (W, M, C), NaN where
-    missing; compared (W, C) whether the gap compares that channel; sigma (C,) and steps (C,) the 1-sigma noise and the
-    quantisation of each channel, channel units.
+    run (W,) index into `runs`; start (W,) s; t (W, M) s since the window's start, NaN where padded; y (W, M, C),
+    NaN where missing; compared (W, C) whether the gap compares that channel; sigma (C,) and steps (C,) the 1-sigma
+    noise and the quantisation of each channel, channel units.
     """
 
     runs: tuple[Run, ...]
@@ -237,7 +237,10 @@ def _drive(
         clocks.append(t0 - run.t[0])
         centres = 0.5 * (edges[:, lead:-1] + edges[:, lead + 1 :])
         at = np.clip(np.searchsorted(run.t, centres, side="right") - 1, 0, len(run.t) - 1)
-        on = [held(run, f"enabled.{a}")[at] if f"enabled.{a}" in run.columns else np.ones(at.shape) for a in robot.actuators]
+        on = [
+            held(run, f"enabled.{a}")[at] if f"enabled.{a}" in run.columns else np.ones(at.shape)
+            for a in robot.actuators
+        ]
         enabled.append(np.where(np.isnan(on), 1.0, on).transpose(1, 2, 0))
     on_all = np.concatenate(enabled)
     return Drive(dt, lead, np.concatenate(commands), None if (on_all == 1).all() else on_all, np.concatenate(clocks))

@@ -36,11 +36,12 @@ from residual_mpc.diagnosis.witness import contradicting
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import TUNE, Settings, Term, Values
+from residual_mpc.models.settings import TUNE, Settings, Term
 
 Progress = Callable[[str, float], None]
 T95 = 1.96
-# What the named effects leave unexplained may lie along an effect and pull its number: half of its relative size is allowed for
+# What the named effects leave unexplained may lie along an effect and pull its number: half of its relative size
+# is allowed for
 FORM = 0.5
 MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
 FEWEST = 40  # windows that a search looks at, however small the steps
@@ -48,8 +49,8 @@ FEWEST = 40  # windows that a search looks at, however small the steps
 
 @dataclass(frozen=True)
 class Options:
-    """horizon s; only, without: effect names; held_out: what is kept back (None: chosen); search_steps: simulation steps that
-    one hypothesis may cost in the search (windows are thinned evenly to that); search: see SearchSettings.
+    """horizon s; only, without: effect names; held_out: what is kept back (None: chosen); search_steps: simulation
+    steps that one hypothesis may cost in the search (windows are thinned evenly to that); search: see SearchSettings.
 
     floor_margin: a gap within this factor of the noise floor is no gap; see docs for how it was set.
     """
@@ -264,7 +265,9 @@ def _causes(
             unit = BY_NAME[k.effect].parameter(k.parameter).unit
             if k.parameter == "heading":
                 value = float((value + np.pi) % (2 * np.pi) - np.pi)
-            half = float(np.hypot(T95 * sigma[i], FORM * np.sqrt(unexplained) * _dose(k.parameter, value, problem.space.null(k))))
+            half = float(
+                np.hypot(T95 * sigma[i], FORM * np.sqrt(unexplained) * _dose(k.parameter, value, problem.space.null(k)))
+            )
             estimates.append(Estimate(k.parameter, value, (value - half, value + half), unit))
         probability = float(min(rivalry.probability.get(term, 1.0), MOST_SURE))
         causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary))
@@ -284,9 +287,7 @@ def _dose(parameter: str, value: float, null: float) -> float:
     return abs(value) if not np.isfinite(null) else abs(value - null)
 
 
-def _learned_shrink(
-    data: Dataset, scales: Scales, held: np.ndarray, error: np.ndarray, predicted: np.ndarray
-) -> float:
+def _learned_shrink(data: Dataset, scales: Scales, held: np.ndarray, error: np.ndarray, predicted: np.ndarray) -> float:
     """What a flexible learner removes of the remaining gap on held-out windows; 0 where nothing is held out."""
     if not held.any():
         return 0.0
@@ -320,8 +321,7 @@ def _staged(
         order = sorted(final.terms, key=lambda t: -drops[t])[:n]
         steps.append((tuple(order), float(np.sqrt(subsets[frozenset(order)]))))
     flagged = max(start**2 - subsets[frozenset()], 0.0) if subsets else start**2 - everywhere["after"] ** 2
-    shares = stage_shares(drops, start, everywhere["after"], floor, flagged)
-    return tuple(steps), tuple((str(s["name"]), float(s["share"])) for s in shares)
+    return tuple(steps), stage_shares(drops, everywhere["after"], floor, flagged)
 
 
 def _candidates(rivalry: Rivalry, problem: Problem, base: Fit, final: Fit) -> tuple[Candidate, ...]:
@@ -346,9 +346,7 @@ def _rival_sets(rivalry: Rivalry) -> tuple[tuple[tuple[Term, ...], float], ...]:
 
 
 def _moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
-    return tuple(
-        Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE
-    )
+    return tuple(Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE)
 
 
 def _notes(
@@ -357,13 +355,15 @@ def _notes(
     notes = []
     if witnesses:
         notes.append(
-            f"{', '.join(str(t) for t in final.terms)} would close the gap, but {', '.join(witnesses)} contradict it: the cause "
-            "lies before them."
+            f"{', '.join(str(t) for t in final.terms)} would close the gap, but {', '.join(witnesses)} contradict it: "
+            "the cause lies before them."
         )
     if not held.any():
         notes.append("The runs are too short to keep windows back: every figure is on windows that the fit has seen.")
     if raw.skipped:
-        notes.append(f"{raw.skipped} windows were skipped: a measured channel has no sample within 0.25 s of their start.")
+        notes.append(
+            f"{raw.skipped} windows were skipped: a measured channel has no sample within 0.25 s of their start."
+        )
     if outliers.count and not with_outliers:
         notes.append(f"{outliers.count} samples jump away; they are left out of the fit, not of the gap.")
     notes.append(

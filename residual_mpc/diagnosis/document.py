@@ -38,9 +38,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             "windows": d.gap.windows,
             "skipped": d.gap.skipped,
             "still": list(d.gap.still),
-            "channels": {
-                c: {"before": b, "after": a, "noise_floor": f} for c, (b, a, f) in d.gap.channels.items()
-            },
+            "channels": {c: {"before": b, "after": a, "noise_floor": f} for c, (b, a, f) in d.gap.channels.items()},
         },
         "shrink": shrink,
         "where": {
@@ -53,9 +51,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             {
                 **_term(c.term),
                 "probability": c.probability,
-                "parameters": {
-                    p.name: {"value": p.value, "ci95": list(p.ci95), "unit": p.unit} for p in c.parameters
-                },
+                "parameters": {p.name: {"value": p.value, "ci95": list(p.ci95), "unit": p.unit} for p in c.parameters},
                 "summary": c.summary,
             }
             for c in d.causes
@@ -96,13 +92,17 @@ def read_model(path: Path) -> tuple[str, Values, bool]:
     model = content.get("model", content) if content.get("schema") == SCHEMA else content
     if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
         raise BadInput(
-            f"schema is {content.get('schema')!r}", str(path), f"give a diagnosis.json ({SCHEMA}) or a model.json ({MODEL_SCHEMA})"
+            f"schema is {content.get('schema')!r}",
+            str(path),
+            f"give a diagnosis.json ({SCHEMA}) or a model.json ({MODEL_SCHEMA})",
         )
     try:
         values = {Knob(v["effect"], v["target"], v["parameter"]): float(v["value"]) for v in model["values"]}
         return str(model["robot"]), values, bool(model.get("leaves_out_outliers", False))
     except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"the model's values cannot be read: {error!r}", str(path), "write it anew with diagnose") from error
+        raise BadInput(
+            f"the model's values cannot be read: {error!r}", str(path), "write it anew with diagnose"
+        ) from error
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -135,5 +135,3 @@ def _finite(x: Any) -> Any:
     if isinstance(x, float):
         return x if math.isfinite(x) else None
     return x.item() if hasattr(x, "item") else x
-
-

@@ -20,7 +20,8 @@ def blocks_of(data: Dataset) -> np.ndarray:
 
 
 def dispersion(fit: Fit, blocks: np.ndarray) -> float:
-    """tr(H^-1 G) / P with H = J'J and G the covariance of the blocks' gradients: 1 where the residuals are white and of the
+    """tr(H^-1 G) / P with H = J'J and G the covariance of the blocks' gradients: 1 where the residuals are white
+    and of the
     assumed size, larger where they are coloured (Takeuchi's criterion; White 1982, eq. 3.2). At least 1."""
     if not fit.knobs:
         return 1.0
@@ -54,7 +55,7 @@ def _sandwich(fit: Fit, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     j = fit.jacobian.reshape(-1, gradients.shape[1])
     bread = j.T @ j
     # never less than what white noise of the residual's own size would give
-    white = bread * max(fit.cost / max(np.count_nonzero(fit.r), 1), 1e-12)
+    white = bread * max(fit.cost / max(float(np.count_nonzero(fit.r)), 1.0), 1e-12)
     meat = summed.T @ summed
     return bread, np.where(np.eye(len(bread), dtype=bool), np.maximum(meat, white), meat)
 
@@ -67,7 +68,8 @@ def paired_z(worse: Fit, better: Fit, blocks: np.ndarray) -> float:
 
 
 def profile_sigma(problem: Problem, fit: Fit, phi: float) -> np.ndarray:
-    """(P,) standard deviation of each threshold from its cost profile, the others held; 0 for knobs that are no threshold.
+    """(P,) standard deviation of each threshold from its cost profile, the others held; 0 for knobs that are no
+    threshold.
 
     A threshold's derivative says little (a dead zone moves in steps), so its interval is where the cost rises by phi.
     """

@@ -4,6 +4,7 @@ Levenberg-Marquardt with bounds by projection (Nocedal and Wright, Numerical Opt
 dampings are tried at once, since rows of a batch are cheap.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,7 +58,7 @@ class _Run:
         return {k: float(v) for k, v in zip(self.knobs, x * self.scale, strict=True)}
 
 
-def fit_all(problem: Problem, starts: list[Values], most: int = MOST, tolerance: float = 3e-4) -> list[Fit]:
+def fit_all(problem: Problem, starts: Sequence[Values], most: int = MOST, tolerance: float = 3e-4) -> list[Fit]:
     """Fit each start's own knobs; the result keeps the order. Memory grows with len(starts) * knobs * samples."""
     if not starts:
         return []

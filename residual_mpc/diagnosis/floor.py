@@ -14,8 +14,8 @@ DRAWS = 3
 def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, draws: int = DRAWS) -> np.ndarray:
     """(draws, W, M, C): what measured - predicted would be if the model (settings, one row) were perfect.
 
-    Each draw gives every signal fresh sensor noise, quantised and repeated as in the log, fits the start states through it,
-    and replays from there.
+    Each draw gives every signal fresh sensor noise, quantised and repeated as in the log, fits the start states
+    through it, and replays from there.
     """
     clean = predict(data, settings)[0]
     out = np.empty((draws, *data.y.shape))

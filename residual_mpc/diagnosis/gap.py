@@ -13,7 +13,9 @@ STILL_STEPS = 3.0
 
 @dataclass(frozen=True)
 class Scales:
-    """The size of the motion: s (C,) channel units, and `still` (C,) bool for channels that hardly move or are not compared."""
+    """The size of the motion: s (C,) channel units, and `still` (C,) bool for channels that hardly move or are not
+    compared.
+    """
 
     s: np.ndarray
     still: np.ndarray
@@ -52,7 +54,9 @@ def measure_scales(data: Dataset) -> Scales:
 
 
 def gap_of(data: Dataset, scales: Scales, error: np.ndarray, windows: np.ndarray | None = None) -> Gap:
-    """The gap of an error (W, M, C) = measured - predicted, NaN where nothing is compared; windows (W,) mask or weights."""
+    """The gap of an error (W, M, C) = measured - predicted, NaN where nothing is compared; windows (W,) mask or
+    weights.
+    """
     square = np.where(data.compared[:, None, :], error, np.nan) ** 2
     weight = np.ones(data.count) if windows is None else windows.astype(float)
     total = np.nansum(square, axis=1)  # (W, C)

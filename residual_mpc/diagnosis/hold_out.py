@@ -33,8 +33,9 @@ class KeptBack:
 def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
     """A quarter of the runs, or of each run's windows in one stretch; nothing where there are fewer than four windows.
 
-    nominal (W,): mean square of the nominal model's scaled error in each window. Runs are drawn from all ranks of it, and a
-    stretch is one where it is typical of its run, so that what is kept back is neither the easiest nor the hardest part.
+    nominal (W,): mean square of the nominal model's scaled error in each window. Runs are drawn from all ranks of
+    it, and a stretch is one where it is typical of its run, so that what is kept back is neither the easiest nor
+    the hardest part.
     """
     names = [r.name for r in data.runs]
     present = np.unique(data.run)
@@ -62,7 +63,9 @@ def _typical(nominal: np.ndarray, chunk: np.ndarray) -> int:
     """Which of the EVERY interleaved quarters has the mean nominal error closest to that of the whole run."""
     means = np.array([nominal[chunk % EVERY == phase].mean() for phase in range(EVERY)])
     off = np.log((means + 1e-12) / (nominal.mean() + 1e-12))
-    return int(np.argmin(np.where(off > 0, 3.0 * off, -off)))  # rather too easy: what is rare has to be seen to be fitted
+    return int(
+        np.argmin(np.where(off > 0, 3.0 * off, -off))
+    )  # rather too easy: what is rare has to be seen to be fitted
 
 
 def held_out_mask(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:
@@ -74,13 +77,17 @@ def held_out_mask(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:
     mask = np.zeros(data.count, dtype=bool)
     for k in kept:
         if k.run not in names:
-            raise BadInput(f"held-out run {k.run!r} is not among the runs", "--held-out", f"the runs are {', '.join(names[:12])}")
+            raise BadInput(
+                f"held-out run {k.run!r} is not among the runs", "--held-out", f"the runs are {', '.join(names[:12])}"
+            )
         mine = data.run == names.index(k.run)
         if k.start is not None and k.end is not None:
             mine &= (data.start >= k.start - 1e-6) & (data.start + data.horizon <= k.end + 1e-6)
         mask |= mine
     if kept and (mask.all() or not mask.any()):
         raise BadInput(
-            f"{int(mask.sum())} of {data.count} windows would be held out", "--held-out", "hold some back and leave some to fit"
+            f"{int(mask.sum())} of {data.count} windows would be held out",
+            "--held-out",
+            "hold some back and leave some to fit",
         )
     return mask

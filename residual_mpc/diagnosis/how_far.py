@@ -59,9 +59,7 @@ def expected_errors(data: Dataset, space: Space, fit: Fit) -> np.ndarray:
     return np.asarray(data.y - predicted[folds, np.arange(data.count)])
 
 
-def shrink_of(
-    data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator
-) -> Shrink:
+def shrink_of(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> Shrink:
     """The shrink between two errors (W, M, C) on the same windows, runs (or blocks of few runs) resampled."""
     total_before, count_before = window_squares(data, scales, before)
     total_after, count_after = window_squares(data, scales, after)

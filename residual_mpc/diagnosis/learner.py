@@ -1,8 +1,8 @@
 """What a flexible learner adds beyond the named effects: a ridge regression on integrated features of the motion.
 
-A missing term delta(z) in the robot's rates shows in a window as its integral up to each sample, so the error is regressed on
-integrals (and present values) of features of command and motion, each window from zero. It stands in until the learned
-residual network exists, and is deliberately small.
+A missing term delta(z) in the robot's rates shows in a window as its integral up to each sample, so the error is
+regressed on integrals (and present values) of features of command and motion, each window from zero. It stands in
+until the learned residual network exists, and is deliberately small.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,9 @@ class Learner:
 
 
 def learn(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray, folds: np.ndarray) -> Learner:
-    """Fit error (W, M, C) on features of the prediction (W, M, C) and the commands; the ridge is chosen across folds (W,)."""
+    """Fit error (W, M, C) on features of the prediction (W, M, C) and the commands; the ridge is chosen across
+    folds (W,).
+    """
     x = features(data, predicted)
     w, m, f = x.shape
     y = np.where(np.isfinite(error) & data.compared[:, None, :] & ~scales.still, error / scales.s, 0.0)

@@ -1,7 +1,7 @@
 """The quadratic through the samples nearest to an instant: start states, as a linear map of the samples.
 
-As the gap's definition has it: the five samples nearest in time that are not missing and within 0.25 s; with three or four
-samples still a quadratic, with two a line, with one that sample.
+As the gap's definition has it: the five samples nearest in time that are not missing and within 0.25 s; with three
+or four samples still a quadratic, with two a line, with one that sample.
 """
 
 from dataclasses import dataclass

@@ -30,7 +30,9 @@ def measure(
     held_out_of: Path | None,
     seed: int,
 ) -> dict[str, Any]:
-    """The gap object of the contract. Raises BadInput for a model of another robot, or held-out runs that are not there."""
+    """The gap object of the contract. Raises BadInput for a model of another robot, or held-out runs that are not
+    there.
+    """
     values: Values = {}
     leaves_out = False
     if model is not None:

@@ -1,10 +1,12 @@
 """The residual that hypotheses are judged by: scaled by noise, with each window's uncertain start state taken out.
 
 A window's start comes from five noisy samples. Its error moves the whole prediction, so the residuals of a window have
-covariance R + A P0 A' (A: sensitivity to the start, P0: its covariance), and r is multiplied by that matrix' inverse square
+covariance R + A P0 A' (A: sensitivity to the start, P0: its covariance), and r is multiplied by that matrix'
+inverse square
 root: generalised least squares with the start as a nuisance.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +32,7 @@ class Problem:
     basis: np.ndarray  # (W, M * C, k) orthonormal
     shrink: np.ndarray  # (W, k) 1 - 1 / sqrt(1 + s^2)
 
-    def residuals(self, hypotheses: list[Values]) -> np.ndarray:
+    def residuals(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M * C) whitened; a missing sample is 0, a diverged prediction inf."""
         return self.whiten(predict(self.data, self.space.settings(hypotheses)))
 

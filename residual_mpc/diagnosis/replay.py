@@ -37,9 +37,10 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
 def start_states(data: Dataset, block: Block, settings: Settings) -> dict[str, np.ndarray]:
     """State from which each window is replayed under each hypothesis: position and velocity channels, (H, W_block).
 
-    Positions from the local quadratic's value, velocities from the logged velocity's, else from the position's slope, else
-    0; mapped back through the sensor effects. Where measurements arrive late, the reading at the window's start shows an
-    earlier state: the replay starts that much earlier (see `earliest`), so that no sample lies before it.
+    Positions from the local quadratic's value, velocities from the logged velocity's, else from the position's
+    slope, else 0; mapped back through the sensor effects. Where measurements arrive late, the reading at the
+    window's start shows an earlier state: the replay starts that much earlier (see `earliest`), so that no sample
+    lies before it.
     """
     early = earliest(block.robot, settings)
     out: dict[str, np.ndarray] = {}
@@ -155,7 +156,9 @@ def _bias(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
 
 
 def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Local value and slope of a channel `shift` (H,) s after the windows' starts, (H, W_block); NaN where unmeasured."""
+    """Local value and slope of a channel `shift` (H,) s after the windows' starts, (H, W_block); NaN where
+    unmeasured.
+    """
     w = block.where.stop - block.where.start
     value, slope = np.full((len(shift), w), np.nan), np.full((len(shift), w), np.nan)
     run, start = data.run[block.where], data.start[block.where]

@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import screen
 from residual_mpc.diagnosis.search import Found, compatible, without
 from residual_mpc.effects.library import ORDER
-from residual_mpc.models.settings import TUNE, Term
+from residual_mpc.models.settings import TUNE, Term, Values
 
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-in may miss
@@ -23,7 +23,8 @@ RIM_SCALES = ("actuator_gain", "wheel_radius", "wheel_radius_mismatch")
 
 @dataclass(frozen=True)
 class Rival:
-    """A set with one member (or pair) replaced: what went, what came, the refitted whole, and its likelihood ratio against the
+    """A set with one member (or pair) replaced: what went, what came, the refitted whole, and its likelihood ratio
+    against the
     chosen set (positive: worse)."""
 
     gone: tuple[Term, ...]
@@ -35,7 +36,8 @@ class Rival:
 
 @dataclass(frozen=True)
 class Rivalry:
-    """The chosen fit after swaps, its rivals, the confounded groups (members are tuples of terms), and the probability of each
+    """The chosen fit after swaps, its rivals, the confounded groups (members are tuples of terms), and the
+    probability of each
     chosen term, its group counted together."""
 
     fit: Fit
@@ -51,7 +53,9 @@ def place(terms: tuple[Term, ...]) -> tuple[int, int, str]:
 
 
 def find_rivals(found: Found) -> Rivalry:
-    """Replace each term (and each pair of rim scales) by every candidate that resembles it; swap where that is better."""
+    """Replace each term (and each pair of rim scales) by every candidate that resembles it; swap where that is
+    better.
+    """
     fit = found.fit
     for _ in range(3):
         rivals = _replacements(found.problem, fit, found.phi)
@@ -73,7 +77,7 @@ def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
         rest = fit_all(problem, [values], 4)[0]
         kept = rest.terms
         candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
-        starts = []
+        starts: list[Values] = []
         if len(gone) == 1:
             seen = {gone[0]}
             leads = screen(problem, rest, candidates)
@@ -145,8 +149,8 @@ def _probabilities(fit: Fit, rivals: list[Rival]) -> tuple[dict[Term, float], di
     shares: dict[Term, float] = {}
     for term in fit.terms:
         mine = [r for r in rivals if r.gone == (term,)] or [r for r in rivals if r.came == (term,)]
-        weights = {(term,): 1.0}
-        alike = {(term,)}
+        weights: dict[tuple[Term, ...], float] = {(term,): 1.0}
+        alike: set[tuple[Term, ...]] = {(term,)}
         for r in mine:
             other = r.came if r.gone == (term,) else r.gone
             weights[other] = max(weights.get(other, 0.0), float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0))))

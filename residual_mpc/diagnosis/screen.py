@@ -20,8 +20,9 @@ STEPS = 6_000  # simulation steps that one probe may cost
 
 @dataclass(frozen=True)
 class Lead:
-    """A candidate worth fitting: where to start, the drop in cost that a line search along the probe promises, how much of
-    that drop is in the channels that the gap compares, and how far the probe moves the prediction (whitened norm, after what
+    """A candidate worth fitting: where to start, the drop in cost that a line search along the probe promises, how
+    much of that drop is in the channels that the gap compares, and how far the probe moves the prediction
+    (whitened norm, after what
     the free parameters can absorb)."""
 
     term: Term

@@ -23,11 +23,13 @@ class SearchSettings:
     """How hard to look, and what counts as found.
 
     beyond_doubt: likelihood ratio (drop in cost over dispersion) per added term, on top of `per_knob` for each knob;
-    worth: an addition has to remove this share of what is left of the squared gap beyond the noise floor, or `worth_first`
-    of the first model's; over_floor: and this multiple of the squared floor, below which nobody would see it;
-    worth_far: the share that will do where the gap is more than twice the floor and the likelihood ratio is above `massive`;
-    shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set; beam: sets that a step starts from
-    while more than the share `settled` of the squared gap beyond the floor is unexplained.
+    worth: an addition has to remove this share of what is left of the squared gap beyond the noise floor, or
+    `worth_first` of the first model's; over_floor: and this multiple of the squared floor, below which nobody
+    would see it;
+    worth_far: the share that will do where the gap is more than twice the floor and the likelihood ratio is above
+    `massive`;
+    shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set; beam: sets
+    that a step starts from while more than the share `settled` of the squared gap beyond the floor is unexplained.
     """
 
     beyond_doubt: float = 25.0
@@ -93,7 +95,11 @@ Report = Callable[[str], None]
 
 
 def search(
-    problem: Problem, scales: Scales, settings: SearchSettings, rng: np.random.Generator, report: Report = lambda _: None
+    problem: Problem,
+    scales: Scales,
+    settings: SearchSettings,
+    rng: np.random.Generator,
+    report: Report = lambda _: None,
 ) -> Found:
     """Search on the problem's windows. The problem's own weights are those of the pure sensor noise."""
     noise = 1.0 / problem.weight
@@ -135,7 +141,9 @@ def refit(problem: Problem, fits: list[Fit], most: int = 6) -> list[Fit]:
 
 def compatible(term: Term, terms: tuple[Term, ...]) -> bool:
     """Whether a term may join: not twice the same, and never an effect both on all targets and on one."""
-    return all(t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in terms)
+    return all(
+        t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in terms
+    )
 
 
 def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
@@ -181,7 +189,8 @@ def distinct(fits: list[Fit]) -> list[Fit]:
 
 
 def others(ruler: Ruler, base: Fit, best: Fit, children: list[Fit], settings: SearchSettings) -> list[Fit]:
-    """Runners-up that the next step may start from as well: none where the best leaves little to explain, since a greedy step
+    """Runners-up that the next step may start from as well: none where the best leaves little to explain, since a
+    greedy step
     goes wrong only while several causes still mix."""
     first, now = ruler.squared([base, best])
     if now - ruler.floor < settings.settled * (first - ruler.floor):
@@ -216,7 +225,13 @@ def convincing(
 
 
 def prune(
-    problem: Problem, ruler: Ruler, current: Fit, base: Fit, noise: np.ndarray, blocks: np.ndarray, settings: SearchSettings
+    problem: Problem,
+    ruler: Ruler,
+    current: Fit,
+    base: Fit,
+    noise: np.ndarray,
+    blocks: np.ndarray,
+    settings: SearchSettings,
 ) -> Fit:
     """Drop terms that the others have made needless."""
     while len(current.terms) > 1:

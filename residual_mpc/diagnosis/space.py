@@ -84,9 +84,7 @@ class Space:
             columns.append([float(np.clip(x * self.reference(knob), low, high)) for x in p.probes])
         knobs = self.knobs(term)
         rows = zip_longest(*columns)
-        return [
-            {k: (c[-1] if x is None else x) for k, x, c in zip(knobs, row, columns, strict=True)} for row in rows
-        ]
+        return [{k: (c[-1] if x is None else x) for k, x, c in zip(knobs, row, columns, strict=True)} for row in rows]
 
     def null(self, knob: Knob) -> float:
         """The value at which a free number does nothing (the nominal value of a tunable one)."""
@@ -103,9 +101,7 @@ class Space:
         return max(self.references.get((kind, s), np.inf) for s in slots)
 
 
-def build_space(
-    data: Dataset, tunable: Sequence[str], only: Sequence[str] = (), without: Sequence[str] = ()
-) -> Space:
+def build_space(data: Dataset, tunable: Sequence[str], only: Sequence[str] = (), without: Sequence[str] = ()) -> Space:
     """Every effect-target pair that the robot of the first block can have, with references measured on the runs."""
     robot = data.blocks[0].robot
     slots = {e.name: robot.slots(e.name) for e in LIBRARY}
@@ -132,7 +128,9 @@ def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:
 
 
 def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
-    """Typical sizes on these runs: commands (a servo's position error), actuator outputs, torques and speeds of the joints."""
+    """Typical sizes on these runs: commands (a servo's position error), actuator outputs, torques and speeds of
+    the joints.
+    """
     found: dict[tuple[str, str], list[float]] = {}
     for block in data.blocks:
         robot, n = block.robot, block.where.stop - block.where.start
@@ -148,7 +146,7 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
                 u = _servo_error(few, a, joints[k])
             found.setdefault(("command", a), []).append(float(np.quantile(u, 0.98)))
             found.setdefault(("output", a), []).append(float(np.max(np.abs(outputs[a]))))
-        rms = {j: 0.0 for j in all_joints}
+        rms = dict.fromkeys(all_joints, 0.0)
         for k, a in enumerate(robot.actuators):
             rms[joints[k]] = float(np.sqrt(np.mean(outputs[a] ** 2)))
         typical = float(np.median([x for x in rms.values() if x > 0] or [1.0]))

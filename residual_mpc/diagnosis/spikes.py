@@ -1,4 +1,6 @@
-"""Samples of the localisation or of an encoder that jump away and come back: flagged once, before anything is fitted."""
+"""Samples of the localisation or of an encoder that jump away and come back: flagged once, before anything is
+fitted.
+"""
 
 from dataclasses import dataclass
 
@@ -13,7 +15,9 @@ FEW = 5  # flagged samples below which a share says nothing
 
 @dataclass(frozen=True)
 class Outliers:
-    """flagged[run, channel]: (n,) bool over that signal's samples; shares by channel, and over the position-like ones."""
+    """flagged[run, channel]: (n,) bool over that signal's samples; shares by channel, and over the position-like
+    ones.
+    """
 
     flagged: dict[tuple[int, str], np.ndarray]
     shares: dict[str, float]

@@ -3,8 +3,6 @@
 from itertools import combinations
 from math import factorial
 
-import numpy as np
-
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.replay import predict
@@ -37,8 +35,8 @@ def shapley(gaps: dict[frozenset[Term], float], terms: tuple[Term, ...]) -> dict
 
 
 def stage_shares(
-    drops: dict[Term, float], before: float, after: float, floor: float, outliers: float
-) -> list[dict[str, float | str]]:
+    drops: dict[Term, float], after: float, floor: float, outliers: float
+) -> tuple[tuple[str, float], ...]:
     """Shares of the squared gap before: by stage of the named effects, what is left, and the noise."""
     shares: dict[str, float] = {}
     for term, drop in drops.items():
@@ -50,5 +48,4 @@ def stage_shares(
     shares["noise"] = noise
     shares["unexplained"] = max(after**2 - noise, 0.0)
     total = max(sum(shares.values()), 1e-30)
-    listed = [{"name": k, "share": float(v / total)} for k, v in shares.items()]
-    return sorted(listed, key=lambda s: -float(np.float64(s["share"])))
+    return tuple(sorted(((k, float(v / total)) for k, v in shares.items()), key=lambda ks: -ks[1]))

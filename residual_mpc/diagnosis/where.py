@@ -1,4 +1,6 @@
-"""Where the gap lies: by channel, by regime of motion, by moment; shares of the squared gap and lift over a regime's time."""
+"""Where the gap lies: by channel, by regime of motion, by moment; shares of the squared gap and lift over a
+regime's time.
+"""
 
 from dataclasses import dataclass
 
@@ -57,7 +59,9 @@ def _times(data: Dataset, total: np.ndarray, count: np.ndarray) -> tuple[Stretch
 
 def _regimes(data: Dataset, scales: Scales, error: np.ndarray) -> tuple[Regime, ...]:
     """Where the error grows: its change from sample to sample, squared, by what the robot was told to do then."""
-    square = np.where(data.compared[:, None, :] & ~scales.still, np.diff(error, axis=1, prepend=0.0) / scales.s, np.nan) ** 2
+    square = (
+        np.where(data.compared[:, None, :] & ~scales.still, np.diff(error, axis=1, prepend=0.0) / scales.s, np.nan) ** 2
+    )
     noise = 2.0 * (data.sigma / scales.s) ** 2  # what two samples' noise alone would give
     growth = np.maximum(np.nansum(square - noise, axis=2), 0.0)  # (W, M)
     seen = np.isfinite(data.y).any(axis=2)

@@ -1,7 +1,7 @@
 """Channels that no gap compares but that saw what happened upstream: wheel encoders beside a measured pose.
 
-An explanation that closes the gap of the pose and leaves the encoders as wrong as before put the cause on the wrong side of
-them.
+An explanation that closes the gap of the pose and leaves the encoders as wrong as before put the cause on the
+wrong side of them.
 """
 
 import numpy as np

@@ -79,7 +79,11 @@ SATURATION = Effect(
     stage="actuator",
     port="output",
     target="actuator",
-    parameters=(Parameter("limit", "actuator unit", math.inf, 0.0, math.inf, (0.96, 0.88, 0.77, 0.64, 0.5, 0.35), "output", True),),
+    parameters=(
+        Parameter(
+            "limit", "actuator unit", math.inf, 0.0, math.inf, (0.96, 0.88, 0.77, 0.64, 0.5, 0.35), "output", True
+        ),
+    ),
     summary="the actuator's output stops at a limit that the model lacks",
     start=no_memory,
     step=saturation_step,

@@ -12,7 +12,9 @@ def coulomb_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
 
 
 def stribeck_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
-    """kinetic + (static - kinetic) exp(-(w / velocity)^2), N m, times sgn(w) (Armstrong-Helouvry et al. 1994, eq. 4)."""
+    """kinetic + (static - kinetic) exp(-(w / velocity)^2), N m, times sgn(w) (Armstrong-Helouvry et al. 1994, eq.
+    4).
+    """
     return p["kinetic"] + (p["static"] - p["kinetic"]) * ops.exp(-((w / p["velocity"]) ** 2))
 
 

@@ -61,7 +61,11 @@ DEAD_ZONE = Effect(
     stage="command",
     port="command",
     target="actuator",
-    parameters=(Parameter("width", "command unit", 0.0, 0.0, math.inf, (0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.45), "command", True),),
+    parameters=(
+        Parameter(
+            "width", "command unit", 0.0, 0.0, math.inf, (0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.45), "command", True
+        ),
+    ),
     summary="small commands do nothing",
     start=no_memory,
     step=dead_zone_step,

@@ -11,12 +11,13 @@ GRAVITY = 9.81  # m/s^2
 def ground_twist(
     ops: Ops,
     p: Mapping[str, Values],
-    wheel_radius: float,
-    track_width: float,
+    wheel_radius: Array,
+    track_width: Array,
     w: tuple[Array, Array],
     a: tuple[Array, Array],
 ) -> tuple[Array, Array, Array]:
-    """Body-frame velocity of a differential drive (paper, the equation labelled wheel_prop) with the contact effects in `p`.
+    """Body-frame velocity of a differential drive (paper, the equation labelled wheel_prop) with the contact
+    effects in `p`.
 
     w: wheel speeds left, right, rad/s; a: their accelerations, rad/s^2.
     Returns forward m/s, sideways (to the left) m/s, yaw rate rad/s. An effect that is not in `p` is not computed.

@@ -1,4 +1,6 @@
-"""What an unmodelled effect is: a stage of the chain, an equation, parameters with a null value, memory if it has one."""
+"""What an unmodelled effect is: a stage of the chain, an equation, parameters with a null value, memory if it has
+one.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -44,7 +46,8 @@ class Effect:
     `port` says which signal of the chain the equation takes; the signatures are
 
     - command:  start(ops, p, u, dt) -> memory;  step(ops, p, memory, u, dt) -> (u, memory)
-    - output:   step(ops, p, memory, y, clock, dt) -> (y, memory), start(ops, p, y) -> memory; clock is s since the run began
+    - output:   step(ops, p, memory, y, clock, dt) -> (y, memory), start(ops, p, y) -> memory; clock is s since the
+    run began
     - friction: level(ops, p, w, tau) -> torque against the motion, N m (times sgn(w)); for viscous friction the
       coefficient itself multiplies w
     - ground:   see contact.py;  sensor: see sensor.py

@@ -210,9 +210,7 @@ def _check_tuned(case: _Case) -> None:
         _same(f"{name} at its nominal value {value:g} changes nothing", tuned, nominal)
 
 
-def _values(
-    robot: Robot, effect: Effect, probe: int, outputs: Predicted | None = None
-) -> dict[str, np.ndarray]:
+def _values(robot: Robot, effect: Effect, probe: int, outputs: Predicted | None = None) -> dict[str, np.ndarray]:
     """Parameters (ROWS, slots) of one of the effect's probes, inside the robot's bounds."""
     slots, out = robot.slots(effect.name), {}
     for p in effect.parameters:

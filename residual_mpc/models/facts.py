@@ -13,11 +13,15 @@ from residual_mpc.models.protocol import Robot
 def facts_of(robot: Robot) -> RobotFacts:
     """Names and kinds, for the audit."""
     joints = getattr(robot, "actuator_joints", robot.actuators)
-    kinds: dict[str, CommandKind] = {"position": "position", "torque": "torque", "speed": "velocity", "velocity": "velocity"}
+    kinds: dict[str, CommandKind] = {
+        "position": "position",
+        "torque": "torque",
+        "speed": "velocity",
+        "velocity": "velocity",
+    }
     return RobotFacts(
         tuple(
-            ActuatorFacts(a, j, kinds[k])
-            for a, j, k in zip(robot.actuators, joints, robot.command_kinds, strict=True)
+            ActuatorFacts(a, j, kinds[k]) for a, j, k in zip(robot.actuators, joints, robot.command_kinds, strict=True)
         ),
         robot.channels,
         getattr(robot, "sliding", frozenset()),

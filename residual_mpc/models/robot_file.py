@@ -84,7 +84,8 @@ def read_robot_file(path_or_name: str | Path) -> RobotFile:
     variants = tuple(_variant(table, number, path.parent, where) for number, table in tables)
     if "plant" not in values:
         raise BadInput(
-            "the key 'plant' is missing; the name of a plant was wanted", where,
+            "the key 'plant' is missing; the name of a plant was wanted",
+            where,
             'add a line such as plant = "diff_drive" or plant = "mujoco" above the first [table]',
         )
     values.setdefault("name", path.stem)
@@ -121,7 +122,8 @@ def _named(text: str, path: Path) -> RobotFile:
 def _document(path: Path) -> dict[str, object]:
     if path.suffix in (".xml", ".urdf", ".mjcf"):
         raise BadInput(
-            "a model came, a robot file was wanted", str(path),
+            "a model came, a robot file was wanted",
+            str(path),
             f"write one with: residual-mpc init {path.name} RUN...",
         )
     try:
@@ -136,7 +138,8 @@ def _document(path: Path) -> dict[str, object]:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as fault:
         raise BadInput(
-            f"this is not valid TOML: {fault}", str(path),
+            f"this is not valid TOML: {fault}",
+            str(path),
             'texts need quotes, numbers none, and names with dots quotes too: "pose.x" = 0.002',
         ) from fault
 
@@ -164,7 +167,8 @@ def _variant(table: Mapping[str, object], number: int, folder: Path, where: str)
     where = f"{where}, [[variant]] {number}"
     if "runs" not in table:
         raise BadInput(
-            "the key 'runs' is missing; a pattern for the runs' names was wanted", where,
+            "the key 'runs' is missing; a pattern for the runs' names was wanted",
+            where,
             'add a line such as runs = "loaded_*"',
         )
     if "variant" in table:
@@ -192,7 +196,8 @@ def _path(value: object, key: str, where: str, folder: Path) -> Path:
         found = False
     if not found:
         raise BadInput(
-            f"{key} = {value!r}: there is no file {path}", where,
+            f"{key} = {value!r}: there is no file {path}",
+            where,
             f"paths are relative to the robot file's folder, {folder.resolve()}",
         )
     return path

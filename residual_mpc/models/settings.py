@@ -84,9 +84,7 @@ def assemble(hypotheses: Sequence[Values], slots: Mapping[str, tuple[str, ...]])
             tuned.setdefault(knob.parameter, np.full(n, np.nan))
         elif knob.effect not in effects:
             width = max(len(slots[knob.effect]), 1)
-            effects[knob.effect] = {
-                p.name: np.full((n, width), p.null) for p in BY_NAME[knob.effect].parameters
-            }
+            effects[knob.effect] = {p.name: np.full((n, width), p.null) for p in BY_NAME[knob.effect].parameters}
     for i, hypothesis in enumerate(hypotheses):
         # terms without a target first, so that one on a single target overrides them
         for knob, value in sorted(hypothesis.items(), key=lambda kv: kv[0].target is not None):

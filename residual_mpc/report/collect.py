@@ -35,7 +35,9 @@ def _panels(made: Made, per_window: np.ndarray) -> tuple[Panel, ...]:
         worst = int(np.flatnonzero(usable)[np.nanargmax(per_window[usable])])
         mine = np.flatnonzero(usable & (data.run == data.run[worst]))
         mine = mine[np.argsort(data.start[mine])]
-        first = int(np.clip(np.searchsorted(data.start[mine], data.start[worst]) - STRETCH // 2, 0, max(len(mine) - STRETCH, 0)))
+        first = int(
+            np.clip(np.searchsorted(data.start[mine], data.start[worst]) - STRETCH // 2, 0, max(len(mine) - STRETCH, 0))
+        )
         out.append(_panel(made, channel, k, mine[first : first + STRETCH]))
     return tuple(out)
 
