@@ -49,9 +49,7 @@ def drive_of(command: object, dt: float, length: float, clock: float = 0.0) -> D
     return Drive(dt, lead, u[None], None, np.array([clock]))
 
 
-def replay(
-    drive: Drive, settings: Settings, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> np.ndarray:
+def replay(drive: Drive, settings: Settings, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
     """(K + 1, 3)"""
     start = {c: np.array([v]) for c, v in zip(POSE, pose, strict=True)}
     return np.stack([ROVER.replay(start, drive, settings, POSE)[c][0] for c in POSE], axis=-1)
@@ -77,9 +75,7 @@ def test_a_straight_line() -> None:
 def test_a_spin_on_the_spot() -> None:
     out = replay(drive_of(lambda t: (-5.0, 5.0), 0.01, 1.0), Settings(1))
     np.testing.assert_allclose(out[:, :2], 0.0, atol=1e-15)
-    np.testing.assert_allclose(
-        out[:, 2], WHEEL_RADIUS * 10.0 / TRACK_WIDTH * 0.01 * np.arange(101), atol=1e-13
-    )
+    np.testing.assert_allclose(out[:, 2], WHEEL_RADIUS * 10.0 / TRACK_WIDTH * 0.01 * np.arange(101), atol=1e-13)
 
 
 def test_a_circle_converges_with_the_square_of_the_step() -> None:
@@ -98,10 +94,7 @@ def test_a_waving_drive_converges_with_the_square_of_the_step() -> None:
     times = np.array([1.0])
     coarse, finer = (simulate(waving, times, {}, fine=h)[0] for h in (2e-4, 1e-4))
     exact = 2 * finer - coarse  # Richardson: Euler's first order removed
-    errors = [
-        np.abs(replay(drive_of(waving, dt, 1.0), Settings(1))[-1] - exact).max()
-        for dt in (0.05, 0.025, 0.0125)
-    ]
+    errors = [np.abs(replay(drive_of(waving, dt, 1.0), Settings(1))[-1] - exact).max() for dt in (0.05, 0.025, 0.0125)]
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(rates, 2.0, atol=0.2)
 
@@ -135,9 +128,7 @@ def test_what_the_encoders_and_the_localisation_report() -> None:
     wanted = (*POSE, "twist.x", "twist.y", "twist.theta", "velocity.left", "output.right")
     out = ROVER.replay(start, drive, settings_of("wheel_radius", {"scale": 1.2}), wanted)
     u = drive.command[0, drive.lead :]
-    np.testing.assert_array_equal(
-        out["velocity.left"][0, 1:], u[:, 0]
-    )  # an encoder reads what was before its stamp
+    np.testing.assert_array_equal(out["velocity.left"][0, 1:], u[:, 0])  # an encoder reads what was before its stamp
     np.testing.assert_array_equal(out["output.right"][0, 1:], u[:, 1])
     for axis in ("x", "y", "theta"):
         slope = np.gradient(out[f"pose.{axis}"][0], drive.dt)
