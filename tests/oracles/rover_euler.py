@@ -44,10 +44,7 @@ def simulate(
         if tau > 0:
             settled = [s + fine / tau * (v - s) for s, v in zip(settled, u, strict=True)]
             u = settled
-        u = [
-            v * value.get("actuator_gain.gain", 1.0) * (1.0 - value.get("voltage_sag.rate", 0.0) * t)
-            for v in u
-        ]
+        u = [v * value.get("actuator_gain.gain", 1.0) * (1.0 - value.get("voltage_sag.rate", 0.0) * t) for v in u]
         limit = value.get("saturation.limit", math.inf)
         u = [min(max(v, -limit), limit) for v in u]
         w = list(u)
@@ -67,9 +64,7 @@ def simulate(
         right = r_right * w[1] * (1.0 - slip * abs(r_right * accel[1]) / GRAVITY)
         v = (left + right) / 2
         omega = (right - left) / (TRACK_WIDTH * value.get("track_width.scale", 1.0))
-        outwards = (
-            v * omega * value.get("lateral_slip.coefficient", 0.0)
-        )  # to the right in a turn to the left
+        outwards = v * omega * value.get("lateral_slip.coefficient", 0.0)  # to the right in a turn to the left
         drift, heading = value.get("slope.rate", 0.0), value.get("slope.heading", 0.0)
         x += fine * (v * math.cos(theta) + outwards * math.sin(theta) + drift * math.cos(heading))
         y += fine * (v * math.sin(theta) - outwards * math.cos(theta) + drift * math.sin(heading))

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from arms import DT, arm_xml, literal, random_drive, random_start, robot_of, settings_of, wheel_xml
+from oracles.arms import DT, arm_xml, literal, random_drive, random_start, robot_of, settings_of, wheel_xml
 
 from plants.mujoco_robot import MujocoRobot
 from residual_mpc.effects.actuator import gain_step, sag_step, saturation_step

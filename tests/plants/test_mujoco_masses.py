@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from arms import arm_xml, literal, random_drive, random_start, robot_of, settings_of
+from oracles.arms import arm_xml, literal, random_drive, random_start, robot_of, settings_of
 
 from plants.mujoco_robot.edits import link_direction
 from plants.mujoco_robot.masses import add_point_mass, parallel_axis, principal, quat_to_matrix

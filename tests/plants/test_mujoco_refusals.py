@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import MIXED, SERVOS, arm_xml, robot_of
+from oracles.arms import MIXED, SERVOS, arm_xml, robot_of
 
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile

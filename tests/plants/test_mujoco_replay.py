@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from arms import FILTERED, MIXED, SERVOS, arm_xml, literal, random_drive, random_start, robot_of, settings_of
+from oracles.arms import FILTERED, MIXED, SERVOS, arm_xml, literal, random_drive, random_start, robot_of, settings_of
 
 from residual_mpc.effects.command import delayed_sequence
 from residual_mpc.models.settings import Settings
