@@ -26,6 +26,7 @@ from residual_mpc.diagnosis.records import (
 )
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
+from residual_mpc.diagnosis.screen import shorten
 from residual_mpc.diagnosis.search import SearchSettings, search
 from residual_mpc.diagnosis.space import Space, build_space
 from residual_mpc.diagnosis.spikes import Outliers, find_outliers
@@ -44,7 +45,7 @@ T95 = 1.96
 # is allowed for
 FORM = 0.5
 MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
-FEWEST = 40  # windows that a search looks at, however small the steps
+FEWEST = 32  # windows that a search looks at, however small the steps
 
 
 @dataclass(frozen=True)
@@ -136,13 +137,15 @@ def problem_like(data: Dataset, space: Space, like: Problem) -> Problem:
 
 
 def thin(data: Dataset, steps: int) -> Dataset:
-    """Evenly fewer windows, so that one hypothesis costs at most about `steps` simulation steps."""
+    """Less to replay, so that one hypothesis costs at most about `steps` simulation steps: windows cut to their first
+    half, and evenly fewer of them."""
     cost = max(b.drive.steps for b in data.blocks)
-    most = max(FEWEST, steps // cost)
-    if data.count <= most:
+    if data.count * cost <= steps:
         return data
+    if data.count * cost > 2 * steps:
+        data, cost = shorten(data, 0.5), (cost + 1) // 2
     keep = np.zeros(data.count, dtype=bool)
-    keep[np.unique(np.linspace(0, data.count - 1, most).round().astype(int))] = True
+    keep[np.unique(np.linspace(0, data.count - 1, max(FEWEST, steps // cost)).round().astype(int))] = True
     return data.take(keep)
 
 

@@ -15,6 +15,7 @@ from residual_mpc.models.settings import Knob, Term, Values
 
 ROWS = 96  # probes replayed at once: bounds the memory
 GROWTH = 3.0  # of a window's cost over its first half's, relative to samples: between a drift and a steady offset
+SHORTEST = 0.6  # s: windows of this length are not cut again
 STEPS = 6_000  # simulation steps that one probe may cost
 
 
@@ -55,7 +56,7 @@ def smaller(problem: Problem) -> tuple[Problem, float]:
     steps = max(b.drive.steps for b in data.blocks)
     if data.count * steps <= STEPS:
         return problem, 1.0
-    half = shorten(data, 0.5) if data.count * steps > 2 * STEPS else data
+    half = shorten(data, 0.5) if data.count * steps > 2 * STEPS and data.horizon > SHORTEST else data
     steps = max(b.drive.steps for b in half.blocks)
     most = max(12, STEPS // steps)
     pick = np.zeros(data.count, dtype=bool)
@@ -87,7 +88,7 @@ def shorten(data: Dataset, part: float) -> Dataset:
         blocks.append(replace(b, drive=drive))
     t = np.where(inside, data.t, np.nan)[:, :m]
     y = np.where(inside[:, :, None], data.y, np.nan)[:, :m]
-    return replace(data, blocks=tuple(blocks), t=t, y=y)
+    return replace(data, blocks=tuple(blocks), t=t, y=y, horizon=horizon)
 
 
 def _absorbed(current: Fit) -> np.ndarray:

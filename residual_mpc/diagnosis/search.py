@@ -208,20 +208,19 @@ def convincing(
     settings: SearchSettings,
 ) -> bool:
     """Beyond doubt against coloured residuals, and worth naming."""
+    first, was, now = ruler.squared([base, current, best])
+    removed, left = was - now, max(was - ruler.floor, 0.0)
+    if removed < settings.over_floor * ruler.floor or removed < settings.worth_far * left:
+        return False  # the cheap question first
     fair = judge(problem, best, 1.0 / problem.weight)
-    after, before = refit(fair, [best, current])
+    after, before = refit(fair, [best, current], 3)
     ratio = (before.cost - after.cost) / dispersion(after, blocks)
     knobs = len(after.knobs) - len(before.knobs)
     if ratio < settings.beyond_doubt + settings.per_knob * knobs:
         return False
-    first, was, now = ruler.squared([base, current, best])
-    removed, left = was - now, max(was - ruler.floor, 0.0)
-    seen = removed > settings.over_floor * ruler.floor
     # far above the noise, on a real robot, causes come one by one and each removes a little of a large remainder
-    far = left > 4.0 * ruler.floor and ratio > settings.massive and removed > settings.worth_far * left
-    return bool(
-        seen and (far or removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor))
-    )
+    far = left > 4.0 * ruler.floor and ratio > settings.massive
+    return bool(far or removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor))
 
 
 def prune(
