@@ -47,9 +47,7 @@ class Cost:
 
 
 @click.command()
-@click.option(
-    "--repeats", type=click.IntRange(min=1), default=3, show_default=True, help="Medians are over these."
-)
+@click.option("--repeats", type=click.IntRange(min=1), default=3, show_default=True, help="Medians are over these.")
 @click.option("--robot", "robots", multiple=True, type=click.Choice(list(ROBOTS)), help="[default: both]")
 def bench(repeats: int, robots: tuple[str, ...]) -> None:
     """Print the cost of a diagnosis by stage and by size, and the throughput of the replay."""
@@ -90,9 +88,7 @@ def growth(robot: str, case: Path, repeats: int, place: Path) -> str:
             click.echo(f"{robot}, {size} x the runs: names {', '.join(costs[size].named)} instead", err=True)
     first = costs[SIZES[0]]
     lines = [f"\n{robot}: {first.windows} windows of 1 s, names {', '.join(first.named) or 'nothing'}"]
-    lines.append(
-        f"  {'share of the time at':<22}" + "".join(f"{f'{s}x':>9}" for s in SIZES) + "   time 4x / 1x"
-    )
+    lines.append(f"  {'share of the time at':<22}" + "".join(f"{f'{s}x':>9}" for s in SIZES) + "   time 4x / 1x")
     for stage in STAGES:
         shares = "".join(f"{costs[s].seconds[stage] / costs[s].total:>9.0%}" for s in SIZES)
         ratio = costs[SIZES[-1]].seconds[stage] / first.seconds[stage]

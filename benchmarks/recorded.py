@@ -1,0 +1,228 @@
+"""Diagnoses of recorded robots as one page of Markdown: gap before and after on runs kept back, causes, commands.
+
+python -m benchmarks.recorded [--data ../shared/data] [--row NAME ...] [--keep build/recorded] [--page FILE]
+
+The recordings are no part of this repository. A row whose folder is absent says so, and the others are measured.
+Each row calls the command line as a user would, in a process of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import click
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the page: the command on the runs of `folder`, and what is known of them from elsewhere.
+
+    `mass` (kg), where it is given, replaces the mass in a copy of the model.
+    """
+
+    name: str
+    folder: str
+    what: str
+    known: str
+    command: str = "diagnose"
+    options: tuple[str, ...] = ()
+    mass: float | None = None
+
+
+ROWS = (
+    Row("xl330", "xl330", "one servo swinging 0.49 kg, 4 position gains x 4 motions, all 16 runs",
+        "The nominal model has no friction at all. Published fits of the same logs: Coulomb friction 0.013 N m with "
+        "viscous friction 0.0037 N m s/rad in the simplest model, 0.12 to 0.27 of load-dependent friction in richer "
+        "ones. Static stiffness seen: 0.4 to 0.8 of the nominal."),
+    Row("xl330, half the mass", "xl330", "the same runs, the model given 0.245 kg in place of 0.49 kg",
+        "0.245 kg is missing at the payload site; what the row above names is missing as well.", mass=0.245),
+    Row("husky_drive", "husky_drive", "skid-steered base, 402 windows of 2 s, commands up to twice the top speed",
+        "Half of the rows command more than 6.9 rad/s, which the wheels never exceed. Yaw is about 0.38 of what the "
+        "encoders give (a track 2.6 times as wide), forward 0.82."),
+    Row("husky_terrain", "husky_terrain", "the same base driven by its wheel speeds, gyro alone, 15 runs",
+        "Yaw rate over ideal: flooring 0.68, asphalt 0.58, asphalt_05 alone 0.2."),
+    Row("husky_terrain, new ground", "husky_terrain", "fitted on flooring, judged on asphalt",
+        "Another ground than the fit has seen: a track of 1 / 0.68 = 1.5 there, 1 / 0.58 = 1.7 here.",
+        options=("--held-out", "asphalt_*")),
+    Row("so101", "so101", "arm of six servos, 35 motions, 54 min; its gap alone",
+        "The published model's servos are far too stiff (kp 998 N m/rad against 6 to 30 seen); the elbow stands "
+        "about 4 degrees off its command. An independent script gives 0.659.", command="gap"),
+)  # fmt: skip
+
+SOURCES = """\
+- `xl330`: github Rhoban/bam, history at af22604, Apache-2.0.
+- `husky_drive`: github norlab-ulaval/DRIVE at e158a19, BSD-3-Clause, arXiv 2309.10718.
+- `husky_terrain`: github norlab-ulaval/BorealTC at fe64e38, CC0, LaRocque et al., IROS 2024.
+- `so101`: github isaac-sim2real/sage at 4ffd262, Apache-2.0; model from TheRobotStudio/SO-ARM100 at fda892c,
+Apache-2.0.
+"""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a row's command printed, how long it took (s), and the command as shown; document None where it failed."""
+
+    row: Row
+    document: dict[str, Any] | None
+    seconds: float
+    shown: str
+    trouble: str = ""
+
+
+@click.command()
+@click.option("--data", type=click.Path(path_type=Path, file_okay=False), default=Path("../shared/data"),
+              show_default=True)  # fmt: skip
+@click.option("--row", "names", multiple=True, type=click.Choice([r.name for r in ROWS]), help="[default: all]")
+@click.option("--keep", type=click.Path(path_type=Path, file_okay=False), default=Path("build/recorded"),
+              show_default=True, help="Folder for the diagnoses and their reports.")  # fmt: skip
+@click.option("--page", type=click.Path(path_type=Path, dir_okay=False), help="[default: stdout]")
+def recorded(data: Path, names: tuple[str, ...], keep: Path, page: Path | None) -> None:
+    """Diagnose the recorded robots and write the page."""
+    if not data.is_dir():
+        click.echo(f"{data} is absent: there are no recordings to measure on. Name their folder with --data.")
+        return
+    chosen = [row for row in ROWS if not names or row.name in names]
+    text = document([measure(row, data, keep) for row in chosen])
+    if page is None:
+        click.echo(text)
+    else:
+        page.write_text(text, encoding="utf-8")
+
+
+def measure(row: Row, data: Path, keep: Path) -> Measured:
+    """Run the row's command on its folder."""
+    folder = data / row.folder
+    out = keep / re.sub(r"\W+", "-", row.name)
+    if not (folder / "robot.toml").is_file():
+        return Measured(row, None, 0.0, "", f"{folder} is absent")
+    robot = folder / "robot.toml" if row.mass is None else changed(folder, row.mass, out / "model")
+    words = [row.command, "--robot", str(robot), str(folder), *row.options]
+    words += ["--out", str(out)] if row.command == "diagnose" else []
+    shown = shlex.join(["residual-mpc", *words])
+    click.echo(f"{row.name}: {shown}", err=True)
+    begin = perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "residual_mpc.cli.main", *words, "--json"], stdout=subprocess.PIPE, check=False
+    )
+    seconds = perf_counter() - begin
+    if done.returncode:
+        return Measured(row, None, seconds, shown, f"exit status {done.returncode}")
+    return Measured(row, json.loads(done.stdout), seconds, shown)
+
+
+def changed(folder: Path, mass: float, place: Path) -> Path:
+    """A copy of the robot file and its models in `place` with another mass (kg); the recordings stay untouched."""
+    place.mkdir(parents=True, exist_ok=True)
+    for model in folder.glob("*.xml"):
+        text, count = re.subn(r'mass="[^"]*"', f'mass="{mass:g}"', model.read_text())
+        if count != 1:
+            raise ValueError(f"{model} holds {count} masses, one was wanted")
+        (place / model.name).write_text(text)
+    return Path(shutil.copy(folder / "robot.toml", place))
+
+
+def document(rows: list[Measured]) -> str:
+    """The page."""
+    today = datetime.now(UTC).date().isoformat()
+    parts = [
+        "# Recorded robots\n",
+        f"Measured on {today} with residual-mpc {version('residual-mpc')} by `python -m benchmarks.recorded`; the "
+        "recordings are not part of this repository.\n",
+        "Gaps and shrinks are on runs, or stretches of runs, that no fit has seen; the expected shrink was stated "
+        "before they were opened. The gap is relative: 0.10 means that in one second the model misses a tenth of the "
+        "motion.\n",
+        "| robot | gap before | after | noise floor | shrink expected | achieved | verdict | named |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        *(table_line(m) for m in rows),
+        "",
+        *(details(m) for m in rows),
+        "## Sources\n",
+        SOURCES,
+    ]
+    return "\n".join(parts)
+
+
+def table_line(m: Measured) -> str:
+    """One row of the table."""
+    d = m.document
+    if d is None:
+        return f"| {m.row.name} | not measured: {m.trouble} | | | | | | |"
+    if m.row.command == "gap":
+        return f"| {m.row.name} | {d['nominal']:.3f} | | {d['noise_floor']:.2g} | | | not diagnosed here | |"
+    gap, shrink = d["gap"], d["shrink"]
+    low, high = shrink["expected_ci95"] if shrink else (0, 0)
+    expected = f"{shrink['expected']:.0%} ({low:.0%} to {high:.0%})" if shrink else ""
+    low, high = shrink["ci95"] if shrink else (0, 0)
+    achieved = f"{shrink['value']:.0%} ({low:.0%} to {high:.0%})" if shrink else ""
+    named = ", ".join(named_of(c) for c in d["explanation"])
+    figures = f"{gap['before']:.3f} | {gap['after']:.3f} | {gap['noise_floor']:.2g}"
+    return f"| {m.row.name} | {figures} | {expected} | {achieved} | `{d['verdict']}` | {named} |"
+
+
+def details(m: Measured) -> str:
+    """What the table has no room for."""
+    lines = [f"## {m.row.name}\n", f"{m.row.what[:1].upper()}{m.row.what[1:]}. {m.row.known}\n"]
+    if m.shown:
+        lines.append(f"```\n{m.shown}\n```\n")
+    d = m.document
+    if d is None:
+        lines.append(f"Not measured: {m.trouble}.\n")
+    elif m.row.command == "gap":
+        worst = sorted(d["channels"].items(), key=lambda item: -item[1]["nominal"])
+        channels = ", ".join(f"`{name}` {c['nominal']:.2f}" for name, c in worst)
+        lines.append(f"{d['windows']} windows of {d['horizon']:g} s. By channel: {channels}.\n")
+    else:
+        lines.append(f"{d['verdict_sentence']}\n")
+        lines += [f"- {cause_line(c)}" for c in d["explanation"]]
+        lines += [f"- cannot be told apart on these runs: {group_line(g)}" for g in d["confounded"]]
+        rest = d["unexplained"]
+        share, learned = rest["share"], rest["learned_residual_shrink"]
+        lines.append(f"- unexplained: {share:.0%} of the squared gap beyond the floor; a learned residual closes "
+                     f"{learned:.0%} of what is left")  # fmt: skip
+        lines.append(f"- {d['gap']['windows']} windows kept back: {held_out(d['held_out'])}")
+        lines.append(f"- {m.seconds:.0f} s\n")
+    return "\n".join(lines)
+
+
+def named_of(cause: dict[str, Any]) -> str:
+    """`effect` on its target."""
+    return f"`{cause['effect']}`" + (f" on {cause['target']}" if cause["target"] else "")
+
+
+def cause_line(cause: dict[str, Any]) -> str:
+    """A cause with its parameters and their intervals."""
+    numbers = []
+    for name, p in cause["parameters"].items():
+        low, high = p["ci95"]
+        unit = "" if p["unit"] == "1" else f" {p['unit']}"
+        numbers.append(f"{name} {p['value']:.4g}{unit} ({low:.4g} to {high:.4g})")
+    return f"{named_of(cause)}: {', '.join(numbers)}; probability {cause['probability']:.2f}"
+
+
+def group_line(group: list[Any]) -> str:
+    """The members of a confounded group."""
+    members = [member if isinstance(member, list) else [member] for member in group]
+    return ", ".join(" with ".join(named_of(part) for part in member) for member in members)
+
+
+def held_out(kept: list[Any]) -> str:
+    """Names of runs, or how many stretches."""
+    names = [k for k in kept if isinstance(k, str)]
+    if not names:
+        return f"{len(kept)} stretches of the runs"
+    return ", ".join(names) if len(names) <= 8 else f"{len(names)} runs, such as {', '.join(names[:3])}"
+
+
+if __name__ == "__main__":
+    recorded()
