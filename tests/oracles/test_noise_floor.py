@@ -66,9 +66,9 @@ def test_of_a_wheel_with_and_without_measured_speeds(tmp_path: Path, speeds: boo
 
 
 def test_of_a_coarse_encoder(tmp_path: Path) -> None:
-    """Quantisation counts as noise."""
+    """Quantisation counts as noise: as white noise, which errs on the large side where counts last several samples."""
     robot, run = robot_of(tmp_path, wheel_xml()), wheel_run()
     columns = {c: y for c, y in run.columns.items() if c != "velocity.hub"}
-    step = 0.03
+    step = 0.01
     stated, seen = floor_and_truth(Run("run", run.t, columns), robot, {"position.hub": step / np.sqrt(12)}, step)
-    assert stated == pytest.approx(seen, rel=0.1)
+    assert 0.9 * seen < stated < 1.5 * seen
