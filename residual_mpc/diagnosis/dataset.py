@@ -100,7 +100,7 @@ def build_dataset(
     order = sorted(range(len(runs)), key=lambda i: [id(m) for m in robots].index(id(robots[i])))
     blocks, index, starts, first, skipped = [], [], [], 0, 0
     for robot in dict.fromkeys(robots[i] for i in order):
-        mine = [i for i in order if robots[i] is robot]
+        mine = [i for i in order if robots[i] == robot]
         kept = []
         for i in mine:
             good = _has_start(runs[i], cut[i], signals, i)
