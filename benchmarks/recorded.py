@@ -1,9 +1,9 @@
-"""Diagnoses of recorded robots as one page of Markdown: gap before and after on runs kept back, causes, commands.
+"""Diagnoses of recorded robots as a page of Markdown: gaps on runs kept back, causes, and the commands.
 
 python -m benchmarks.recorded [--data ../shared/data] [--row NAME ...] [--keep build/recorded] [--page FILE]
 
-The recordings are no part of this repository. A row whose folder is absent says so, and the others are measured.
-Each row calls the command line as a user would, in a process of its own.
+The recordings are no part of this repository. A row whose folder is absent says so, and the others are
+measured. Each row calls the command line as a user would, in a process of its own.
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ class Row:
 
 ROWS = (
     Row("xl330", "xl330", "one servo swinging 0.49 kg, 4 position gains x 4 motions, all 16 runs",
-        "The nominal model has no friction at all. Published fits of the same logs: Coulomb friction 0.013 N m with "
-        "viscous friction 0.0037 N m s/rad in the simplest model, 0.12 to 0.27 of load-dependent friction in richer "
-        "ones. Static stiffness seen: 0.4 to 0.8 of the nominal."),
+        "The nominal model has no friction at all. Published fits of the same logs: Coulomb friction 0.013 N m "
+        "with viscous friction 0.0037 N m s/rad in the simplest model, 0.12 to 0.27 of load-dependent friction in "
+        "richer ones. Static stiffness seen: 0.4 to 0.8 of the nominal."),
     Row("xl330, half the mass", "xl330", "the same runs, the model given 0.245 kg in place of 0.49 kg",
         "0.245 kg is missing at the payload site; what the row above names is missing as well.", mass=0.245),
-    Row("husky_drive", "husky_drive", "skid-steered base, 402 windows of 2 s, commands up to twice the top speed",
-        "Half of the rows command more than 6.9 rad/s, which the wheels never exceed. Yaw is about 0.38 of what the "
-        "encoders give (a track 2.6 times as wide), forward 0.82."),
+    Row("husky_drive", "husky_drive", "skid-steered base, 402 runs of 2 s",
+        "Half of the rows command more than 6.9 rad/s, which the wheels never exceed. Yaw is about 0.38 of what "
+        "the encoders give (a track 2.6 times as wide), forward 0.82."),
     Row("husky_terrain", "husky_terrain", "the same base driven by its wheel speeds, gyro alone, 15 runs",
         "Yaw rate over ideal: flooring 0.68, asphalt 0.58, asphalt_05 alone 0.2."),
     Row("husky_terrain, new ground", "husky_terrain", "fitted on flooring, judged on asphalt",
         "Another ground than the fit has seen: a track of 1 / 0.68 = 1.5 there, 1 / 0.58 = 1.7 here.",
         options=("--held-out", "asphalt_*")),
     Row("so101", "so101", "arm of six servos, 35 motions, 54 min; its gap alone",
-        "The published model's servos are far too stiff (kp 998 N m/rad against 6 to 30 seen); the elbow stands "
-        "about 4 degrees off its command. An independent script gives 0.659.", command="gap"),
+        "The published model's servos are far too stiff (kp 998 N m/rad against 6 to 30 seen); the elbow "
+        "stands about 4 degrees off its command. An independent script gives 0.659.", command="gap"),
 )  # fmt: skip
 
 SOURCES = """\
@@ -65,13 +65,13 @@ SOURCES = """\
 - `husky_drive`: github norlab-ulaval/DRIVE at e158a19, BSD-3-Clause, arXiv 2309.10718.
 - `husky_terrain`: github norlab-ulaval/BorealTC at fe64e38, CC0, LaRocque et al., IROS 2024.
 - `so101`: github isaac-sim2real/sage at 4ffd262, Apache-2.0; model from TheRobotStudio/SO-ARM100 at fda892c,
-Apache-2.0.
+  Apache-2.0.
 """
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What a row's command printed, how long it took (s), and the command as shown; document None where it failed."""
+    """What a row's command printed (None where it failed), how long it took (s), and the command as shown."""
 
     row: Row
     document: dict[str, Any] | None
@@ -122,7 +122,7 @@ def measure(row: Row, data: Path, keep: Path) -> Measured:
 
 
 def changed(folder: Path, mass: float, place: Path) -> Path:
-    """A copy of the robot file and its models in `place` with another mass (kg); the recordings stay untouched."""
+    """A copy of the robot file and its models in `place` with another mass (kg)."""
     place.mkdir(parents=True, exist_ok=True)
     for model in folder.glob("*.xml"):
         text, count = re.subn(r'mass="[^"]*"', f'mass="{mass:g}"', model.read_text())
@@ -137,11 +137,11 @@ def document(rows: list[Measured]) -> str:
     today = datetime.now(UTC).date().isoformat()
     parts = [
         "# Recorded robots\n",
-        f"Measured on {today} with residual-mpc {version('residual-mpc')} by `python -m benchmarks.recorded`; the "
-        "recordings are not part of this repository.\n",
-        "Gaps and shrinks are on runs, or stretches of runs, that no fit has seen; the expected shrink was stated "
-        "before they were opened. The gap is relative: 0.10 means that in one second the model misses a tenth of the "
-        "motion.\n",
+        f"Measured on {today} with residual-mpc {version('residual-mpc')} by\n"
+        "`python -m benchmarks.recorded --page docs/results.md`; the recordings are not part of this repository.\n",
+        "Gaps and shrinks are on runs, or stretches of runs, that no fit has seen; the expected shrink was stated\n"
+        "before they were opened. The gap is relative: 0.10 means that in one second the model misses a tenth of\n"
+        "the motion. Brackets hold 95 % intervals.\n",
         "| robot | gap before | after | noise floor | shrink expected | achieved | verdict | named |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
         *(table_line(m) for m in rows),
@@ -188,8 +188,10 @@ def details(m: Measured) -> str:
         lines += [f"- cannot be told apart on these runs: {group_line(g)}" for g in d["confounded"]]
         rest = d["unexplained"]
         share, learned = rest["share"], rest["learned_residual_shrink"]
-        lines.append(f"- unexplained: {share:.0%} of the squared gap beyond the floor; a learned residual closes "
-                     f"{learned:.0%} of what is left")  # fmt: skip
+        lines.append(
+            f"- unexplained: {share:.0%} of the squared gap beyond the floor; "
+            f"a learned residual closes {learned:.0%} of what is left"
+        )
         lines.append(f"- {d['gap']['windows']} windows kept back: {held_out(d['held_out'])}")
         lines.append(f"- {m.seconds:.0f} s\n")
     return "\n".join(lines)
