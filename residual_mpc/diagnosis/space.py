@@ -93,8 +93,10 @@ class Space:
         return BY_NAME[knob.effect].parameter(knob.parameter).null
 
     def settings(self, hypotheses: Sequence[Values]) -> Settings:
-        """One row per hypothesis."""
-        return assemble(hypotheses, self.slots)
+        """One row per hypothesis; a tunable parameter that it does not name keeps its nominal value."""
+        named = {k for h in hypotheses for k in h}
+        nominal = {k: self.null(k) for k in self.tunables if k in named}
+        return assemble([{**nominal, **h} for h in hypotheses] if nominal else hypotheses, self.slots)
 
     def _largest(self, kind: str, knob: Knob) -> float:
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
