@@ -64,6 +64,7 @@ def simulate(
         right = r_right * w[1] * (1.0 - slip * abs(r_right * accel[1]) / GRAVITY)
         v = (left + right) / 2
         omega = (right - left) / (TRACK_WIDTH * value.get("track_width.scale", 1.0))
+        omega += value.get("gusts.size", 0.0) * math.sin(7.0 * t)  # rad/s; no effect of the library
         outwards = v * omega * value.get("lateral_slip.coefficient", 0.0)  # to the right in a turn to the left
         drift, heading = value.get("slope.rate", 0.0), value.get("slope.heading", 0.0)
         x += fine * (v * math.cos(theta) + outwards * math.sin(theta) + drift * math.cos(heading))
