@@ -8,11 +8,10 @@ from residual_mpc.diagnosis.evidence import blocks_of
 from residual_mpc.diagnosis.fit import Fit, fit_all
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import screen
-from residual_mpc.diagnosis.search import Found, compatible, without
+from residual_mpc.diagnosis.search import ALIKE, Found, compatible, without
 from residual_mpc.effects.library import ORDER
 from residual_mpc.models.settings import TUNE, Term, Values
 
-ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-in may miss
 PER_KNOB = 2.0
 RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the screening

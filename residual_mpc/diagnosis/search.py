@@ -37,7 +37,7 @@ class SearchSettings:
     worth: float = 0.4
     worth_first: float = 0.08
     over_floor: float = 0.6
-    worth_far: float = 0.12
+    worth_far: float = 0.08
     massive: float = 40.0
     shortlist: int = 10
     finalists: int = 5
@@ -88,6 +88,7 @@ def build_ruler(data: Dataset, space: Space, scales: Scales, base: Fit, rng: np.
     return Ruler(data, space, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
 
 
+ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
 
 Ranked = TypeVar("Ranked")
@@ -112,7 +113,7 @@ def search(
         here = judge(problem, beam[0], noise)
         beam = refit(here, beam)
         report(f"{len(beam[0].terms)} effects named; looking for the next")
-        children = additions(here, beam, blocks, settings)
+        children = simplest_first(additions(here, beam, blocks, settings), blocks)
         # the cheapest set may only polish what nobody would see: the next one may be the cause
         chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
         if chosen is None:
@@ -186,6 +187,15 @@ def distinct(fits: list[Fit]) -> list[Fit]:
     for f in fits:
         seen.setdefault(frozenset(f.terms), f)
     return list(seen.values())
+
+
+def simplest_first(children: list[Fit], blocks: np.ndarray) -> list[Fit]:
+    """Cheapest first, but of those that the data do not tell from the cheapest, the ones with fewer numbers first."""
+    if len(children) < 2:
+        return children
+    reach = children[0].cost + ALIKE * dispersion(children[0], blocks)
+    near = [c for c in children if c.cost <= reach]
+    return sorted(near, key=lambda c: (len(c.knobs), c.cost)) + [c for c in children if c.cost > reach]
 
 
 def others(ruler: Ruler, base: Fit, best: Fit, children: list[Fit], settings: SearchSettings) -> list[Fit]:

@@ -16,6 +16,9 @@ from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, ass
 
 FITTED = tuple(e for e in LIBRARY if e.name != "sensor_outliers")  # outliers are flagged, not fitted
 
+SLOW = frozenset({"voltage_sag"})  # effects of minutes, not of seconds: in short runs they only imitate others
+SLOW_FROM = 8.0  # s
+
 
 @dataclass(frozen=True)
 class Space:
@@ -29,6 +32,7 @@ class Space:
     candidates: tuple[Term, ...]
     tunables: tuple[Knob, ...]
     references: Mapping[tuple[str, str], float]
+    ruled_out: Mapping[Term, str]  # terms that no run here can show, and why
 
     def knobs(self, term: Term) -> tuple[Knob, ...]:
         """The free numbers of a term."""
@@ -109,10 +113,14 @@ def build_space(data: Dataset, tunable: Sequence[str], only: Sequence[str] = (),
     slots = {e.name: robot.slots(e.name) for e in LIBRARY}
     chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
+    longest = max(float(r.t[-1] - r.t[0]) for r in data.runs)
+    why = f"no run is longer than {longest:.2g} s"
+    ruled_out = {t: why for t in candidates if t.effect in SLOW and longest < SLOW_FROM}
+    candidates = tuple(t for t in candidates if t not in ruled_out)
     free = tuple(
         Knob(TUNE, None, name) for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable)
     )
-    return Space(robot, slots, candidates, free, measure_references(data))
+    return Space(robot, slots, candidates, free, measure_references(data), ruled_out)
 
 
 def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:

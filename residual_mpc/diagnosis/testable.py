@@ -35,7 +35,8 @@ def not_testable(problem: Problem, base: Fit, terms: tuple[Term, ...]) -> tuple[
     reach: dict[Term, float] = {}
     for lead in screen(problem, base, problem.space.candidates):
         reach[lead.term] = max(reach.get(lead.term, 0.0), lead.reach)
-    return tuple(
+    ruled_out = tuple(NotTestable(t, why) for t, why in problem.space.ruled_out.items())
+    return ruled_out + tuple(
         NotTestable(t, WHY.get(t.effect, "its strongest plausible dose moves the prediction by less than the noise"))
         for t in problem.space.candidates
         if reach.get(t, 0.0) < VISIBLE and t not in terms
