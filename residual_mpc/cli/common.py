@@ -27,10 +27,21 @@ runs_argument = click.argument("runs", nargs=-1, required=True, metavar="RUN..."
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result as JSON on stdout, and nothing else there."
 )
-seed_option = click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")
+seed_option = click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of everything random."
+)
+
+
+def _a_number(context: click.Context, option: click.Parameter, value: float) -> float:
+    if value != value:  # NaN, which no range excludes
+        raise click.BadParameter("nan is no length of a window.", context, option)
+    return value
+
+
 horizon_option = click.option(
     "--horizon",
     type=click.FloatRange(min=0.05, max=60.0),
+    callback=_a_number,
     default=1.0,
     show_default=True,
     help="Length of a window, s.",
@@ -93,6 +104,18 @@ def show_findings(findings: "Sequence[Finding]") -> None:
 def emit(document: dict[str, Any]) -> None:
     """One JSON document on stdout."""
     click.echo(json.dumps(document, indent=2, allow_nan=False))
+
+
+def writable_folder(folder: Path) -> None:
+    """Raises BadInput for a folder that could not be written, before minutes are spent on what goes into it."""
+    import os
+
+    there = next(p for p in (folder, *folder.absolute().parents) if os.path.exists(p))
+    if not there.is_dir():
+        came = "is a file" if there == folder else f"{there} is a file"
+        raise BadInput(came, str(folder), "name a folder with --out")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise BadInput(f"{there} may not be written", str(folder), "choose another folder with --out")
 
 
 def write_atomically(path: Path, text: str) -> None:

@@ -17,6 +17,7 @@ from residual_mpc.cli.common import (
     robot_option,
     runs_argument,
     seed_option,
+    writable_folder,
     write_atomically,
 )
 from residual_mpc.errors import BadInput
@@ -58,8 +59,7 @@ def diagnose(
     seed: int,
 ) -> None:
     """Say where the gap lies, which unmodelled effects cause it, and how far it shrinks once they are added."""
-    if out.exists() and not out.is_dir():
-        raise BadInput("is a file", str(out), "name a folder with --out")
+    writable_folder(out)
     chosen = _effects(only, "--only"), _effects(without, "--without")
     loaded = load(robot, runs)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run, held
 from residual_mpc.logs.signals import noise_sigma, resolution, unwrap_with_gaps
 from residual_mpc.models.protocol import Drive, Merging, Robot
@@ -89,7 +90,7 @@ def build_dataset(
 ) -> Dataset:
     """Cut runs into windows. robots[i] is the model of runs[i] (the same object for runs that share one).
 
-    Raises ValueError where no window has a measured start.
+    Raises BadInput where no window has a measured start.
     """
     runs = tuple(runs)
     robots, setting = _merge(robots)
@@ -117,7 +118,11 @@ def build_dataset(
         starts += kept
         first += n
     if not first:
-        raise ValueError("no window has a measured start")
+        raise BadInput(
+            f"none of {skipped} windows has a measured start",
+            "runs",
+            "every measured position or pose needs a sample within 0.25 s of it: see `residual-mpc check`",
+        )
     run, start = np.concatenate(index), np.concatenate(starts)
     t, y = _samples(runs, run, start, channels, signals, horizon)
     of_run = [compared_channels(m, channels) for m in measured]

@@ -6,6 +6,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.local_fit import local_fit
+from residual_mpc.errors import BadInput
 
 STILL_SIGMAS = 3.0
 STILL_STEPS = 3.0
@@ -40,7 +41,10 @@ def start_values(data: Dataset) -> np.ndarray:
 
 
 def measure_scales(data: Dataset) -> Scales:
-    """s_c: root mean square of c(t) - c(window start); pose.x and pose.y share the root of the sum of their squares."""
+    """s_c: root mean square of c(t) - c(window start); pose.x and pose.y share the root of the sum of their squares.
+
+    Raises BadInput where every channel is still: there is no motion to miss a share of.
+    """
     moved = np.where(data.compared[:, None, :], data.y - start_values(data)[:, None, :], np.nan)
     with np.errstate(invalid="ignore"):
         count = np.isfinite(moved).sum(axis=(0, 1))
@@ -50,6 +54,13 @@ def measure_scales(data: Dataset) -> Scales:
     if x is not None and y is not None:
         s[[x, y]] = np.hypot(s[x], s[y])
     still = (s < STILL_SIGMAS * data.sigma) | (s < STILL_STEPS * data.steps) | ~compared
+    if still.all():
+        names = ", ".join(c for c, k in zip(data.channels, compared, strict=True) if k)
+        raise BadInput(
+            f"nothing moves by more than its noise and resolution within a window of {data.horizon:g} s: {names}",
+            "runs",
+            "record a motion, or give a longer --horizon",
+        )
     return Scales(np.where(s > 0, s, 1.0), still, compared)  # a still channel's size is never used
 
 
