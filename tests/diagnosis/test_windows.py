@@ -9,6 +9,7 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.dataset import build_dataset, window_starts
+from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
@@ -110,5 +111,5 @@ def test_no_window_with_a_start_is_an_error() -> None:
     run = rover_run("one", {}, 1.0)
     late = run.columns["pose.x"].copy()
     late[:-1] = np.nan
-    with pytest.raises(ValueError, match="no window"):
+    with pytest.raises(BadInput, match="none of 1 windows"):
         build_dataset([Run("one", run.t, {**run.columns, "pose.x": late})], [ROVER], SIGMA)

@@ -1,0 +1,101 @@
+"""What the commands print: JSON alone on stdout where it is asked for, words elsewhere, help at once."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from oracles.rover_log import ROBOT, rover_run, write_run
+
+from residual_mpc.cli.main import main
+
+TRACK = {"track_width": {"scale": 1.25}}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    there = tmp_path_factory.mktemp("rover")
+    (there / "rover.toml").write_text(ROBOT)
+    for seed, name in ((1, "one"), (2, "two")):
+        write_run(rover_run(name, TRACK, 12.0, seed=seed), there)
+    return there
+
+
+def call(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """As a user does, in a process of its own."""
+    program = [sys.executable, "-m", "residual_mpc.cli.main", *arguments]
+    return subprocess.run(program, cwd=cwd, capture_output=True, text=True, check=False)
+
+
+def test_the_gap_as_json(folder: Path) -> None:
+    done = call("gap", "--robot", "rover.toml", "one.csv", "two.csv", "--json", cwd=folder)
+    assert done.returncode == 0
+    gap = json.loads(done.stdout)
+    assert set(gap) >= {"nominal", "model", "noise_floor", "horizon", "windows", "skipped", "still", "channels"}
+    assert set(gap["channels"]) == {"pose.x", "pose.y", "pose.theta"}
+    assert all(set(c) >= {"nominal", "model", "noise_floor"} for c in gap["channels"].values())
+    assert gap["model"] is None and gap["windows"] == 24 and gap["horizon"] == 1.0
+
+
+def test_the_gap_in_words(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["gap", "--robot", str(folder / "rover.toml"), str(folder / "one.csv")])
+    said = capsys.readouterr().out
+    assert end.value.code == 0 and "noise floor" in said and "pose.theta" in said
+
+
+def test_the_built_in_robot_by_name(folder: Path) -> None:
+    done = call("gap", "--robot", "diff_drive", "one.csv", "--json", cwd=folder)
+    assert done.returncode == 0 and json.loads(done.stdout)["nominal"] > 0.1
+
+
+def test_a_diagnosis_as_json_and_as_files(folder: Path) -> None:
+    options = ("--robot", "rover.toml", "one.csv", "two.csv", "--out", "answers/rover", "--json", "--seed", "3")
+    done = call("diagnose", *options, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    out = folder / "answers" / "rover"
+    assert json.loads((out / "diagnosis.json").read_text()) == document
+    assert {"diagnosis.json", "model.json", "report.html"} <= {p.name for p in out.iterdir()}
+    assert not [p for p in out.iterdir() if p.suffix == ".part"]
+    assert done.stderr  # progress, which stdout has none of
+
+
+def test_a_diagnosis_in_words(folder: Path, tmp_path: Path) -> None:
+    done = call("diagnose", "--robot", "rover.toml", "one.csv", "--out", str(tmp_path / "out"), cwd=folder)
+    assert done.returncode == 0
+    assert "track_width" in done.stdout and "gap" in done.stdout and "report.html" in done.stdout
+
+
+def test_unknown_columns_are_kept_and_do_no_harm(folder: Path, tmp_path: Path) -> None:
+    rows = (folder / "one.csv").read_text().splitlines()
+    text = "\n".join([rows[0] + ",mood", *(r + ",good" for r in rows[1:])])
+    (tmp_path / "one.csv").write_text(text)
+    done = call("gap", "--robot", str(folder / "rover.toml"), "one.csv", "--json", cwd=tmp_path)
+    plain = call("gap", "--robot", "rover.toml", "one.csv", "--json", cwd=folder)
+    assert done.returncode == 0 and json.loads(done.stdout) == json.loads(plain.stdout)
+
+
+def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["--help"])
+    said = capsys.readouterr().out
+    assert end.value.code == 0
+    assert all(f"  {name}" in said for name in ("check", "gap", "diagnose", "blind"))
+
+
+@pytest.mark.parametrize("command", ["gap", "diagnose", "check"])
+def test_every_command_has_help_json_and_seed(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([command, "--help"])
+    said = capsys.readouterr().out
+    assert end.value.code == 0 and "--json" in said and "--seed" in said and "--robot" in said
+
+
+def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["--version"])
+    assert end.value.code == 0 and capsys.readouterr().out.strip()
