@@ -1,0 +1,121 @@
+"""The sensors as the diagnosis simulates them: on the start state and on every sample, for many hypotheses at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
+from oracles.rover_log import rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.replay import predict, with_outliers_removed
+from residual_mpc.effects.library import BY_NAME, LIBRARY
+from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Knob, Settings, assemble
+
+ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
+SLOTS = {e.name: ROVER.slots(e.name) for e in LIBRARY}
+SENSORS = ("sensor_delay", "sensor_bias", "sensor_mounting")
+DELAY, BIAS, X, Y = 0.12, 0.2, 0.08, -0.05  # s, rad, m, m
+
+
+def dataset(run: Run) -> Dataset:
+    return build_dataset([run], [ROVER], {"pose.x": 1e-4, "pose.y": 1e-4, "pose.theta": 1e-4})
+
+
+@pytest.fixture(scope="module")
+def clean() -> Run:
+    return rover_run("one", {}, 8.0, rate=50.0, seed=3, noise=0.0)
+
+
+def settings_of(*hypotheses: dict[tuple[str, str | None, str], float]) -> Settings:
+    return assemble([{Knob(*k): v for k, v in h.items()} for h in hypotheses], SLOTS)
+
+
+def error(data: Dataset, hypothesis: dict[tuple[str, str | None, str], float]) -> float:
+    """Root mean square of measured minus predicted, over all channels."""
+    return float(np.sqrt(np.nanmean((data.y - predict(data, settings_of(hypothesis))[0]) ** 2)))
+
+
+@pytest.mark.parametrize("effect", SENSORS)
+def test_at_null_nothing_changes(clean: Run, effect: str) -> None:
+    data = dataset(clean)
+    null = {p.name: np.full((2, len(SLOTS[effect])), p.null) for p in BY_NAME[effect].parameters}
+    nominal = predict(data, Settings(2))
+    np.testing.assert_array_equal(predict(data, Settings(2, {effect: null})), nominal)
+    beside = {p: np.where(np.arange(2)[:, None] == 0, v, v + 0.03) for p, v in null.items()}
+    np.testing.assert_array_equal(predict(data, Settings(2, {effect: beside}))[0], nominal[0])
+
+
+def logged(clean: Run, effect: str) -> Run:
+    """The clean run through a faulty sensor, by its definition."""
+    x, y, theta = (clean.columns[c] for c in ("pose.x", "pose.y", "pose.theta"))
+    if effect == "sensor_delay":
+        seen = {c: np.interp(clean.t - DELAY, clean.t, clean.columns[c]) for c in ("pose.x", "pose.y", "pose.theta")}
+    elif effect == "sensor_bias":
+        seen = {"pose.theta": theta + BIAS}
+    else:
+        c, s = np.cos(theta), np.sin(theta)
+        seen = {"pose.x": x + c * X - s * Y, "pose.y": y + s * X + c * Y}
+    return Run("one", clean.t, {**clean.columns, **seen})
+
+
+@pytest.mark.parametrize(
+    ("effect", "truth"),
+    [
+        ("sensor_delay", {("sensor_delay", None, "delay"): DELAY}),
+        ("sensor_bias", {("sensor_bias", "pose.theta", "bias"): BIAS}),
+        ("sensor_mounting", {("sensor_mounting", None, "x"): X, ("sensor_mounting", None, "y"): Y}),
+    ],
+)
+def test_the_true_fault_explains_the_log(
+    clean: Run, effect: str, truth: dict[tuple[str, str | None, str], float]
+) -> None:
+    data = dataset(logged(clean, effect))
+    if effect == "sensor_delay":  # before it, the sensor had nothing to report
+        data = data.take(data.start > 0.5)
+    left, nominal = error(data, truth), error(data, {})
+    assert nominal > 3e-3 and left < 0.05 * nominal
+    for off in (0.9, 1.1):
+        assert error(data, {k: off * v for k, v in truth.items()}) > 2 * left
+
+
+def test_hypotheses_and_windows_do_not_mix(clean: Run) -> None:
+    data = dataset(clean)
+    hypotheses = (
+        {},
+        {("sensor_delay", None, "delay"): 0.07, ("command_delay", "left", "delay"): 0.03},
+        {("sensor_bias", "pose.theta", "bias"): 0.1, ("lateral_slip", None, "coefficient"): 0.2},
+        {("sensor_mounting", None, "x"): 0.1, ("slope", None, "rate"): 0.05, ("slope", None, "heading"): 1.0},
+    )
+    whole = predict(data, settings_of(*hypotheses))
+    assert whole.shape == (4, data.count, *data.y.shape[1:])
+    for h, hypothesis in enumerate(hypotheses):
+        np.testing.assert_allclose(whole[h], predict(data, settings_of(hypothesis))[0], rtol=0, atol=1e-12)
+    few = data.take(np.arange(data.count) % 3 == 1)
+    np.testing.assert_allclose(predict(few, settings_of(*hypotheses)), whole[:, 1::3], rtol=0, atol=1e-12)
+
+
+def test_flagged_samples_are_taken_out_of_starts_and_of_the_comparison(clean: Run) -> None:
+    data = dataset(clean)
+    spoiled = {c: y.copy() for c, y in clean.columns.items()}
+    at = np.array([50, 51, 130])  # the second window's start among them
+    spoiled["pose.x"][at] += 3.0
+    bad = dataset(Run("one", clean.t, spoiled))
+    flagged = np.zeros(len(clean.t), dtype=bool)
+    flagged[at] = True
+    mended = with_outliers_removed(bad, {(0, "pose.x"): flagged})
+    k = data.channels.index("pose.x")
+    assert np.isnan(mended.y[1, :2, k]).all() and np.isfinite(mended.y[1, 2:, k]).all()
+    right, wrong = predict(data, Settings(1)), predict(bad, Settings(1))
+    assert np.nanmax(np.abs(wrong - right)) > 1.0
+    np.testing.assert_allclose(predict(mended, Settings(1)), right, atol=1e-3)
+
+
+def test_a_nudge_moves_the_start(clean: Run) -> None:
+    data = dataset(clean)
+    moved = predict(data, Settings(1), {"pose.x": np.full(data.count, 0.25)}) - predict(data, Settings(1))
+    k = data.channels.index("pose.x")
+    np.testing.assert_allclose(moved[..., k][np.isfinite(moved[..., k])], 0.25, atol=1e-12)
+    assert np.nanmax(np.abs(np.delete(moved, k, axis=-1))) == 0.0
