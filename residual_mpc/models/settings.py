@@ -74,7 +74,7 @@ def is_null(effect: str, values: Mapping[str, np.ndarray]) -> np.ndarray:
 def assemble(hypotheses: Sequence[Values], slots: Mapping[str, tuple[str, ...]]) -> Settings:
     """One row per hypothesis. slots: the robot's targets for each effect.
 
-    A term without target fills all slots. Raises KeyError for a target that the robot lacks.
+    A term without target fills all slots. Raises ValueError for a target that the robot lacks.
     """
     n = len(hypotheses)
     effects: dict[str, dict[str, np.ndarray]] = {}
