@@ -163,6 +163,15 @@ def _finish(run: _Run) -> Fit:
     return Fit(terms, run.knobs, run.values(run.x), run.scale, run.cost, run.r, run.jacobian, held)
 
 
+def is_sensible(fit: Fit) -> bool:
+    """Whether every term has values that its effect can physically have."""
+    for term in fit.terms:
+        check = BY_NAME[term.effect].sensible
+        if check is not None and not check({k.parameter: v for k, v in fit.values.items() if k.term == term}):
+            return False
+    return True
+
+
 def on_problem(problem: Problem, fit: Fit) -> Fit:
     """The same values judged on another problem (other windows or weights), without refitting."""
     again = _begin(problem, fit.values, problem.residuals([fit.values])[0])

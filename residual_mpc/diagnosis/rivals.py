@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.evidence import blocks_of
-from residual_mpc.diagnosis.fit import Fit, fit_all
+from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import screen
 from residual_mpc.diagnosis.search import ALIKE, Found, compatible, without
@@ -93,7 +93,7 @@ def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
                     for b in rims[i + 1 :]
                     if compatible(b, (*kept, a))
                 ]
-        for other in fit_all(problem, starts):
+        for other in filter(is_sensible, fit_all(problem, starts)):
             came = tuple(t for t in other.terms if t not in kept)
             difference = other.cost - fit.cost
             ratio = difference / phi + PER_KNOB * (len(other.knobs) - len(fit.knobs))

@@ -8,7 +8,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit import Fit, fit_all
+from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.problem import Problem, reweigh
@@ -169,7 +169,8 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     by_cost = distinct(sorted(rough, key=lambda f: f.cost))
     by_gap = distinct(sorted(rough, key=lambda f: float(np.sum(f.r.ravel()[mask] ** 2))))
     finalists = mixed(by_cost, by_gap)[: settings.finalists + (2 if len(beam) > 1 else 0)]
-    return distinct(sorted(fit_all(problem, [f.values for f in finalists]), key=lambda f: f.cost))
+    fits = [f for f in fit_all(problem, [f.values for f in finalists]) if is_sensible(f)]
+    return distinct(sorted(fits, key=lambda f: f.cost))
 
 
 def mixed(first: list[Ranked], second: list[Ranked]) -> list[Ranked]:

@@ -60,6 +60,7 @@ STRIBECK = Effect(
     ),
     summary="dry friction that is larger at rest than in motion",
     step=stribeck_level,
+    sensible=lambda p: p["static"] >= p["kinetic"],
 )
 
 LOAD_FRICTION = Effect(

@@ -63,6 +63,7 @@ class Effect:
     start: Callable[..., Any] | None = None
     step: Callable[..., Any] | None = None
     null_target: bool = True  # whether "all targets alike" is a hypothesis of its own
+    sensible: Callable[[Mapping[str, float]], bool] | None = None  # rules out values that only imitate another effect
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name; KeyError otherwise."""

@@ -113,7 +113,7 @@ def sentence_of(effect: Mapping[str, Any]) -> str:
         if parameter.get("value") is None:
             continue
         value = parameter["value"]
-        if value < 0:
+        if value < 0 and f"{{{key}}}" in phrase.text:  # a number that the clause does not name turns no word round
             text, value = _opposite(text, value)
         unit = parameter.get("unit", "1")
         values[key] = percent(value) if key in phrase.shares else measure(value, unit)
