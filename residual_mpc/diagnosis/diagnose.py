@@ -275,7 +275,9 @@ def _causes(
             )
             estimates.append(Estimate(k.parameter, value, (value - half, value + half), unit))
         probability = float(min(rivalry.probability.get(term, 1.0), MOST_SURE))
-        causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary))
+        slots = problem.space.slots[term.effect]
+        only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
+        causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only))
     if with_outliers:
         n = sum(len(m) for m in outliers.flagged.values())
         rate = outliers.share

@@ -53,6 +53,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
                 "probability": c.probability,
                 "parameters": {p.name: {"value": p.value, "ci95": list(p.ci95), "unit": p.unit} for p in c.parameters},
                 "summary": c.summary,
+                "only_target": c.only_target,
             }
             for c in d.causes
         ],

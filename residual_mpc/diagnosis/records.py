@@ -43,6 +43,7 @@ class Cause:
     probability: float
     parameters: tuple[Estimate, ...]
     summary: str
+    only_target: str | None = None  # what "all targets" means on a robot that has one, for the wording
 
 
 @dataclass(frozen=True)

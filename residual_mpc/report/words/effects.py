@@ -105,7 +105,7 @@ def sentence_of(effect: Mapping[str, Any]) -> str:
     An effect from somewhere else, or one without its parameters, is called by its name.
     """
     phrase, parameters = PHRASES.get(effect["effect"]), effect.get("parameters") or {}
-    target = effect.get("target")
+    target = effect.get("target") or effect.get("only_target")
     if phrase is None:
         return f"{name(effect)} acts on {target or 'the robot'}"
     text, values = phrase.text, {}
