@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,13 @@ def test_nothing_in_it_is_no_number(case: tuple[str, dict[str, Any]]) -> None:
     _, d = case
     assert json.loads(json.dumps(d, allow_nan=False)) == d
     assert all(math.isfinite(n) for n in numbers(d))
+    assert all(isinstance(d["gap"][k], float) for k in ("nominal", "before", "after", "noise_floor"))
+
+
+def test_what_json_has_no_number_for_becomes_null() -> None:
+    made = diagnose([rover_run("one", {}, 8.0)], [ROVER], {}, (), Options(), np.random.default_rng(0))
+    d = to_document(replace(made.diagnosis, learned_shrink=float("nan"), unexplained=float("inf")))
+    assert d["unexplained"] == {"share": None, "learned_residual_shrink": None}
 
 
 def test_the_verdict(case: tuple[str, dict[str, Any]]) -> None:

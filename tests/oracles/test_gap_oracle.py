@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,14 +28,28 @@ POSE = ("pose.x", "pose.y", "pose.theta")
 HORIZON = 1.0
 
 
-def rover_replay(dt: float) -> object:
-    """The paper's equation with the heading of the middle of each step, node by node, straight between the nodes."""
+def rover_replay(dt: float, tau: float = 0.0) -> object:
+    """The paper's equation with the heading of the middle of each step, node by node, straight between the nodes.
+
+    tau s: the wheels' lag, settled a long time (30 tau) before the window.
+    """
+
+    def wheel_speed(run: Run, wheel: str, t0: float) -> list[float]:
+        steps = math.ceil(HORIZON / dt - 1e-9)
+        before = math.ceil(30 * tau / dt)
+        sent = [mean_held(run, f"command.{wheel}", t0 + k * dt, t0 + (k + 1) * dt) for k in range(-before, steps)]
+        if not tau:
+            return sent
+        y, out = sent[0], []
+        for u in sent:
+            end = u + (y - u) * math.exp(-dt / tau)
+            out.append(u + tau / dt * (y - end))  # the mean of the exponential over the step
+            y = end
+        return out[before:]
 
     def replay(run: Run, start: Mapping[str, float], t0: float) -> Reading:
         nodes = [[start[c] for c in POSE]]
-        for k in range(math.ceil(HORIZON / dt - 1e-9)):
-            a, b = t0 + k * dt, t0 + (k + 1) * dt
-            left, right = (mean_held(run, f"command.{w}", a, b) for w in ("left", "right"))
+        for left, right in zip(wheel_speed(run, "left", t0), wheel_speed(run, "right", t0), strict=True):
             v, omega = WHEEL_RADIUS * (left + right) / 2, WHEEL_RADIUS * (right - left) / TRACK_WIDTH
             x, y, theta = nodes[-1]
             middle = theta + omega * dt / 2
@@ -173,3 +188,19 @@ def test_each_run_has_its_own_sensors(tmp_path: Path) -> None:
     noise = {"position.hub": 1e-3, "velocity.hub": 1e-2}
     wanted = compare(runs, robot, wheel_replay(robot.model), noise)
     assert set(wanted["channels"]) == {"position.hub", "velocity.hub"}  # type: ignore[call-overload]
+
+
+def test_a_model_with_memory_is_warmed_up_before_the_window(tmp_path: Path) -> None:
+    """`model` against the literal gap of a lagging rover; before the first stamp the first command was held."""
+    runs = [damaged(rover_run("one", FAULTS, 5.4, 20.0, seed=6, jitter=0.8), 1), rover_run("two", FAULTS, 3.0, seed=7)]
+    tau, dt = 0.05, period_of(runs)
+    value = {"effect": "actuator_lag", "target": None, "parameter": "time_constant", "value": tau}
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps({"schema": "residual-mpc/model/1", "robot": "rover", "values": [value]}))
+    came = measure(runs, [ROVER] * 2, RobotFile("robot", "any", noise=SIGMA), HORIZON, path, None, 0)
+    states = [(c, None) for c in POSE]
+    still = dict.fromkeys(POSE, 0.0)
+    for key, lag in (("nominal", 0.0), ("model", tau)):
+        wanted = gap_literal(runs, POSE, states, rover_replay(dt, lag), HORIZON, SIGMA, still)  # type: ignore[arg-type]
+        assert came[key] == pytest.approx(wanted["gap"], rel=1e-9)
+    assert came["model"] < 0.9 * came["nominal"]
