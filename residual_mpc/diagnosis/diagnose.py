@@ -45,6 +45,7 @@ T95 = 1.96
 # is allowed for
 FORM = 0.5
 MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
+POOR_START = 25.0  # times the median of the windows' squared noise
 FEWEST = 32  # windows that a search looks at, however small the steps
 
 
@@ -102,7 +103,7 @@ def diagnose(
     progress("searching for effects", 0.1)
     # a robot without a step of its own is replayed by array arithmetic, which is cheaper than a simulator's steps
     budget = options.search_steps * (2 if space.robot.step is None else 1)
-    few = thin(fitting, budget)
+    few = well_begun(thin(fitting, budget), scales, rng)
     found = search(
         build_problem(few, space, few.sigma),
         scales,
@@ -149,6 +150,13 @@ def thin(data: Dataset, steps: int) -> Dataset:
     keep = np.zeros(data.count, dtype=bool)
     keep[np.unique(np.linspace(0, data.count - 1, max(FEWEST, steps // cost)).round().astype(int))] = True
     return data.take(keep)
+
+
+def well_begun(data: Dataset, scales: Scales, rng: np.random.Generator) -> Dataset:
+    """Without the windows whose start is so poorly measured (dropouts, few samples) that noise alone explains them."""
+    noise = per_window(data, scales, noise_errors(data, Settings(1), rng, 1)[0])
+    keep = ~(noise > POOR_START * np.nanmedian(noise))
+    return data.take(keep) if keep.sum() >= min(FEWEST, data.count) // 2 else data
 
 
 def _wanted(outliers: Outliers, options: Options) -> bool:
