@@ -64,6 +64,7 @@ def test_a_diagnosis_as_json_and_as_files(folder: Path) -> None:
     assert done.stderr  # progress, which stdout has none of
 
 
+@pytest.mark.slow
 def test_a_diagnosis_in_words(folder: Path, tmp_path: Path) -> None:
     done = call("diagnose", "--robot", "rover.toml", "one.csv", "--out", str(tmp_path / "out"), cwd=folder)
     assert done.returncode == 0

@@ -53,7 +53,7 @@ def swing(seed: int, coulomb: float = 0.0, viscous: float = 0.0, jump: float = 0
     ("effect", "parameter", "truth", "friction"),
     [
         ("coulomb_friction", "torque", 0.12, (0.12, 0.0)),
-        ("viscous_friction", "coefficient", 0.25, (0.0, 0.25)),
+        pytest.param("viscous_friction", "coefficient", 0.25, (0.0, 0.25), marks=pytest.mark.slow),
     ],
 )
 def test_a_friction_is_found(

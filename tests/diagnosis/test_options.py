@@ -43,6 +43,7 @@ def test_the_same_seed_gives_the_same_bytes(runs: list[Run]) -> None:
     assert first == second
 
 
+@pytest.mark.slow
 def test_another_seed_gives_the_same_answer(runs: list[Run]) -> None:
     first, second = document(runs, seed=1), document(runs, seed=2)
     assert (first["verdict"], named(first)) == (second["verdict"], named(second))
@@ -73,6 +74,7 @@ def test_what_may_be_retuned_is_no_diagnosis(runs: list[Run]) -> None:
     assert d["gap"]["nominal"] > 5 * d["gap"]["before"]  # retuned alone, the model is right
 
 
+@pytest.mark.slow
 def test_retuning_beside_an_effect_is_told() -> None:
     faults = {**TRACK, **LATE}
     late = [rover_run("one", faults, 20.0, seed=1), rover_run("two", faults, 16.0, seed=2)]
