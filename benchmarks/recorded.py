@@ -137,7 +137,7 @@ def document(rows: list[Measured]) -> str:
     today = datetime.now(UTC).date().isoformat()
     parts = [
         "# Recorded robots\n",
-        f"Measured on {today} with residual-mpc {version('residual-mpc')} by\n"
+        f"Measured on {today} with residual-mpc {version('residual-mpc')}{commit()} by\n"
         "`python -m benchmarks.recorded --page docs/results.md`; the recordings are not part of this repository.\n",
         "Gaps and shrinks are on runs, or stretches of runs, that no fit has seen; the expected shrink was stated\n"
         "before they were opened. The gap is relative: 0.10 means that in one second the model misses a tenth of\n"
@@ -151,6 +151,16 @@ def document(rows: list[Measured]) -> str:
         SOURCES,
     ]
     return "\n".join(parts)
+
+
+def commit() -> str:
+    """The commit that is checked out, and whether files were changed since; empty outside a checkout."""
+    words = ["git", "describe", "--always", "--dirty", "--exclude", "*"]
+    try:
+        done = subprocess.run(words, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    except OSError:  # no git here
+        return ""
+    return f" (commit {done.stdout.strip()})" if done.returncode == 0 else ""
 
 
 def table_line(m: Measured) -> str:
