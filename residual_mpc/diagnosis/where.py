@@ -10,6 +10,7 @@ from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.gap import Scales, window_squares
 
 WORST = 6  # stretches of time listed
+SMOOTH = 0.05  # s
 LEAST_TIME = 0.005  # share of the time below which a regime says nothing
 
 
@@ -90,8 +91,7 @@ def _masks(data: Dataset) -> dict[str, np.ndarray]:
         at = np.clip((t / drive.dt).astype(int), 0, drive.steps - 1)
         u = drive.command  # (W, lead + K, nu)
         servo = np.array([k == "position" for k in block.robot.command_kinds])
-        rate = np.gradient(u, drive.dt, axis=1)
-        speed = np.where(servo, rate, u)
+        speed = np.where(servo, _rate(u, drive.dt), u)
         recent = max(1, int(0.25 / drive.dt))
 
         def sample(x: np.ndarray, at: np.ndarray = at) -> np.ndarray:
@@ -104,8 +104,7 @@ def _masks(data: Dataset) -> dict[str, np.ndarray]:
         masks["slow"][rows] = (fastest >= 0.02) & (fastest < 0.35)
         masks["fast"][rows] = fastest > 0.8
         jump = np.abs(np.diff(u, axis=1, prepend=u[:, :1])) > 0.25 * (np.ptp(u, axis=(0, 1)) + 1e-12)
-        flip = (np.sign(speed[:, 1:]) * np.sign(speed[:, :-1])) < 0
-        flip = np.concatenate([np.zeros_like(flip[:, :1]), flip], axis=1)
+        flip = _reversals(speed, size)
         for name, event in (("command step", jump), ("command reversal", flip)):
             soon = np.cumsum(event, axis=1)
             soon = soon - np.concatenate([np.zeros_like(soon[:, :recent]), soon[:, :-recent]], axis=1) > 0
@@ -123,3 +122,20 @@ def _masks(data: Dataset) -> dict[str, np.ndarray]:
         masks["first third of the run"][rows] = (part < 1 / 3)[:, None]
         masks["last third of the run"][rows] = (part > 2 / 3)[:, None]
     return {name: m for name, m in masks.items() if m.any()}
+
+
+def _rate(u: np.ndarray, dt: float) -> np.ndarray:
+    """(W, K, nu) rate of a held command over SMOOTH seconds, per second: from one hold to the next it is no rate."""
+    n = max(1, int(SMOOTH / dt))
+    ahead = np.concatenate([u[:, n:], np.repeat(u[:, -1:], n, axis=1)], axis=1)
+    behind = np.concatenate([np.repeat(u[:, :1], n, axis=1), u[:, :-n]], axis=1)
+    return np.asarray((ahead - behind) / (2 * n * dt))
+
+
+def _reversals(speed: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """(W, K, nu) bool: the first step at which a speed has clearly changed its sign."""
+    sign = np.where(np.abs(speed) > 0.05 * size, np.sign(speed), 0.0)
+    step = np.arange(speed.shape[1])[None, :, None]
+    last = np.maximum.accumulate(np.where(sign != 0, step, 0), axis=1)
+    held = np.take_along_axis(sign, last, axis=1)
+    return np.concatenate([np.zeros_like(held[:, :1], dtype=bool), held[:, 1:] * held[:, :-1] < 0], axis=1)
