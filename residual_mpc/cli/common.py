@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +74,7 @@ def load(robot: str, paths: Sequence[str], quiet: bool = False) -> Loaded:
     robots = []
     for run in result.runs:
         mine = for_run(robot_file, run.name)
-        key = (mine.plant, mine.model, tuple(sorted(mine.parameters.items())), mine.payload_site)
+        key = repr(replace(mine, noise={}, log={}, variants=()))  # all that makes the model
         if key not in built:
             built[key] = load_robot(mine)
         robots.append(built[key])

@@ -3,8 +3,8 @@
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset, Signal
-from residual_mpc.diagnosis.local_fit import local_fit
-from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.local_fit import REACH, local_fit
+from residual_mpc.diagnosis.replay import earliest, predict, run_up
 from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.settings import Settings
 
@@ -18,10 +18,12 @@ def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, dr
     through it, and replays from there.
     """
     clean = predict(data, settings)[0]
+    bias = start_bias(data, settings)
     out = np.empty((draws, *data.y.shape))
     for d in range(draws):
         noise = {key: draw_noise(data, key[1], s, rng) for key, s in data.signals.items()}
-        moved = predict(data, settings, start_errors(data, noise))[0]
+        error = start_errors(data, noise)
+        moved = predict(data, settings, {c: e + bias.get(c, 0.0) for c, e in error.items()})[0]
         seen = np.full(data.y.shape, np.nan)
         for (i, c), n in noise.items():
             k = data.channels.index(c)
@@ -32,6 +34,50 @@ def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, dr
                 seen[w, good, k] = n[np.minimum(at, len(n) - 1)]
         out[d] = seen - (moved - clean)
     return out
+
+
+def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
+    """Error of the start states (W,) by channel that the local quadratics make without any noise.
+
+    Where a command jumps between two samples, no quadratic follows the motion. The model's own motion through each
+    start, replayed from a quarter second before it, is sampled as the log is, fitted, and compared with itself. Zero
+    where the run does not reach back that far.
+    """
+    out: dict[str, np.ndarray] = {}
+    for block in data.blocks:
+        nodes, reaches = run_up(data, block, settings, REACH)
+        begin = float(earliest(block.robot, settings)[0]) + REACH  # s from the first node to the window's start
+        dt, rows = block.drive.dt, np.arange(data.count)[block.where]
+        for state in block.robot.states:
+            for channel, source, slope in (
+                (state.position, state.position, False),
+                (state.velocity, state.position, True),
+                (state.velocity, state.velocity, False),
+            ):
+                if channel is None or source is None:
+                    continue
+                bias = out.setdefault(channel, np.zeros(data.count))
+                for i in np.unique(data.run[rows]):
+                    signal = data.signals.get((int(i), source))
+                    mine = np.flatnonzero((data.run[rows] == i) & reaches)
+                    if signal is None or not len(mine):
+                        continue
+                    fit = local_fit(signal.t, data.start[rows[mine]])
+                    at = signal.t[fit.index] - data.start[rows[mine], None] + begin  # (W_i, 5) s on the nodes
+                    line = nodes[source][mine]
+                    seen = at_times(line, at, dt)
+                    weights = fit.slope_weights if slope else fit.value_weights
+                    true = at_times(nodes[channel][mine], np.full((len(mine), 1), begin), dt)[:, 0]
+                    bias[rows[mine]] = np.nan_to_num(np.einsum("qi,qi->q", weights, seen) - true)
+    return out
+
+
+def at_times(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
+    """(W, n) linear between nodes (W, K) at times t (W, n) s from the first node."""
+    place = np.clip(t / dt, 0.0, nodes.shape[1] - 1.001)
+    k = place.astype(int)
+    low, high = np.take_along_axis(nodes, k, axis=1), np.take_along_axis(nodes, k + 1, axis=1)
+    return np.asarray(low + (place - k) * (high - low))
 
 
 def draw_noise(data: Dataset, channel: str, signal: Signal, rng: np.random.Generator) -> np.ndarray:

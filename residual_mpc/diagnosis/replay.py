@@ -34,15 +34,15 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
     return out
 
 
-def start_states(data: Dataset, block: Block, settings: Settings) -> dict[str, np.ndarray]:
+def start_states(data: Dataset, block: Block, settings: Settings, sooner: float = 0.0) -> dict[str, np.ndarray]:
     """State from which each window is replayed under each hypothesis: position and velocity channels, (H, W_block).
 
     Positions from the local quadratic's value, velocities from the logged velocity's, else from the position's
     slope, else 0; mapped back through the sensor effects. Where measurements arrive late, the reading at the
     window's start shows an earlier state: the replay starts that much earlier (see `earliest`), so that no sample
-    lies before it.
+    lies before it; `sooner` s are added to that.
     """
-    early = earliest(block.robot, settings)
+    early = earliest(block.robot, settings) + sooner
     out: dict[str, np.ndarray] = {}
     for state in block.robot.states:
         value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
@@ -114,6 +114,27 @@ def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
     on = None if enabled is None else np.concatenate(ons)
     clock = clock - np.repeat(early, len(drive.clock))
     return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock, setting)
+
+
+def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """The states of one hypothesis (settings with one row) replayed from `sooner` s before the windows' starts on.
+
+    Returns the nodes of every state's position and velocity channel, (W_block, nodes), the first `sooner` s (plus any
+    sensor delay) before the start; and (W_block,) bool, whether the run and its samples reach back that far.
+    """
+    first = np.array([data.runs[i].t[0] for i in data.run[block.where]])
+    early = earliest(block.robot, settings) + sooner
+    reaches = data.start[block.where] - early[0] >= first - 1e-9
+    start = {k: v[0] for k, v in start_states(data, block, settings, sooner).items()}
+    drive = _begin_earlier(block.drive, early)
+    wanted = tuple(c for s in block.robot.states for c in (s.position, s.velocity) if c is not None)
+    each = settings.take(np.zeros(len(first), dtype=int))
+    nodes = block.robot.replay(start, drive, each, wanted)
+    for state in block.robot.states:
+        value, _ = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
+        measured = any(c == state.position for _, c in data.signals)
+        reaches &= np.isfinite(value[0]) | (not measured)
+    return dict(nodes), reaches
 
 
 def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:

@@ -67,15 +67,8 @@ def test_a_friction_is_found(
     assert estimate.value == pytest.approx(truth, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    "jump",
-    [
-        0.0,
-        pytest.param(
-            0.3, marks=pytest.mark.xfail(reason="the bias of a start fitted across a jump is not in the floor")
-        ),
-    ],
-)
+# with jumps between two samples the local quadratic is biased, and the floor has to know it
+@pytest.mark.parametrize("jump", [0.0, 0.3])
 def test_a_true_model_has_no_gap(tmp_path: Path, jump: float) -> None:
     robot = robot_of(tmp_path, XML)
     made = diagnose([swing(3, jump=jump)], [robot], SIGMA, (), OPTIONS, np.random.default_rng(0))
