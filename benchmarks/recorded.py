@@ -14,7 +14,8 @@ import shlex
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -28,7 +29,8 @@ import click
 class Row:
     """One line of the page: the command on the runs of `folder`, and what is known of them from elsewhere.
 
-    `mass` (kg), where it is given, replaces the mass in a copy of the model.
+    `mass` (kg), where it is given, replaces the mass in a copy of the model. `true` holds what is known of a
+    parameter, by (effect, parameter), in its unit.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Row:
     command: str = "diagnose"
     options: tuple[str, ...] = ()
     mass: float | None = None
+    true: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
 
 ROWS = (
@@ -46,10 +49,12 @@ ROWS = (
         "with viscous friction 0.0037 N m s/rad in the simplest model, 0.12 to 0.27 of load-dependent friction in "
         "richer ones. Static stiffness seen: 0.4 to 0.8 of the nominal."),
     Row("xl330, half the mass", "xl330", "the same runs, the model given 0.245 kg in place of 0.49 kg",
-        "0.245 kg is missing at the payload site; what the row above names is missing as well.", mass=0.245),
+        "0.245 kg is missing at the payload site; what the row above names is missing as well.", mass=0.245,
+        true={("payload", "mass"): 0.245}),
     Row("husky_drive", "husky_drive", "skid-steered base, 402 runs of 2 s",
         "Half of the rows command more than 6.9 rad/s, which the wheels never exceed. Yaw is about 0.38 of what "
-        "the encoders give (a track 2.6 times as wide), forward 0.82."),
+        "the encoders give (a track 2.6 times as wide), forward 0.82.",
+        true={("saturation", "limit"): 6.9, ("track_width", "scale"): 2.6}),
     Row("husky_terrain", "husky_terrain", "the same base driven by its wheel speeds, gyro alone, 15 runs",
         "Yaw rate over ideal: flooring 0.68, asphalt 0.58, asphalt_05 alone 0.2."),
     Row("husky_terrain, new ground", "husky_terrain", "fitted on flooring, judged on asphalt",
@@ -154,13 +159,18 @@ def document(rows: list[Measured]) -> str:
 
 
 def commit() -> str:
-    """The commit that is checked out, and whether files were changed since; empty outside a checkout."""
-    words = ["git", "describe", "--always", "--dirty", "--exclude", "*"]
+    """The last commit of the code that diagnoses, and whether it was changed since; empty outside a checkout."""
+    code = ("--", "residual_mpc", "plants")
+    last, changes = (_git("log", "-1", "--format=%h", *code), _git("status", "--porcelain", *code))
+    return f" (commit {last}{', changed since' if changes else ''})" if last else ""
+
+
+def _git(*words: str) -> str:
+    root = Path(__file__).resolve().parents[1]
     try:
-        done = subprocess.run(words, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+        return subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False).stdout.strip()
     except OSError:  # no git here
         return ""
-    return f" (commit {done.stdout.strip()})" if done.returncode == 0 else ""
 
 
 def table_line(m: Measured) -> str:
@@ -194,8 +204,10 @@ def details(m: Measured) -> str:
         lines.append(f"{d['windows']} windows of {d['horizon']:g} s. By channel: {channels}.\n")
     else:
         lines.append(f"{d['verdict_sentence']}\n")
-        lines += [f"- {cause_line(c)}" for c in d["explanation"]]
+        lines += [f"- {cause_line(c)}{beside(c, m.row)}" for c in d["explanation"]]
         lines += [f"- cannot be told apart on these runs: {group_line(g)}" for g in d["confounded"]]
+        if d["shrink"] and not inside(d["shrink"]["value"], d["shrink"]["expected_ci95"]):
+            lines.append("- the achieved shrink lies outside the interval that was expected")
         rest = d["unexplained"]
         share, learned = rest["share"], rest["learned_residual_shrink"]
         lines.append(
@@ -220,6 +232,22 @@ def cause_line(cause: dict[str, Any]) -> str:
         unit = "" if p["unit"] == "1" else f" {p['unit']}"
         numbers.append(f"{name} {p['value']:.4g}{unit} ({low:.4g} to {high:.4g})")
     return f"{named_of(cause)}: {', '.join(numbers)}; probability {cause['probability']:.2f}"
+
+
+def beside(cause: dict[str, Any], row: Row) -> str:
+    """What is known of a cause's parameters from elsewhere, and whether the interval holds it."""
+    said = []
+    for name, p in cause["parameters"].items():
+        true = row.true.get((cause["effect"], name))
+        if true is not None:
+            held = "inside" if inside(true, p["ci95"]) else "outside"
+            said.append(f"; **known from elsewhere: {true:g}, {held} the interval**")
+    return "".join(said)
+
+
+def inside(value: float, interval: list[float]) -> bool:
+    """Whether an interval holds a value."""
+    return interval[0] <= value <= interval[1]
 
 
 def group_line(group: list[Any]) -> str:
