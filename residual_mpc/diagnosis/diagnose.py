@@ -102,7 +102,7 @@ def diagnose(
     space = build_space(fitting, tunable, options.only, options.without)
     progress("searching for effects", 0.1)
     # a step of a small robot costs less: a servo on the bench is looked at more closely than an arm
-    budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 3.0))
+    budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 2.0))
     few = well_begun(thin(fitting, budget), scales, rng)
     found = search(
         build_problem(few, space, few.sigma),

@@ -27,7 +27,7 @@ class SearchSettings:
     `worth_first` of the first model's; over_floor: and this multiple of the squared floor, below which nobody
     would see it;
     worth_far: the share that will do where the gap is more than twice the floor and the likelihood ratio is above
-    `massive`;
+    `massive`; sizeable: the share for which, there, `beyond_doubt_sizeable` will do;
     shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set; beam: sets
     that a step starts from while more than the share `settled` of the squared gap beyond the floor is unexplained.
     """
@@ -39,6 +39,8 @@ class SearchSettings:
     over_floor: float = 0.6
     worth_far: float = 0.08
     massive: float = 40.0
+    sizeable: float = 0.25
+    beyond_doubt_sizeable: float = 12.0
     shortlist: int = 10
     finalists: int = 5
     largest: int = 5
@@ -227,11 +229,14 @@ def convincing(
     after, before = refit(fair, [best, current], 3)
     ratio = (before.cost - after.cost) / dispersion(after, blocks)
     knobs = len(after.knobs) - len(before.knobs)
-    if ratio < settings.beyond_doubt + settings.per_knob * knobs:
+    # far above the noise residuals are coloured and the ratio cautious: a quarter of what is left asks for less of it
+    sizeable = left > 4.0 * ruler.floor and removed > settings.sizeable * left
+    least = settings.beyond_doubt_sizeable if sizeable else settings.beyond_doubt
+    if ratio < least + settings.per_knob * knobs:
         return False
     # far above the noise, on a real robot, causes come one by one and each removes a little of a large remainder
     far = left > 4.0 * ruler.floor and ratio > settings.massive
-    return bool(far or removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor))
+    return bool(far or sizeable or removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor))
 
 
 def prune(
