@@ -275,7 +275,7 @@ def _causes(
             if k.effect == TUNE or k.term != term:
                 continue
             value = final.values[k]
-            unit = BY_NAME[k.effect].parameter(k.parameter).unit
+            unit = _unit(problem.space.robot, term, BY_NAME[k.effect].parameter(k.parameter).unit)
             if k.parameter == "heading":
                 value = float((value + np.pi) % (2 * np.pi) - np.pi)
             half = float(
@@ -293,6 +293,19 @@ def _causes(
         estimate = Estimate("rate", rate, (max(rate - half, 0.0), rate + half), "1")
         causes.append(Cause(Term("sensor_outliers", None), MOST_SURE, (estimate,), BY_NAME["sensor_outliers"].summary))
     return tuple(causes)
+
+
+def _unit(robot: Robot, term: Term, unit: str) -> str:
+    """What "command unit", "actuator unit" and "channel unit" are on this robot; joints are taken to turn."""
+    if unit == "channel unit":
+        return "rad" if (term.target or "").startswith(("position.", "pose.theta")) else "rad/s"
+    if unit not in ("command unit", "actuator unit"):
+        return unit
+    kinds = robot.command_kinds
+    kind = kinds[robot.actuators.index(term.target)] if term.target in robot.actuators else kinds[0]
+    force = {"speed": "rad/s", "velocity": "N m", "position": "N m", "torque": "N m"}
+    sent = {"speed": "rad/s", "velocity": "rad/s", "position": "rad", "torque": "N m"}
+    return (force if unit == "actuator unit" else sent)[kind]
 
 
 def _dose(parameter: str, value: float, null: float) -> float:

@@ -27,7 +27,7 @@ class SearchSettings:
     `worth_first` of the first model's; over_floor: and this multiple of the squared floor, below which nobody
     would see it;
     worth_far: the share that will do where the gap is more than twice the floor and the likelihood ratio is above
-    `massive`; sizeable: the share for which, there, `beyond_doubt_sizeable` will do;
+    `massive`; sizeable: the share for which `beyond_doubt_sizeable` will do there;
     shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set; beam: sets
     that a step starts from while more than the share `settled` of the squared gap beyond the floor is unexplained.
     """
@@ -236,7 +236,9 @@ def convincing(
         return False
     # far above the noise, on a real robot, causes come one by one and each removes a little of a large remainder
     far = left > 4.0 * ruler.floor and ratio > settings.massive
-    return bool(far or sizeable or removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor))
+    return bool(
+        far or sizeable or removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor)
+    )
 
 
 def prune(
