@@ -60,13 +60,6 @@ def _sandwich(fit: Fit, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return bread, np.where(np.eye(len(bread), dtype=bool), np.maximum(meat, white), meat)
 
 
-def paired_z(worse: Fit, better: Fit, blocks: np.ndarray) -> float:
-    """z of the summed difference of cost between two fits of one problem, blocks as observations."""
-    d = np.bincount(blocks, worse.per_window - better.per_window)
-    spread = float(np.std(d)) * np.sqrt(len(d))
-    return float(d.sum() / spread) if spread > 0 else 0.0
-
-
 def profile_sigma(problem: Problem, fit: Fit, phi: float) -> np.ndarray:
     """(P,) standard deviation of each threshold from its cost profile, the others held; 0 for knobs that are no
     threshold.

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.evidence import blocks_of
 from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import screen
@@ -161,8 +160,3 @@ def _probabilities(fit: Fit, rivals: list[Rival]) -> tuple[dict[Term, float], di
             if len(m) == 1:
                 shares[m[0]] = max(shares.get(m[0], 0.0), w / total)
     return grouped, shares
-
-
-def window_blocks(problem: Problem) -> np.ndarray:
-    """(W,) block numbers of the problem's windows."""
-    return blocks_of(problem.data)
