@@ -54,7 +54,8 @@ class Options:
     """horizon s; only, without: effect names; held_out: what is kept back (None: chosen); search_steps: simulation
     steps that one hypothesis may cost in the search (windows are thinned evenly to that); search: see SearchSettings.
 
-    floor_margin: a gap within this factor of the noise floor is no gap; see docs for how it was set.
+    floor_margin: a gap within this factor of the noise floor is no gap; on development seeds perfect wheeled robots
+    came within 1.1.
     """
 
     horizon: float = 1.0

@@ -49,13 +49,7 @@ def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
         begin = float(earliest(block.robot, settings)[0]) + REACH  # s from the first node to the window's start
         dt, rows = block.drive.dt, np.arange(data.count)[block.where]
         for state in block.robot.states:
-            for channel, source, slope in (
-                (state.position, state.position, False),
-                (state.velocity, state.position, True),
-                (state.velocity, state.velocity, False),
-            ):
-                if channel is None or source is None:
-                    continue
+            for channel, source, slope in state.sources:
                 bias = out.setdefault(channel, np.zeros(data.count))
                 for i in np.unique(data.run[rows]):
                     signal = data.signals.get((int(i), source))

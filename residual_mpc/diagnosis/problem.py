@@ -83,13 +83,7 @@ def start_sigma(data: Dataset) -> dict[str, np.ndarray]:
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
         for state in block.robot.states:
-            for channel, source, slope in (
-                (state.position, state.position, False),
-                (state.velocity, state.position, True),
-                (state.velocity, state.velocity, False),
-            ):
-                if channel is None or source is None:
-                    continue
+            for channel, source, slope in state.sources:
                 spread = out.setdefault(channel, np.zeros(data.count))
                 for i in np.unique(data.run[block.where]):
                     signal = data.signals.get((int(i), source))

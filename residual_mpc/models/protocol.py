@@ -16,6 +16,14 @@ class State:
     position: str
     velocity: str | None
 
+    @property
+    def sources(self) -> tuple[tuple[str, str, bool], ...]:
+        """(what is started, the channel it is fitted to, whether the fit's slope gives it), later ones overriding."""
+        value = ((self.position, self.position, False),)
+        if self.velocity is None:
+            return value
+        return (*value, (self.velocity, self.position, True), (self.velocity, self.velocity, False))
+
 
 @dataclass(frozen=True)
 class Drive:
