@@ -31,6 +31,7 @@ ON_THE_ROBOT = frozenset(
     }
 )
 POSE = ("pose.x", "pose.y", "pose.theta")
+RESPONSE = 0.05  # s, over which a wheel's acceleration is taken: a tyre's relaxation and a small motor's response
 CONTACT = ("wheel_radius", "wheel_radius_mismatch", "track_width", "lateral_slip", "longitudinal_slip")
 
 
@@ -73,11 +74,12 @@ class DiffDrive:
         self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
     ) -> Mapping[str, np.ndarray]:
         dt, effects = drive.dt, settings.effects
-        lead = drive.lead if "backlash" in effects else 0  # play remembers the motion before the window
+        remembers = "backlash" in effects or "longitudinal_slip" in effects
+        lead = drive.lead if remembers else 0  # play and acceleration know the motion before the window
         motor = _motor_speed(effects, drive, lead)  # (B, lead + K, 2) rad/s, what an encoder on the motor sees
-        wheel = _wheel_speed(effects, motor, dt)[:, lead:]
-        motor = motor[:, lead:]
-        accel = np.diff(wheel, axis=1, prepend=wheel[:, :1]) / dt
+        wheel = _wheel_speed(effects, motor, dt)
+        accel = _acceleration(wheel, lead, dt) if "longitudinal_slip" in effects else np.zeros((1, 1, 2))
+        wheel, motor = wheel[:, lead:], motor[:, lead:]
         values = {e: effects[e] for e in CONTACT if e in effects}
         radius = settings.tuned.get("wheel_radius", np.array([self.wheel_radius]))[:, None]
         track = settings.tuned.get("track_width", np.array([self.track_width]))[:, None]
@@ -151,6 +153,17 @@ def _wheel_speed(effects: Mapping[str, Mapping[str, np.ndarray]], motor: np.ndar
     for k in range(motor.shape[1]):
         out[:, k], x = backlash_step(NUMPY, p, x, motor[:, k], np.zeros(1), dt)
     return out
+
+
+def _acceleration(wheel: np.ndarray, lead: int, dt: float) -> np.ndarray:
+    """(B, K, 2) rad/s^2: mean acceleration over the last RESPONSE s, from speeds (B, lead + K, 2).
+
+    Held commands are a staircase, on which an acceleration is a spike as high as the step is short; neither a motor
+    nor a tyre answers so fast.
+    """
+    span = max(1, round(RESPONSE / dt))
+    earlier = np.concatenate([np.repeat(wheel[:, :1], span, axis=1), wheel[:, :-span]], axis=1)
+    return np.asarray((wheel - earlier)[:, lead:] / (span * dt))
 
 
 def _integrate(start: np.ndarray, rate: np.ndarray, dt: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 WHEEL_RADIUS, TRACK_WIDTH = 0.033, 0.16  # m
 GRAVITY = 9.81  # m/s^2
+RESPONSE = 0.05  # s, over which a wheel's acceleration is taken
 Command = Callable[[float], tuple[float, float]]  # s -> wheel speeds, rad/s
 
 
@@ -28,7 +29,7 @@ def simulate(
     x, y, theta = pose
     settled = list(command(begin - value.get("command_delay.delay", 0.0)))
     play = [0.5 * value.get("backlash.gap", 0.0) * _sign(w) for w in settled]  # motor minus wheel, rad
-    before: list[float] | None = None
+    past: list[list[float]] = []  # wheel speeds so far, rad/s
     out = np.empty((len(times), 3))
     n = 0
     steps = int(round((times[-1] - begin) / fine)) + 1
@@ -57,8 +58,9 @@ def simulate(
                 w[i] = push / fine
         r_left = WHEEL_RADIUS * value.get("wheel_radius.scale", 1.0)
         r_right = r_left * value.get("wheel_radius_mismatch.ratio", 1.0)
-        accel = [0.0, 0.0] if before is None else [(a - b) / fine for a, b in zip(w, before, strict=True)]
-        before = list(w)
+        past.append(list(w))
+        ago = past[max(0, len(past) - 1 - round(RESPONSE / fine))]
+        accel = [(a - b) / RESPONSE for a, b in zip(w, ago, strict=True)]
         slip = value.get("longitudinal_slip.coefficient", 0.0)
         left = r_left * w[0] * (1.0 - slip * abs(r_left * accel[0]) / GRAVITY)
         right = r_right * w[1] * (1.0 - slip * abs(r_right * accel[1]) / GRAVITY)
