@@ -1,0 +1,1 @@
+"""What no named effect explains, learned from minutes of data: an MLP whose weights a Kalman filter updates online."""
