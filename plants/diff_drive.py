@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plants.diff_drive_step import drive_step
 from residual_mpc.effects.actuator import backlash_start, backlash_step, gain_step, sag_step, saturation_step
 from residual_mpc.effects.chain import command_chain
 from residual_mpc.effects.contact import ground_twist, slope_drift
@@ -13,6 +14,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Settings
+from residual_mpc.models.stepping import StepOptions, Stepped
 
 WHEELS = ("left", "right")
 ON_A_WHEEL = frozenset(
@@ -69,6 +71,10 @@ class DiffDrive:
 
     def nominal(self) -> Mapping[str, float]:
         return {"wheel_radius": self.wheel_radius, "track_width": self.track_width}
+
+    def one_step(self, settings: Settings, options: StepOptions) -> Stepped:
+        """See residual_mpc.models.stepping.Stepping."""
+        return drive_step(self.nominal(), self.name, settings, options, RESPONSE)
 
     def replay(
         self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]

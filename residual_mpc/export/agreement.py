@@ -1,0 +1,101 @@
+"""How far an exported model lies from its source, over sampled points: every export states it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.export.augmented import Augmented, with_residual
+from residual_mpc.models.protocol import Drive
+
+Step = Callable[[np.ndarray, np.ndarray], np.ndarray]  # x (n, nx), u (n, nu) -> x+ (n, nx)
+PREFACE = 4.0  # s of steady motion: it fills every memory, and puts play on a known stop
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """points: sampled states and commands; steps: of a replayed trajectory; command: largest, actuator units;
+    pose: largest coordinate, m and rad.
+    """
+
+    points: int = 500
+    steps: int = 40
+    command: float = 10.0
+    pose: float = 3.0
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Largest absolute differences, each in the unit of the state at fault.
+
+    step: the exported step against the model in numpy, at sampled states and commands. replay: the model in numpy
+    (without the network) against the replay that the diagnosis used, over sampled trajectories of poses.
+    network: the exported network against the learned one, in its outputs' units; 0 without one.
+    """
+
+    step: float
+    replay: float
+    network: float
+    points: int
+
+    @property
+    def largest(self) -> float:
+        return max(self.step, self.replay, self.network)
+
+
+def agreement(model: Augmented, step: Step, rng: np.random.Generator, sampling: Sampling | None = None) -> Agreement:
+    """Compare an exported step with what it was made from."""
+    s = sampling or Sampling()
+    x, u = sample(model, rng, s)
+    apart = float(np.abs(step(x, u) - model.numpy_step(x, u)).max())
+    return Agreement(apart, _from_replay(model, rng, s), _network(model, rng, s), s.points)
+
+
+def sample(model: Augmented, rng: np.random.Generator, s: Sampling) -> tuple[np.ndarray, np.ndarray]:
+    """(points, nx) states and (points, nu) commands that may occur: states reached by driving at random."""
+    at = model.start()
+    x = np.repeat(at[None], s.points, axis=0)
+    u = rng.uniform(-s.command, s.command, (s.points, model.nu))
+    for _ in range(12):
+        x = model.numpy_step(x, u)
+        u = rng.uniform(-s.command, s.command, u.shape)
+    for name in model.stepped.poses:
+        x[:, model.stepped.states.index(name)] = rng.uniform(-s.pose, s.pose, s.points)
+    return x, u
+
+
+def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> float:
+    bare = with_residual(model, None)
+    if model.build.disturbances or model.build.smooth > 0:  # a replay knows neither: they are 0 in the comparison
+        bare = with_residual(replace(model, build=replace(model.build, smooth=0.0, disturbances=False)), None)
+    dt, rows = model.build.dt, 20
+    lead = int(np.ceil(PREFACE / dt))
+    u = rng.uniform(-s.command, s.command, (rows, lead + s.steps, model.nu))
+    u[:, :lead] = s.command
+    start = {c: np.zeros(rows) for c in bare.stepped.poses}
+    drive = Drive(dt, 0, u, None, np.full(rows, model.build.clock))
+    nodes = bare.robot.replay(start, drive, bare.settings.take(np.zeros(rows, dtype=int)), bare.stepped.poses)
+    x = np.repeat(bare.start()[None], rows, axis=0)
+    for k in range(lead):
+        x = bare.numpy_step(x, u[:, k])
+    where = [bare.stepped.states.index(c) for c in bare.stepped.poses]
+    x[:, where] = np.stack([nodes[c][:, lead] for c in bare.stepped.poses], axis=-1)
+    worst = 0.0
+    for k in range(lead, lead + s.steps):
+        x = bare.numpy_step(x, u[:, k])
+        there = np.stack([nodes[c][:, k + 1] for c in bare.stepped.poses], axis=-1)
+        worst = max(worst, float(np.abs(x[:, where] - there).max()))
+    return worst
+
+
+def _network(model: Augmented, rng: np.random.Generator, s: Sampling) -> float:
+    from residual_mpc.effects.ops import NUMPY
+    from residual_mpc.export.network import network
+
+    if model.residual is None:
+        return 0.0
+    r = model.residual
+    z = r.input_mean + r.input_scale * rng.uniform(-3.0, 3.0, (s.points, r.net.inputs))
+    scaled = (z - r.input_mean) / r.input_scale
+    out = network(NUMPY, r.net, [*r.theta], [*scaled.T], model.build.smooth)
+    return float(np.abs(r.output_scale * np.stack(out, axis=-1) - r(z)).max())

@@ -1,0 +1,138 @@
+"""The augmented model: a robot's nominal step, the diagnosed effects in it, and the learned network on top."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from residual_mpc.effects.ops import NUMPY, Array, Ops
+from residual_mpc.errors import BadInput
+from residual_mpc.export.network import BODY, correction, reads, remembered
+from residual_mpc.export.soften import kinks
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Settings, Values, assemble
+from residual_mpc.models.stepping import StepOptions, Stepped, Stepping
+from residual_mpc.residual.record import Residual
+
+
+@dataclass(frozen=True)
+class Build:
+    """How the step is built.
+
+    dt: s, a command is held over it. smooth: width of rounded kinks, in command units for the effects' and in units
+    of the scaled activations for the network's; 0 is exact. disturbances: whether an unknown constant is added to the
+    robot's velocities (offset-free tracking). clock: s since the run began at the start.
+    """
+
+    dt: float
+    smooth: float = 0.0
+    disturbances: bool = False
+    clock: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.dt) and self.dt > 0 and np.isfinite(self.smooth) and self.smooth >= 0):
+            raise ValueError(f"dt {self.dt} s has to be positive, smooth {self.smooth} zero or more")
+
+
+@dataclass(frozen=True, eq=False)
+class Augmented:
+    """x+ = f(x, u, p), p = (numbers of the effects and the nominal model, weights of the network).
+
+    robot: the nominal model; settings: the effects, one row; residual: None without a network.
+    """
+
+    robot: Robot
+    settings: Settings
+    residual: Residual | None
+    build: Build
+    stepped: Stepped
+
+    @property
+    def nx(self) -> int:
+        return len(self.stepped.states)
+
+    @property
+    def nu(self) -> int:
+        return len(self.stepped.commands)
+
+    @property
+    def p(self) -> np.ndarray:
+        """(np,) the parameters as they are now."""
+        theta = np.zeros(0) if self.residual is None else self.residual.theta
+        return np.concatenate([self.stepped.p, theta])
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of p, such as "command_delay.left.delay" and "theta.0"."""
+        theta = 0 if self.residual is None else len(self.residual.theta)
+        named = (".".join(filter(None, (n.effect, n.slot, n.parameter))) for n in self.stepped.numbers)
+        return (*named, *(f"theta.{i}" for i in range(theta)))
+
+    def step(self, ops: Ops, x: Sequence[Array], u: Sequence[Array], p: Sequence[Array]) -> tuple[Array, ...]:
+        """x+ in scalars of whatever library `ops` belongs to; each may be a batch in numpy."""
+        n, smooth = len(self.stepped.numbers), self.build.smooth
+        add = None if self.residual is None else correction(ops, self.residual, p[n:], smooth)
+        return self.stepped.step(kinks(ops, smooth), x, u, p[:n], add)
+
+    def start(self, pose: Mapping[str, float] | None = None) -> np.ndarray:
+        """(nx,) the robot at rest at a pose by channel; what is not named is 0."""
+        x = self.stepped.rest.copy()
+        for name, value in (pose or {}).items():
+            if name in self.stepped.poses:
+                x[self.stepped.states.index(name)] = value
+        return x
+
+    def numpy_step(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """x+ (..., nx) from x (..., nx) and u (..., nu), for checks; compiled functions are faster."""
+        batch = np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
+        with np.errstate(over="ignore"):
+            new = self.step(NUMPY, [*np.moveaxis(x, -1, 0)], [*np.moveaxis(u, -1, 0)], [*self.p])
+        return np.stack([np.broadcast_to(v, batch) for v in new], axis=-1)
+
+
+def augment(robot: Robot, values: Values, residual: Residual | None, build: Build) -> Augmented:
+    """The model of a robot with the effects of a diagnosis and a learned residual.
+
+    Raises BadInput for a robot that cannot say its step, an effect on a target that it lacks, or a residual of another
+    robot or form.
+    """
+    try:
+        settings = assemble([values], {k.effect: robot.slots(k.effect) for k in values})
+    except ValueError as error:
+        raise BadInput(f"the model has an effect on a target that the robot lacks: {error}", robot.name) from error
+    return _build(robot, settings, residual, build)
+
+
+def read_augmented(path: Path, robot: Robot, build: Build) -> Augmented:
+    """The model of a diagnosis.json or model.json. Raises BadInput where it is of another robot."""
+    from residual_mpc.diagnosis.document import SCHEMA, read_json, read_model
+    from residual_mpc.residual.record import KEY, from_json
+
+    name, values, _ = read_model(path)
+    if name != robot.name:
+        raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", str(path), "give --robot its own robot")
+    content: dict[str, Any] = read_json(path)
+    model = content.get("model", {}) if content.get("schema") == SCHEMA else content
+    residual = from_json(model[KEY], str(path)) if model.get(KEY) else None
+    return augment(robot, values, residual, build)
+
+
+def with_residual(model: Augmented, residual: Residual | None) -> Augmented:
+    """The same robot and effects with another network, or none."""
+    return _build(model.robot, model.settings, residual, model.build)
+
+
+def _build(robot: Robot, settings: Settings, residual: Residual | None, build: Build) -> Augmented:
+    if not isinstance(robot, Stepping):
+        raise BadInput(
+            f"the plant of {robot.name!r} has no symbolic step",
+            robot.name,
+            "implement residual_mpc.models.stepping.Stepping for it, as plants/diff_drive.py does",
+        )
+    if residual is not None:
+        reads(residual)  # refuses a form that no step hosts
+    disturbances = BODY if build.disturbances else ()
+    options = StepOptions(build.dt, remembered(residual), disturbances, build.clock)
+    return Augmented(robot, settings, residual, build, robot.one_step(settings, options))

@@ -1,0 +1,79 @@
+"""The residual's network written out in scalars, for any array library, with its weights as arguments."""
+
+from collections.abc import Mapping, Sequence
+
+from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.errors import BadInput
+from residual_mpc.models.stepping import Correction
+from residual_mpc.residual.mlp import Mlp
+from residual_mpc.residual.record import Residual
+
+# For each form of residual: what it reads, in the order of its inputs, and what it adds to, in the order of its outputs
+BODY = ("body.forward", "body.sideways", "body.yaw")
+WORLD = ("twist.x", "twist.y", "twist.theta")
+ADDS_TO: Mapping[str, tuple[str, ...]] = {"body": BODY, "paper": WORLD}
+
+
+def network(ops: Ops, net: Mlp, theta: Sequence[Array], z: Sequence[Array], smooth: float) -> list[Array]:
+    """The paper's eq. nn on scalars: theta (size,), z (inputs,) -> (outputs,); layout as in residual.mlp.
+
+    smooth 0: the exact leaky ReLU max(slope b, b). Otherwise (1 + slope) / 2 b + (1 - slope) / 2 sqrt(b^2 + smooth^2),
+    at most (1 - slope) / 2 smooth above it.
+    """
+    a, at = list(z), 0
+    widths = net.widths
+    for layer, (rows, columns) in enumerate(zip(widths[1:], widths[:-1], strict=True)):
+        out = []
+        for i in range(rows):
+            total = theta[at + rows * columns + i]
+            for j in range(columns):
+                total = total + theta[at + i * columns + j] * a[j]
+            out.append(total)
+        at += (columns + 1) * rows
+        a = out if layer == len(widths) - 2 else [_activation(ops, b, net.slope, smooth) for b in out]
+    return a
+
+
+def correction(ops: Ops, residual: Residual, theta: Sequence[Array], smooth: float) -> Correction:
+    """What the residual adds to the step's signals, as a function of them."""
+    outputs = ADDS_TO[residual.form]
+
+    def add(signals: Mapping[str, Array]) -> Mapping[str, Array]:
+        z = [signals[name] for name in reads(residual)]
+        scaled = [(v - m) / s for v, m, s in zip(z, residual.input_mean, residual.input_scale, strict=True)]
+        delta = network(ops, residual.net, theta, scaled, smooth)
+        return {n: s * d for n, s, d in zip(outputs, residual.output_scale, delta, strict=True) if s != 0.0}
+
+    return add
+
+
+def reads(residual: Residual) -> tuple[str, ...]:
+    """The step's signals that the residual's inputs are, in their order.
+
+    Raises BadInput for a form that no step can host, or inputs that do not fit it.
+    """
+    if residual.form not in ADDS_TO:
+        raise BadInput(
+            f"a residual of the form {residual.form!r} cannot be exported as a step",
+            residual.robot,
+            f"forms that can: {', '.join(ADDS_TO)}; learn it again in one of these",
+        )
+    last, commands = residual.inputs[:3], residual.inputs[3:]
+    if len(last) < 3 or not commands or not all(c.startswith("command.") for c in commands):
+        raise BadInput(
+            f"inputs {', '.join(residual.inputs)} came; three velocities and the commands were wanted",
+            residual.robot,
+            "write it anew with learn",
+        )
+    return (*(f"last.{s}" for s in ADDS_TO[residual.form]), *commands)
+
+
+def remembered(residual: Residual | None) -> tuple[str, ...]:
+    """The signals whose last value the residual reads."""
+    return () if residual is None else ADDS_TO[residual.form]
+
+
+def _activation(ops: Ops, b: Array, slope: float, smooth: float) -> Array:
+    if smooth == 0.0:
+        return ops.maximum(slope * b, b)
+    return 0.5 * (1.0 + slope) * b + 0.5 * (1.0 - slope) * (b * b + smooth * smooth) ** 0.5

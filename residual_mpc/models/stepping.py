@@ -1,0 +1,98 @@
+"""A robot's model as one step x+ = f(x, u, p), for controllers, estimators and export; optional for a robot."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.models.settings import Settings
+
+Signals = Mapping[str, Array]
+Correction = Callable[[Signals], Signals]  # signals of the step by name -> what is added to some of them
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of the model that may change without building it anew.
+
+    effect: an effect's name, "tune" for a nominal parameter. slot: the target, empty where it is the robot.
+    """
+
+    effect: str
+    slot: str
+    parameter: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Kinks:
+    """How an optimiser sees what is not smooth: the tables of operations for signals of one unit.
+
+    exact: for parameters, and for signals where nothing is smoothed; rough(scale): for signals in a unit that is
+    `scale` times a command's. width: of the smoothing, command units; 0 where nothing is smoothed.
+    """
+
+    exact: Ops
+    rough: Callable[[float], Ops]
+    width: float
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """One step of a model with its effects. Scalars in, scalars out: floats, (B,) arrays, JAX or CasADi scalars.
+
+    states: names in the order of x; those in `poses` are the run log's channels, the rest is memory. commands: names
+    in the order of u. numbers: the parameters p. signals: what a learned correction may read and add to.
+    rest: (nx,) the state of a robot that stands at the origin and was told nothing.
+    step(kinks, x, u, p, correction) -> x+. Raises KeyError for a correction that names an unknown signal.
+    """
+
+    dt: float  # s
+    states: tuple[str, ...]
+    poses: tuple[str, ...]
+    units: tuple[str, ...]  # of the states
+    commands: tuple[str, ...]
+    numbers: tuple[Number, ...]
+    signals: tuple[str, ...]
+    rest: np.ndarray
+    step: Callable[[Kinks, Sequence[Array], Sequence[Array], Sequence[Array], Correction | None], tuple[Array, ...]]
+
+    def __post_init__(self) -> None:
+        if not (len(self.states) == len(self.units) == len(self.rest)):
+            raise ValueError(f"{len(self.states)} states, {len(self.units)} units, {len(self.rest)} values at rest")
+        if len(set(self.states)) < len(self.states) or not set(self.poses) <= set(self.states):
+            raise ValueError(f"states have to be distinct and hold {self.poses}: {self.states}")
+
+    @property
+    def p(self) -> np.ndarray:
+        """(np,) values of `numbers`."""
+        return np.array([n.value for n in self.numbers])
+
+
+@dataclass(frozen=True)
+class StepOptions:
+    """dt: s, the command is held over it. remember: signals whose value of the last step a correction reads
+    (they become states "last.<signal>"). disturbances: signals to which an unknown constant is added, which becomes a
+    state (offset-free tracking). clock: s since the run began at the start.
+    """
+
+    dt: float
+    remember: tuple[str, ...] = ()
+    disturbances: tuple[str, ...] = ()
+    clock: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise ValueError(f"a step of {self.dt} s")
+
+
+@runtime_checkable
+class Stepping(Protocol):
+    """A robot that can say its one step. Optional: a robot without it can be diagnosed, not exported."""
+
+    def one_step(self, settings: Settings, options: StepOptions) -> Stepped:
+        """The step under settings of one row. Raises BadInput where that cannot be, with the reason."""
+        ...
