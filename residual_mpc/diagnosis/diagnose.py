@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from residual_mpc.diagnosis.causes import causes_of
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion, profile_sigma
 from residual_mpc.diagnosis.fit import Fit, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales, per_window
@@ -17,9 +17,7 @@ from residual_mpc.diagnosis.next_experiment import next_experiment
 from residual_mpc.diagnosis.problem import Problem, build_problem, reweigh, start_sensitivity
 from residual_mpc.diagnosis.records import (
     Candidate,
-    Cause,
     Diagnosis,
-    Estimate,
     GapFigures,
     Moved,
     Verdict,
@@ -34,17 +32,11 @@ from residual_mpc.diagnosis.stages import shapley, squared_gaps, stage_shares
 from residual_mpc.diagnosis.testable import not_testable
 from residual_mpc.diagnosis.where import locate
 from residual_mpc.diagnosis.witness import contradicting
-from residual_mpc.effects.library import BY_NAME
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Settings, Term
 
 Progress = Callable[[str, float], None]
-T95 = 1.96
-# What the named effects leave unexplained may lie along an effect and pull its number: half of its relative size
-# is allowed for
-FORM = 0.5
-MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
 POOR_START = 25.0  # times the median of the windows' squared noise
 FEWEST = 32  # windows that a search looks at, however small the steps
 
@@ -212,7 +204,7 @@ def _judge(
     achieved = shrink_of(raw.take(test), scales, errors["before"][test], errors["after"][test], rng) if helps else None
 
     learned = _learned_shrink(after_data if helps else raw, scales, held, errors["after"], after_p)
-    causes = _causes(final, problem, rivalry, outliers, with_outliers, share) if helps else ()
+    causes = causes_of(final, problem, rivalry, outliers, with_outliers, share) if helps else ()
     subsets = squared_gaps(after_data, scales, space, final.values, final.terms) if helps and final.terms else {}
     steps, stages = _staged(raw, scales, test, errors["before"], everywhere, subsets, final, floor_everywhere, helps)
     channel_floor = np.sqrt(np.mean([gap_of(after_data, scales, e, test).channels ** 2 for e in floors], axis=0))
@@ -261,59 +253,6 @@ def _judge(
 
 def _mean_gap(gaps: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(gaps))))
-
-
-def _causes(
-    final: Fit, problem: Problem, rivalry: Rivalry, outliers: Outliers, with_outliers: bool, unexplained: float
-) -> tuple[Cause, ...]:
-    blocks = blocks_of(problem.data)
-    sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))
-    sigma = np.maximum(sigma, profile_sigma(problem, final, dispersion(final, blocks)))
-    causes = []
-    for term in final.terms:
-        estimates = []
-        for i, k in enumerate(final.knobs):
-            if k.effect == TUNE or k.term != term:
-                continue
-            value = final.values[k]
-            unit = _unit(problem.space.robot, term, BY_NAME[k.effect].parameter(k.parameter).unit)
-            if k.parameter == "heading":
-                value = float((value + np.pi) % (2 * np.pi) - np.pi)
-            half = float(
-                np.hypot(T95 * sigma[i], FORM * np.sqrt(unexplained) * _dose(k.parameter, value, problem.space.null(k)))
-            )
-            estimates.append(Estimate(k.parameter, value, (value - half, value + half), unit))
-        probability = float(min(rivalry.probability.get(term, 1.0), MOST_SURE))
-        slots = problem.space.slots[term.effect]
-        only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
-        causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only))
-    if with_outliers:
-        n = sum(len(m) for m in outliers.flagged.values())
-        rate = outliers.share
-        half = T95 * np.sqrt(rate * (1 - rate) / max(n / max(len(outliers.shares), 1), 1))
-        estimate = Estimate("rate", rate, (max(rate - half, 0.0), rate + half), "1")
-        causes.append(Cause(Term("sensor_outliers", None), MOST_SURE, (estimate,), BY_NAME["sensor_outliers"].summary))
-    return tuple(causes)
-
-
-def _unit(robot: Robot, term: Term, unit: str) -> str:
-    """What "command unit", "actuator unit" and "channel unit" are on this robot; joints are taken to turn."""
-    if unit == "channel unit":
-        return "rad" if (term.target or "").startswith(("position.", "pose.theta")) else "rad/s"
-    if unit not in ("command unit", "actuator unit"):
-        return unit
-    kinds = robot.command_kinds
-    kind = kinds[robot.actuators.index(term.target)] if term.target in robot.actuators else kinds[0]
-    force = {"speed": "rad/s", "velocity": "N m", "position": "N m", "torque": "N m"}
-    sent = {"speed": "rad/s", "velocity": "rad/s", "position": "rad", "torque": "N m"}
-    return (force if unit == "actuator unit" else sent)[kind]
-
-
-def _dose(parameter: str, value: float, null: float) -> float:
-    """How far a number is from doing nothing; a limit's and an angle's own size says that better than its distance."""
-    if parameter == "heading":
-        return 1.0
-    return abs(value) if not np.isfinite(null) else abs(value - null)
 
 
 def _learned_shrink(data: Dataset, scales: Scales, held: np.ndarray, error: np.ndarray, predicted: np.ndarray) -> float:

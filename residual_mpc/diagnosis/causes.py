@@ -1,0 +1,72 @@
+"""The causes of a diagnosis: each chosen effect with its probability, and its numbers with their intervals."""
+
+import numpy as np
+
+from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion, profile_sigma
+from residual_mpc.diagnosis.fit import Fit
+from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.diagnosis.records import Cause, Estimate
+from residual_mpc.diagnosis.rivals import Rivalry
+from residual_mpc.diagnosis.spikes import Outliers
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import TUNE, Term
+
+T95 = 1.96
+# What the named effects leave unexplained may lie along an effect and pull its number: half of its relative size
+# is allowed for
+FORM = 0.5
+MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
+
+
+def causes_of(
+    final: Fit, problem: Problem, rivalry: Rivalry, outliers: Outliers, with_outliers: bool, unexplained: float
+) -> tuple[Cause, ...]:
+    blocks = blocks_of(problem.data)
+    sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))
+    sigma = np.maximum(sigma, profile_sigma(problem, final, dispersion(final, blocks)))
+    causes = []
+    for term in final.terms:
+        estimates = []
+        for i, k in enumerate(final.knobs):
+            if k.effect == TUNE or k.term != term:
+                continue
+            value = final.values[k]
+            unit = _unit(problem.space.robot, term, BY_NAME[k.effect].parameter(k.parameter).unit)
+            if k.parameter == "heading":
+                value = float((value + np.pi) % (2 * np.pi) - np.pi)
+            half = float(
+                np.hypot(T95 * sigma[i], FORM * np.sqrt(unexplained) * _dose(k.parameter, value, problem.space.null(k)))
+            )
+            estimates.append(Estimate(k.parameter, value, (value - half, value + half), unit))
+        probability = float(min(rivalry.probability.get(term, 1.0), MOST_SURE))
+        slots = problem.space.slots[term.effect]
+        only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
+        causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only))
+    if with_outliers:
+        n = sum(len(m) for m in outliers.flagged.values())
+        rate = outliers.share
+        half = T95 * np.sqrt(rate * (1 - rate) / max(n / max(len(outliers.shares), 1), 1))
+        estimate = Estimate("rate", rate, (max(rate - half, 0.0), rate + half), "1")
+        causes.append(Cause(Term("sensor_outliers", None), MOST_SURE, (estimate,), BY_NAME["sensor_outliers"].summary))
+    return tuple(causes)
+
+
+def _unit(robot: Robot, term: Term, unit: str) -> str:
+    """What "command unit", "actuator unit" and "channel unit" are on this robot; joints are taken to turn."""
+    if unit == "channel unit":
+        return "rad" if (term.target or "").startswith(("position.", "pose.theta")) else "rad/s"
+    if unit not in ("command unit", "actuator unit"):
+        return unit
+    kinds = robot.command_kinds
+    kind = kinds[robot.actuators.index(term.target)] if term.target in robot.actuators else kinds[0]
+    force = {"speed": "rad/s", "velocity": "N m", "position": "N m", "torque": "N m"}
+    sent = {"speed": "rad/s", "velocity": "rad/s", "position": "rad", "torque": "N m"}
+    return (force if unit == "actuator unit" else sent)[kind]
+
+
+def _dose(parameter: str, value: float, null: float) -> float:
+    """How far a number is from doing nothing; a limit's and an angle's own size says that better than its distance."""
+    if parameter == "heading":
+        return 1.0
+    return abs(value) if not np.isfinite(null) else abs(value - null)
