@@ -1,0 +1,59 @@
+"""The paper's unscented Kalman filter over the network's weights (its equations learning_law and UKF a to h)."""
+
+from typing import Protocol
+
+import numpy as np
+
+from residual_mpc.residual.filter import (
+    Belief,
+    FilterSettings,
+    Info,
+    Measurement,
+    correct,
+    lower_factor,
+    predicted_covariance,
+    start,
+)
+from residual_mpc.residual.sigma import SigmaWeights
+
+init = start
+USUAL = FilterSettings()
+NEAR = SigmaWeights()
+
+
+class Sampled(Protocol):
+    """What is predicted over the horizon as a function of the weights, evaluated at all sigma points at once."""
+
+    def around(self, theta: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x_pred(theta) (m,), and x_pred(theta +- moves[j]) - x_pred(theta), (2, L, m); moves (L, L) is upper
+        triangular."""
+        ...
+
+
+def update(
+    belief: Belief,
+    window: Sampled,
+    measured: Measurement,
+    settings: FilterSettings = USUAL,
+    weights: SigmaWeights = NEAR,
+) -> tuple[Belief, Info]:
+    """One update over the horizon: y_t = y_{t-N} + K (x_ref - x_pred), eq. (learning_law)."""
+    from scipy.linalg.blas import dtrmm
+
+    p, factor = lower_factor(predicted_covariance(belief, settings))
+    size, w = len(p), weights.covariance_weight
+    with np.errstate(over="ignore", invalid="ignore"):
+        centre, change = window.around(belief.mean, weights.reach * factor.T)  # (UKF e); row j: point j less the mean
+        flat = change.reshape(2 * size, -1)
+        spread = w * (flat.T @ flat)  # (UKF b), about the prediction of the mean weights
+        predicted = centre
+        if weights.curved:  # (UKF d): the deviations are then taken from the weighted mean
+            total = flat.sum(axis=0)
+            shift = w * total
+            predicted = centre + shift
+            both = w * np.outer(total, shift)
+            spread += (2.0 * w * size + weights.centre) * np.outer(shift, shift) - both - both.T
+        delta = change[0] - change[1]
+        # (UKF c): the points are symmetric, so the mean drops out; the factor is triangular
+        cross = dtrmm(w * weights.reach, factor, delta.T, side=1, lower=1, trans_a=1).T
+    return correct(belief.mean, p, predicted, cross, spread, measured, settings)
