@@ -24,6 +24,8 @@ class Ops:
     cos: Callable[[Array], Array]
     sin: Callable[[Array], Array]
     sign: Callable[[Array], Array]
+    sqrt: Callable[[Array], Array]
+    arctan2: Callable[[Array, Array], Array]
 
 
 def clip(ops: Ops, x: Array, low: Array, high: Array) -> Array:
@@ -40,6 +42,8 @@ NUMPY = Ops(
     cos=np.cos,
     sin=np.sin,
     sign=np.sign,
+    sqrt=np.sqrt,
+    arctan2=np.arctan2,
 )
 
 
@@ -60,6 +64,8 @@ def jax_ops() -> Ops:
         cos=jnp.cos,
         sin=jnp.sin,
         sign=jnp.sign,
+        sqrt=jnp.sqrt,
+        arctan2=jnp.arctan2,
     )
 
 
@@ -79,4 +85,6 @@ def casadi_ops(sign_width: float = 0.0) -> Ops:
         cos=casadi.cos,
         sin=casadi.sin,
         sign=sign,
+        sqrt=casadi.sqrt,
+        arctan2=casadi.atan2,
     )
