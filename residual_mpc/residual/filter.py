@@ -142,7 +142,7 @@ def correct(
     after = v @ v.T
     np.subtract(p, after, out=after)  # (UKF h), symmetric bit for bit
     # a downdate is off by up to L eps |P|: so much is given back, and P stays positive
-    after.reshape(-1)[:: len(after) + 1] += ROUNDING * np.max(np.diagonal(p))
+    after.reshape(-1)[:: len(after) + 1] += ROUNDING * len(p) * np.max(np.diagonal(p))
     pivots = np.diagonal(root)
     if pivots.max() > ILL * pivots.min():  # S is so uneven that V itself is inexact: look, and mend what it broke
         after, _ = lower_factor(after)
