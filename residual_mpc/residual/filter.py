@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDING = 4.0 * np.finfo(np.float64).eps
-ILL = 1e4  # ratio of a factor's pivots from which a downdate is checked
+ILL = 1e8  # ratio of the innovation's variance to the noise's from which a downdate is checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +143,8 @@ def correct(
     np.subtract(p, after, out=after)  # (UKF h), symmetric bit for bit
     # a downdate is off by up to L eps |P|: so much is given back, and P stays positive
     after.reshape(-1)[:: len(after) + 1] += ROUNDING * len(p) * np.max(np.diagonal(p))
-    pivots = np.diagonal(root)
-    if pivots.max() > ILL * pivots.min():  # S is so uneven that V itself is inexact: look, and mend what it broke
+    quietest = np.min(noise[good] if noise.ndim == 1 else np.diagonal(noise)[good])
+    if np.max(np.diagonal(s)) > ILL * quietest:  # so little of P is left that rounding shows: look, and mend
         after, _ = lower_factor(after)
     if not (np.isfinite(moved).all() and (np.diagonal(after) > 0.0).all()):
         return nothing
