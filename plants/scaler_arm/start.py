@@ -42,7 +42,8 @@ def joints_at(at: Reading, arm: Arm) -> Joints:
     v = np.array([at.get(f"velocity.{m}", 0.0) for m in MOTORS], dtype=np.float64)
     for motor, angle, (low, high) in zip(MOTORS, q, arm.limits, strict=True):
         if not low - 1e-9 <= angle <= high + 1e-9:
-            raise BadInput(f"position.{motor} = {angle} as a start", "scaler_arm", f"keep it within {low} and {high} rad")
+            remedy = f"keep it within {low} and {high} rad"
+            raise BadInput(f"position.{motor} = {angle} as a start", "scaler_arm", remedy)
     rates = np.stack(passive_rates(NUMPY, chain(arm).bar, q[1], q[2], v[1], v[2]))
     return Joints(q, v, passive_angles(q, arm), rates)
 

@@ -38,9 +38,8 @@ def _link(name: str, body: Body) -> str:
 
 
 def _fixed(name: str, parent: str, frame: Frame) -> str:
-    return (
-        f'  <joint name="to_{name}" type="fixed"><parent link="{parent}"/><child link="{name}"/>{_origin(frame)}</joint>'
-    )
+    ends = f'<parent link="{parent}"/><child link="{name}"/>'
+    return f'  <joint name="to_{name}" type="fixed">{ends}{_origin(frame)}</joint>'
 
 
 def _origin(frame: Frame) -> str:
