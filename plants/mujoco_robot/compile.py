@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plants.mujoco_robot.base import find_base, hinges_and_slides
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
 
@@ -19,16 +20,17 @@ def build(robot: RobotFile) -> "MujocoRobot":
     """The robot of a file whose plant is `mujoco`.
 
     Raises BadInput where the model does not compile, has no actuator, or needs what is not supported yet
-    (free or ball joints, closed loops).
+    (ball joints, closed loops, a free joint that `pose_body` does not name).
     """
     from plants.mujoco_robot.robot import MujocoRobot
 
     if robot.model is None:
         raise BadInput("no model is named", robot.name, 'add model = "my_robot.xml" (MJCF or URDF) to the robot file')
     model = compile_model(str(robot.model))
+    base = find_base(model, robot.pose_body, str(robot.model))
     _refuse_unsupported(model, str(robot.model))
     site = _payload_site(model, robot)
-    return MujocoRobot(robot.name, model, site, robot.servo_feedback, robot.position_sensor)
+    return MujocoRobot(robot.name, model, site, robot.servo_feedback, robot.position_sensor, base)
 
 
 def compile_model(path: str) -> "mujoco.MjModel":
@@ -55,13 +57,12 @@ def _refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
             path,
             "add one <position>, <velocity> or <motor> per driven joint (a URDF has none)",
         )
-    simple = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     for j in range(model.njnt):
-        if int(model.jnt_type[j]) not in simple:
+        if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_BALL):
             raise BadInput(
-                f"joint {model.joint(j).name!r} is a free or ball joint",
+                f"joint {model.joint(j).name!r} is a ball joint",
                 path,
-                "hinge and slide joints are supported: fix the base to the world",
+                "hinge and slide joints are supported, and a driving robot's free joint",
             )
     if model.neq and model.eq_active0.any():
         raise BadInput("the model has equality constraints", path, "closed loops are not supported yet: open the chain")
@@ -72,9 +73,9 @@ def _refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
                 path,
                 "give it joint=... as its transmission",
             )
-    for kind, count in (("joint", model.njnt), ("actuator", model.nu)):
+    for kind, numbers in (("joint", hinges_and_slides(model)), ("actuator", np.arange(model.nu))):
         access = getattr(model, kind)
-        for i in range(count):
+        for i in numbers.tolist():
             if not access(i).name:
                 raise BadInput(f"{kind} number {i} has no name", path, f'add name="..." to every {kind}')
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plants.mujoco_robot.base import hinges_and_slides
 from plants.mujoco_robot.masses import add_point_mass, principal, quat_to_matrix
 from residual_mpc.models.settings import Settings
 
@@ -37,9 +38,9 @@ def edit_batch(batch: Any, model: "mujoco.MjModel", settings: Settings, payload:
 
 
 def _on_dofs(model: "mujoco.MjModel", per_joint: np.ndarray) -> np.ndarray:
-    """(n, nv) from (n, njnt); hinge and slide joints have one degree of freedom each."""
+    """(n, nv) from (n, joints); hinge and slide joints have one degree of freedom each."""
     out = np.zeros((per_joint.shape[0], model.nv))
-    out[:, model.jnt_dofadr] = per_joint
+    out[:, model.jnt_dofadr[hinges_and_slides(model)]] = per_joint
     return out
 
 
@@ -89,7 +90,7 @@ def link_direction(model: "mujoco.MjModel", body: int) -> np.ndarray:
 def tunable_values(model: "mujoco.MjModel") -> dict[str, float]:
     """Every nominal parameter that `tunable` may name, with its compiled value."""
     out: dict[str, float] = {}
-    for j in range(model.njnt):
+    for j in hinges_and_slides(model).tolist():
         for short, field in TUNABLE_JOINT.items():
             out[f"joint.{model.joint(j).name}.{short}"] = float(np.ravel(getattr(model, field)[model.jnt_dofadr[j]])[0])
     for i in range(model.nu):

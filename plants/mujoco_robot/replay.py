@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plants.mujoco_robot.base import unwrapped
 from plants.mujoco_robot.edits import edit_batch
 from residual_mpc.effects.actuator import sag_step
 from residual_mpc.effects.body import coulomb_level, load_level, stribeck_level
@@ -83,17 +84,27 @@ def _replay(
     edit_batch(batch, model, settings, robot.payload)
     batch.reset()
     q, v = batch.bind("qpos"), batch.bind("qvel")
+    rolling = None if robot.base is None else robot.base.write(q, v, start)
     for j, joint in enumerate(robot.joints):
-        q[:, model.jnt_qposadr[j]] = start[f"position.{joint}"]
-        v[:, model.jnt_dofadr[j]] = start[f"velocity.{joint}"]
+        q[:, robot.places[j]] = start[f"position.{joint}"]
+        v[:, robot.dofs[j]] = start[f"velocity.{joint}"]
+    if rolling is not None:  # a speed that nobody measured starts as exactly 0: such a wheel rolls with the robot
+        v[:, robot.dofs] = np.where(v[:, robot.dofs] == 0.0, rolling, v[:, robot.dofs])
     servo = np.array([kind == "position" for kind in robot.command_kinds])
     u = command_chain(settings.effects, drive.command, drive.lead, drive.dt, ~servo)
     if model.na:  # an actuator with a filter starts where its first command holds it
         batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     between = _between_steps(batch, robot, settings, drive)
-    if not stepped:
-        return _roll_out(batch, robot, drive, u, between, wanted)
-    return _step_by_step(batch, robot, settings, drive, u, between, wanted)
+    if stepped:
+        out = _step_by_step(batch, robot, settings, drive, u, between, wanted)
+    else:
+        out = _roll_out(batch, robot, drive, u, between, wanted)
+    if "pose.theta" in out:
+        out["pose.theta"] = unwrapped(out["pose.theta"], start["pose.theta"])
+    for channel, nodes in out.items():
+        if channel.split(".")[0] in ("pose", "twist"):
+            nodes[:, 0] = start[channel]  # what went through a quaternion comes back to the last digit but one
+    return out
 
 
 def _roll_out(
@@ -110,7 +121,7 @@ def _roll_out(
     parts = {"qpos": [batch.bind("qpos")[:, None].copy()], "qvel": [batch.bind("qvel")[:, None].copy()]}
     for k, end in zip(cuts, [*cuts[1:], steps], strict=True):
         for update in between:
-            update(k, batch.bind("qvel")[:, model.jnt_dofadr], np.zeros((rows, model.nu)))
+            update(k, batch.bind("qvel")[:, robot.dofs], np.zeros((rows, model.nu)))
         found = batch.rollout(end - k, np.ascontiguousarray(u[:, k:end]), control, ("qpos", "qvel"))
         for field, part in parts.items():
             part.append(found[field])
@@ -118,8 +129,11 @@ def _roll_out(
     out = {}
     for channel in wanted:
         kind, name = channel.split(".", 1)
+        if robot.base is not None and kind in ("pose", "twist"):
+            out[channel] = robot.base.read(channel, whole["qpos"], whole["qvel"])
+            continue
         j = robot.joints.index(name)
-        field, column = ("qpos", model.jnt_qposadr[j]) if kind == "position" else ("qvel", model.jnt_dofadr[j])
+        field, column = ("qpos", robot.places[j]) if kind == "position" else ("qvel", robot.dofs[j])
         out[channel] = whole[field][:, :, column]
     return out
 
@@ -142,7 +156,7 @@ def _step_by_step(
     servo = np.array([kind == "position" for kind in robot.command_kinds])
     zone = effects.get("dead_zone")
     width = None if zone is None or not servo.any() else np.where(servo, zone["width"], 0.0)
-    gear, driven = model.actuator_gear[:, 0], model.jnt_qposadr[model.actuator_trnid[:, 0]]
+    gear, driven = model.actuator_gear[:, 0], robot.places[robot.driven]
     for k in range(steps):
         record.state(k, q, v)
         ctrl[:] = u[:, k]
@@ -151,7 +165,7 @@ def _step_by_step(
             error, _ = dead_zone_step(NUMPY, {"width": width}, (), u[:, k] - length, drive.dt)
             ctrl[:] = np.where(error == u[:, k] - length, u[:, k], length + error)
         for update in between:
-            update(k, v[:, model.jnt_dofadr], force)
+            update(k, v[:, robot.dofs], force)
         batch.step()
         record.force(k, force)
     record.state(steps, q, v)
@@ -217,7 +231,7 @@ def _friction(batch: Any, robot: "MujocoRobot", settings: Settings) -> Any:
     if not present:
         return None
     model = robot.model
-    dof = model.jnt_dofadr
+    dof = robot.dofs
     loss = batch.expand("dof_frictionloss")
     base = loss[:, dof].copy()
     touched = np.zeros(base.shape, dtype=bool)
@@ -234,7 +248,7 @@ def _friction(batch: Any, robot: "MujocoRobot", settings: Settings) -> Any:
     loss[:, dof] = np.maximum(constant, 0.0)
     if present == ["coulomb_friction"]:
         return None
-    drives, gear = model.actuator_trnid[:, 0], model.actuator_gear[:, 0]
+    drives, gear = robot.driven, model.actuator_gear[:, 0]
 
     def update(k: int, speed: np.ndarray, force: np.ndarray) -> None:
         level = constant
@@ -256,9 +270,10 @@ class _Recorder:
     def __init__(self, robot: "MujocoRobot", wanted: tuple[str, ...], rows: int, steps: int) -> None:
         self._wanted = wanted
         self._kinds = [c.split(".", 1) for c in wanted]
-        model = robot.model
+        self._base = robot.base
+        self._poses = [(i, c) for i, c in enumerate(wanted) if c.split(".")[0] in ("pose", "twist")]
         names = {"position": robot.joints, "velocity": robot.joints, "output": robot.actuators}
-        place = {"position": model.jnt_qposadr, "velocity": model.jnt_dofadr, "output": np.arange(model.nu)}
+        place = {"position": robot.places, "velocity": robot.dofs, "output": np.arange(robot.model.nu)}
         self._columns = {
             kind: [
                 (i, int(place[kind][names[kind].index(name)])) for i, (k, name) in enumerate(self._kinds) if k == kind
@@ -272,6 +287,9 @@ class _Recorder:
             self._out[k, i] = q[:, column]
         for i, column in self._columns["velocity"]:
             self._out[k, i] = v[:, column]
+        if self._base is not None:
+            for i, channel in self._poses:
+                self._out[k, i] = self._base.read(channel, q, v)
 
     def force(self, k: int, force: np.ndarray) -> None:
         for i, column in self._columns["output"]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plants.mujoco_robot.base import PLANAR, Base, hinges_and_slides
 from plants.mujoco_robot.edits import tunable_values
 from plants.mujoco_robot.replay import replay
 from plants.mujoco_robot.variants import merge
@@ -25,13 +26,14 @@ POSITION, VELOCITY, TORQUE = "position", "velocity", "torque"
 
 @dataclass(frozen=True, eq=False)  # two compiled models are the same robot only if they are the same object
 class MujocoRobot:
-    """A compiled model of hinge and slide joints."""
+    """A compiled model of hinge and slide joints, on a base that is fixed or drives."""
 
     name: str
     model: "mujoco.MjModel"
     payload: tuple[int, np.ndarray]  # body, position in its frame (3,) m
     servo_feedback: str
     position_sensor: str
+    base: Base | None = None  # of a robot that drives
     settings: "tuple[mujoco.MjModel, ...]" = ()  # where several settings were merged: the model of each
     differing: tuple[str, ...] = ()  # the model fields in which they differ
 
@@ -41,7 +43,22 @@ class MujocoRobot:
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        return tuple(self.model.joint(j).name for j in range(self.model.njnt))
+        """Hinge and slide joints; a driving robot's free joint is its `base`."""
+        return tuple(self.model.joint(j).name for j in self._numbers.tolist())
+
+    @cached_property
+    def _numbers(self) -> np.ndarray:
+        return hinges_and_slides(self.model)
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """(joints,) where each joint is in qpos."""
+        return np.asarray(self.model.jnt_qposadr[self._numbers])
+
+    @cached_property
+    def dofs(self) -> np.ndarray:
+        """(joints,) where each joint is in qvel."""
+        return np.asarray(self.model.jnt_dofadr[self._numbers])
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -57,7 +74,12 @@ class MujocoRobot:
     @cached_property
     def actuator_joints(self) -> tuple[str, ...]:
         """The joint that each actuator drives."""
-        return tuple(self.joints[int(self.model.actuator_trnid[i, 0])] for i in range(self.model.nu))
+        return tuple(self.joints[i] for i in self.driven.tolist())
+
+    @cached_property
+    def driven(self) -> np.ndarray:
+        """(nu,) index in `joints` of the joint that each actuator drives."""
+        return np.searchsorted(self._numbers, self.model.actuator_trnid[:, 0])
 
     @cached_property
     def sliding(self) -> frozenset[str]:
@@ -65,7 +87,8 @@ class MujocoRobot:
         import mujoco
 
         slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
-        return frozenset(j for i, j in enumerate(self.joints) if int(self.model.jnt_type[i]) == slide)
+        types = self.model.jnt_type[self._numbers]
+        return frozenset(j for j, kind in zip(self.joints, types.tolist(), strict=True) if kind == slide)
 
     @cached_property
     def limits(self) -> Mapping[str, tuple[float, float]]:
@@ -73,17 +96,19 @@ class MujocoRobot:
         m = self.model
         return {
             j: (float(m.jnt_range[i, 0]), float(m.jnt_range[i, 1]))
-            for i, j in enumerate(self.joints)
+            for i, j in zip(self._numbers.tolist(), self.joints, strict=True)
             if m.jnt_limited[i]
         }
 
     @cached_property
     def states(self) -> tuple[State, ...]:
-        return tuple(State(f"position.{j}", f"velocity.{j}") for j in self.joints)
+        joints = tuple(State(f"position.{j}", f"velocity.{j}") for j in self.joints)
+        return joints if self.base is None else (*(State(f"pose.{a}", f"twist.{a}") for a in PLANAR), *joints)
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        return (*(f"position.{j}" for j in self.joints), *(f"velocity.{j}" for j in self.joints))
+        joints = (*(f"position.{j}" for j in self.joints), *(f"velocity.{j}" for j in self.joints))
+        return joints if self.base is None else (*(f"{k}.{a}" for k in ("pose", "twist") for a in PLANAR), *joints)
 
     @property
     def step(self) -> float:
@@ -100,14 +125,24 @@ class MujocoRobot:
             return self.joints
         if effect in ("payload", "sensor_outliers"):
             return (self.name,)
-        return {
-            "link_mass": self.links,
-            "sensor_delay": self.joints,
-            "sensor_bias": tuple(f"position.{j}" for j in self.joints),
+        return self._sensor_slots(effect) if effect.startswith("sensor_") else self._body_slots(effect)
+
+    def _sensor_slots(self, effect: str) -> tuple[str, ...]:
+        if self.base is None:
+            biased = tuple(f"position.{j}" for j in self.joints)
+            return {"sensor_delay": self.joints, "sensor_bias": biased}.get(effect, ())
+        others = tuple(j for j, rolls in zip(self.joints, self.base.rolling, strict=True) if not rolls.any())
+        return {  # a wheel's angle is not measured, and says nothing of where the robot is
+            "sensor_delay": ("pose", *others),
+            "sensor_bias": ("pose.theta", *(f"position.{j}" for j in others)),
+            "sensor_mounting": (self.name,),
         }.get(effect, ())
 
+    def _body_slots(self, effect: str) -> tuple[str, ...]:
+        return self.links if effect == "link_mass" else ()
+
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
-        dof = self.model.jnt_dofadr
+        dof = self.dofs
         least: dict[str, np.ndarray] = {
             "coulomb_friction": -self.model.dof_frictionloss[dof],
             "viscous_friction": -self.model.dof_damping[dof],
@@ -124,7 +159,7 @@ class MujocoRobot:
     def reference(self, kind: str, slot: str | None) -> float:
         m = self.model
         if kind == "inertia":
-            inertia = m.dof_M0[m.jnt_dofadr]
+            inertia = m.dof_M0[self.dofs]
             return float(np.median(inertia) if slot is None else inertia[self.joints.index(slot)])
         if kind == "mass":
             body = self.payload[0] if slot is None or slot not in self.links else self.links.index(slot) + 1

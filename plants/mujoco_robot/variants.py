@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from plants.mujoco_robot.base import Base
     from plants.mujoco_robot.robot import MujocoRobot
 
 
@@ -22,6 +23,7 @@ def merge(robots: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
             and other.links == first.links
             and other.command_kinds == first.command_kinds
             and other.actuator_joints == first.actuator_joints
+            and _same_base(other.base, first.base)
             and other.payload[0] == first.payload[0]
             and np.array_equal(other.payload[1], first.payload[1])
             and other.step == first.step
@@ -30,6 +32,15 @@ def merge(robots: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
             return None
     fields = _differing(robots)
     return None if fields is None else replace(first, settings=tuple(r.model for r in robots), differing=fields)
+
+
+def _same_base(one: "Base | None", other: "Base | None") -> bool:
+    """Whether both are fixed, or stand and roll alike."""
+    if one is None or other is None:
+        return one is other
+    same = (one.body, one.q, one.v) == (other.body, other.q, other.v)
+    alike = np.allclose(one.upright, other.upright) and np.allclose(one.rolling, other.rolling)
+    return same and alike and bool(np.isclose(one.height, other.height))
 
 
 def _differing(robots: "Sequence[MujocoRobot]") -> tuple[str, ...] | None:
