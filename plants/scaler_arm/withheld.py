@@ -1,0 +1,93 @@
+"""What sets the twin apart from its models: scoring alone may open this record. Nothing that learns or diagnoses does.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from plants.scaler_arm.geometry import Arm, Body
+from plants.scaler_arm.sticking import Sticking
+from residual_mpc.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Withheld:
+    """Effects that a twin has and nobody is told of; the defaults do nothing.
+
+    delay s of every command; payload kg at the tool point; gain of the servos (stiffness and damping alike); friction
+    N m s/rad added at every motor; sticking of the gears; counts of an encoder a turn, 0 for infinitely many.
+    """
+
+    delay: float = 0.0
+    payload: float = 0.0
+    gain: float = 1.0
+    friction: float = 0.0
+    sticking: Sticking = Sticking()
+    counts: int = 0
+
+    def __post_init__(self) -> None:
+        if not (self.delay >= 0 and self.payload >= 0 and self.gain > 0 and self.friction >= 0 and self.counts >= 0):
+            raise BadInput(f"{self} came", "withheld effects", "sizes are 0 or more, a gain is more than 0")
+
+
+TYPICAL = Withheld(
+    delay=0.0237,
+    payload=0.113,
+    gain=0.62,
+    friction=0.31,
+    sticking=Sticking(stick=0.006, slip=0.002, slowest=0.02),
+    counts=4096,
+)
+
+
+def really(arm: Arm, withheld: Withheld) -> Arm:
+    """The arm with the withheld payload, servo gain and friction."""
+    servo = replace(
+        arm.servo,
+        stiffness=arm.servo.stiffness * withheld.gain,
+        damping=arm.servo.damping * withheld.gain,
+        friction=arm.servo.friction + withheld.friction,
+    )
+    return replace(arm, servo=servo, gripper_body=_loaded(arm.gripper_body, arm.tool, withheld.payload))
+
+
+def truth(withheld: Withheld, engine: str) -> dict[str, Any]:
+    """The record that scoring opens: effects of the library by their names, and causes that no library names."""
+    effects: list[dict[str, Any]] = []
+
+    def name(effect: str, **parameters: float) -> None:
+        effects.append({"effect": effect, "target": None, "parameters": parameters})
+
+    if withheld.delay:
+        name("command_delay", delay=withheld.delay)
+    if withheld.payload:
+        name("payload", mass=withheld.payload)
+    if withheld.gain != 1.0:
+        name("actuator_gain", gain=withheld.gain)
+    if withheld.friction:
+        name("viscous_friction", coefficient=withheld.friction)
+    beyond = [f"the engine: {engine}"]
+    law = withheld.sticking
+    if np.any(np.asarray(law.stick) > 0):
+        beyond.append(f"stick and slip: {np.max(law.stick)} rad to break away, {np.max(law.slip)} rad behind")
+    if withheld.counts:
+        beyond.append(f"encoders of {withheld.counts} counts a turn")
+    return {"schema": "residual-mpc/truth/1", "robot": "scaler_arm", "effects": effects, "beyond": beyond}
+
+
+
+
+def _loaded(body: Body, at: tuple[float, float, float], mass: float) -> Body:
+    """The body with a point mass kg at `at` m; the products of inertia that it makes are left out, as elsewhere."""
+    if mass == 0.0:
+        return body
+    total = body.mass + mass
+    com = tuple((body.mass * c + mass * a) / total for c, a in zip(body.com, at, strict=True))
+    offsets = [(body.mass, [c - m for c, m in zip(body.com, com, strict=True)])]
+    offsets.append((mass, [a - m for a, m in zip(at, com, strict=True)]))
+    inertia = list(body.inertia)
+    for weight, (x, y, z) in offsets:
+        for i, square in enumerate((y * y + z * z, x * x + z * z, x * x + y * y)):
+            inertia[i] += weight * square
+    return Body(total, (com[0], com[1], com[2]), (inertia[0], inertia[1], inertia[2]))
