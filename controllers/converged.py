@@ -1,0 +1,86 @@
+"""The same control problem solved to convergence by IPOPT: the reference that real-time iteration is held against.
+
+Slow, and meant for tests and benchmarks. The kinks of a leaky ReLU stop it now and then: build the model with
+`smooth` > 0 for it.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from controllers.mpc import Mpc
+
+
+@dataclass(frozen=True, eq=False)
+class Converged:
+    """solver: CasADi nlpsol over the plan; parameters (x, sent, reference, p)."""
+
+    mpc: Mpc
+    solver: Any
+
+    def solve(
+        self, x: np.ndarray, sent: np.ndarray, reference: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, float, bool]:
+        """(plan (N, nu), its cost, whether the solver converged) from a guess (N, nu)."""
+        s, m = self.mpc.settings, self.mpc
+        most = s.limits.rate * m.model.build.dt
+        n = guess.size
+        extra = len(s.limits.soft)
+        parameters = np.concatenate([x, sent, reference.ravel(), m.p])
+        rows = [np.full(n, most)] + [np.full(2 * len(guess), np.inf)] * extra
+        low = [np.full(n, -most)] + [np.zeros(2 * len(guess))] * extra
+        result = self.solver(
+            x0=np.concatenate([guess.ravel(), np.zeros(extra)]),
+            p=parameters,
+            lbx=np.concatenate([np.full(n, s.limits.lower), np.zeros(extra)]),
+            ubx=np.concatenate([np.full(n, s.limits.upper), np.full(extra, np.inf)]),
+            lbg=np.concatenate(low),
+            ubg=np.concatenate(rows),
+        )
+        plan = np.array(result["x"]).ravel()[:n].reshape(guess.shape)
+        return plan, float(result["f"]), bool(self.solver.stats()["success"])
+
+
+def converged(mpc: Mpc, iterations: int = 200) -> Converged:
+    """The full problem of an Mpc, its cost written out once more in CasADi's terms."""
+    import casadi as ca
+
+    from residual_mpc.export.casadi_model import casadi_model
+
+    model, s = mpc.model, mpc.settings
+    c = casadi_model(model)
+    n, nx, nu, ny = s.horizon, model.nx, model.nu, len(mpc.poses)
+    plan, slack = ca.MX.sym("plan", nu, n), ca.MX.sym("slack", len(s.limits.soft))
+    x0, sent, reference = ca.MX.sym("x", nx), ca.MX.sym("sent", nu), ca.MX.sym("reference", ny, n)
+    p = ca.MX.sym("p", len(mpc.p))
+    cost: Any = 0
+    rows: list[Any] = []
+    soft: list[Any] = []
+    x, last = x0, sent
+    for k in range(n):
+        x = c.f(x, plan[:, k], p)
+        y = ca.vertcat(*[x[int(i)] for i in mpc.poses])
+        e = y - reference[:, k]
+        if "pose.theta" in model.stepped.poses:
+            turn = reference[2, k]
+            e = ca.vertcat(
+                ca.cos(turn) * e[0] + ca.sin(turn) * e[1],
+                -ca.sin(turn) * e[0] + ca.cos(turn) * e[1],
+                ca.remainder(e[2], 2 * ca.pi),
+            )
+        root = mpc.roots[0] if k < n - 1 else mpc.roots[1]
+        change = plan[:, k] - last
+        cost += 0.5 * ca.sumsqr(ca.mtimes(root, e))
+        cost += 0.5 * ca.sumsqr(change) / s.weights.change**2 + 0.5 * ca.sumsqr(plan[:, k]) / s.weights.command**2
+        rows.append(change)
+        last = plan[:, k]
+        for j, limit in enumerate(s.limits.soft):
+            v = y[model.stepped.poses.index(limit.channel)]
+            soft += [v - limit.lower + slack[j], limit.upper - v + slack[j]]
+    for j, limit in enumerate(s.limits.soft):
+        cost += limit.price * slack[j] + 0.5 * limit.square * slack[j] ** 2
+    z = ca.vertcat(ca.vec(plan), slack)
+    problem = {"x": z, "p": ca.vertcat(x0, sent, ca.vec(reference), p), "f": cost, "g": ca.vertcat(*rows, *soft)}
+    quiet: dict[str, Any] = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes", "ipopt.max_iter": iterations}
+    return Converged(mpc, ca.nlpsol("converged", "ipopt", problem, quiet))

@@ -1,0 +1,202 @@
+"""Model predictive control by real-time iteration: one linearisation, one quadratic program a sample.
+
+Diehl, Bock and Schloeder, SIAM J. Control Optim. 43(5), 2005. Single shooting: the plan of the last sample, shifted, is
+driven through the model from the estimated state, and the program improves it. Where the program fails or runs
+out of time the shifted plan is sent, which keeps every limit on the commands.
+
+    mpc = build_mpc(model, MpcSettings())
+    state = mpc.init()
+    command, state, info = mpc.step(state, x, reference)      # reference: poses at the next `horizon` samples
+
+Delay, lag and play of the model are states of it, so the plan counts with commands that are still on their way.
+"""
+
+import time
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from controllers.qp import Qp, QpSolver, qp_solver
+from controllers.riccati import terminal_cost
+from controllers.rollout import Rollout, rollout
+from controllers.settings import MpcSettings
+from residual_mpc.export.augmented import Augmented
+
+Outcome = Literal["solved", "inaccurate", "shifted"]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanState:
+    """plan (N, nu) of the last sample; sent (nu,) command of the last sample; samples and failures so far; the solver's
+    engine, which remembers its last solution and belongs to one run alone.
+    """
+
+    plan: np.ndarray
+    sent: np.ndarray
+    samples: int
+    failures: int
+    engine: QpSolver = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Info:
+    """What one sample came to. seconds: wall time of the step; cost: change of the linearised cost, NaN if shifted."""
+
+    outcome: Outcome
+    seconds: float
+    cost: float
+    failures: int
+
+
+@dataclass(frozen=True, eq=False)
+class Mpc:
+    """A built controller. p (np,) are the model's parameters: `with_parameters` swaps them without building anew."""
+
+    model: Augmented
+    settings: MpcSettings
+    p: np.ndarray
+    roll: Rollout
+    poses: np.ndarray  # (ny,) places of the poses in x
+    roots: tuple[np.ndarray, np.ndarray]  # (ny, ny) each: square roots of the cost of a stage and of the end
+    change: np.ndarray  # (N nu, N nu): changes of the command, from the plan; the first against what was sent last
+
+    @property
+    def horizon(self) -> int:
+        return self.settings.horizon
+
+    def init(self) -> PlanState:
+        """At rest, nothing sent yet."""
+        plan = np.zeros((self.horizon, self.model.nu))
+        plan = np.clip(plan, self.settings.limits.lower, self.settings.limits.upper)
+        engine = qp_solver(self.settings.solver, self._pattern(), self.settings.budget)
+        return PlanState(plan, plan[0].copy(), 0, 0, engine)
+
+    def with_parameters(self, p: np.ndarray) -> "Mpc":
+        """The same controller with other numbers or weights (np,), for learning while driving."""
+        return replace(self, p=np.asarray(p, dtype=np.float64))
+
+    def step(self, state: PlanState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, PlanState, Info]:
+        """Command (nu,) from the estimated state x (nx,) and the poses wanted at the next N samples (N, ny)."""
+        begin = time.perf_counter()
+        plan = self._within(np.concatenate([state.plan[1:], state.plan[-1:]]), state.sent)
+        outcome: Outcome = "shifted"
+        cost = float("nan")
+        if np.isfinite(x).all() and np.isfinite(reference).all():
+            for _ in range(self.settings.iterations if state.samples else self.settings.first):
+                qp = self._program(x, plan, state.sent, reference)
+                if not (np.isfinite(qp.H).all() and np.isfinite(qp.g).all()):
+                    break
+                z, status = state.engine.solve(qp)
+                late = time.perf_counter() - begin > self.settings.budget
+                better = status == "solved" or (status == "inaccurate" and qp.cost(z) < qp.cost(self._idle(qp)))
+                if late or not better:
+                    break
+                plan = self._within(plan + z[: plan.size].reshape(plan.shape), state.sent)
+                outcome = "solved" if status == "solved" else "inaccurate"
+                cost = qp.cost(z)
+        failures = state.failures + (outcome == "shifted")
+        command = plan[0].copy()
+        info = Info(outcome, time.perf_counter() - begin, cost, failures)
+        return command, PlanState(plan, command, state.samples + 1, failures, state.engine), info
+
+    def _idle(self, qp: Qp) -> np.ndarray:
+        """The z of the shifted plan itself: no change, and the slacks that it needs."""
+        z, m = np.zeros(len(qp.g)), self.horizon * self.model.nu
+        for j in range(len(qp.g) - m):
+            column = qp.A[m:, m + j]
+            rows = column > 0
+            z[m + j] = max(0.0, float((qp.row_low[m:][rows] / column[rows]).max()))
+        return z
+
+    def _within(self, plan: np.ndarray, sent: np.ndarray) -> np.ndarray:
+        """The plan with every limit on commands kept to the last bit, whatever a solver's tolerance is."""
+        limits, most = self.settings.limits, self.settings.limits.rate * self.model.build.dt
+        plan = np.clip(plan, limits.lower, limits.upper)
+        if not np.isfinite(most):
+            return plan
+        steps = np.diff(plan, axis=0, prepend=sent[None])
+        if (np.abs(steps) <= most).all():
+            return plan
+        out, last = np.empty_like(plan), sent
+        for k in range(len(plan)):
+            last = np.clip(plan[k], last - most, last + most)
+            out[k] = last
+        return out
+
+    def _program(self, x: np.ndarray, plan: np.ndarray, sent: np.ndarray, reference: np.ndarray) -> Qp:
+        """The Gauss-Newton program about the plan; z = (change of the plan, one slack a soft limit)."""
+        s, n, m = self.settings, self.horizon, plan.size
+        y = self.roll.drive(x, plan, self.p)[:, self.poses]  # (N, ny)
+        S = self.roll.condense()[:, self.poses]  # (N, ny, m)
+        e = y - reference
+        roots = self._in_frame(reference, e)
+        M = np.matmul(roots, S).reshape(-1, m)
+        r = np.matmul(roots, e[:, :, None]).ravel()
+        w, v = s.weights.change**-2.0, s.weights.command**-2.0
+        u = plan.ravel()
+        steps = self.change @ u
+        steps[: len(sent)] -= sent
+        extra = len(s.limits.soft)
+        H = np.zeros((m + extra, m + extra))
+        H[:m, :m] = M.T @ M + w * (self.change.T @ self.change)
+        H[np.arange(m), np.arange(m)] += v
+        g = np.zeros(m + extra)
+        g[:m] = M.T @ r + w * (steps @ self.change) + v * u
+        low, high = np.full(m + extra, 0.0), np.full(m + extra, 1e20)
+        low[:m], high[:m] = s.limits.lower - u, s.limits.upper - u
+        most = s.limits.rate * self.model.build.dt
+        rows = [np.hstack([self.change, np.zeros((m, extra))])] if extra else [self.change]
+        lows, highs = [np.maximum(-most - steps, -1e20)], [np.minimum(most - steps, 1e20)]
+        for j, soft in enumerate(s.limits.soft):
+            H[m + j, m + j], g[m + j] = 1.0, soft.price * soft.square**-0.5
+            place = self.model.stepped.poses.index(soft.channel)
+            slack = np.zeros((n, extra))
+            slack[:, j] = soft.square**-0.5  # a slack in units that cost one: first-order solvers need it
+            rows += [np.hstack([S[:, place], slack]), np.hstack([-S[:, place], slack])]
+            lows += [soft.lower - y[:, place], y[:, place] - soft.upper]
+            highs += [np.full(n, 1e20)] * 2
+        return Qp(H, g, low, high, np.vstack(rows), np.concatenate(lows), np.concatenate(highs))
+
+    def _in_frame(self, reference: np.ndarray, e: np.ndarray) -> np.ndarray:
+        """(N, ny, ny) roots of the cost, turned from the reference's frame into the world's; wraps e's heading."""
+        stage, end = self.roots
+        n, ny = reference.shape
+        out = np.broadcast_to(stage, (n, ny, ny)).copy()
+        out[-1] = end
+        if "pose.theta" not in self.model.stepped.poses:
+            return out
+        e[:, 2] = np.remainder(e[:, 2] + np.pi, 2 * np.pi) - np.pi
+        c, s = np.cos(reference[:, 2]), np.sin(reference[:, 2])
+        turn = np.zeros((n, 3, 3))
+        turn[:, 0, 0] = turn[:, 1, 1] = c
+        turn[:, 0, 1], turn[:, 1, 0], turn[:, 2, 2] = s, -s, 1.0
+        return np.matmul(out, turn)
+
+    def _pattern(self) -> np.ndarray:
+        m, extra, n = self.horizon * self.model.nu, len(self.settings.limits.soft), self.horizon
+        rows = [np.hstack([self.change != 0, np.zeros((m, extra), dtype=bool)])]
+        rows += [np.ones((n, m + extra), dtype=bool)] * (2 * extra)
+        return np.vstack(rows)
+
+
+def build_mpc(model: Augmented, settings: MpcSettings) -> Mpc:
+    """Compile the stages and work out the terminal cost; a second or two.
+
+    Raises BadInput where the weights do not fit the model's poses, or a soft limit names an unknown channel.
+    """
+    from residual_mpc.errors import BadInput
+
+    ny, n, nu = len(model.stepped.poses), settings.horizon, model.nu
+    if len(settings.weights.error) != ny:
+        came = f"{len(settings.weights.error)} weights came for {ny} poses"
+        raise BadInput(came, model.robot.name, "give one a pose")
+    for soft in settings.limits.soft:
+        if soft.channel not in model.stepped.poses:
+            known = ", ".join(model.stepped.poses)
+            raise BadInput(f"a soft limit on {soft.channel!r}", model.robot.name, f"name one of {known}")
+    stage = np.diag(1.0 / np.array(settings.weights.error))
+    end = np.linalg.cholesky(terminal_cost(model, settings.weights, settings.cruise)).T
+    change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
+    poses = np.array([model.stepped.states.index(c) for c in model.stepped.poses])
+    return Mpc(model, settings, model.p, rollout(model, n, settings.compile), poses, (stage, end), change)

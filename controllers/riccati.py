@@ -1,0 +1,103 @@
+"""Linearise, and solve the Riccati equation: what LQR and the MPC's terminal cost share."""
+
+import numpy as np
+
+from controllers.settings import Weights
+from residual_mpc.errors import BadInput
+from residual_mpc.export.augmented import Augmented
+from residual_mpc.export.casadi_model import casadi_model
+
+UNCONTROLLED = ("clock", "disturbance.", "last.")  # states that no command moves, or that only the network reads
+SETTLED = 3.0  # s, after which a lag or delay of a steady command has settled
+
+
+def dlqr(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """K (nu, nx) and P (nx, nx) of u = -K x, minimal cost x0'P x0, by python-control.
+
+    Raises BadInput where no stabilising solution exists.
+    """
+    import control
+
+    try:
+        P, _, K = control.dare(A, B, Q, R)
+    except (ValueError, control.ControlArgument, np.linalg.LinAlgError) as error:
+        raise BadInput(
+            f"the Riccati equation has no stabilising solution: {error}",
+            "linearisation",
+            "linearise about a motion: a robot that stands cannot move sideways",
+        ) from error
+    if not np.isfinite(P).all():
+        raise BadInput("the Riccati equation has no finite solution", "linearisation", "linearise about a motion")
+    return np.asarray(K), np.asarray(P)
+
+
+def steady_motion(model: Augmented, cruise: float) -> tuple[np.ndarray, np.ndarray]:
+    """(x (nx,), u (nu,)): straight on along x at about `cruise` m/s, all memory settled, at the origin.
+
+    Equal commands to all actuators, as large as the model needs: found by one secant step over a settled drive.
+    """
+    u = np.full(model.nu, 1.0)
+    for _ in range(4):
+        x = _settle(model, u)
+        there = model.numpy_step(x, u)
+        speed = float(np.hypot(*(there - x)[:2])) / model.build.dt
+        if speed < 1e-6:  # a dead zone: push harder
+            u = 3.0 * u
+            continue
+        u = u * np.clip(cruise / speed, 0.2, 8.0)
+    x = _settle(model, u)
+    for name in model.stepped.poses:
+        x[model.stepped.states.index(name)] = 0.0
+    return x, u
+
+
+def linearise(model: Augmented, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A (nx, nx), B (nx, nu) of the step, the network's exact derivative in it."""
+    _, a, b = casadi_model(model).stage(x, u, model.p)
+    return np.array(a), np.array(b)
+
+
+def controlled(model: Augmented) -> np.ndarray:
+    """Indices of the states that a command moves and a cost may see."""
+    return np.array([i for i, s in enumerate(model.stepped.states) if not s.startswith(UNCONTROLLED)])
+
+
+def with_last_command(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The system whose input is the change of the command: state (x, u), A = [[A, B], [0, I]], B = [[B], [I]]."""
+    n, m = B.shape
+    bigger = np.block([[A, B], [np.zeros((m, n)), np.eye(m)]])
+    return bigger, np.vstack([B, np.eye(m)])
+
+
+def stage_cost(weights: Weights, model: Augmented, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Q over (states, last command) and R over the change."""
+    q = np.zeros(len(states) + model.nu)
+    where = [int(np.flatnonzero(states == model.stepped.states.index(c))[0]) for c in model.stepped.poses]
+    q[where] = np.array(weights.error) ** -2.0
+    q[len(states) :] = weights.command**-2.0
+    return np.diag(q), np.eye(model.nu) * weights.change**-2.0
+
+
+def terminal_cost(model: Augmented, weights: Weights, cruise: float) -> np.ndarray:
+    """(ny, ny) cost of a pose error at the horizon's end, in the reference's own frame: the Riccati solution at a
+    steady motion, its pose block.
+    """
+    states = controlled(model)
+    A, B = linearise(model, *steady_motion(model, cruise))
+    A, B = with_last_command(A[np.ix_(states, states)], B[states])
+    Q, R = stage_cost(weights, model, states)
+    Q = Q + 1e-9 * np.eye(len(Q))  # memory that no error sees is still to be detectable
+    _, P = dlqr(A, B, Q, R)
+    where = [int(np.flatnonzero(states == model.stepped.states.index(c))[0]) for c in model.stepped.poses]
+    block = P[np.ix_(where, where)]
+    return 0.5 * (block + block.T)
+
+
+def _settle(model: Augmented, u: np.ndarray) -> np.ndarray:
+    x = model.start()
+    for _ in range(int(np.ceil(SETTLED / model.build.dt))):
+        x = model.numpy_step(x, u)
+    # turned back to straight on: unequal wheels drive an arc, and its heading says nothing here
+    if "pose.theta" in model.stepped.states:
+        x[model.stepped.states.index("pose.theta")] = 0.0
+    return x

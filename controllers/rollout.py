@@ -1,0 +1,59 @@
+"""The model driven along a plan, with its derivatives: every stage in one compiled call."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.export.augmented import Augmented
+from residual_mpc.export.casadi_model import casadi_model
+from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """Fixed arrays that one call fills. Single shooting: the states are those of the plan, so no stage has a defect."""
+
+    nx: int
+    nu: int
+    steps: int
+    call: Buffered
+    sensitivity: np.ndarray  # (steps + 1, nx, steps * nu) dx_k / dU, filled below the diagonal
+
+    def drive(self, x: np.ndarray, plan: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """(steps, nx) states after each step, from x (nx,) under plan (steps, nu) and parameters p (np,)."""
+        a = self.call.arguments
+        a[0][:], a[1][:], a[2][:] = x, plan.ravel(), p
+        self.call.run()
+        return self.call.results[0].reshape(self.steps, self.nx)
+
+    def condense(self) -> np.ndarray:
+        """(steps, nx, steps * nu) dx_k / dU along the plan driven last, by the chain rule over the stages."""
+        n, m, s = self.nx, self.nu, self.sensitivity
+        a = self.call.results[1].reshape(self.steps, n, n).transpose(0, 2, 1)
+        b = self.call.results[2].reshape(self.steps, m, n).transpose(0, 2, 1)
+        s[1, :, :m] = b[0]
+        for k in range(1, self.steps):
+            np.matmul(a[k], s[k, :, : k * m], out=s[k + 1, :, : k * m])
+            s[k + 1, :, k * m : (k + 1) * m] = b[k]
+        return s[1:]
+
+
+def rollout(model: Augmented, steps: int, compile: bool) -> Rollout:
+    """Build it; a second or two where it is compiled, the first time in a process."""
+    import casadi as ca
+
+    stage = casadi_model(model).stage
+    x, plan, p = ca.MX.sym("x", model.nx), ca.MX.sym("plan", model.nu, steps), ca.MX.sym("p", len(model.p))
+    states, a, b = [], [], []
+    at = x
+    for k in range(steps):
+        at, ak, bk = stage(at, plan[:, k], p)
+        states.append(at)
+        a.append(ak)
+        b.append(bk)
+    outputs = [ca.horzcat(*states), ca.horzcat(*a), ca.horzcat(*b)]
+    function = compiled(ca.Function("rollout", [x, plan, p], outputs), compiler() if compile else None)
+    n, m = model.nx, model.nu
+    sizes = (n, m * steps, len(model.p))
+    call = buffered(function, sizes, (n * steps, n * n * steps, n * m * steps))
+    return Rollout(n, m, steps, call, np.zeros((steps + 1, n, m * steps)))

@@ -1,0 +1,79 @@
+"""What tunes the controllers: weights, limits, and how the quadratic program is solved."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+Solver = Literal["osqp", "daqp"]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Cost a step: error' Q error + change' S change + command' R command, over deviations in the units below.
+
+    error: a channel's error that costs 1 (its unit), in the order of the model's poses; for a planar robot along,
+    across and heading. command, change: the deviation from the reference's command, and the change from one step to the
+    next, that cost 1 (actuator unit).
+    """
+
+    error: tuple[float, ...] = (0.05, 0.05, 0.2)  # m, m, rad
+    command: float = 200.0  # rad/s
+    change: float = 8.0  # rad/s
+
+    def __post_init__(self) -> None:
+        if not all(np.isfinite(v) and v > 0 for v in (*self.error, self.command, self.change)):
+            raise ValueError(f"every weight has to be positive: {self}")
+
+
+@dataclass(frozen=True)
+class Soft:
+    """A limit on a pose channel that may be passed at a price: `price` a unit, and `square` a unit squared."""
+
+    channel: str
+    lower: float
+    upper: float
+    price: float = 100.0
+    square: float = 1000.0
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper or self.price < 0 or self.square <= 0:
+            raise ValueError(f"lower has to be below upper, prices positive: {self}")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """lower, upper: of every command, actuator unit, never passed; rate: largest change a second, inf for none;
+    soft: see Soft.
+    """
+
+    lower: float = -12.0  # rad/s
+    upper: float = 12.0  # rad/s
+    rate: float = 100.0  # rad/s^2
+    soft: tuple[Soft, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.lower) and np.isfinite(self.upper) and self.lower < self.upper and self.rate > 0):
+            raise ValueError(f"limits have to be finite, lower below upper, the rate positive: {self}")
+
+
+@dataclass(frozen=True)
+class MpcSettings:
+    """horizon: steps. iterations: quadratic programs a sample (1: real-time iteration); first: the same for the first
+    sample of a run, which has no plan to start from. cruise: m/s, the speed at which the terminal cost is worked out.
+    budget: s that a sample may take. compile: whether a C compiler is used if found.
+    """
+
+    horizon: int = 20
+    weights: Weights = Weights()
+    limits: Limits = Limits()
+    solver: Solver = "osqp"
+    iterations: int = 1
+    first: int = 5
+    cruise: float = 0.2
+    budget: float = 0.02
+    compile: bool = True
+
+    def __post_init__(self) -> None:
+        if self.horizon < 2 or min(self.iterations, self.first) < 1 or not min(self.budget, self.cruise) > 0:
+            raise ValueError("horizon has to be 2 or more, iterations 1 or more, budget and cruise positive")
