@@ -1,0 +1,138 @@
+"""Learning a residual from runs: windows in order of time, one update each."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.replay import predict
+from residual_mpc.models.settings import Settings
+from residual_mpc.residual import ekf, ukf
+from residual_mpc.residual.filter import Belief, FilterSettings, Info, start
+from residual_mpc.residual.forms import Form
+from residual_mpc.residual.lesson import Course, lesson, push_through, start_doubt
+from residual_mpc.residual.mlp import PAPER_HIDDEN, Mlp, initial_weights
+from residual_mpc.residual.record import Residual
+
+LARGE = 400  # weights from which the exact Jacobian replaces the sigma points
+
+
+@dataclass(frozen=True)
+class LearnSettings:
+    """hidden: nodes of the hidden layers. horizon: N, steps in an update. step: s of a step, None for the form's usual.
+
+    variance: of each weight before any data; the weights' inputs are scaled to one. goal: share of each channel's error
+    under the base model that is not worth explaining; it stands in C_v beside the sensor noise, for what no memoryless
+    network can follow would otherwise be taken for certain. passes: how often the data are gone through.
+    """
+
+    hidden: tuple[int, ...] = PAPER_HIDDEN
+    horizon: int = 20
+    step: float | None = None
+    variance: float = 0.1
+    goal: float = 0.3
+    passes: int = 1
+    kalman: FilterSettings = FilterSettings()
+    method: str = "auto"
+
+    def __post_init__(self) -> None:
+        if self.horizon < 2 or self.passes < 1 or not self.variance > 0.0 or not 0.0 <= self.goal < 1.0:
+            raise ValueError(f"{self} came: a horizon of 2 or more, a pass, a positive variance and a goal below 1")
+        if self.method not in ("auto", "ukf", "ekf"):
+            raise ValueError(f"method {self.method!r} came, auto, ukf or ekf was wanted")
+
+
+USUAL_STEP = {"body": 0.05, "paper": 0.05, "joint": 0.02}  # s
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """After an update: its number, seconds of data so far, the H2 norms of the window before it, the filter's time."""
+
+    update: int
+    seconds: float
+    h2: np.ndarray
+    update_ms: float
+    info: Info
+    belief: Belief
+
+
+def step_of(form: Form, grid: float, settings: LearnSettings) -> float:
+    """The residual's step in s: whole steps of the replay's grid."""
+    wanted = settings.step or USUAL_STEP[form.name]
+    return max(1, round(wanted / grid)) * grid
+
+
+def begin(
+    data: Dataset, form: Form, step: float, settings: LearnSettings, effects: Settings,
+    fixed: Sequence[Residual], scaling: np.ndarray, used: np.ndarray, rng: np.random.Generator,
+) -> tuple[Course, Residual]:  # fmt: skip
+    """The course over the windows of `data`, and a residual of zero with scales from the windows `scaling` (W,)."""
+    base = data.blocks[0].robot
+    inputs, outputs = form.inputs(base), form.outputs(base)
+    net = Mlp(len(inputs), settings.hidden, len(outputs))
+    blank = Residual(
+        net, initial_weights(net, rng), inputs, outputs, np.zeros(net.inputs), np.ones(net.inputs),
+        np.ones(net.outputs), form.name, step, base.name,
+    )  # fmt: skip
+    error = data.y - predict(data, effects)[0]
+    train = np.where(data.compared[:, None, :] & scaling[:, None, None], error, np.nan)
+    with np.errstate(invalid="ignore"):
+        size = np.sqrt(np.nan_to_num(np.nanmedian(train**2, axis=(0, 1)) / 0.455))  # a normal's mean square, robustly
+    course = Course(
+        data, form, effects, tuple(fixed), settings.goal * size, start_doubt(data, effects), used, settings.horizon
+    )
+    return course, scaled(course, blank, scaling, rng)
+
+
+def scaled(course: Course, blank: Residual, scaling: np.ndarray, rng: np.random.Generator, few: int = 40) -> Residual:
+    """Input scales from the model's own motion; output scales: the size of the constant residual, window by window,
+    that would explain what the base leaves."""
+    at = np.flatnonzero(scaling)
+    at = np.sort(rng.permutation(at)[:few])
+    z, wanted = [], []
+    nudge = np.full(len(blank.outputs), 1e-2)
+    for w in at:
+        one = course.data.take(np.arange(course.data.count) == w)
+        count, rolled, predicted, readout = push_through(course, blank, one, nudge)
+        z.append(rolled.z[0])
+        error = np.where(course.used & np.isfinite(one.y[0]), one.y[0] - predicted, 0.0) / one.sigma
+        through = np.where(np.isfinite(one.y[0]) & course.used, readout / one.sigma, 0.0)
+        held = through.reshape(len(blank.outputs), count, -1).sum(axis=1).T  # (M C, o)
+        wanted.append(np.linalg.lstsq(held, error.reshape(-1), rcond=1e-6)[0])
+    stacked = np.concatenate(z)
+    spread = stacked.std(axis=0)
+    spread = np.where(spread > 1e-6 * (1.0 + np.abs(stacked).max(axis=0)), spread, 1.0)  # a constant input says nothing
+    size = np.sqrt(np.median(np.square(wanted), axis=0) / 0.455)
+    size = np.maximum(size, 1e-6 * (1.0 + size.max()))
+    return replace(blank, input_mean=stacked.mean(axis=0), input_scale=spread, output_scale=size)
+
+
+def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, Info]]:
+    """The update of the chosen filter; auto: the UKF while it costs a millisecond, the EKF for larger nets."""
+    if method == "auto":
+        method = "ukf" if size < LARGE else "ekf"
+    return ukf.update if method == "ukf" else ekf.update
+
+
+def run(
+    course: Course, learned: Residual, belief: Belief, order: np.ndarray, settings: LearnSettings, first: int = 0
+) -> Iterator[Progress]:
+    """Update after update over the windows `order` (rows of course.data), from number `first` on."""
+    update = filter_of(settings.method, learned.net.size)
+    nudge = 0.1 * learned.output_scale
+    seconds = first * learned.step * settings.horizon
+    for k in range(first, len(order)):
+        given = lesson(course, learned.with_theta(belief.mean), int(order[k]), nudge)
+        begun = perf_counter()
+        belief, info = update(belief, given.window, given.measured, settings.kalman)
+        took = 1e3 * (perf_counter() - begun)
+        seconds += given.seconds  # of data, passes counted anew
+        yield Progress(k + 1, seconds, given.h2, took, info, belief)
+
+
+def prior(learned: Residual, settings: LearnSettings) -> Belief:
+    """The belief before any data."""
+    return start(learned.theta, settings.variance)

@@ -1,0 +1,166 @@
+"""One window of a log as the filter sees it: what was measured, and what the network's outputs do to it.
+
+The window is rolled out freely under the weights at hand, from its measured start, and compared where the gap compares
+it: at the position-like samples. How each output at each step moves them is found by pushing it, one row a push, all
+in one replay; that keeps every effect of the base model, delays of the sensors among them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.problem import start_sigma
+from residual_mpc.diagnosis.replay import earliest, predict
+from residual_mpc.models.protocol import Drive, Robot
+from residual_mpc.models.settings import Settings
+from residual_mpc.residual.filter import Measurement
+from residual_mpc.residual.forms import Delta, Form, Rolled, steps_of
+from residual_mpc.residual.record import Residual
+from residual_mpc.residual.reference import reference_velocities
+from residual_mpc.residual.window import Window
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """window and measured: for the filter. h2 (N,): |x_ref - x_pred| in each step, NaN where nothing was measured;
+    seconds of data in it."""
+
+    window: Window
+    measured: Measurement
+    h2: np.ndarray
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What all lessons of a learning share.
+
+    data: windows of N steps. settings: one row, the diagnosed effects. fixed: residuals that are not learned, summed.
+    floor (C,): what the model is not asked to explain of each channel, channel unit. doubt (W, M, C, k): how one sigma
+    of each start coordinate moves the prediction. samples: at most so many of a channel in a lesson.
+    """
+
+    data: Dataset
+    form: Form
+    settings: Settings
+    fixed: tuple[Residual, ...]
+    floor: np.ndarray
+    doubt: np.ndarray
+    used: np.ndarray  # (C,) bool: channels that are compared and move
+    samples: int = 20
+
+
+@dataclass
+class _Pushed:
+    """The base robot for predict(): row h of a hypothesis gets push h; keeps what it rolled."""
+
+    base: Robot
+    form: Form
+    delta: Delta
+    step: float
+    push: np.ndarray
+    rolled: list[Rolled] = field(default_factory=list)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.base, name)
+
+    def replay(
+        self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    ) -> Mapping[str, np.ndarray]:
+        rolled = self.form.roll(self.base, self.delta, self.step, start, drive, settings, wanted, self.push)
+        self.rolled.append(rolled)
+        return rolled.nodes
+
+
+def lesson(course: Course, learned: Residual, w: int, nudge: np.ndarray) -> Lesson:
+    """Window w (row of course.data) under the residual's weights. nudge (outputs,): sizes of the pushes."""
+    one = course.data.take(np.arange(course.data.count) == w)
+    count, rolled, predicted, readout = push_through(course, learned, one, nudge)
+    y, t = one.y[0], one.t[0]
+    keep = kept_samples(course, y, t)
+    m_index, c_index = np.nonzero(keep)
+    z = rolled.z[0]
+    own = learned(z)  # (N, o)
+    phi = readout[:, m_index, c_index].T  # (m, o * N)
+    at = predicted[m_index, c_index]
+    offset = at - phi @ own.T.reshape(-1)
+    a = course.doubt[w][m_index, c_index]  # (m, k)
+    sigma = one.sigma[c_index]
+    noise = a @ a.T + np.diag(sigma**2 + course.floor[c_index] ** 2)
+    scaled = (z - learned.input_mean) / learned.input_scale
+    # channels in units of their standard deviation, so that the moments are of order one
+    weight = 1.0 / np.sqrt(np.diagonal(noise))
+    return Lesson(
+        Window(learned.net, scaled, weight * offset, learned.output_scale, weight[:, None] * phi),
+        Measurement(weight * y[m_index, c_index], weight[:, None] * noise * weight),
+        h2_norms(course, one, rolled, learned.step, count),
+        learned.step * count,
+    )
+
+
+def push_through(
+    course: Course, learned: Residual, one: Dataset, nudge: np.ndarray
+) -> tuple[int, Rolled, np.ndarray, np.ndarray]:
+    """(steps N, what was rolled, predicted (M, C), its derivative (o * N, M, C) by each output at each step)."""
+    (block,) = one.blocks
+    extra = int(np.ceil(earliest(block, course.settings).max() / block.drive.dt))
+    longer = replace(block.drive, command=np.empty((1, block.drive.lead + block.drive.steps + extra, 1)))
+    _, count = steps_of(learned.step, longer)
+    outputs = len(learned.outputs)
+    push = np.zeros((1 + outputs * count, count, outputs))
+    for o in range(outputs):
+        rows = 1 + o * count + np.arange(count)
+        push[rows, np.arange(count), o] = nudge[o]
+    robot = _Pushed(block.robot, course.form, summed((*course.fixed, learned)), learned.step, push)
+    pushed = replace(one, blocks=(replace(block, robot=robot),))  # type: ignore[arg-type]
+    found = predict(pushed, course.settings.take(np.zeros(len(push), dtype=int)))[:, 0]
+    size = np.repeat(nudge, count)[:, None, None]
+    return count, robot.rolled[0], found[0], np.nan_to_num((found[1:] - found[0]) / size)
+
+
+def summed(residuals: Sequence[Residual]) -> Delta:
+    """The sum of residuals of one form."""
+
+    def delta(z: np.ndarray) -> np.ndarray:
+        total = residuals[0](z)
+        for r in residuals[1:]:
+            total = total + r(z)
+        return total
+
+    return delta
+
+
+def kept_samples(course: Course, y: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(M, C) bool: at most `samples` of each used channel, spread evenly over those that are not missing."""
+    keep = np.zeros(y.shape, dtype=bool)
+    for c in np.flatnonzero(course.used):
+        there = np.flatnonzero(np.isfinite(y[:, c]) & (np.nan_to_num(t) > 0.0))
+        if len(there) > course.samples:
+            there = there[np.linspace(0, len(there) - 1, course.samples).round().astype(int)]
+        keep[there, c] = True
+    return keep
+
+
+def h2_norms(course: Course, one: Dataset, rolled: Rolled, step: float, count: int) -> np.ndarray:
+    """(N,) the paper's H2 norm at each step: |x_ref - x_pred| over the velocities that the residual corrects."""
+    outputs = course.form.outputs(one.blocks[0].robot)
+    late = 1.0 if course.form.name == "joint" else 0.5  # a joint's velocity is that at the step's end
+    t = one.start[0] + step * (np.arange(count) + late)
+    reference = reference_velocities(one, int(one.run[0]), outputs, t)
+    seen = np.isfinite(reference).any(axis=0)
+    off = (reference - rolled.velocity[0])[:, seen]
+    inside = t <= one.start[0] + one.horizon + 1e-9
+    return np.where(inside & np.isfinite(off).all(axis=1) & seen.any(), np.linalg.norm(off, axis=1), np.nan)
+
+
+def start_doubt(data: Dataset, settings: Settings) -> np.ndarray:
+    """(W, M, C, k): how one inflated standard deviation of each start coordinate moves the base's prediction."""
+    base = predict(data, settings)[0]
+    columns = [
+        np.nan_to_num(predict(data, settings, {channel: size})[0] - base)
+        for channel, size in start_sigma(data).items()
+        if size.any()
+    ]
+    return np.stack(columns, axis=-1) if columns else np.zeros((*base.shape, 1))
