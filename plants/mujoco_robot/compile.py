@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_robot.base import find_base, hinges_and_slides
+from plants.mujoco_robot.loops import find_loops
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
 
@@ -20,7 +21,7 @@ def build(robot: RobotFile) -> "MujocoRobot":
     """The robot of a file whose plant is `mujoco`.
 
     Raises BadInput where the model does not compile, has no actuator, or needs what is not supported yet
-    (ball joints, closed loops, a free joint that `pose_body` does not name).
+    (ball joints, loops that leave a joint undetermined, a free joint that `pose_body` does not name).
     """
     from plants.mujoco_robot.robot import MujocoRobot
 
@@ -30,7 +31,8 @@ def build(robot: RobotFile) -> "MujocoRobot":
     base = find_base(model, robot.pose_body, str(robot.model))
     _refuse_unsupported(model, str(robot.model))
     site = _payload_site(model, robot)
-    return MujocoRobot(robot.name, model, site, robot.servo_feedback, robot.position_sensor, base)
+    loops = find_loops(model, str(robot.model))
+    return MujocoRobot(robot.name, model, site, robot.servo_feedback, robot.position_sensor, base, loops)
 
 
 def compile_model(path: str) -> "mujoco.MjModel":
@@ -42,6 +44,11 @@ def compile_model(path: str) -> "mujoco.MjModel":
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"MuJoCo does not compile this model: {reason}", path, "mend the model file") from error
+    return limited(model)
+
+
+def limited(model: "mujoco.MjModel") -> "mujoco.MjModel":
+    """The model itself, with a force range on every actuator."""
     free = model.actuator_forcelimited == 0
     model.actuator_forcerange[free] = (-NO_LIMIT, NO_LIMIT)
     model.actuator_forcelimited[:] = 1
@@ -64,8 +71,6 @@ def _refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
                 path,
                 "hinge and slide joints are supported, and a driving robot's free joint",
             )
-    if model.neq and model.eq_active0.any():
-        raise BadInput("the model has equality constraints", path, "closed loops are not supported yet: open the chain")
     for i in range(model.nu):
         if int(model.actuator_trntype[i]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             raise BadInput(

@@ -44,7 +44,7 @@ class SolvedLoops:
     passive: tuple[str, ...]
     places: np.ndarray  # (p,) of the passive joints in qpos
     dofs: np.ndarray  # (p,) in qvel
-    given: np.ndarray  # (nq - p,) in qpos, all others
+    given: np.ndarray  # (joints - p,) in qpos, all others
     rest: np.ndarray  # (nq,) a pose whose loops are closed
 
     def close(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -111,18 +111,18 @@ def find_loops(model: "mujoco.MjModel", path: str) -> SolvedLoops | None:
     for off in ("CONTACT", "LIMIT", "FRICTIONLOSS"):
         alone.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{off}"))
     _, jacobian = constraint(alone, mujoco.MjData(alone), model.qpos0)
-    driven = {int(j) for j in model.actuator_trnid[:, 0]}
-    joints = [j for j in hinges_and_slides(model).tolist() if j not in driven]
+    simple, driven = hinges_and_slides(model), {int(j) for j in model.actuator_trnid[:, 0]}
+    joints = [j for j in simple.tolist() if j not in driven]
     joints = [j for j in joints if np.abs(jacobian[:, model.jnt_dofadr[j]]).max() > INDEPENDENT]
     names = tuple(model.joint(j).name for j in joints)
     places, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-    if joints and np.linalg.svd(jacobian[:, dofs], compute_uv=False)[-1] < INDEPENDENT:
+    if joints and np.linalg.matrix_rank(jacobian[:, dofs], tol=INDEPENDENT) < len(joints):
         raise BadInput(
             f"the closed loops do not determine all of the joints {', '.join(names)}",
             path,
             "lock or drive those that are free to move while every motor stands still",
         )
-    given = np.setdiff1d(np.arange(model.nq), places)
+    given = np.setdiff1d(model.jnt_qposadr[simple], places)
     loops = SolvedLoops(alone, names, places, dofs, given, model.qpos0.copy())
     rest = model.qpos0[None].copy()
     loops.close(rest, np.zeros((1, model.nv)))

@@ -86,10 +86,13 @@ def _replay(
     q, v = batch.bind("qpos"), batch.bind("qvel")
     rolling = None if robot.base is None else robot.base.write(q, v, start)
     for j, joint in enumerate(robot.joints):
-        q[:, robot.places[j]] = start[f"position.{joint}"]
-        v[:, robot.dofs[j]] = start[f"velocity.{joint}"]
+        if joint not in robot.passive:
+            q[:, robot.places[j]] = start[f"position.{joint}"]
+            v[:, robot.dofs[j]] = start[f"velocity.{joint}"]
     if rolling is not None:  # a speed that nobody measured starts as exactly 0: such a wheel rolls with the robot
         v[:, robot.dofs] = np.where(v[:, robot.dofs] == 0.0, rolling, v[:, robot.dofs])
+    if robot.loops is not None:
+        robot.loops.close(q, v)
     servo = np.array([kind == "position" for kind in robot.command_kinds])
     u = command_chain(settings.effects, drive.command, drive.lead, drive.dt, ~servo)
     if model.na:  # an actuator with a filter starts where its first command holds it

@@ -9,6 +9,7 @@ import numpy as np
 
 from plants.mujoco_robot.base import PLANAR, Base, hinges_and_slides
 from plants.mujoco_robot.edits import tunable_values
+from plants.mujoco_robot.loops import Loops
 from plants.mujoco_robot.replay import replay
 from plants.mujoco_robot.variants import merge
 from residual_mpc.models.protocol import Drive, State
@@ -34,6 +35,7 @@ class MujocoRobot:
     servo_feedback: str
     position_sensor: str
     base: Base | None = None  # of a robot that drives
+    loops: Loops | None = None  # of a robot with closed chains
     settings: "tuple[mujoco.MjModel, ...]" = ()  # where several settings were merged: the model of each
     differing: tuple[str, ...] = ()  # the model fields in which they differ
 
@@ -100,9 +102,14 @@ class MujocoRobot:
             if m.jnt_limited[i]
         }
 
+    @property
+    def passive(self) -> tuple[str, ...]:
+        """Joints without a motor whose angles follow from the others', because a closed chain holds them."""
+        return () if self.loops is None else self.loops.passive
+
     @cached_property
     def states(self) -> tuple[State, ...]:
-        joints = tuple(State(f"position.{j}", f"velocity.{j}") for j in self.joints)
+        joints = tuple(State(f"position.{j}", f"velocity.{j}") for j in self.joints if j not in self.passive)
         return joints if self.base is None else (*(State(f"pose.{a}", f"twist.{a}") for a in PLANAR), *joints)
 
     @cached_property

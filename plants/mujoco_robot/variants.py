@@ -24,6 +24,7 @@ def merge(robots: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
             and other.command_kinds == first.command_kinds
             and other.actuator_joints == first.actuator_joints
             and _same_base(other.base, first.base)
+            and other.passive == first.passive
             and other.payload[0] == first.payload[0]
             and np.array_equal(other.payload[1], first.payload[1])
             and other.step == first.step

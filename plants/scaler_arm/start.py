@@ -21,7 +21,7 @@ CHANNELS = (
 
 @dataclass(frozen=True)
 class Joints:
-    """Angles rad and rates rad/s of the motors (6,) and of the passive joints (2,), the loop closed."""
+    """Angles rad and rates rad/s of the motors (..., 6) and of the passive joints (..., 2), the loop closed."""
 
     motors: np.ndarray
     motor_rates: np.ndarray
@@ -44,7 +44,13 @@ def joints_at(at: Reading, arm: Arm) -> Joints:
         if not low - 1e-9 <= angle <= high + 1e-9:
             remedy = f"keep it within {low} and {high} rad"
             raise BadInput(f"position.{motor} = {angle} as a start", "scaler_arm", remedy)
-    rates = np.stack(passive_rates(NUMPY, chain(arm).bar, q[1], q[2], v[1], v[2]))
+    return closed(q, v, arm)
+
+
+def closed(q: np.ndarray, v: np.ndarray, arm: Arm) -> Joints:
+    """All joints from the motors' angles q (..., 6) rad and rates v (..., 6) rad/s."""
+    a, f, rate_a, rate_f = q[..., 1], q[..., 2], v[..., 1], v[..., 2]
+    rates = np.stack(passive_rates(NUMPY, chain(arm).bar, a, f, rate_a, rate_f), axis=-1)
     return Joints(q, v, passive_angles(q, arm), rates)
 
 

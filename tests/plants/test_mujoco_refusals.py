@@ -16,7 +16,12 @@ from residual_mpc.models.robot_file import RobotFile
 
 FREE = '<body><freejoint name="base"/><geom size="0.1"/></body>'
 BALL = '<body pos="1 1 1"><joint name="socket" type="ball"/><geom size="0.1"/></body>'
-WELD = '<equality><connect body1="lower" anchor="0 0 0"/></equality>'
+CRANK = """<body name="crank" pos="1 1 1"><joint name="crank" axis="0 1 0"/><geom size="0.05"/>
+  <body name="rod" pos="0.2 0 0"><joint name="rod" axis="0 1 0"/><geom size="0.05"/></body></body>"""
+LOOSE = '<equality><joint joint1="crank" joint2="rod"/></equality>'
+AT_ROD = '<site name="at_rod"/></body></body>'
+OPEN = '<site name="far" pos="9 9 9"/>'
+APART = '<equality><connect site1="at_rod" site2="far"/></equality>'
 SITE = '<motor name="thrust" site="tool"/>'
 
 
@@ -31,7 +36,12 @@ SITE = '<motor name="thrust" site="tool"/>'
         ("mass=", "mas=", "does not compile"),
         ('<joint name="j2"', "<joint", "does not compile"),  # an actuator names it
         ('<position name="j2"', "<position", "actuator number 1 has no name"),
-        ("<actuator>", f"{WELD}<actuator>", "equality constraints"),
+        ("</worldbody>", f"{CRANK}</worldbody>{LOOSE}", "do not determine all of the joints crank, rod"),
+        (
+            "</worldbody>",
+            f"{CRANK.replace('</body></body>', AT_ROD)}{OPEN}</worldbody>{APART}",
+            "are open by",
+        ),
         ("<actuator>", f"<actuator>{SITE}", "'thrust' does not act on a joint"),
     ],
 )
