@@ -10,6 +10,7 @@ import numpy as np
 
 from plants.mujoco_robot.base import hinges_and_slides
 from plants.mujoco_robot.masses import add_point_mass, principal, quat_to_matrix
+from plants.mujoco_robot.wheels import Wheels
 from residual_mpc.models.settings import Settings
 
 if TYPE_CHECKING:
@@ -18,12 +19,20 @@ if TYPE_CHECKING:
 TUNABLE_JOINT = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}
 
 
-def edit_batch(batch: Any, model: "mujoco.MjModel", settings: Settings, payload: tuple[int, np.ndarray]) -> None:
-    """Write payload, link masses, armature, constant frictions and retuned parameters into the batch (one row a
-    simulation).
+def edit_batch(
+    batch: Any,
+    model: "mujoco.MjModel",
+    settings: Settings,
+    payload: tuple[int, np.ndarray],
+    wheels: Wheels | None = None,
+) -> None:
+    """Write payload, link masses, armature, constant frictions, wheels and retuned parameters into the batch (one row
+    a simulation).
     """
     changed = _tune(batch, model, settings)
     effects = settings.effects
+    if wheels is not None:
+        changed |= wheels.edit(batch, model, effects)
     if "armature" in effects:
         batch.expand("dof_armature")[:] += _on_dofs(model, effects["armature"]["inertia"])
         changed = True

@@ -12,6 +12,7 @@ from plants.mujoco_robot.edits import tunable_values
 from plants.mujoco_robot.loops import Loops
 from plants.mujoco_robot.replay import replay
 from plants.mujoco_robot.variants import merge
+from plants.mujoco_robot.wheels import ON_WHEELS, Wheels, find_wheels
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.settings import Settings
 
@@ -117,6 +118,11 @@ class MujocoRobot:
         joints = (*(f"position.{j}" for j in self.joints), *(f"velocity.{j}" for j in self.joints))
         return joints if self.base is None else (*(f"{k}.{a}" for k in ("pose", "twist") for a in PLANAR), *joints)
 
+    @cached_property
+    def wheels(self) -> Wheels | None:
+        """Of a robot that drives."""
+        return None if self.base is None else find_wheels(self.model, self.base)
+
     @property
     def step(self) -> float:
         return float(self.model.opt.timestep)
@@ -146,6 +152,8 @@ class MujocoRobot:
         }.get(effect, ())
 
     def _body_slots(self, effect: str) -> tuple[str, ...]:
+        if effect in ON_WHEELS and self.wheels is not None:
+            return (self.name,)
         return self.links if effect == "link_mass" else ()
 
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:

@@ -7,12 +7,13 @@ import pytest
 
 from plants.wheeled.geometry import Geometry
 from plants.wheeled.mjcf import mjcf
+from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
 from residual_mpc.models.contract import check_robot
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.robot_file import read_robot_file
-from residual_mpc.models.settings import Settings
+from residual_mpc.models.settings import Knob, Settings, assemble
 
 POSE = ("pose.x", "pose.y", "pose.theta")
 TWIST = ("twist.x", "twist.y", "twist.theta")
@@ -94,3 +95,23 @@ def test_a_base_that_cannot_drive_is_refused(tmp_path, change, pose_body, what):
     with pytest.raises(BadInput) as caught:
         robot_of(tmp_path, mjcf(Geometry()).replace(*change), pose_body)
     assert what in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "value", "left", "right", "track"),
+    [
+        ("wheel_radius", "scale", 1.1, 1.1, 1.1, 1.0),
+        ("wheel_radius", "scale", 0.85, 0.85, 0.85, 1.0),
+        ("wheel_radius_mismatch", "ratio", 1.05, 1.0, 1.05, 1.0),
+        ("track_width", "scale", 1.2, 1.0, 1.0, 1.2),
+    ],
+)
+def test_wheels_of_another_size_and_distance(robot, effect, parameter, value, left, right, track):
+    """Against the paper's equation with the other figures, at the wheels' own speeds; the tyres give by 0.1 %."""
+    settings = assemble([{Knob(effect, None, parameter): value}], {e.name: robot.slots(e.name) for e in LIBRARY})
+    drive = Drive(0.002, 0, np.tile([4.0, 6.0], (1, 750, 1)), None, np.zeros(1))
+    wheels = ("velocity.left", "velocity.right")
+    out = {c: v[0, -1] for c, v in robot.replay(start_of(robot), drive, settings, (*TWIST, *wheels)).items()}
+    rims = 0.033 * left * out[wheels[0]], 0.033 * right * out[wheels[1]]
+    expected = [0.5 * (rims[0] + rims[1]), (rims[1] - rims[0]) / (0.16 * track)]
+    np.testing.assert_allclose([np.hypot(out["twist.x"], out["twist.y"]), out["twist.theta"]], expected, rtol=0.001)
