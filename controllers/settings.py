@@ -67,7 +67,7 @@ class MpcSettings:
     horizon: int = 20
     weights: Weights = Weights()
     limits: Limits = Limits()
-    solver: Solver = "osqp"
+    solver: Solver = "daqp"
     iterations: int = 1
     first: int = 5
     cruise: float = 0.2
