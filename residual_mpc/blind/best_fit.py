@@ -45,5 +45,5 @@ def best_fit(answer: Answer, clean: Path) -> dict[str, float]:
         target = p.target if (p.effect, p.target) in known else None
         for parameter, value in p.parameters.items():
             start[Knob(p.effect, target, parameter)] = float(value)
-    fit = fit_all(build_problem(data, space, data.sigma), [start], 12, 1e-6)[0]
+    fit = fit_all(build_problem(data, space, data.sigma), [start], 24, 1e-6)[0]
     return {f"{knob.effect}.{knob.parameter}": float(value) for knob, value in fit.values.items()}

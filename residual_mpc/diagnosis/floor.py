@@ -46,7 +46,7 @@ def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
         nodes, reaches = run_up(data, block, settings, REACH)
-        begin = float(earliest(block.robot, settings)[0]) + REACH  # s from the first node to the window's start
+        begin = float(earliest(block, settings)[0]) + REACH  # s from the first node to the window's start
         dt, rows = block.drive.dt, np.arange(data.count)[block.where]
         for state in block.robot.states:
             for channel, source, slope in state.sources:

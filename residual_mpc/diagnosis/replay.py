@@ -42,7 +42,7 @@ def start_states(data: Dataset, block: Block, settings: Settings, sooner: float 
     window's start shows an earlier state: the replay starts that much earlier (see `earliest`), so that no sample
     lies before it; `sooner` s are added to that.
     """
-    early = earliest(block.robot, settings) + sooner
+    early = earliest(block, settings) + sooner
     out: dict[str, np.ndarray] = {}
     for state in block.robot.states:
         value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
@@ -56,11 +56,13 @@ def start_states(data: Dataset, block: Block, settings: Settings, sooner: float 
     return out
 
 
-def earliest(robot: Robot, settings: Settings) -> np.ndarray:
-    """(H,) s: how long before the window's start the replay begins, the largest sensor delay of each hypothesis."""
+def earliest(block: Block, settings: Settings) -> np.ndarray:
+    """(H,) s: how long before the window's start the replay begins: each hypothesis' largest sensor delay, in whole
+    steps. A part of a step would smear the commands' edges over the encoders that are read beside them."""
     if "sensor_delay" not in settings.effects:
         return np.zeros(settings.rows)
-    return np.asarray(settings.effects["sensor_delay"]["delay"].max(axis=1))
+    longest, dt = settings.effects["sensor_delay"]["delay"].max(axis=1), block.drive.dt
+    return np.asarray(dt * np.ceil(longest / dt - 1e-9))
 
 
 def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start | None) -> np.ndarray:
@@ -69,7 +71,7 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
     if nudge is not None:
         start = {k: v + nudge[k][block.where] if k in nudge else v for k, v in start.items()}
     each = settings.take(np.repeat(np.arange(h), w))
-    early = earliest(block.robot, settings)
+    early = earliest(block, settings)
     drive = _begin_earlier(block.drive, early)
     wanted = tuple(c for c in data.channels if c in block.robot.channels)
     nodes = block.robot.replay({k: v.reshape(h * w) for k, v in start.items()}, drive, each, wanted)
@@ -123,7 +125,7 @@ def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tu
     sensor delay) before the start; and (W_block,) bool, whether the run and its samples reach back that far.
     """
     first = np.array([data.runs[i].t[0] for i in data.run[block.where]])
-    early = earliest(block.robot, settings) + sooner
+    early = earliest(block, settings) + sooner
     reaches = data.start[block.where] - early[0] >= first - 1e-9
     start = {k: v[0] for k, v in start_states(data, block, settings, sooner).items()}
     drive = _begin_earlier(block.drive, early)

@@ -1,5 +1,6 @@
 """Effects between the wheels and the ground, and the one equation of the wheeled base that hosts them."""
 
+import math
 from collections.abc import Mapping
 
 from residual_mpc.effects.effect import Effect, Parameter, Values
@@ -77,7 +78,7 @@ SLOPE = _ground(
     "slope",
     (
         Parameter("rate", "m/s", 0.0, 0.0, 1.0, (0.02, 0.02, 0.02, 0.02)),
-        Parameter("heading", "rad", 0.0, -10.0, 10.0, (0.0, 1.5708, 3.1416, -1.5708)),
+        Parameter("heading", "rad", 0.0, -math.inf, math.inf, (0.0, 1.5708, 3.1416, -1.5708)),
     ),
     "steady drift in one world direction",
 )
