@@ -1,0 +1,157 @@
+"""The model's state from what the sensors report: an extended Kalman filter on the augmented model.
+
+Memory (commands on their way, a motor's lag, play) is driven by known commands and follows the model; pose and unknown
+disturbances are corrected by the measurement. Sensor effects of the model (bias, mounting, delay) are undone first.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.closed_loop.protocols import Reading
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.sensor import unmounted
+from residual_mpc.export.augmented import Augmented
+from residual_mpc.export.casadi_model import casadi_model
+from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """All 1-sigma. noise: of each pose's sensor, channel unit; drift: what a pose moves a second beside the model,
+    channel unit / sqrt(s); disturbance: how far an unknown constant wanders a second, its unit / sqrt(s). gate: an
+    innovation beyond that many sigma is a wrong estimate of the sensor, unless `stubborn` come in a row.
+    """
+
+    noise: tuple[float, ...] = (0.002, 0.002, 0.006)  # m, m, rad
+    drift: tuple[float, ...] = (0.01, 0.01, 0.05)  # m, m, rad a root second
+    disturbance: tuple[float, ...] = (0.02, 0.02, 0.1)  # m/s, m/s, rad/s a root second
+    gate: float = 6.0
+    stubborn: int = 5
+
+    def __post_init__(self) -> None:
+        if min(*self.noise, *self.drift, *self.disturbance, self.gate) <= 0 or self.stubborn < 1:
+            raise ValueError(f"every setting of the estimator has to be positive: {self}")
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """x (nx,) and P (nx, nx) at the time that the sensors speak of; sent: commands since then, oldest first; rejected:
+    measurements refused in a row.
+    """
+
+    x: np.ndarray
+    P: np.ndarray
+    sent: tuple[np.ndarray, ...]
+    rejected: int
+
+
+@dataclass(frozen=True, eq=False)
+class Filter:
+    """init -> belief, step(belief, command sent last, reading) -> (x now, belief). p (np,): the model's parameters."""
+
+    model: Augmented
+    settings: EstimatorSettings
+    p: np.ndarray
+    stage: Buffered
+    poses: np.ndarray  # (ny,) places in x
+    Q: np.ndarray  # (nx, nx) a step
+    late: int  # samples by which the sensors are late
+    part: float  # share of a sample beyond that
+
+    def init(self, at: Mapping[str, float]) -> Belief:
+        """At rest at a known pose, by channel."""
+        P = np.zeros((self.model.nx, self.model.nx))
+        P[self.poses, self.poses] = np.square(self.settings.noise)
+        return Belief(self.model.start(at), P, (), 0)
+
+    def with_parameters(self, p: np.ndarray) -> "Filter":
+        """The same filter, its model with other numbers (np,)."""
+        return replace(self, p=np.asarray(p, dtype=np.float64))
+
+    def step(self, belief: Belief, command: np.ndarray | None, reading: Reading) -> tuple[np.ndarray, Belief]:
+        """command (nu,): what was sent at the last sample, None at the first."""
+        waiting = deque(belief.sent)
+        x, P, rejected = belief.x, belief.P, belief.rejected
+        if command is not None:
+            waiting.append(np.asarray(command, dtype=np.float64))
+        while len(waiting) > self.late:
+            x, P = self._predict(x, P, waiting.popleft())
+        if len(waiting) == self.late:  # before that, the sensors speak of the time before the start
+            x, P, rejected = self._correct(x, P, reading, rejected, waiting[0] if waiting else None)
+        now = x
+        for u in waiting:
+            now = self.drive(now, u)
+        return now, Belief(x, P, tuple(waiting), rejected)
+
+    def drive(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """(nx,) the model's state a sample later."""
+        a = self.stage.arguments
+        a[0][:], a[1][:], a[2][:] = x, u, self.p
+        self.stage.run()
+        return self.stage.results[0].copy()
+
+    def _predict(self, x: np.ndarray, P: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        new = self.drive(x, u)
+        A = self.stage.results[1].reshape(len(x), len(x)).T
+        return new, A @ P @ A.T + self.Q
+
+    def _correct(
+        self, x: np.ndarray, P: np.ndarray, reading: Reading, rejected: int, coming: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        y = self._pose(reading)
+        expected = x[self.poses]
+        if self.part and coming is not None:  # the reading lies between two samples of the model
+            expected = expected + (1.0 - self.part) * (self.drive(x, coming)[self.poses] - expected)
+        seen = np.isfinite(y)
+        if not seen.any():
+            return x, P, rejected
+        where, R = self.poses[seen], np.diag(np.square(self.settings.noise))[np.ix_(seen, seen)]
+        e = (y - expected)[seen]
+        angle = np.array([c == "pose.theta" for c in self.model.stepped.poses])[seen]
+        e[angle] = np.remainder(e[angle] + np.pi, 2 * np.pi) - np.pi
+        S = P[np.ix_(where, where)] + R
+        far = bool((np.abs(e) > self.settings.gate * np.sqrt(np.diag(S))).any())
+        if far and rejected + 1 < self.settings.stubborn:
+            return x, P, rejected + 1
+        K = np.linalg.solve(S, P[where]).T
+        x = x + K @ e
+        P = P - K @ S @ K.T
+        return x, 0.5 * (P + P.T), 0
+
+    def _pose(self, reading: Reading) -> np.ndarray:
+        """(ny,) the measured pose with bias and mounting undone; NaN where nothing was reported."""
+        poses, effects = self.model.stepped.poses, self.model.settings.effects
+        y = np.array([reading.get(c, np.nan) for c in poses], dtype=np.float64)
+        if "sensor_bias" in effects:
+            slots = self.model.robot.slots("sensor_bias")
+            for i, c in enumerate(poses):
+                if c in slots:
+                    y[i] -= effects["sensor_bias"]["bias"][0, slots.index(c)]
+        if "sensor_mounting" in effects:
+            p = {k: v[0, 0] for k, v in effects["sensor_mounting"].items()}
+            y[0], y[1] = unmounted(NUMPY, p, y[0], y[1], y[2])
+        return y
+
+
+def build_filter(model: Augmented, settings: EstimatorSettings, compile: bool = True) -> Filter:
+    """Raises ValueError where the settings do not fit the model's poses."""
+    states, poses = model.stepped.states, model.stepped.poses
+    if len(settings.noise) != len(poses) or len(settings.drift) != len(poses):
+        raise ValueError(f"{len(settings.noise)} noises and {len(settings.drift)} drifts came for {len(poses)} poses")
+    where = np.array([states.index(c) for c in poses])
+    q = np.zeros(model.nx)
+    q[where] = np.square(settings.drift) * model.build.dt
+    unknown = [i for i, s in enumerate(states) if s.startswith("disturbance.")]
+    if unknown:
+        q[unknown] = np.square(settings.disturbance) * model.build.dt
+    stage = compiled(casadi_model(model).stage, compiler() if compile else None)
+    n, m = model.nx, model.nu
+    call = buffered(stage, (n, m, len(model.p)), (n, n * n, n * m))
+    late = 0.0
+    if "sensor_delay" in model.settings.effects:
+        late = float(model.settings.effects["sensor_delay"]["delay"].max()) / model.build.dt
+    whole = int(np.ceil(late - 1e-9))
+    return Filter(model, settings, model.p, call, where, np.diag(q), whole, float(late - np.floor(late + 1e-9)))
