@@ -38,6 +38,8 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
     moving = [
         run for run in runs if np.nanstd(run.columns[name]) > 3.0 * noise_sigma(run.t, run.columns[name])
     ]
+    if not moving:
+        return []
     # both through the same filter, so that differentiated rounding does not drown the motion
     rates = tame([_smooth(np.gradient(position_on_grid(run, rate_of, dt), dt)) for run in moving], each=False)
     velocities = tame([_smooth(on_grid(run, run.columns[name], dt)) for run in moving], each=False)
