@@ -2,28 +2,36 @@
 
 A motor of second order has no first-order time constant. Its closest one is found by fitting the planted
 effects, under the library's law, to the noise-free truth: what a faint background adds to a parameter is
-then part of its true value.
+then part of its true value. A diagnosis may name part of the background as well; its numbers then lie between
+that fit and one that has the background too.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from residual_mpc.blind.records import Answer
+from residual_mpc.blind.records import Answer, Planted
 
 _FLAGGED = "sensor_outliers"  # counted, not fitted
 _FIT_STEPS = 40_000  # simulation steps that one hypothesis may cost
 
 
 def with_best_fit(answer: Answer, clean: Path) -> Answer:
-    """``answer`` with ``notes["best_fit"]``, values by "effect.parameter"; as it was if nothing is fitted."""
+    """``answer`` with ``notes["best_fit"]``, values by "effect.parameter", and where it has a background
+    ``notes["best_fit_among_background"]``; as it was if nothing is fitted."""
     if not clean.is_dir() or not any(p.effect != _FLAGGED for p in answer.effects):
         return answer
-    return replace(answer, notes={**answer.notes, "best_fit": best_fit(answer, clean)})
+    notes = {**answer.notes, "best_fit": best_fit(answer.effects, clean)}
+    if answer.background:
+        planted = {p.effect for p in answer.effects}
+        whole = best_fit((*answer.effects, *(p for p in answer.background if p.effect not in planted)), clean)
+        notes["best_fit_among_background"] = {k: v for k, v in whole.items() if k in notes["best_fit"]}
+    return replace(answer, notes=notes)
 
 
-def best_fit(answer: Answer, clean: Path) -> dict[str, float]:
+def best_fit(effects: Sequence[Planted], clean: Path) -> dict[str, float]:
     """Least squares from the drawn values, over all windows of the runs in ``clean``."""
     from residual_mpc.cli.common import load
     from residual_mpc.diagnosis.dataset import build_dataset
@@ -33,7 +41,7 @@ def best_fit(answer: Answer, clean: Path) -> dict[str, float]:
     from residual_mpc.diagnosis.space import build_space
     from residual_mpc.models.settings import Knob
 
-    fitted = [p for p in answer.effects if p.effect != _FLAGGED]
+    fitted = [p for p in effects if p.effect != _FLAGGED]
     runs = sorted(str(p) for p in clean.iterdir() if p.suffix in (".csv", ".parquet"))
     loaded = load(str(clean / "robot.toml"), runs, quiet=True)
     data = thin(build_dataset(loaded.runs, loaded.robots, dict(loaded.robot_file.noise), 1.0), _FIT_STEPS)
