@@ -1,0 +1,72 @@
+"""The picture of the page: every value over its true one, by who said it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.head_to_head.files import HIDDEN
+from benchmarks.head_to_head.match import Match
+from benchmarks.head_to_head.servo import CASES, TUNED
+
+TITLES = {
+    "nothing": "nothing hidden",
+    "delay": "10 ms of command delay",
+    "payload": "0.15 kg of payload",
+    "step": "nothing, but a coarse model",
+}
+SIDES = (
+    ("mujoco.sysid, told nothing", "#c44e52", "o"),
+    ("mujoco.sysid, told which", "#dd8452", "s"),
+    ("residual-mpc diagnose, told nothing", "#4c72b0", "D"),
+)
+
+
+def draw(matches: Sequence[Match], path: Path) -> None:
+    """Write a PNG: a panel a case, a row a parameter, a dot a seed; bars are the tools' own 95 % intervals."""
+    from matplotlib.figure import Figure
+
+    cases = [case for case in CASES if any(m.case == case for m in matches)]
+    figure = Figure(figsize=(3.4 * len(cases), 3.9), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(cases), sharex=True))
+    for axes, case in zip(panels, cases, strict=True):
+        rows = [*TUNED, case] if case in HIDDEN else [*TUNED]
+        axes.axvline(1.0, color="0.6", lw=0.8, zorder=0)
+        for side, (label, colour, marker) in enumerate(SIDES):
+            points = [p for m in matches if m.case == case for p in _points(m, rows, side)]
+            if not points:
+                continue
+            x, low, high, y = np.array(points).T
+            axes.errorbar(x, y, xerr=[x - low, high - x], fmt=marker, ms=4, lw=1.2, color=colour, label=label)
+        axes.set(title=TITLES[case], xscale="log", yticks=range(len(rows)), yticklabels=rows)
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.set_xticks([0.5, 1, 2, 4], labels=["0.5", "1", "2", "4"])
+        axes.minorticks_off()
+    figure.supxlabel("value / true value", fontsize=10)
+    handles, labels = panels[-1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=130, metadata={"Software": None})
+
+
+def _points(m: Match, rows: Sequence[str], side: int) -> list[tuple[float, float, float, float]]:
+    """(value, low, high) over the true value, and the height, of what one side said of a match."""
+    told = (m.fits["nothing"], m.fits.get(m.case) if m.case in HIDDEN else None)
+    out = []
+    for i, name in enumerate(rows):
+        true = getattr(CASES[m.case], name)
+        height = i + 0.25 * (side - 1) + 0.03 * (m.seed % 5 - 2)
+        if side < 2:
+            fit = told[side]
+            if fit is None or name not in fit.values:
+                continue
+            value, half = fit.values[name], fit.half_widths[name]
+            low, high = value - half, value + half
+        else:
+            if name not in m.diagnosed.values:
+                continue
+            value = m.diagnosed.values[name]
+            low, high = m.diagnosed.intervals.get(name, (value, value))
+        out.append((value / true, max(low, 1e-6) / true, high / true, height))
+    return out

@@ -1,0 +1,62 @@
+"""One case on one seed, both tools on the same files; kept as JSON, so that an interrupted sweep resumes."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from benchmarks.head_to_head.files import HIDDEN, write_case
+from benchmarks.head_to_head.ours import Diagnosed, Judged, diagnose, judge
+from benchmarks.head_to_head.servo import CASES, TUNED, Servo
+from benchmarks.head_to_head.toolbox import Fit, fit
+
+
+@dataclass(frozen=True)
+class Match:
+    """fits: by what the toolbox was told: "nothing", "delay", "payload"; "sensor": nothing, and compared by a sensor.
+
+    given: the guess that both tools start from; code: the version of the project.
+    """
+
+    case: str
+    seed: int
+    given: Servo
+    fits: dict[str, Fit]
+    diagnosed: Diagnosed
+    judged: Judged
+    code: str
+
+
+def play(case: str, seed: int, place: Path, code: str, say: Callable[[str], None]) -> Match:
+    """Make the case in its own folder of `place`, run both tools, judge; code: the version that is measured."""
+    folder = place / f"{case}_{seed}"
+    kept = folder / "match.json"
+    if kept.is_file():
+        return read(kept)
+    say(f"{case}, seed {seed}: mujoco.sysid")
+    given = write_case(case, seed, folder)
+    fits = {"nothing": fit(folder, given, None, report=folder / "toolbox")}
+    if case in HIDDEN:
+        fits[case] = fit(folder, given, case)
+    else:
+        fits["sensor"] = fit(folder, given, None, "sensor")
+    say(f"{case}, seed {seed}: residual-mpc diagnose")
+    diagnosed = diagnose(folder, given)
+    hidden = {case: getattr(CASES[case], case)} if case in HIDDEN else {}
+    truth = {name: getattr(CASES[case], name) for name in TUNED} | hidden
+    models = {"true": truth} | {f"told_{told}": f.values for told, f in fits.items() if told != "sensor"}
+    judged = judge(folder, models, folder / "diagnosis" / "diagnosis.json")
+    match = Match(case, seed, given, fits, diagnosed, judged, code)
+    kept.write_text(json.dumps(asdict(match), indent=2) + "\n")
+    return match
+
+
+def read(path: Path) -> Match:
+    """A match that was kept."""
+    d = json.loads(path.read_text())
+    said = d["diagnosed"]
+    said["intervals"] = {k: (v[0], v[1]) for k, v in said["intervals"].items()}
+    fits = {told: Fit(**f) for told, f in d["fits"].items()}
+    return Match(
+        d["case"], d["seed"], Servo(**d["given"]), fits, Diagnosed(**said), Judged(**d["judged"]), d["code"]
+    )
