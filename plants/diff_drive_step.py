@@ -69,6 +69,7 @@ class DriveStep:
         p: Sequence[Array],
         correction: Correction | None,
     ) -> tuple[Array, ...]:
+        dt, ops = self.dt, kinks.exact
         now = dict(zip(self.states, x, strict=True))
         new: dict[str, Array] = {}
         wheel = [self._wheel(kinks, i, u[i], p, now, new) for i in (0, 1)]
@@ -76,6 +77,11 @@ class DriveStep:
         signals: dict[str, Array] = dict(zip(BODY, body, strict=True))
         signals |= dict(zip(COMMANDS, u, strict=True))
         signals |= {name: now[name] for name in self.states if name.startswith("last.")}
+        drift = self._drift(ops, p)
+        half = now[POSE[2]] + 0.5 * dt * body[2]
+        c, s = ops.cos(half), ops.sin(half)
+        world = (body[0] * c - body[1] * s + drift[0], body[0] * s + body[1] * c + drift[1], body[2])
+        signals |= {f"model.{name}": v for name, v in zip(WORLD, world, strict=True)}
         added = dict(correction(signals)) if correction is not None else {}
         unknown = set(added) - {*BODY, *WORLD}
         if unknown:
@@ -86,22 +92,22 @@ class DriveStep:
         forward, sideways, yaw = (signals[s] + added[s] if s in added else signals[s] for s in BODY)
         if WORLD[2] in added:
             yaw = yaw + added[WORLD[2]]
-        dt, ops = self.dt, kinks.exact
         middle = now[POSE[2]] + 0.5 * dt * yaw  # exact to second order for a speed held over the step
         c, s = ops.cos(middle), ops.sin(middle)
-        rate = [forward * c - sideways * s, forward * s + sideways * c, yaw]
+        rate = [forward * c - sideways * s + drift[0], forward * s + sideways * c + drift[1], yaw]
         for i in (0, 1):
             if WORLD[i] in added:
                 rate[i] = rate[i] + added[WORLD[i]]
-        moving = dict(zip((*BODY, *WORLD), (forward, sideways, yaw, *rate), strict=True))
+        along = (rate[0] * c + rate[1] * s, rate[1] * c - rate[0] * s, yaw)  # all that moves it, in its own frame
+        moving = dict(zip((*BODY, *WORLD), (*along, *rate), strict=True))
         new |= {f"last.{s}": moving[s] for s in self.options.remember}
-        if "slope" in self.effects:
-            drift = slope_drift(ops, self._values("slope", 0, p))
-            rate[0], rate[1] = rate[0] + drift[0], rate[1] + drift[1]
         new |= {name: now[name] + dt * v for name, v in zip(POSE, rate, strict=True)}
         if "clock" in now:
             new["clock"] = now["clock"] + dt
         return tuple(new[name] for name in self.states)
+
+    def _drift(self, ops: Ops, p: Sequence[Array]) -> tuple[Array, Array]:
+        return slope_drift(ops, self._values("slope", 0, p)) if "slope" in self.effects else (0.0, 0.0)
 
     def _values(self, effect: str, slot: int, p: Sequence[Array]) -> dict[str, Array]:
         name = WHEELS[slot] if (effect, WHEELS[slot], BY_NAME[effect].parameters[0].name) in self.index else ""
@@ -194,7 +200,7 @@ def drive_step(
         rest[step.states.index("clock")] = options.clock
     return Stepped(
         options.dt, step.states, POSE, tuple(_unit(s) for s in step.states), WHEELS, tuple(numbers),
-        (*BODY, *WORLD, *COMMANDS), rest, step,
+        (*BODY, *WORLD, *COMMANDS, *(f"model.{w}" for w in WORLD)), rest, step,
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from residual_mpc.export.augmented import Augmented, with_residual
 from residual_mpc.models.protocol import Drive
+from residual_mpc.residual.robot import ResidualRobot
 
 Step = Callable[[np.ndarray, np.ndarray], np.ndarray]  # x (n, nx), u (n, nu) -> x+ (n, nx)
 PREFACE = 4.0  # s of steady motion: it fills every memory, and puts play on a known stop
@@ -29,7 +30,8 @@ class Agreement:
     """Largest absolute differences, each in the unit of the state at fault.
 
     step: the exported step against the model in numpy, at sampled states and commands. replay: the model in numpy
-    (without the network) against the replay that the diagnosis used, over sampled trajectories of poses.
+    against the replay of diagnosis and learning, over sampled trajectories of poses; where the network was learned at
+    another step, without it.
     network: the exported network against the learned one, in its outputs' units; 0 without one.
     """
 
@@ -65,16 +67,20 @@ def sample(model: Augmented, rng: np.random.Generator, s: Sampling) -> tuple[np.
 
 
 def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> float:
-    bare = with_residual(model, None)
+    learned = model.residual
+    if learned is not None and abs(learned.step - model.build.dt) > 1e-9:
+        learned = None
+    bare = with_residual(model, learned)
     if model.build.disturbances or model.build.smooth > 0:  # a replay knows neither: they are 0 in the comparison
-        bare = with_residual(replace(model, build=replace(model.build, smooth=0.0, disturbances=False)), None)
+        bare = with_residual(replace(model, build=replace(model.build, smooth=0.0, disturbances=False)), learned)
     dt, rows = model.build.dt, 20
     lead = int(np.ceil(PREFACE / dt))
     u = rng.uniform(-s.command, s.command, (rows, lead + s.steps, model.nu))
     u[:, :lead] = s.command
     start = {c: np.zeros(rows) for c in bare.stepped.poses}
     drive = Drive(dt, 0, u, None, np.full(rows, model.build.clock))
-    nodes = bare.robot.replay(start, drive, bare.settings.take(np.zeros(rows, dtype=int)), bare.stepped.poses)
+    source = bare.robot if learned is None else ResidualRobot(bare.robot, learned)
+    nodes = source.replay(start, drive, bare.settings.take(np.zeros(rows, dtype=int)), bare.stepped.poses)
     x = np.repeat(bare.start()[None], rows, axis=0)
     for k in range(lead):
         x = bare.numpy_step(x, u[:, k])

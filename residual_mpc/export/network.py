@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.models.stepping import Correction
+from residual_mpc.residual.body import BODY, WORLD
 from residual_mpc.residual.mlp import Mlp
 from residual_mpc.residual.record import Residual
 
 # For each form of residual: what it reads, in the order of its inputs, and what it adds to, in the order of its outputs
-BODY = ("body.forward", "body.sideways", "body.yaw")
-WORLD = ("twist.x", "twist.y", "twist.theta")
 ADDS_TO: Mapping[str, tuple[str, ...]] = {"body": BODY, "paper": WORLD}
+READS: Mapping[str, str] = {"body": "last", "paper": "model"}  # its own last velocities; the model's present ones
 
 
 def network(ops: Ops, net: Mlp, theta: Sequence[Array], z: Sequence[Array], smooth: float) -> list[Array]:
@@ -65,12 +65,12 @@ def reads(residual: Residual) -> tuple[str, ...]:
             residual.robot,
             "write it anew with learn",
         )
-    return (*(f"last.{s}" for s in ADDS_TO[residual.form]), *commands)
+    return (*(f"{READS[residual.form]}.{s}" for s in ADDS_TO[residual.form]), *commands)
 
 
 def remembered(residual: Residual | None) -> tuple[str, ...]:
     """The signals whose last value the residual reads."""
-    return () if residual is None else ADDS_TO[residual.form]
+    return () if residual is None or READS[residual.form] != "last" else ADDS_TO[residual.form]
 
 
 def _activation(ops: Ops, b: Array, slope: float, smooth: float) -> Array:

@@ -8,6 +8,7 @@ from controllers.mpc import Mpc, PlanState
 from plants.diff_drive import DiffDrive
 from residual_mpc.export import Augmented, Build, augment
 from residual_mpc.models.settings import Knob
+from residual_mpc.residual.body import BODY
 from residual_mpc.residual.mlp import Mlp
 from residual_mpc.residual.record import Residual
 
@@ -19,11 +20,12 @@ SLOW = {Knob("command_delay", None, "delay"): 0.08, Knob("actuator_lag", None, "
 def learned() -> Residual:
     rng = np.random.default_rng(3)
     net = Mlp(5)
-    names = ("forward", "sideways", "yaw")
+    names = BODY
     scale = np.array([0.3, 0.1, 2.0, 10.0, 10.0])
     out = np.array([0.02, 0.01, 0.2])
     theta = 0.3 * rng.standard_normal(net.size)
-    return Residual(net, theta, (*names, "command.left", "command.right"), names, np.zeros(5), scale, out, "body", DT)
+    z = (*(f"previous.{n}" for n in names), "command.left", "command.right")
+    return Residual(net, theta, z, names, np.zeros(5), scale, out, "body", DT)
 
 
 def drive(effects: dict[Knob, float] | None = None, network: bool = False, smooth: float = 0.0) -> Augmented:

@@ -7,6 +7,7 @@ import numpy as np
 from plants.diff_drive import DiffDrive
 from residual_mpc.export.augmented import Augmented, Build, augment
 from residual_mpc.models.settings import Knob
+from residual_mpc.residual.body import BODY, WORLD
 from residual_mpc.residual.mlp import Mlp
 from residual_mpc.residual.record import Residual
 
@@ -37,11 +38,11 @@ def learned(form: str = "body", size: float = 1.0) -> Residual:
     """A network with weights that matter: a few cm/s and tenths of rad/s."""
     rng = np.random.default_rng(3)
     net = Mlp(5)
-    names = ("forward", "sideways", "yaw") if form == "body" else ("xdot", "ydot", "thetadot")
+    names, last = (BODY, "previous") if form == "body" else (WORLD, "model")
     return Residual(
         net=net,
         theta=0.4 * rng.standard_normal(net.size),
-        inputs=(*names, "command.left", "command.right"),
+        inputs=(*(f"{last}.{n}" for n in names), "command.left", "command.right"),
         outputs=names,
         input_mean=np.zeros(5),
         input_scale=np.array([0.3, 0.1, 2.0, 10.0, 10.0]),
@@ -53,5 +54,6 @@ def learned(form: str = "body", size: float = 1.0) -> Residual:
 
 
 def model(name: str, residual: Residual | None = None, **build: object) -> Augmented:
-    effects = TOGETHER if name == "together" else EFFECTS[name]
+    level = {k: v for k, v in TOGETHER.items() if k.effect != "slope"}
+    effects = {"together": TOGETHER, "without_slope": level, **EFFECTS}[name]
     return augment(ROBOT, effects, residual, Build(DT, **build))  # type: ignore[arg-type]
