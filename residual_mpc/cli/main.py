@@ -19,6 +19,7 @@ class _Lazy(click.Group):
             "diagnose",
             "Where the gap lies, what causes it, how far it shrinks.",
         ),
+        "learn": ("residual_mpc.cli.learn", "learn", "Train the residual network on runs with a Kalman filter."),
         "blind": ("residual_mpc.cli.blind", "blind", "Sealed benchmark cases: make, run, score."),
     }
 

@@ -8,6 +8,7 @@ from typing import Any
 from residual_mpc.diagnosis.records import Diagnosis
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import Knob, Term, Values
+from residual_mpc.residual.record import KEY, Residual, from_json
 
 SCHEMA = "residual-mpc/diagnosis/1"
 MODEL_SCHEMA = "residual-mpc/model/1"
@@ -104,6 +105,18 @@ def read_model(path: Path) -> tuple[str, Values, bool]:
         raise BadInput(
             f"the model's values cannot be read: {error!r}", str(path), "write it anew with diagnose"
         ) from error
+
+
+def read_residual(path: Path, last: bool = False) -> Residual | None:
+    """The learned residual of a model.json, None where it has none; `last`: only what its last case added.
+
+    Raises BadInput for a file that is missing, not JSON, or whose residual cannot be read.
+    """
+    content = read_json(path)
+    found = content.get("last_residual" if last else KEY)
+    if found is None:
+        return None
+    return from_json(found, str(path))
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Learning a residual from runs: windows in order of time, one update each."""
+"""Learning a residual from runs: one update a window."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -108,6 +108,16 @@ def scaled(course: Course, blank: Residual, scaling: np.ndarray, rng: np.random.
     size = np.sqrt(np.median(np.square(wanted), axis=0) / 0.455)
     size = np.maximum(size, 1e-6 * (1.0 + size.max()))
     return replace(blank, input_mean=stacked.mean(axis=0), input_scale=spread, output_scale=size)
+
+
+def order_of(seen: np.ndarray, passes: int, rng: np.random.Generator) -> np.ndarray:
+    """The windows `seen` (W,) shuffled, pass after pass.
+
+    In the order of the log the filter forgets the first motion over the last, and the H2 norm over time tells of the
+    motions instead of the learning.
+    """
+    rows = np.flatnonzero(seen)
+    return np.concatenate([rng.permutation(rows) for _ in range(passes)])
 
 
 def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, Info]]:

@@ -60,7 +60,7 @@ class _Pushed:
     form: Form
     delta: Delta
     step: float
-    push: np.ndarray
+    push: np.ndarray | None
     rolled: list[Rolled] = field(default_factory=list)
 
     def __getattr__(self, name: str) -> object:
@@ -164,3 +164,13 @@ def start_doubt(data: Dataset, settings: Settings) -> np.ndarray:
         if size.any()
     ]
     return np.stack(columns, axis=-1) if columns else np.zeros((*base.shape, 1))
+
+
+def h2_of(course: Course, learned: Residual, w: int) -> np.ndarray:
+    """(N,) H2 norms of window w under the residual as it is, without a push."""
+    one = course.data.take(np.arange(course.data.count) == w)
+    (block,) = one.blocks
+    robot = _Pushed(block.robot, course.form, summed((*course.fixed, learned)), learned.step, None)
+    predict(replace(one, blocks=(replace(block, robot=robot),)), course.settings)  # type: ignore[arg-type]
+    rolled = robot.rolled[0]
+    return h2_norms(course, one, rolled, learned.step, rolled.velocity.shape[1])
