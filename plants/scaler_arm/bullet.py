@@ -13,7 +13,7 @@ from residual_mpc.errors import BadInput
 
 LOOP_FORCE = 1e4  # N: the constraint never gives way
 # By default the solver (50 sweeps, a fifth of the error mended a step) lets the loop open by 1.5 mm at 0.01 s a step,
-# and the tool is 4 mm off; so set, it is 0.05 mm and 0.12 mm, at nearly the same speed.
+# and the tool is 4 mm off; so set, it is 0.1 mm and 0.25 mm, for two to three times the time.
 SWEEPS, MENDED = 200, 0.8
 
 
@@ -80,6 +80,11 @@ class World:
         states = self._p.getJointStates(self._body, self._all, physicsClientId=self._client)
         return np.array([s[0] for s in states]), np.array([s[1] for s in states])
 
+    def torques(self) -> np.ndarray:
+        """(6,) N m that the motors gave in the last step."""
+        states = self._p.getJointStates(self._body, self._all[: len(MOTORS)], physicsClientId=self._client)
+        return np.array([s[3] for s in states])
+
     def point(self, link: str) -> np.ndarray:
         """(3,) m: the origin of one of the links tool, loop_b and loop_e."""
         state = self._p.getLinkState(
@@ -87,8 +92,8 @@ class World:
         )
         return np.array(state[4])
 
-    def servo(self, command: np.ndarray, dt: float) -> None:
-        """Position control towards command (6,) rad, for steps of dt s.
+    def servo(self, command: np.ndarray, dt: float, torque: np.ndarray | None = None) -> None:
+        """Position control towards command (6,) rad within torque (6,) N m (the arm's by default), for steps of dt s.
 
         Bullet's motor is a constraint on the speed: it asks for gain * error / dt, within its torque. The gain is set
         so that the error decays as that of the spring and damper would without any load.
@@ -101,7 +106,7 @@ class World:
             self._all[:n],
             p.POSITION_CONTROL,
             targetPositions=[float(u) for u in command],
-            forces=[s.torque] * n,
+            forces=[s.torque] * n if torque is None else [float(x) for x in torque],
             positionGains=[min(1.0, s.stiffness / s.damping * dt)] * n,
             velocityGains=[1.0] * n,
             physicsClientId=self._client,

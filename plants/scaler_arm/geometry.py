@@ -12,7 +12,8 @@ Triple = tuple[float, float, float]
 
 MOTORS = ("shoulder", "a", "f", "wrist1", "wrist2", "wrist3")  # the order of theta_1 to theta_6
 PASSIVE = ("b", "e")
-HOME = (0.0, -0.1, 0.3, 0.0, 0.412, 0.0)  # rad, chosen: the gripper points straight down, far from every limit
+# rad, chosen: the gripper points down and aside, so that a circle moves every motor
+HOME = (0.0, -0.1, 0.3, 0.35, 0.412, 0.0)
 
 
 @dataclass(frozen=True)

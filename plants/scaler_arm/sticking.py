@@ -41,7 +41,7 @@ def sticking_start(command: np.ndarray) -> Stuck:
 def sticking_step(law: Sticking, x: Stuck, command: np.ndarray, dt: float) -> tuple[np.ndarray, Stuck]:
     """(the target (n,) rad that the servo acts on, memory) for command (n,) rad after dt s."""
     error = command - x.target
-    breaks = (x.way == 0) & (np.abs(error) > law.stick)
+    breaks = (x.way != np.sign(error)) & (np.abs(error) > law.stick)  # from rest, or the other way
     way = np.where(breaks, np.sign(error), x.way)
     # a joint that moves follows, `slip` behind; it stays where it is when the command turns back
     ahead = way * (command - way * law.slip - x.target) > 0

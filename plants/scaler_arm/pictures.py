@@ -1,0 +1,80 @@
+"""Pictures of the arm's motions, to be held against the paper's figure of the manipulator's trajectories.
+
+    python -m plants.scaler_arm.pictures docs/images
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from plants.scaler_arm.five_bar import coupling
+from plants.scaler_arm.geometry import MOTORS, SCALER
+from plants.scaler_arm.kinematics import chain, forward_kinematics, posture
+from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion, references, tool_path
+from residual_mpc.effects.ops import NUMPY
+
+SNAPSHOTS = 4
+ROUND = 16.0  # s, what is drawn of a motion
+
+
+def links(q: np.ndarray) -> list[np.ndarray]:
+    """The arm as lines to draw at q (6,) rad: crank a with rod b, then the way from the mount to the tool; (n, 3) m."""
+    arm = chain(SCALER)
+    at = posture(NUMPY, arm, list(q))
+    end_a, end_f, c = coupling(NUMPY, arm.bar, q[1], q[2])
+    out = np.array(at.out)
+
+    def lift(point: tuple[float, float]) -> np.ndarray:
+        return np.array([out[0] * point[0], out[1] * point[0], point[1]])
+
+    loop = np.array([lift(arm.bar.pivot_a), lift(end_a), lift(c)])
+    main = np.array([np.zeros(3), lift(arm.bar.pivot_a), lift(arm.bar.pivot_f), lift(end_f), at.wrist_centre, at.tool])
+    return [loop, np.array([lift(end_f), lift(c)]), main]
+
+
+def draw(motion: Motion, path: Path) -> None:
+    """Snapshots of the arm with the tool's path in red, the path from above, and tool and motors over time; a PNG."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    t = np.arange(0.0, ROUND, 0.02)
+    q = references(motion, t)
+    tool, _ = forward_kinematics(q)
+    wanted = tool_path(motion, t)
+    figure = plt.figure(figsize=(12.0, 6.2), layout="constrained")
+    grid = figure.add_gridspec(2, SNAPSHOTS, height_ratios=(1.3, 1.0))
+    for i in range(SNAPSHOTS):
+        k = round((i + 1) / SNAPSHOTS * (len(t) - 1))
+        axes = figure.add_subplot(grid[0, i], projection="3d")
+        for line in links(q[k]):
+            axes.plot(*line.T, color="0.25", lw=2.0, marker="o", ms=3)
+        axes.plot(*tool[: k + 1].T, color="tab:red", lw=1.5)
+        axes.set(xlim=(-0.05, 0.3), ylim=(-0.2, 0.15), zlim=(-0.42, 0.0), title=f"t = {t[k]:.0f} s")
+        axes.set_box_aspect((0.35, 0.35, 0.42))
+        axes.view_init(elev=28, azim=-60)
+        axes.tick_params(labelsize=6)
+    above = figure.add_subplot(grid[1, 0])
+    above.plot(1e3 * wanted[:, 0], 1e3 * wanted[:, 1], color="tab:red")
+    above.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", title="from above")
+    over = figure.add_subplot(grid[1, 1:3])
+    for axis, name in enumerate("xyz"):
+        over.plot(t, 1e3 * (tool[:, axis] - wanted[:, axis].mean()), label=name)
+    over.set(xlabel="t (s)", ylabel="tool, about its mean (mm)")
+    over.legend(loc="upper right", fontsize=8)
+    angles = figure.add_subplot(grid[1, 3])
+    for i, name in enumerate(MOTORS):
+        angles.plot(t, q[:, i], label=name)
+    angles.set(xlabel="t (s)", ylabel="motor (rad)")
+    angles.legend(fontsize=6, ncols=2)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+    draw(CircleWithLine(), folder / "scaler-circle-with-line.png")
+    draw(CircleWithHeight(), folder / "scaler-circle-with-height.png")

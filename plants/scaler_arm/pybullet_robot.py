@@ -1,0 +1,149 @@
+"""The arm in PyBullet as the nominal model of a diagnosis: each window stepped by itself, on all cores.
+
+Bullet's position control is a constraint on the speed, solved anew every step: within its torque it cancels friction,
+payload and rotor inertia exactly, so that none of them can be seen or is offered as an effect. What is offered acts
+before the motor (delay, dead zone, lag), on its torque (saturation), or after it (the sensors).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from plants.scaler_arm.bullet import World, pybullet
+from plants.scaler_arm.geometry import MOTORS, SCALER, Arm
+from plants.scaler_arm.robot import with_servo
+from plants.scaler_arm.start import closed
+from residual_mpc.effects.chain import command_chain
+from residual_mpc.effects.command import dead_zone_step
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.models.protocol import Drive, State
+from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.settings import Settings
+
+ON_MOTORS = frozenset({"command_delay", "dead_zone", "actuator_lag", "saturation"})
+WORTH_PROCESSES = 20_000  # steps of one simulation: below, starting processes costs more than it brings
+
+
+@dataclass(frozen=True)
+class PybulletRobot:
+    """See `residual_mpc.models.protocol.Robot`."""
+
+    name: str
+    arm: Arm = SCALER
+    actuators: tuple[str, ...] = MOTORS
+    command_kinds: tuple[str, ...] = ("position",) * len(MOTORS)
+
+    @property
+    def step(self) -> float:
+        return self.arm.period
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        return tuple(State(f"position.{m}", f"velocity.{m}") for m in MOTORS)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (*(f"position.{m}" for m in MOTORS), *(f"velocity.{m}" for m in MOTORS))
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float, float]]:
+        return dict(zip(MOTORS, self.arm.limits, strict=True))
+
+    def slots(self, effect: str) -> tuple[str, ...]:
+        if effect in ON_MOTORS or effect == "sensor_delay":
+            return MOTORS
+        return {
+            "sensor_bias": tuple(f"position.{m}" for m in MOTORS),
+            "sensor_outliers": (self.name,),
+        }.get(effect, ())
+
+    def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
+        return -np.inf, np.inf
+
+    def reference(self, kind: str, slot: str | None) -> float:
+        return {"inertia": self.arm.servo.armature, "mass": 0.1, "length": 0.1}.get(kind, 1.0)
+
+    def nominal(self) -> Mapping[str, float]:
+        return {}
+
+    def replay(
+        self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    ) -> Mapping[str, np.ndarray]:
+        effects, rows = settings.effects, settings.rows
+        u = command_chain(effects, drive.command, drive.lead, drive.dt, np.zeros(len(MOTORS), dtype=bool))
+        torque = np.full((rows, len(MOTORS)), self.arm.servo.torque)
+        if "saturation" in effects:
+            torque = np.minimum(torque, effects["saturation"]["limit"])
+        width = effects["dead_zone"]["width"] if "dead_zone" in effects else np.zeros((rows, len(MOTORS)))
+        q, v = (np.stack([start[f"{k}.{m}"] for m in MOTORS], axis=-1) for k in ("position", "velocity"))
+        task = _Task(self.arm, drive.dt, q, v, np.ascontiguousarray(u), torque, width, drive.enabled)
+        found = _on_all_cores(task) if u.shape[0] * u.shape[1] > WORTH_PROCESSES else _stepped(task)
+        kinds = {"position": found[0], "velocity": found[1], "output": found[2]}
+        split = {c: c.split(".") for c in wanted}
+        return {c: np.ascontiguousarray(kinds[kind][..., MOTORS.index(m)]) for c, (kind, m) in split.items()}
+
+
+def build(robot: RobotFile) -> PybulletRobot:
+    """The robot of a file whose plant is `scaler_arm_pybullet`, or of that name alone.
+
+    Raises BadInput where PyBullet is not installed, and for a parameter that is unknown or not positive.
+    """
+    pybullet()
+    return PybulletRobot(robot.name, with_servo(SCALER, robot))
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Rows to be stepped: angles q and rates v (B, 6), targets u (B, K, 6) rad, torque limits N m and dead zones rad
+    (B, 6), enabled (B, K, 6) of 0 or 1, or None.
+    """
+
+    arm: Arm
+    dt: float
+    q: np.ndarray
+    v: np.ndarray
+    u: np.ndarray
+    torque: np.ndarray
+    width: np.ndarray
+    enabled: np.ndarray | None
+
+    def part(self, at: np.ndarray) -> "_Task":
+        on = None if self.enabled is None else self.enabled[at]
+        return _Task(self.arm, self.dt, self.q[at], self.v[at], self.u[at], self.torque[at], self.width[at], on)
+
+
+Found = tuple[np.ndarray, np.ndarray, np.ndarray]  # positions rad, rates rad/s, torques N m: (B, K + 1, 6)
+
+
+def _on_all_cores(task: _Task) -> Found:
+    from joblib import Parallel, cpu_count, delayed
+
+    parts = np.array_split(np.arange(len(task.q)), min(cpu_count(), len(task.q)))
+    found = Parallel(n_jobs=len(parts))(delayed(_stepped)(task.part(at)) for at in parts)
+    q, v, torque = (np.concatenate(x) for x in zip(*found, strict=True))
+    return q, v, torque
+
+
+def _stepped(task: _Task) -> Found:
+    rows, steps, n = task.u.shape
+    q, v, torque = (np.empty((rows, steps + 1, n)) for _ in range(3))
+    world = World(task.arm)
+    for row in range(rows):
+        world.put(closed(task.q[row], task.v[row], task.arm))
+        q[row, 0], v[row, 0] = task.q[row], task.v[row]
+        width = task.width[row] if task.width[row].any() else None
+        for k in range(steps):
+            target = task.u[row, k]
+            if width is not None:
+                error, _ = dead_zone_step(NUMPY, {"width": width}, (), target - q[row, k], task.dt)
+                target = q[row, k] + error
+            on = 1.0 if task.enabled is None else task.enabled[row, k]
+            world.servo(target, task.dt, task.torque[row] * on)
+            world.step()
+            angles, rates = world.joints()
+            q[row, k + 1], v[row, k + 1] = angles[:n], rates[:n]
+            torque[row, k] = world.torques()
+        torque[row, steps] = torque[row, steps - 1]
+    world.close()
+    return q, v, torque
