@@ -10,12 +10,14 @@ from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.models.settings import Settings
 from residual_mpc.residual import ekf, ukf
-from residual_mpc.residual.filter import Belief, FilterSettings, Info, start
+from residual_mpc.residual.filter import Belief, FilterSettings, Info, predicted_covariance, start
 from residual_mpc.residual.forms import Form
-from residual_mpc.residual.lesson import Course, lesson, push_through, start_doubt
+from residual_mpc.residual.lesson import Course, Lesson, cost_under, lesson, push_through, start_doubt
 from residual_mpc.residual.mlp import PAPER_HIDDEN, Mlp, initial_weights
 from residual_mpc.residual.record import Residual
 
+HALVINGS = 4
+LIMIT = 6.0  # input scales
 LARGE = 400  # weights from which the exact Jacobian replaces the sigma points
 
 
@@ -25,16 +27,18 @@ class LearnSettings:
 
     variance: of each weight before any data; the weights' inputs are scaled to one. goal: share of each channel's error
     under the base model that is not worth explaining; it stands in C_v beside the sensor noise, for what no memoryless
-    network can follow would otherwise be taken for certain. passes: how often the data are gone through.
+    network can follow would otherwise be taken for certain. passes: how often the data are gone through. fair: a
+    window's cost (see `cost_of`) up to which it counts as explained.
     """
 
     hidden: tuple[int, ...] = PAPER_HIDDEN
     horizon: int = 20
     step: float | None = None
     variance: float = 0.1
-    goal: float = 0.3
+    goal: float = 0.5
     passes: int = 1
     kalman: FilterSettings = FilterSettings()
+    fair: float = 0.5
     method: str = "auto"
 
     def __post_init__(self) -> None:
@@ -75,7 +79,7 @@ def begin(
     net = Mlp(len(inputs), settings.hidden, len(outputs))
     blank = Residual(
         net, initial_weights(net, rng), inputs, outputs, np.zeros(net.inputs), np.ones(net.inputs),
-        np.ones(net.outputs), form.name, step, base.name,
+        np.ones(net.outputs), form.name, step, base.name, LIMIT,
     )  # fmt: skip
     error = data.y - predict(data, effects)[0]
     train = np.where(data.compared[:, None, :] & scaling[:, None, None], error, np.nan)
@@ -107,6 +111,10 @@ def scaled(course: Course, blank: Residual, scaling: np.ndarray, rng: np.random.
     spread = np.where(spread > 1e-6 * (1.0 + np.abs(stacked).max(axis=0)), spread, 1.0)  # a constant input says nothing
     size = np.sqrt(np.median(np.square(wanted), axis=0) / 0.455)
     size = np.maximum(size, 1e-6 * (1.0 + size.max()))
+    for i, name in enumerate(blank.inputs):  # a velocity that feeds back moves by what is learned as well
+        if name.startswith("previous."):
+            fed_back = size[blank.outputs.index(name.removeprefix("previous."))]
+            spread[i] = np.hypot(stacked[:, i].std(), fed_back)
     return replace(blank, input_mean=stacked.mean(axis=0), input_scale=spread, output_scale=size)
 
 
@@ -137,10 +145,30 @@ def run(
     for k in range(first, len(order)):
         given = lesson(course, learned.with_theta(belief.mean), int(order[k]), nudge)
         begun = perf_counter()
-        belief, info = update(belief, given.window, given.measured, settings.kalman)
+        moved, info = update(belief, given.window, given.measured, settings.kalman)
         took = 1e3 * (perf_counter() - begun)
+        belief = no_worse(course, learned, int(order[k]), given, belief, moved, settings)
         seconds += given.seconds  # of data, passes counted anew
         yield Progress(k + 1, seconds, given.h2, took, info, belief)
+
+
+def no_worse(
+    course: Course, learned: Residual, w: int, given: Lesson, before: Belief, after: Belief, settings: LearnSettings
+) -> Belief:
+    """The update, or the longest of its halvings that does not make its own window worse when that is rolled out anew.
+
+    A large innovation asks for weights at which the linear picture of the rollout is long wrong; a shortened step has
+    not used up what the window says, so that it keeps the covariance.
+    """
+    if given.cost <= settings.fair and cost_under(course, learned.with_theta(after.mean), w, given) <= settings.fair:
+        return after
+    share = 1.0
+    for _ in range(HALVINGS):
+        mean = before.mean + share * (after.mean - before.mean)
+        if cost_under(course, learned.with_theta(mean), w, given) <= given.cost:
+            return after if share == 1.0 else Belief(mean, predicted_covariance(before, settings.kalman))
+        share *= 0.5
+    return Belief(before.mean, predicted_covariance(before, settings.kalman))
 
 
 def prior(learned: Residual, settings: LearnSettings) -> Belief:

@@ -21,16 +21,22 @@ from residual_mpc.residual.record import Residual
 from residual_mpc.residual.reference import reference_velocities
 from residual_mpc.residual.window import Window
 
+FAR = 3.0  # standard deviations from which an error's cost grows with its size, not its square
+
 
 @dataclass(frozen=True, eq=False)
 class Lesson:
     """window and measured: for the filter. h2 (N,): |x_ref - x_pred| in each step, NaN where nothing was measured;
-    seconds of data in it."""
+    seconds of data in it. samples (m,), (m,): which samples and channels are compared; weight (m,) 1 / their standard
+    deviation, by which both sides are multiplied; cost: of the window under the weights at hand, see `cost_of`."""
 
     window: Window
     measured: Measurement
     h2: np.ndarray
     seconds: float
+    samples: tuple[np.ndarray, np.ndarray]
+    weight: np.ndarray
+    cost: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,15 +95,35 @@ def lesson(course: Course, learned: Residual, w: int, nudge: np.ndarray) -> Less
     a = course.doubt[w][m_index, c_index]  # (m, k)
     sigma = one.sigma[c_index]
     noise = a @ a.T + np.diag(sigma**2 + course.floor[c_index] ** 2)
-    scaled = (z - learned.input_mean) / learned.input_scale
+    scaled = learned.scaled(z)
     # channels in units of their standard deviation, so that the moments are of order one
     weight = 1.0 / np.sqrt(np.diagonal(noise))
+    measured = Measurement(weight * y[m_index, c_index], weight[:, None] * noise * weight)
     return Lesson(
         Window(learned.net, scaled, weight * offset, learned.output_scale, weight[:, None] * phi),
-        Measurement(weight * y[m_index, c_index], weight[:, None] * noise * weight),
+        measured,
         h2_norms(course, one, rolled, learned.step, count),
         learned.step * count,
+        (m_index, c_index),
+        weight,
+        cost_of(measured, weight * at),
     )
+
+
+def cost_of(measured: Measurement, predicted: np.ndarray) -> float:
+    """Mean pseudo-Huber loss of the errors under their own noise: 0.5 where all is noise; inf where not finite."""
+    if not len(predicted):
+        return 0.0
+    e = np.linalg.solve(np.linalg.cholesky(measured.noise), measured.reference - predicted)
+    if not np.isfinite(e).all():
+        return float("inf")
+    return float(np.mean(FAR**2 * (np.sqrt(1.0 + (e / FAR) ** 2) - 1.0)))
+
+
+def cost_under(course: Course, learned: Residual, w: int, given: Lesson) -> float:
+    """The cost of a lesson's window rolled out anew under other weights."""
+    at = rolled_out(course, learned, w)[1][given.samples]
+    return cost_of(given.measured, given.weight * at)
 
 
 def push_through(
@@ -167,10 +193,16 @@ def start_doubt(data: Dataset, settings: Settings) -> np.ndarray:
 
 
 def h2_of(course: Course, learned: Residual, w: int) -> np.ndarray:
-    """(N,) H2 norms of window w under the residual as it is, without a push."""
+    """(N,) H2 norms of window w under the residual as it is."""
+    rolled, _ = rolled_out(course, learned, w)
+    one = course.data.take(np.arange(course.data.count) == w)
+    return h2_norms(course, one, rolled, learned.step, rolled.velocity.shape[1])
+
+
+def rolled_out(course: Course, learned: Residual, w: int) -> tuple[Rolled, np.ndarray]:
+    """Window w under the residual as it is, and what it predicts of the samples (M, C)."""
     one = course.data.take(np.arange(course.data.count) == w)
     (block,) = one.blocks
     robot = _Pushed(block.robot, course.form, summed((*course.fixed, learned)), learned.step, None)
-    predict(replace(one, blocks=(replace(block, robot=robot),)), course.settings)  # type: ignore[arg-type]
-    rolled = robot.rolled[0]
-    return h2_norms(course, one, rolled, learned.step, rolled.velocity.shape[1])
+    predicted = predict(replace(one, blocks=(replace(block, robot=robot),)), course.settings)  # type: ignore[arg-type]
+    return robot.rolled[0], predicted[0, 0]

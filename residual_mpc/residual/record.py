@@ -1,5 +1,6 @@
 """A learned residual: the network with the names, units and scales of what goes in and what comes out."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -15,7 +16,7 @@ KEY = "residual"
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """delta = output_scale * forward(net, theta, (z - input_mean) / input_scale).
+    """delta = output_scale * forward(net, theta, (z - input_mean) / input_scale), scaled inputs held within +-limit.
 
     Attributes:
         theta: (net.size,) weights, unitless.
@@ -25,6 +26,8 @@ class Residual:
         form: which equation delta enters; see `residual_mpc.residual.forms`.
         step: s, the period at which delta was learned: "previous" velocities lie that far back.
         robot: name of the robot that it was learned on.
+        limit: scaled inputs beyond it (far outside of what was learned from) count as it: a velocity that feeds back
+            into the network then cannot run away.
     """
 
     net: Mlp
@@ -37,6 +40,7 @@ class Residual:
     form: str
     step: float
     robot: str = ""
+    limit: float = math.inf
 
     def __post_init__(self) -> None:
         wanted = {
@@ -52,12 +56,18 @@ class Residual:
             raise ValueError(f"{len(self.inputs)} and {len(self.outputs)} names came for {self.net}")
         if not (self.input_scale > 0).all() or not (self.output_scale >= 0).all() or not self.step > 0:
             raise ValueError("input_scale and step must be positive, output_scale 0 or more")
+        if not self.limit > 0:
+            raise ValueError(f"limit {self.limit} came, a positive number of input scales was wanted")
         if self.form not in FORMS:
             raise ValueError(f"form {self.form!r} came, one of {FORMS} was wanted")
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """delta (..., outputs) at inputs z (..., inputs), physical units."""
-        return np.asarray(self.output_scale * forward(self.net, self.theta, (z - self.input_mean) / self.input_scale))
+        return np.asarray(self.output_scale * forward(self.net, self.theta, self.scaled(z)))
+
+    def scaled(self, z: np.ndarray) -> np.ndarray:
+        """What the network sees of inputs z (..., inputs) in physical units."""
+        return np.asarray(np.clip((z - self.input_mean) / self.input_scale, -self.limit, self.limit))
 
     def with_theta(self, theta: np.ndarray) -> "Residual":
         """The same residual with other weights (net.size,)."""
@@ -75,6 +85,7 @@ def to_json(residual: Residual) -> dict[str, Any]:
         "form": residual.form,
         "robot": residual.robot,
         "step": residual.step,
+        "limit": None if math.isinf(residual.limit) else residual.limit,
         "net": asdict(residual.net),
         "inputs": list(residual.inputs),
         "outputs": list(residual.outputs),
@@ -97,6 +108,7 @@ def from_json(content: Mapping[str, Any], source: str = "") -> Residual:
             form=str(content["form"]),
             step=float(content["step"]),
             robot=str(content.get("robot", "")),
+            limit=math.inf if content.get("limit") is None else float(content["limit"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"its residual cannot be read: {error!r}", source, "write it anew with learn") from error
