@@ -131,6 +131,8 @@ def compared_mask(problem: Problem) -> np.ndarray:
 def _between(problem: Problem, knob: Knob, value: float, alpha: float) -> float:
     null = problem.space.null(knob)
     low, high = problem.space.bounds(knob)
+    if BY_NAME[knob.effect].parameter(knob.parameter).shape:
+        return value
     if not np.isfinite(null):  # a limit: infinity does nothing; a little of it is a limit near the peak
         return float(np.clip(value, low, high))
     return float(np.clip(null + alpha * (value - null), low, high))
@@ -140,6 +142,8 @@ def _room(problem: Problem, probe: Values) -> tuple[float, float]:
     """How far along null -> probe the bounds let one go; backwards only where a parameter may go below its null."""
     low, high = -3.0, 3.0
     for knob, value in probe.items():
+        if BY_NAME[knob.effect].parameter(knob.parameter).shape:
+            continue
         null, (a, b) = problem.space.null(knob), problem.space.bounds(knob)
         if not np.isfinite(null):
             return 0.2, 1.0

@@ -56,7 +56,7 @@ STRIBECK = Effect(
     parameters=(
         Parameter("static", "N m", 0.0, 0.0, math.inf, (0.2, 0.5), "torque"),
         Parameter("kinetic", "N m", 0.0, 0.0, math.inf, (0.1, 0.2), "torque"),
-        Parameter("velocity", "rad/s", 0.1, 0.005, 2.0, (0.05, 0.15)),
+        Parameter("velocity", "rad/s", 0.1, 0.005, 2.0, (0.05, 0.15), shape=True),
     ),
     summary="dry friction that is larger at rest than in motion",
     step=stribeck_level,

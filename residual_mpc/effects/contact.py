@@ -78,7 +78,7 @@ SLOPE = _ground(
     "slope",
     (
         Parameter("rate", "m/s", 0.0, 0.0, 1.0, (0.02, 0.02, 0.02, 0.02)),
-        Parameter("heading", "rad", 0.0, -math.inf, math.inf, (0.0, 1.5708, 3.1416, -1.5708)),
+        Parameter("heading", "rad", 0.0, -math.inf, math.inf, (0.0, 1.5708, 3.1416, -1.5708), shape=True),
     ),
     "steady drift in one world direction",
 )

@@ -33,6 +33,7 @@ class Parameter:
     probes: tuple[float, ...]
     reference: Literal["one", "command", "output", "torque", "torque/speed", "inertia", "mass", "length"] = "one"
     threshold: bool = False  # acts by comparison, so that derivatives say little: the fit also scans it
+    shape: bool = False  # says how the effect acts, not how much: more of the effect does not change it
 
     def __post_init__(self) -> None:
         if not self.lower <= self.null <= self.upper:
