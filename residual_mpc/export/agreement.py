@@ -102,6 +102,6 @@ def _network(model: Augmented, rng: np.random.Generator, s: Sampling) -> float:
         return 0.0
     r = model.residual
     z = r.input_mean + r.input_scale * rng.uniform(-3.0, 3.0, (s.points, r.net.inputs))
-    scaled = (z - r.input_mean) / r.input_scale
+    scaled = r.scaled(z)
     out = network(NUMPY, r.net, [*r.theta], [*scaled.T], model.build.smooth)
     return float(np.abs(r.output_scale * np.stack(out, axis=-1) - r(z)).max())

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from residual_mpc.effects.ops import Array, Ops
+import numpy as np
+
+from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.errors import BadInput
 from residual_mpc.models.stepping import Correction
 from residual_mpc.residual.body import BODY, WORLD
@@ -41,6 +43,8 @@ def correction(ops: Ops, residual: Residual, theta: Sequence[Array], smooth: flo
     def add(signals: Mapping[str, Array]) -> Mapping[str, Array]:
         z = [signals[name] for name in reads(residual)]
         scaled = [(v - m) / s for v, m, s in zip(z, residual.input_mean, residual.input_scale, strict=True)]
+        if np.isfinite(residual.limit):
+            scaled = [clip(ops, v, -residual.limit, residual.limit) for v in scaled]
         delta = network(ops, residual.net, theta, scaled, smooth)
         return {n: s * d for n, s, d in zip(outputs, residual.output_scale, delta, strict=True) if s != 0.0}
 

@@ -1,0 +1,56 @@
+"""`residual-mpc run`."""
+
+from pathlib import Path
+
+import click
+
+from residual_mpc.cli.common import emit, json_option, progress_bar, seed_option, writable_folder
+
+
+@click.command()
+@click.argument("scenario", required=False)
+@click.option(
+    "--controller", type=click.Choice(["mpc", "lqr"]), default="mpc", show_default=True, help="What drives the robot."
+)
+@click.option("--seeds", type=click.IntRange(1, 1000), default=10, show_default=True, help="How many plants.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for episodes (as runs), diagnosis and picture.")
+@json_option
+@seed_option
+def run(scenario: str | None, controller: str, seeds: int, out: Path | None, as_json: bool, seed: int) -> None:
+    """Drive a closed-loop SCENARIO: nominal against augmented controllers, on equal terms. Without a name: the list.
+
+    Takes some minutes with ten seeds: the nominal controller drives a log, the log is diagnosed, and every controller
+    drives every seed.
+    """
+    from residual_mpc.closed_loop.scenario import RunOptions, find_scenario, scenario_names
+
+    if scenario is None:
+        summaries = {name: find_scenario(name).summary for name in scenario_names()}
+        if as_json:
+            emit({"scenarios": [{"name": n, "summary": s} for n, s in summaries.items()]})
+            return
+        width = max((len(n) for n in summaries), default=0)
+        for name, summary in summaries.items():
+            click.echo(f"{name:<{width}}  {summary}")
+        return
+    found = find_scenario(scenario)
+    if out is not None:
+        writable_folder(out)
+    options = RunOptions("lqr" if controller == "lqr" else "mpc", seeds, seed, out)
+    with progress_bar() as progress:
+        result = found.run(options, progress)
+    if as_json:
+        emit(result)
+        return
+    click.echo(f"{found.name}: {found.summary}")
+    for name, c in result.get("controllers", {}).items():
+        h2 = c["h2_norm"]
+        norm = f"{h2['first']:.3f} -> {h2['last']:.3f}" if isinstance(h2, dict) else f"{h2:.3f}"
+        share = (result["recovered"].get(name) or {}).get("value")
+        got = "" if share is None else f"   recovered {share:.0%}"
+        click.echo(
+            f"  {name:<10} tracking {1e3 * c['tracking_rmse']:6.2f} mm   H2 {norm}   "
+            f"{c['solve_ms']['median']:.2f} ms a step, {c['failures']} failures{got}"
+        )
+    if "h2_norm" in result:
+        click.echo(f"  H2 norm {result['h2_norm']['first']:.3f} -> {result['h2_norm']['last']:.3f}")

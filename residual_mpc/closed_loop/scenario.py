@@ -1,0 +1,53 @@
+"""Closed-loop experiments by name: whoever installs a package with an entry point in this group adds one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from residual_mpc.errors import BadInput
+
+GROUP = "residual_mpc.scenarios"
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """seeds: how many plants; seed: of the first; out: folder for episodes, diagnosis and figures, None for none."""
+
+    controller: Literal["mpc", "lqr"] = "mpc"
+    seeds: int = 10
+    seed: int = 0
+    out: Path | None = None
+
+
+class Scenario(Protocol):
+    """A runnable experiment; its `run` returns the contract's `run` or `learn` object."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def summary(self) -> str:
+        """One line for the list."""
+        ...
+
+    def run(self, options: RunOptions, progress: Progress) -> dict[str, Any]: ...
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Every name that `find_scenario` knows."""
+    return tuple(sorted({e.name for e in entry_points(group=GROUP)}))
+
+
+def find_scenario(name: str) -> Scenario:
+    """Raises BadInput for a name that is not there."""
+    for entry in entry_points(group=GROUP):
+        if entry.name == name:
+            found: Scenario = entry.load()
+            return found
+    close = get_close_matches(name, scenario_names(), 1)
+    hint = f"did you mean {close[0]}?" if close else "`residual-mpc run` lists them"
+    raise BadInput(f"no scenario is called {name!r}", "", hint)

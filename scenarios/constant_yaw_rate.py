@@ -1,0 +1,16 @@
+"""A circle at a constant yaw rate (the paper's case E, driving) with a wrong track and wheel, in PyBullet."""
+
+from plants.wheeled.motions import constant_yaw_rate
+from plants.wheeled.twin import Withheld
+from scenarios.robots import PRACTICE, Gently, in_pybullet
+from scenarios.scenario import DriveScenario
+
+SCENARIO = DriveScenario(
+    name="constant_yaw_rate",
+    summary="circle at a constant yaw rate in PyBullet; withheld: track width, wheel mismatch",
+    plant="diff_drive",
+    simulator=lambda: in_pybullet(Withheld(ratio=0.95, track=1.35)),
+    withheld={("wheel_radius_mismatch", None, "ratio"): 0.95, ("track_width", None, "scale"): 1.35},
+    reference=lambda: Gently(constant_yaw_rate(1.0, 0.2)),
+    practice=PRACTICE,
+)

@@ -1,0 +1,19 @@
+"""A figure-eight on slow motors, a wheel too large and tyres that scrub in turns, in MuJoCo."""
+
+from plants.wheeled.twin import Withheld
+from scenarios.robots import PRACTICE, brisk_eight, in_mujoco
+from scenarios.scenario import DriveScenario
+
+SCENARIO = DriveScenario(
+    name="figure_eight",
+    summary="figure-eight in MuJoCo; withheld: motor lag, wheel mismatch, track width",
+    plant="diff_drive",
+    simulator=lambda: in_mujoco(Withheld(ratio=1.04, track=1.25, lag=0.2)),
+    withheld={
+        ("actuator_lag", None, "time_constant"): 0.2,
+        ("wheel_radius_mismatch", None, "ratio"): 1.04,
+        ("track_width", None, "scale"): 1.25,
+    },
+    reference=brisk_eight,
+    practice=PRACTICE,
+)

@@ -1,0 +1,69 @@
+"""What a closed-loop experiment is: a robot that is not what its model says, a path, controllers on equal terms.
+
+    drive badly (nominal model, several motions) -> diagnose the log -> put the diagnosis in the controller -> drive
+
+Only the oracle is told what was withheld.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from residual_mpc.closed_loop.scenario import Progress, RunOptions
+
+if TYPE_CHECKING:
+    from residual_mpc.closed_loop.protocols import Reference, Simulator
+
+Withheld = Mapping[tuple[str, str | None, str], float]  # (effect, target, parameter) -> true value
+
+
+@dataclass(frozen=True)
+class DriveScenario:
+    """A wheeled robot in a physics engine, under the controllers of the contract.
+
+    simulator: makes the real robot (in `plant`'s engine). withheld: what the oracle knows of it. reference: makes the
+    path. practice: motions that the nominal controller drives for the log that is diagnosed, with their seconds.
+    limits: soft ones, (channel, lower, upper) in m. speed: m/s, about as fast as the path.
+    """
+
+    name: str
+    summary: str
+    plant: str
+    simulator: "Callable[[], Simulator]"
+    withheld: Withheld
+    reference: "Callable[[], Reference]"
+    seconds: float = 20.0
+    dt: float = 0.05
+    limits: tuple[tuple[str, float, float], ...] = ()
+    speed: float = 0.2
+    practice: "tuple[tuple[Callable[[], Reference], float], ...]" = field(default=())
+
+    def run(self, options: RunOptions, progress: Progress) -> dict[str, Any]:
+        """The contract's `run` object, with the diagnosis that the controllers were given beside it."""
+        import numpy as np
+
+        from residual_mpc.closed_loop.compare import compare, document
+        from residual_mpc.closed_loop.loop import LoopSettings
+        from scenarios.contenders import contenders, seeds_of
+        from scenarios.practice import practise
+        from scenarios.results import write
+
+        progress("practice: driving with the nominal model", 0.0)
+        learned = practise(self, options, progress)
+        progress("building the controllers", 0.4)
+        rivals = contenders(self, learned, options)
+        comparison = compare(
+            self.simulator(), rivals, self.reference(), LoopSettings(self.seconds, self.dt), seeds_of(options),
+            self.limits, lambda stage, done: progress(stage, 0.45 + 0.5 * done),
+        )  # fmt: skip
+        result = document(comparison, self.name, self.plant, np.random.default_rng(options.seed))
+        result["controller"] = options.controller
+        result["diagnosis"] = learned.summary()
+        if options.out is not None:
+            progress("writing episodes and figures", 0.97)
+            result["files"] = write(options.out, self, comparison, learned, result)
+        return result
+
+    def shorter(self, seconds: float) -> "DriveScenario":
+        """The same experiment, driven for less long."""
+        return replace(self, seconds=seconds)

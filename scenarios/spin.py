@@ -1,0 +1,16 @@
+"""Spin in place, both ways (the paper's case A), on tyres that scrub and a wheel too small, in PyBullet."""
+
+from plants.wheeled.motions import spin_in_place
+from plants.wheeled.twin import Withheld
+from scenarios.robots import PRACTICE, Gently, in_pybullet
+from scenarios.scenario import DriveScenario
+
+SCENARIO = DriveScenario(
+    name="spin",
+    summary="spin in place in PyBullet; withheld: wheel mismatch, track width",
+    plant="diff_drive",
+    simulator=lambda: in_pybullet(Withheld(ratio=0.93, track=1.3)),
+    withheld={("wheel_radius_mismatch", None, "ratio"): 0.93, ("track_width", None, "scale"): 1.3},
+    reference=lambda: Gently(spin_in_place()),
+    practice=PRACTICE,
+)
