@@ -1,11 +1,11 @@
 """One case on one seed, both tools on the same files; kept as JSON, so that an interrupted sweep resumes."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmarks.head_to_head.files import HIDDEN, write_case
+from benchmarks.head_to_head.files import HIDDEN, TIMESTEP, write_case
 from benchmarks.head_to_head.ours import Diagnosed, Judged, diagnose, judge
 from benchmarks.head_to_head.servo import CASES, TUNED, Servo
 from benchmarks.head_to_head.toolbox import Fit, fit
@@ -44,11 +44,19 @@ def play(case: str, seed: int, place: Path, code: str, say: Callable[[str], None
     diagnosed = diagnose(folder, given)
     hidden = {case: getattr(CASES[case], case)} if case in HIDDEN else {}
     truth = {name: getattr(CASES[case], name) for name in TUNED} | hidden
-    models = {"true": truth} | {f"told_{told}": f.values for told, f in fits.items() if told != "sensor"}
+    models = {"true": truth} | {f"told_{told}": alone(f.values) for told, f in fits.items() if told != "sensor"}
     judged = judge(folder, models, folder / "diagnosis" / "diagnosis.json")
     match = Match(case, seed, given, fits, diagnosed, judged, code)
     kept.write_text(json.dumps(asdict(match), indent=2) + "\n")
     return match
+
+
+def alone(values: Mapping[str, float]) -> dict[str, float]:
+    """The toolbox's values with its delay as a dead time alone.
+
+    Its linear history turns a held command into a ramp that leads by half a step, which its delay makes up for.
+    """
+    return {name: value - 0.5 * TIMESTEP if name == "delay" else value for name, value in values.items()}
 
 
 def read(path: Path) -> Match:

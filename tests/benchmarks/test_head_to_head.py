@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.head_to_head import page, toolbox
 from benchmarks.head_to_head.files import HIDDEN, read_runs, write_case, write_model
-from benchmarks.head_to_head.match import Match, read
+from benchmarks.head_to_head.match import Match, alone, read
 from benchmarks.head_to_head.ours import Diagnosed, Judged, understand
 from benchmarks.head_to_head.servo import (
     CASES,
@@ -163,7 +163,10 @@ def test_the_page_says_what_was_measured_and_what_speaks_against_the_diagnosis()
     assert "With 0.15 kg of payload, seed 0, it says: `no_gap`" in text
     assert "to a user 1 of 1 are false alarms" in text
     assert "| 0.15 kg of payload | `diagnose`, told nothing | never named" in text
-    assert "15 times as long" in text
+
+
+def test_the_toolboxs_delay_is_judged_as_a_dead_time():
+    assert alone({"delay": 0.011, "friction": 0.05}) == {"delay": pytest.approx(0.010), "friction": 0.05}
 
 
 def test_an_interval_beside_the_truth_is_counted_against_whoever_stated_it():
