@@ -2,14 +2,13 @@
 
 import tempfile
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
+from plants.pybullet_import import import_pybullet
 from plants.scaler_arm.geometry import MOTORS, PASSIVE, Arm
 from plants.scaler_arm.start import Joints
 from plants.scaler_arm.urdf import urdf
-from residual_mpc.errors import BadInput
 
 LOOP_FORCE = 1e4  # N: the constraint never gives way
 # By default the solver (50 sweeps, a fifth of the error mended a step) lets the loop open by 1.5 mm at 0.01 s a step,
@@ -17,21 +16,11 @@ LOOP_FORCE = 1e4  # N: the constraint never gives way
 SWEEPS, MENDED = 200, 0.8
 
 
-def pybullet() -> ModuleType:
-    """The engine. Raises BadInput where it is not installed."""
-    try:
-        import pybullet as engine
-    except ImportError as missing:
-        raise BadInput("PyBullet is not installed", "scaler_arm", "pip install 'residual-mpc[pybullet]'") from missing
-    found: ModuleType = engine
-    return found
-
-
 class World:
     """A leaf: owns a connection. Angles rad, rates rad/s, in the order of MOTORS + PASSIVE."""
 
     def __init__(self, arm: Arm, friction: bool = True, gravity: bool = True) -> None:
-        p = self._p = pybullet()
+        p = self._p = import_pybullet()
         self._client = p.connect(p.DIRECT)
         self._arm = arm
         p.setGravity(0, 0, -9.81 if gravity else 0.0, physicsClientId=self._client)

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plants.scaler_arm.bullet import World, pybullet
+from plants.pybullet_import import import_pybullet
+from plants.scaler_arm.bullet import World
 from plants.scaler_arm.geometry import MOTORS, SCALER, Arm
 from plants.scaler_arm.robot import with_servo
 from plants.scaler_arm.start import closed
@@ -89,7 +90,7 @@ def build(robot: RobotFile) -> PybulletRobot:
 
     Raises BadInput where PyBullet is not installed, and for a parameter that is unknown or not positive.
     """
-    pybullet()
+    import_pybullet()  # missing: said at once
     return PybulletRobot(robot.name, with_servo(SCALER, robot))
 
 

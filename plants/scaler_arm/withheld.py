@@ -41,6 +41,19 @@ TYPICAL = Withheld(
 )
 
 
+def draw_withheld(rng: np.random.Generator) -> Withheld:
+    """An arm of worn servos that carries something: every effect, each of a size drawn about TYPICAL's."""
+    stick = rng.uniform(0.004, 0.009)
+    return Withheld(
+        delay=float(rng.uniform(0.012, 0.035)),
+        payload=float(rng.uniform(0.06, 0.2)),
+        gain=float(rng.uniform(0.5, 0.8)),
+        friction=float(rng.uniform(0.1, 0.5)),
+        sticking=Sticking(stick=float(stick), slip=float(stick * rng.uniform(0.2, 0.5)), slowest=0.02),
+        counts=4096,
+    )
+
+
 def really(arm: Arm, withheld: Withheld) -> Arm:
     """The arm with the withheld payload, servo gain and friction."""
     servo = replace(

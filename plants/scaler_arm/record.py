@@ -1,0 +1,59 @@
+"""Runs of the arm, to be diagnosed or learned from:
+
+    python -m plants.scaler_arm.record OUT.csv --engine pybullet --motion circle_with_line --seconds 60
+    python -m plants.scaler_arm.record OUT.csv --engine mujoco --twin --truth TRUTH.json
+"""
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+
+from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion, references
+from plants.scaler_arm.mujoco_arm import MujocoArm
+from plants.scaler_arm.pybullet_arm import PybulletArm
+from plants.scaler_arm.start import at_posture
+from plants.scaler_arm.twin import ENCODERS, twin
+from plants.scaler_arm.withheld import TYPICAL, draw_withheld, truth
+from plants.sensors import Sensed
+from plants.simulator import Recording, Simulator, record, replaying, write_run
+
+MOTIONS: dict[str, Motion] = {"circle_with_line": CircleWithLine(), "circle_with_height": CircleWithHeight()}
+ENGINES: dict[str, Simulator] = {"mujoco": MujocoArm(), "pybullet": PybulletArm()}
+
+
+@click.command(help=__doc__)
+@click.argument("out", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--engine", type=click.Choice(list(ENGINES)), default="pybullet", show_default=True)
+@click.option("--motion", type=click.Choice(list(MOTIONS)), default="circle_with_line", show_default=True)
+@click.option("--seconds", type=click.FloatRange(0.1, 3600.0), default=60.0, show_default=True)
+@click.option("--period", type=click.FloatRange(0.001, 1.0), default=0.01, show_default=True, help="s, a row.")
+@click.option("--twin", "real", is_flag=True, help="The real robot's stand-in, with effects that are withheld.")
+@click.option("--draw", is_flag=True, help="Draw the withheld effects from the seed; else they are always the same.")
+@click.option("--truth", "truth_file", type=click.Path(path_type=Path), help="Where to write what was withheld.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+def main(
+    out: Path,
+    engine: str,
+    motion: str,
+    seconds: float,
+    period: float,
+    real: bool,
+    draw: bool,
+    truth_file: Path | None,
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    withheld = draw_withheld(rng) if draw else TYPICAL
+    simulator: Simulator = twin(engine, withheld) if real else Sensed(ENGINES[engine], (ENCODERS,))
+    t = period * np.arange(int(seconds / period + 1e-9) + 1)
+    commands = references(MOTIONS[motion], t)
+    how = Recording(float(t[-1]), period, at_posture(commands[0]))
+    write_run(record(simulator, replaying(commands, period), how, rng), out)
+    if real and truth_file is not None:
+        truth_file.write_text(json.dumps(truth(withheld, engine), indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
