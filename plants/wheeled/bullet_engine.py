@@ -31,10 +31,8 @@ class BulletEngine:
         )
         self._dynamics(ground, CHASSIS, lateralFriction=1.0)
         self._body = self._load(geometry)
-        self._centre = np.array(geometry.centre)
+        self._centre = geometry.centre
         self._step = step
-        self._gain = np.array([w.gain for w in geometry.wheels])
-        self._limit = np.array([w.torque for w in geometry.wheels])
         self.advance(np.zeros(2), step, int(SETTLE / step) + 1)
         place, turn = p.getBasePositionAndOrientation(self._body, physicsClientId=client)
         self._height, self._turn = place[2], turn
@@ -75,27 +73,29 @@ class BulletEngine:
         arm = self._arm(whole)
         at = (motion.x + arm[0], motion.y + arm[1], self._height)
         p.resetBasePositionAndOrientation(self._body, at, whole, physicsClientId=client)
-        spin = np.array([0.0, 0.0, motion.yaw])
-        velocity = np.array([motion.vx, motion.vy, 0.0]) + np.cross(spin, arm)
-        p.resetBaseVelocity(self._body, velocity.tolist(), spin.tolist(), physicsClientId=client)
+        velocity = (motion.vx - motion.yaw * arm[1], motion.vy + motion.yaw * arm[0], 0.0)
+        p.resetBaseVelocity(self._body, velocity, (0.0, 0.0, motion.yaw), physicsClientId=client)
         for joint, speed in zip(JOINTS, motion.wheel, strict=True):
             p.resetJointState(self._body, joint, 0.0, speed, physicsClientId=client)
 
-    def _arm(self, turn: tuple[float, ...]) -> np.ndarray:
-        """(3,) m from the robot's frame to its chassis' centre of mass, in the world."""
-        matrix = np.array(self._p.getMatrixFromQuaternion(turn)).reshape(3, 3)
-        return np.asarray(matrix @ self._centre)
+    def _arm(self, turn: tuple[float, ...]) -> tuple[float, float, float]:
+        """m from the robot's frame to its chassis' centre of mass, in the world. Without numpy: it costs more here."""
+        a, (x, y, z) = self._p.getMatrixFromQuaternion(turn), self._centre
+        return (
+            a[0] * x + a[1] * y + a[2] * z,
+            a[3] * x + a[4] * y + a[5] * z,
+            a[6] * x + a[7] * y + a[8] * z,
+        )
 
     def motion(self) -> Motion:
         p, client = self._p, self._client
         place, turn = p.getBasePositionAndOrientation(self._body, physicsClientId=client)
         velocity, spin = p.getBaseVelocity(self._body, physicsClientId=client)
-        arm = self._arm(turn)
-        v = np.array(velocity) - np.cross(spin, arm)
-        left, right = self._speeds()
-        x, y = place[0] - arm[0], place[1] - arm[1]
+        ax, ay, az = self._arm(turn)
+        vx = velocity[0] - (spin[1] * az - spin[2] * ay)
+        vy = velocity[1] - (spin[2] * ax - spin[0] * az)
         yaw = p.getEulerFromQuaternion(turn)[2]
-        return Motion(float(x), float(y), float(yaw), float(v[0]), float(v[1]), float(spin[2]), (left, right))
+        return Motion(place[0] - ax, place[1] - ay, yaw, vx, vy, spin[2], self._speeds())
 
     def _speeds(self) -> tuple[float, float]:
         left, right = self._p.getJointStates(self._body, JOINTS, physicsClientId=self._client)
@@ -117,11 +117,11 @@ class BulletEngine:
         if dt != self._step:
             p.setTimeStep(dt, physicsClientId=client)
             self._step = dt
+        wanted = set_point.tolist()
         for _ in range(steps):
-            torque = np.clip(self._gain * (set_point - self._speeds()), -self._limit, self._limit)
-            p.setJointMotorControlArray(
-                self._body, JOINTS, p.TORQUE_CONTROL, forces=torque.tolist(), physicsClientId=client
-            )
+            for joint, wheel, goal, speed in zip(JOINTS, self._wheels, wanted, self._speeds(), strict=True):
+                torque = min(max(wheel.gain * (goal - speed), -wheel.torque), wheel.torque)
+                p.setJointMotorControl2(self._body, joint, p.TORQUE_CONTROL, force=torque, physicsClientId=client)
             p.stepSimulation(physicsClientId=client)
 
     def close(self) -> None:

@@ -10,6 +10,7 @@ from plants.wheeled.engine import CHANNELS, Engine, motion_of
 from plants.wheeled.geometry import WHEELS, Geometry, Slips
 from residual_mpc.errors import BadInput
 
+FOLLOW = 25  # steps after which the heading is looked at: a turn of half a circle in between would be missed
 FOREVER = 3600.0  # s for which spots without grip are laid out
 
 
@@ -69,13 +70,18 @@ class _DrivePlant:
             raise BadInput(f"command {command}", "two-wheeled robot", "give two finite wheel speeds in rad/s")
         n = max(1, int(np.ceil(dt / self._step - 1e-9)))
         h = dt / n
-        if self._plain:
-            self._engine.advance(u, h, n)
-        else:
-            for _ in range(n):
-                self._one(u, h)
-        self._time += dt
-        self.truth()  # the heading is followed from step to step
+        begin = self._time
+        for done in range(0, n, FOLLOW):
+            steps = min(FOLLOW, n - done)
+            if self._plain:
+                self._engine.advance(u, h, steps)
+            else:
+                for _ in range(steps):
+                    self._one(u, h)
+                    self._time += h
+            self._time = begin + (done + steps) * h
+            self.truth()
+        self._time = begin + dt
 
     def _one(self, u: np.ndarray, h: float) -> None:
         self._set_point = u + (self._set_point - u) * np.exp(-h / np.maximum(self._lag, 1e-12))

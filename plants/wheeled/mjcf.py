@@ -2,6 +2,7 @@
 
 from plants.wheeled.geometry import WHEELS, Geometry, Wheel, wheel_inertia
 
+STIFF = "0.999 0.9999 0.001 0.5 2"
 HARD = 0.005  # s, time constant of the contacts; MuJoCo wants two of its steps or more
 
 
@@ -57,7 +58,8 @@ def _sides(geometry: Geometry) -> tuple[float, float]:
 
 def _wheel(name: str, wheel: Wheel, side: float) -> str:
     about, across = wheel_inertia(wheel)
-    dry = f' frictionloss="{wheel.kinetic:.9g}"' if not wheel.plain else ""
+    # MuJoCo's dry friction is a soft constraint, which creeps while it sticks unless it is made stiff
+    dry = "" if wheel.plain else f' frictionloss="{wheel.kinetic:.9g}" solimpfriction="{STIFF}"'
     return f"""      <body name="{name}_wheel" pos="0 {side:.9g} 0">
         <joint name="{name}" type="hinge" axis="0 1 0" armature="{wheel.armature:.9g}"{dry}/>
         <inertial pos="0 0 0" mass="{wheel.mass:.9g}" diaginertia="{across:.9g} {about:.9g} {across:.9g}"/>
