@@ -20,6 +20,7 @@ class _Lazy(click.Group):
             "Where the gap lies, what causes it, how far it shrinks.",
         ),
         "learn": ("residual_mpc.cli.learn", "learn", "Train the residual network on runs with a Kalman filter."),
+        "export": ("residual_mpc.cli.export", "export", "Hand the augmented model on: CasADi, C, JAX, ONNX."),
         "run": ("residual_mpc.cli.run", "run", "A closed-loop scenario: nominal against augmented controller."),
         "blind": ("residual_mpc.cli.blind", "blind", "Sealed benchmark cases: make, run, score."),
     }

@@ -1,7 +1,9 @@
 """Learning while driving: the paper's UKF on the last second of the loop, its weights given to filter and controller.
 
 Every `horizon` samples the poses measured since are held against what the model predicts from the belief at their
-beginning; the update needs no stop and no compiling, for weights are parameters of the model.
+beginning; the update needs no stop and no compiling, for weights are parameters of the model. What was learned is
+handed over only while it predicts seconds that it has not seen better than the model it began with: a dead time, say,
+is nothing that such a network can follow, and weights that try would drive worse than none.
 """
 
 from dataclasses import dataclass
@@ -19,7 +21,8 @@ from residual_mpc.residual.window import Window
 class OnlineSettings:
     """horizon: samples in an update, and between updates. variance: of each weight before any data. noise: of the
     poses, 1-sigma, m, m, rad; other: what the network cannot follow, as noise on the poses, same units. halvings: of
-    an update that makes its own window worse when that is driven anew, before it is left out.
+    an update that makes its own window worse when that is driven anew, before it is left out. memory: of the mean of
+    unseen errors, a window; better: share of the first model's that the learned one has to stay below.
     """
 
     horizon: int = 20
@@ -28,6 +31,8 @@ class OnlineSettings:
     other: tuple[float, ...] = (0.004, 0.004, 0.02)
     kalman: FilterSettings = FilterSettings(process=1e-6)
     halvings: int = 3
+    memory: float = 0.7
+    better: float = 0.8
 
 
 Row = tuple[np.ndarray, np.ndarray, np.ndarray]  # belief (nx,), command (nu,), measured poses (ny,)
@@ -47,6 +52,8 @@ class OnlineLearner:
         self._filter, self._settings, self._residual = estimator, settings, residual
         self._belief: Belief = ukf.init(residual.theta, settings.variance)
         self._rows: list[Row] = []
+        self._first = estimator.p
+        self._unseen = np.zeros(2)  # mean costs of windows not seen yet: of the first model, of the learned one
         self.updates = 0
 
     def __call__(self, x: np.ndarray, command: np.ndarray, pose: np.ndarray) -> np.ndarray | None:
@@ -63,6 +70,9 @@ class OnlineLearner:
             return None
         sigma = np.sqrt(np.diag(measured.noise))
         cost, share = self._cost(self._filter, rows, measured, sigma), 1.0
+        blank = self._cost(self._filter.with_parameters(self._first), rows, measured, sigma)
+        self._unseen = self._settings.memory * self._unseen + (1.0 - self._settings.memory) * np.array([blank, cost])
+        good = bool(self._unseen[1] < self._settings.better * self._unseen[0])
         for _ in range(self._settings.halvings + 1):
             theta = before.mean + share * (after.mean - before.mean)
             filter_ = self._filter.with_parameters(self._parameters(theta))
@@ -71,9 +81,9 @@ class OnlineLearner:
                 self._belief = after if share == 1.0 else Belief(theta, before.covariance)
                 self._filter = filter_
                 self.updates += 1
-                return filter_.p
+                break
             share *= 0.5
-        return None
+        return self._filter.p if good else self._first
 
     def _parameters(self, theta: np.ndarray) -> np.ndarray:
         p = self._filter.p.copy()

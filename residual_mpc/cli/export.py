@@ -1,0 +1,73 @@
+"""`residual-mpc export`."""
+
+from pathlib import Path
+
+import click
+
+from residual_mpc.cli.common import emit, json_option, seed_option, writable_folder
+from residual_mpc.errors import BadInput
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--to", required=True, type=click.Choice(["casadi", "c", "jax", "onnx", "mjcf"]), help="What to write."
+)
+@click.option("--robot", metavar="R", help="Robot file of the model; by default the one that FILE names.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the files; by default beside FILE.")
+@click.option(
+    "--dt", type=click.FloatRange(1e-4, 1.0), default=0.05, show_default=True, help="Sample time of the step, s."
+)
+@click.option(
+    "--smooth", type=click.FloatRange(0.0, 1.0), default=0.0, show_default=True,
+    help="Width of rounded kinks, for solvers that converge; 0 is exact.",
+)  # fmt: skip
+@json_option
+@seed_option
+def export(
+    file: Path, to: str, robot: str | None, out: Path | None, dt: float, smooth: float, as_json: bool, seed: int
+) -> None:
+    """Hand on the augmented model of FILE (model.json or diagnosis.json); says how far it lies from its source."""
+    from residual_mpc.diagnosis.document import read_json
+
+    document = read_json(file)
+    where = out or file.parent / f"export_{to}"
+    writable_folder(where)
+    named = robot or _robot_of(document, file)
+
+    import numpy as np
+
+    from residual_mpc.export.augmented import Build, read_augmented
+    from residual_mpc.export.write import write_model
+    from residual_mpc.models.load import load_robot
+    from residual_mpc.models.robot_file import read_robot_file
+
+    model = read_augmented(file, load_robot(read_robot_file(named)), Build(dt, smooth))
+    result = write_model(model, to, where, np.random.default_rng(seed))  # type: ignore[arg-type]
+    result["folder"] = str(where)
+    if as_json:
+        emit(result)
+        return
+    for name, what in result["files"].items():
+        click.echo(f"{where / name}: {what}")
+    apart = result["largest_difference"]
+    click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g}")
+
+
+def _robot_of(document: dict[str, object], file: Path) -> str:
+    """The robot file that the model was made with, or the robot's name where it is built in."""
+    inner = document.get("model")
+    model = inner if isinstance(inner, dict) else document
+    beside = model.get("robot_file")
+    if isinstance(beside, str):
+        path = file.parent / beside
+        if path.is_file():
+            return str(path)
+    name = str(model.get("robot", ""))
+    from importlib.metadata import entry_points
+
+    from residual_mpc.models.load import GROUP
+
+    if name in {e.name for e in entry_points(group=GROUP)}:
+        return name
+    raise BadInput(f"it is of the robot {name!r}, whose file is not known", str(file), "name it with --robot")

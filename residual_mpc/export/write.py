@@ -1,0 +1,142 @@
+"""An augmented model written to files for others, each with how far it lies from its source."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from residual_mpc.errors import BadInput
+from residual_mpc.export.agreement import Agreement, Step, agreement
+from residual_mpc.export.augmented import Augmented
+from residual_mpc.export.casadi_model import CasadiModel, casadi_model
+
+Target = Literal["casadi", "c", "jax", "onnx", "mjcf"]
+TARGETS: tuple[Target, ...] = ("casadi", "c", "jax", "onnx", "mjcf")
+
+
+def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Generator) -> dict[str, Any]:
+    """Write the files of one target and describe them: names, order and values of p, differences from the source.
+
+    Raises BadInput for a target that this model cannot have, with the reason.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if to == "onnx":
+        return _onnx(model, folder)
+    if to == "mjcf":
+        raise BadInput(
+            f"the model of {model.robot.name!r} is no rigid-body model, so that no MJCF can hold its effects",
+            "--to mjcf",
+            "export to casadi, c or jax",
+        )
+    c = casadi_model(model)
+    writers = {"casadi": _casadi, "c": _c, "jax": _jax}
+    files, step = writers[to](model, c, folder)
+    apart = agreement(model, step, rng)
+    document = describe(model, c, to, files, apart)
+    (folder / "export.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    return document
+
+
+def describe(model: Augmented, c: CasadiModel, to: str, files: Mapping[str, str], apart: Agreement) -> dict[str, Any]:
+    """What a user of the files needs to know; also export.json."""
+    return {
+        "to": to,
+        "robot": model.robot.name,
+        "dt": model.build.dt,
+        "smooth": model.build.smooth,
+        "states": [{"name": n, "unit": u} for n, u in zip(c.x_names, model.stepped.units, strict=True)],
+        "commands": list(c.u_names),
+        "parameters": [{"name": n, "value": float(v)} for n, v in zip(c.p_names, c.p0, strict=True)],
+        "rest": model.start().tolist(),
+        "sensor_effects": {
+            e: {p: v[0].tolist() for p, v in ps.items()}
+            for e, ps in model.settings.effects.items()
+            if e.startswith("sensor_")
+        },
+        "files": dict(files),
+        "largest_difference": {**asdict(apart), "largest": apart.largest},
+    }
+
+
+def _casadi(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], Step]:
+    import casadi as ca
+
+    c.f.save(str(folder / "step.casadi"))
+    c.stage.save(str(folder / "stage.casadi"))
+    loaded = ca.Function.load(str(folder / "step.casadi"))
+    files = {
+        "step.casadi": "casadi.Function.load: (x, u, p) -> x_next",
+        "stage.casadi": "(x, u, p) -> x_next, A = dx_next/dx, B = dx_next/du",
+    }
+    return files, _mapped(loaded, c.p0)
+
+
+def _c(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], Step]:
+    import casadi as ca
+
+    from residual_mpc.export.compiled import compiled, compiler
+
+    generator = ca.CodeGenerator("model.c", {"with_header": True, "casadi_int": "int"})
+    generator.add(c.f)
+    generator.add(c.stage)
+    generator.generate(f"{folder}/")
+    # where no compiler is found the functions behind the source are compared, and the file says so
+    files = {
+        "model.c": "functions step and stage in C, no library but libm"
+        + ("" if compiler() else "; not compiled here, for no compiler was found"),
+        "model.h": "their declarations",
+    }
+    return files, _mapped(compiled(c.f, compiler()), c.p0)
+
+
+def _jax(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], Step]:
+    from residual_mpc.export.jax_source import jax_source
+
+    source = jax_source(c, f"The augmented model of {model.robot.name}.", model.start().tolist())
+    (folder / "model_jax.py").write_text(source, encoding="utf-8")
+    try:
+        import jax
+        import jax.numpy as jnp
+    except ImportError as missing:
+        raise BadInput("JAX is not installed", "--to jax", "pip install 'residual-mpc[jax]'") from missing
+    space: dict[str, Any] = {}
+    exec(compile(source, "model_jax.py", "exec"), space)  # the very file that was written
+
+    def step(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        before = bool(getattr(jax.config, "jax_enable_x64", False))
+        jax.config.update("jax_enable_x64", True)
+        try:
+            many = jax.jit(jax.vmap(space["step"], in_axes=(0, 0, None)))
+            return np.asarray(many(jnp.asarray(x), jnp.asarray(u), jnp.asarray(c.p0)))
+        finally:
+            jax.config.update("jax_enable_x64", before)
+
+    return {"model_jax.py": "step(x, u, p), to be jitted, mapped and differentiated"}, step
+
+
+def _onnx(model: Augmented, folder: Path) -> dict[str, Any]:
+    from residual_mpc.export.onnx_network import to_onnx
+
+    if model.residual is None:
+        raise BadInput("the model holds no network", "--to onnx", "learn one with `residual-mpc learn`")
+    apart = to_onnx(model.residual, folder / "residual.onnx")
+    document = {
+        "to": "onnx",
+        "robot": model.robot.name,
+        "inputs": list(model.residual.inputs),
+        "outputs": list(model.residual.outputs),
+        "files": {"residual.onnx": "the network alone: z -> delta, physical units"},
+        "largest_difference": {"network": apart, "largest": apart, "points": 500},
+    }
+    (folder / "export.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    return document
+
+
+def _mapped(function: Any, p: np.ndarray) -> Step:
+    def step(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return np.array(function.map(len(x))(x.T, u.T, np.tile(p[:, None], len(x)))).T
+
+    return step
