@@ -109,13 +109,19 @@ def wheel_speeds(forward: np.ndarray, yaw: np.ndarray, radius: float, track: flo
 def policy(reference: Reference, geometry: Geometry, period: float, ramp: float = 1.0) -> Policy:
     """Open loop: the wheel speeds of the reference, by nominal figures, for a command held for `period` s.
 
-    The command is the reference's in the middle of its hold, so that it lags nowhere. Over the first `ramp` s it grows
-    from 0: a robot that stands cannot jump.
+    The command is the reference's in the middle of its hold, so that it lags nowhere. A robot that stands cannot jump:
+    over the first `ramp` s the reference's own time speeds up from rest, which leaves its path as it is and makes it
+    half of `ramp` late.
     """
 
     def send(t: float, reading: Reading) -> np.ndarray:
-        v, w = reference.twist(np.array([t + 0.5 * period]))
-        share = min(1.0, t / ramp) if ramp > 0 else 1.0
-        return share * wheel_speeds(v[0], w[0], geometry.left.radius, geometry.track)
+        middle = t + 0.5 * period
+        pace = min(1.0, middle / ramp) if ramp > 0 else 1.0
+        v, w = reference.twist(np.array([_own_time(middle, ramp)]))
+        return pace * wheel_speeds(v[0], w[0], geometry.left.radius, geometry.track)
 
     return send
+
+
+def _own_time(t: float, ramp: float) -> float:
+    return t - 0.5 * ramp if t >= ramp else 0.5 * t * t / ramp

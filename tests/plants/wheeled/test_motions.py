@@ -75,5 +75,19 @@ def test_wheel_speeds_invert_the_papers_equation():
 
 def test_a_command_grows_from_rest():
     send = policy(constant_yaw_rate(), Geometry(), 0.02, ramp=1.0)
-    assert (send(0.0, {}) == 0).all()
-    np.testing.assert_allclose(send(0.5, {}), 0.5 * send(2.0, {}))
+    np.testing.assert_allclose(send(0.0, {}), 0.01 * send(2.0, {}))
+    np.testing.assert_allclose(send(0.49, {}), 0.5 * send(2.0, {}))
+
+
+def test_starting_from_rest_leaves_the_path_as_it_is():
+    """Wheel speeds integrated by the paper's equation end on the reference's path, half of the ramp late."""
+    motion, period = figure_eight(period=10.0), 0.005
+    send = policy(motion, Geometry(), period, ramp=1.0)
+    x = y = theta = 0.0
+    for k in range(round(6.0 / period)):
+        left, right = send(k * period, {}) * 0.033
+        turn = (right - left) / 0.16 * period
+        x += 0.5 * (left + right) * np.cos(theta + 0.5 * turn) * period
+        y += 0.5 * (left + right) * np.sin(theta + 0.5 * turn) * period
+        theta += turn
+    np.testing.assert_allclose([x, y, theta], motion.path(np.linspace(0.0, 5.5, 400))[-1], atol=1e-4)
