@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,3 +68,19 @@ def outlier_mask(n: int, rate: float, rng: np.random.Generator) -> NDArray[np.bo
     mask = rng.random(n) < rate
     mask[0] = False
     return mask
+
+
+def jumps(sigma: float, least: float, most: float, n: int, rng: np.random.Generator) -> Array:
+    """How far outliers (n,) lie away: ``least`` to ``most`` sigmas, either way."""
+    return np.asarray(sigma * rng.uniform(least, most, n) * rng.choice([-1, 1], n))
+
+
+def write_table(table: dict[str, Array], name: str, kind: str, folder: Path) -> None:
+    """One run as ``name`` with the ending of its kind, csv or parquet."""
+    import pandas as pd
+
+    frame = pd.DataFrame(table)
+    if kind == "csv":
+        frame.to_csv(folder / f"{name}.csv", index=False, float_format="%.9g")
+    else:
+        frame.to_parquet(folder / f"{name}.parquet", index=False)

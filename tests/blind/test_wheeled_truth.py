@@ -1,13 +1,14 @@
 """The wheeled truth: gap-free without an effect, and each effect does what the table says."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-import plants.blind_families.wheeled as wheeled
 from plants.blind_families.strength import planar_ratio
 from plants.blind_families.wheeled_effects import PLANT, Draw, PoseSensor, Rover, draw_effect
+from plants.blind_families.wheeled_setting import draw_setting, ratio
 from plants.blind_families.wheeled_truth import WheeledTruth, simulate
 from residual_mpc.blind.families import make_case
 from residual_mpc.blind.levels import LEVELS
@@ -36,8 +37,8 @@ def test_without_an_effect_the_robot_drives_the_exact_arc():
 
 def test_without_an_effect_nothing_is_left_of_the_gap():
     rng = np.random.default_rng(5)
-    setting = wheeled._setting(LEVELS["none"], (), False, rng)
-    assert wheeled._ratio(setting.rover, setting) < 1e-3
+    setting = draw_setting(LEVELS["none"], (), False, rng)
+    assert ratio(setting.rover, setting) < 1e-3
 
 
 def test_a_delay_shifts_the_motion_by_a_time_off_the_grid():
@@ -105,12 +106,12 @@ def test_a_slope_drifts_at_its_rate_and_heading():
 @pytest.mark.parametrize("effect", sorted(set(PLANT) - {"sensor_outliers"}))
 def test_every_effect_adds_to_the_gap_and_none_at_no_strength(effect):
     rng = np.random.default_rng(3)
-    setting = wheeled._setting(LEVELS["single"], (effect,), False, rng)
-    setting = wheeled.replace(setting, plans=setting.plans[:3])
+    setting = draw_setting(LEVELS["single"], (effect,), False, rng)
+    setting = replace(setting, plans=setting.plans[:3])
     draw = draw_effect(effect, setting.encoders, rng)
-    assert wheeled._ratio(PLANT[effect](setting.rover, draw, 0.6)[0], setting) > 1.0
+    assert ratio(PLANT[effect](setting.rover, draw, 0.6)[0], setting) > 1.0
     if effect != "saturation":  # whose soft knee is felt below its limit
-        assert wheeled._ratio(PLANT[effect](setting.rover, draw, 0.01)[0], setting) < 0.6
+        assert ratio(PLANT[effect](setting.rover, draw, 0.01)[0], setting) < 0.6
 
 
 def test_the_second_opinion_on_the_gap_sees_a_wrong_radius_as_its_share_of_the_motion():
