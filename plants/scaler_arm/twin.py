@@ -15,6 +15,7 @@ from plants.simulator import Plant, Reading, Simulator
 from residual_mpc.errors import BadInput
 
 FINE = 0.002  # s: the longest step between looks at the command on its way
+NEGLIGIBLE = 1e-7  # s: commands that arrive this close to a step's end arrive there
 ENCODERS = Sensor(
     {**{f"position.{m}": 2e-4 for m in MOTORS}, **{f"velocity.{m}": 0.01 for m in MOTORS}}  # rad, rad/s
 )
@@ -76,16 +77,22 @@ class _Running:
 
     def step(self, command: np.ndarray, dt: float) -> None:
         self._sent.append((self._inner.time, np.asarray(command, dtype=np.float64).copy()))
-        count = max(1, int(np.ceil(dt / FINE - 1e-9)))
-        for _ in range(count):
-            h = dt / count
-            arrived = self._arrived(self._inner.time - self._what.withheld.delay)
-            target, self._stuck = sticking_step(self._what.withheld.sticking, self._stuck, arrived, h)
+        for h in self._pieces(dt):
+            target, self._stuck = sticking_step(self._what.withheld.sticking, self._stuck, self._arrived(), h)
             self._inner.step(target, h)
 
-    def _arrived(self, when: float) -> np.ndarray:
-        """The command sent last at or before `when` s; what is older is forgotten."""
-        while len(self._sent) > 1 and self._sent[1][0] <= when + 1e-9:
+    def _pieces(self, dt: float) -> np.ndarray:
+        """Steps s, none longer than FINE, that dt falls into, cut where a command arrives."""
+        now, delay = self._inner.time, self._what.withheld.delay
+        even = np.linspace(0.0, dt, max(1, int(np.ceil(dt / FINE - 1e-9))) + 1)
+        arrivals = np.array([sent + delay - now for sent, _ in self._sent[1:]])
+        inside = arrivals[np.abs(arrivals[:, None] - even).min(axis=1) > NEGLIGIBLE]
+        return np.diff(np.sort(np.append(even, inside[(inside > 0) & (inside < dt)])))
+
+    def _arrived(self) -> np.ndarray:
+        """The command sent last at least a delay ago; what is older is forgotten."""
+        when = self._inner.time - self._what.withheld.delay + NEGLIGIBLE
+        while len(self._sent) > 1 and self._sent[1][0] <= when:
             self._sent.pop(0)
         return self._sent[0][1]
 
