@@ -43,14 +43,14 @@ def draw(motion: Reference, seed: int, path: Path) -> None:
     model = predicted(run[["command.left", "command.right"]].to_numpy(), run["pose.theta"].ffill().to_numpy())
     wanted = motion.path(np.linspace(0.0, SECONDS, 1500))
     figure = Figure(figsize=(10.0, 4.6), layout="constrained")
-    left, right = np.ravel(figure.subfigures(1, 2, width_ratios=(1.0, 1.5)))
-    above = left.add_subplot()
+    grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.5))
+    above = figure.add_subplot(grid[:, 0])
     above.plot(wanted[:, 0], wanted[:, 1], color=GREY, lw=3.0, alpha=0.6, label="reference")
     above.plot(run["pose.x"], run["pose.y"], ".", color=ORANGE, ms=2.5, label="twin, by its camera")
     above.set(xlabel="x (m)", ylabel="y (m)", title=motion.name.replace("_", " "))
     above.axis("equal")
     above.legend(loc="upper right", fontsize=8)
-    axes = list(np.ravel(right.subplots(4, 1, sharex=True)))
+    axes = [figure.add_subplot(grid[k, 1]) for k in range(4)]
     for k, (_, label) in enumerate(COMPONENTS):
         axes[k].plot(t, seen[:, k], color=ORANGE, lw=0.9)
         axes[k].plot(t, model[:, k], color=DARK, lw=1.2)
