@@ -58,8 +58,8 @@ def draw(motion: Reference, seed: int, path: Path) -> None:
         most = 1.4 * max(float(np.abs(model[:, k]).max()), 0.1)
         axes[k].set_ylim(-most, most)  # spikes go beyond
     axes[3].plot(t, np.linalg.norm(seen - model, axis=1), color=LIGHT, lw=0.9)
-    axes[3].set(ylabel="H2 norm", xlabel="time (s)", ylim=(0.0, 1.0))
-    axes[3].yaxis.label.set_size(7)
+    axes[3].set(xlabel="time (s)", ylim=(0.0, 1.0))
+    axes[3].set_ylabel("H2 norm", fontsize=7)
     for a in (above, *axes):
         a.tick_params(labelsize=7)
         a.grid(alpha=0.3)
