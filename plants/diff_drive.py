@@ -81,11 +81,12 @@ class DiffDrive:
     ) -> Mapping[str, np.ndarray]:
         dt, effects = drive.dt, settings.effects
         remembers = "backlash" in effects or "longitudinal_slip" in effects
-        lead = drive.lead if remembers else 0  # play and acceleration know the motion before the window
+        # play and acceleration know the motion before the window; an encoder read at its start shows the step before
+        lead = drive.lead if remembers else min(1, drive.lead)
         motor = _motor_speed(effects, drive, lead)  # (B, lead + K, 2) rad/s, what an encoder on the motor sees
         wheel = _wheel_speed(effects, motor, dt)
         accel = _acceleration(wheel, lead, dt) if "longitudinal_slip" in effects else np.zeros((1, 1, 2))
-        wheel, motor = wheel[:, lead:], motor[:, lead:]
+        wheel, motor = wheel[:, lead:], motor[:, max(lead - 1, 0) :]
         values = {e: effects[e] for e in CONTACT if e in effects}
         radius = settings.tuned.get("wheel_radius", np.array([self.wheel_radius]))[:, None]
         track = settings.tuned.get("track_width", np.array([self.track_width]))[:, None]
@@ -110,7 +111,7 @@ class DiffDrive:
                 out[channel] = _at_nodes(rates[axis])
             else:  # velocity.<wheel>, output.<wheel>: an encoder is read before the command of its stamp acts
                 speed = motor[..., WHEELS.index(axis)]
-                out[channel] = np.concatenate([speed[:, :1], speed], axis=1)
+                out[channel] = speed if lead else np.concatenate([speed[:, :1], speed], axis=1)
         return out
 
 

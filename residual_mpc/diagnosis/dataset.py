@@ -69,6 +69,7 @@ class Dataset:
                     b.drive,
                     command=b.drive.command[rows],
                     enabled=None if b.drive.enabled is None else b.drive.enabled[rows],
+                    enabled_before=None if b.drive.enabled_before is None else b.drive.enabled_before[rows],
                     clock=b.drive.clock[rows],
                     setting=None if b.drive.setting is None else b.drive.setting[rows],
                 )
@@ -240,15 +241,23 @@ def _drive(
         ]
         commands.append(np.stack(per_actuator, axis=-1))
         clocks.append(t0 - run.t[0])
-        centres = 0.5 * (edges[:, lead:-1] + edges[:, lead + 1 :])
+        centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
         at = np.clip(np.searchsorted(run.t, centres, side="right") - 1, 0, len(run.t) - 1)
         on = [
             held(run, f"enabled.{a}")[at] if f"enabled.{a}" in run.columns else np.ones(at.shape)
             for a in robot.actuators
         ]
         enabled.append(np.where(np.isnan(on), 1.0, on).transpose(1, 2, 0))
-    on_all = np.concatenate(enabled)
-    return Drive(dt, lead, np.concatenate(commands), None if (on_all == 1).all() else on_all, np.concatenate(clocks))
+    on = np.concatenate(enabled)
+    always = bool((on == 1).all())
+    return Drive(
+        dt,
+        lead,
+        np.concatenate(commands),
+        None if always else on[:, lead:],
+        np.concatenate(clocks),
+        enabled_before=None if always else on[:, :lead],
+    )
 
 
 def _resting(robot: Robot, k: int, i: int, signals: Mapping[tuple[int, str], Signal]) -> float | None:

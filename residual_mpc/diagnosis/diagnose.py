@@ -38,7 +38,8 @@ from residual_mpc.models.settings import TUNE, Settings, Term
 
 Progress = Callable[[str, float], None]
 POLISH, POLISH_TOLERANCE = 24, 1e-6  # steps and relative gain at which the last fit ends
-FLOOR_DRAWS = 12  # the floor hangs on a few windows with poorly measured starts: three draws scatter by a fifth
+FLOOR_DRAWS = 24  # the floor hangs on a few windows with poorly measured starts: three draws scatter by a fifth
+LUCK = 4.0  # standard deviations of a perfect model's squared gap that chance is allowed
 POOR_START = 25.0  # times the median of the windows' squared noise
 FEWEST = 32  # windows that a search looks at, however small the steps
 
@@ -185,7 +186,8 @@ def _judge(
     test = held if held.any() else np.ones(raw.count, dtype=bool)
     floors = noise_errors(after_data, space.settings([final.values]), rng, FLOOR_DRAWS)
     floor = _mean_gap([gap_of(after_data, scales, e, test).total for e in floors])
-    floor_everywhere = _mean_gap([gap_of(after_data, scales, e).total for e in floors])
+    draws_everywhere = np.square([gap_of(after_data, scales, e).total for e in floors])
+    floor_everywhere = float(np.sqrt(draws_everywhere.mean()))
     g = {k: gap_of(raw, scales, e, test) for k, e in errors.items()}
     everywhere = {k: gap_of(raw, scales, e).total for k, e in errors.items()}
 
@@ -195,7 +197,8 @@ def _judge(
     verdict: Verdict
     if not helps:
         # beyond the noise everywhere, and not below it on the very windows that the figures are printed for
-        beyond = everywhere["before"] > options.floor_margin * floor_everywhere and g["before"].total > floor
+        luck = float(np.sqrt(draws_everywhere.mean() + LUCK * draws_everywhere.std(ddof=1)))
+        beyond = everywhere["before"] > max(options.floor_margin * floor_everywhere, luck) and g["before"].total > floor
         verdict = "unknown" if beyond else "no_gap"
         share = 0.0 if verdict == "no_gap" else 1.0
     else:

@@ -96,10 +96,12 @@ def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
     """The drive of W windows for H hypotheses, (H * W) rows, each begun `early` (H,) s sooner and as much longer."""
     h = len(early)
     command, enabled = drive.command, drive.enabled
+    if enabled is not None and drive.enabled_before is not None:
+        enabled = np.concatenate([drive.enabled_before, enabled], axis=1)
     clock = np.tile(drive.clock, h)
     setting = None if drive.setting is None else np.tile(drive.setting, h)
     if not early.any():
-        again = None if enabled is None else np.tile(enabled, (h, 1, 1))
+        again = None if drive.enabled is None else np.tile(drive.enabled, (h, 1, 1))
         return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting)
     extra = int(np.ceil(early.max() / drive.dt))
     last = command.shape[1] - 1
@@ -111,8 +113,9 @@ def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
         part = (place - low)[None, :, None]
         commands.append((1.0 - part) * command[:, low] + part * command[:, low + 1])
         if enabled is not None:
-            inside = np.round(np.clip(step[drive.lead :] - drive.lead - shift, 0, enabled.shape[1] - 1)).astype(int)
-            ons.append(enabled[:, inside])
+            known = enabled.shape[1] - drive.steps  # steps before the window of which it is known
+            at = step[drive.lead :] - drive.lead - shift + known
+            ons.append(enabled[:, np.round(np.clip(at, 0, enabled.shape[1] - 1)).astype(int)])
     on = None if enabled is None else np.concatenate(ons)
     clock = clock - np.repeat(early, len(drive.clock))
     return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock, setting)

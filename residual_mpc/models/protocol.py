@@ -31,6 +31,7 @@ class Drive:
 
     command (B, lead + K, nu): mean over each step of the command held, actuator units; the first `lead` steps lie
     before the window and warm up what remembers. enabled (B, K, nu) of 0 or 1, or None where always on.
+    enabled_before (B, lead, nu): the same before the window, for who begins a replay earlier; a robot needs it not.
     clock (B,) s from the run's first stamp to the window's start. setting (B,) which setting of a merged robot each row
     has, None for a robot with one.
     """
@@ -41,6 +42,7 @@ class Drive:
     enabled: np.ndarray | None
     clock: np.ndarray
     setting: np.ndarray | None = None
+    enabled_before: np.ndarray | None = None
 
     @property
     def steps(self) -> int:

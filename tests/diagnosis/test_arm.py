@@ -9,8 +9,11 @@ import pytest
 from oracles.arms import robot_of
 from scipy.integrate import solve_ivp
 
+from residual_mpc.diagnosis.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import Options, diagnose
+from residual_mpc.diagnosis.floor import start_bias
 from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Settings
 
 KP, KV, INERTIA, MASS, LENGTH = 12.0, 0.5, 0.02, 0.5, 0.2  # N m/rad, N m s/rad, kg m^2, kg, m
 SIGMA = {"position.shoulder": 1e-3, "velocity.shoulder": 1e-2}  # rad, rad/s
@@ -73,3 +76,25 @@ def test_a_true_model_has_no_gap(tmp_path: Path, jump: float) -> None:
     robot = robot_of(tmp_path, XML)
     made = diagnose([swing(3, jump=jump)], [robot], SIGMA, (), OPTIONS, np.random.default_rng(0))
     assert made.diagnosis.verdict == "no_gap" and made.diagnosis.causes == ()
+
+
+def test_the_floor_knows_a_motor_that_goes_off(tmp_path: Path) -> None:
+    """An arm that begins to fall at a window's start: five samples around that corner start it too fast, and the floor
+    says by how much."""
+    rate, off, g = 50.0, 2.0, 9.81  # Hz, s, m/s^2
+    t = np.arange(201) / rate
+    held = 1.0  # rad from hanging down
+    pull = -MASS * g * LENGTH * np.sin(held) / (INERTIA + MASS * LENGTH**2)  # rad/s^2 as it lets go
+    fall = np.maximum(t - off, 0.0)
+    angle = held + 0.5 * pull * fall**2
+    command = np.full_like(t, held + MASS * g * LENGTH * np.sin(held) / KP)
+    run = Run(
+        "drop",
+        t,
+        {"command.shoulder": command, "enabled.shoulder": np.where(t < off, 1.0, 0.0), "position.shoulder": angle},
+    )
+    data = build_dataset([run], [robot_of(tmp_path, XML)], {"position.shoulder": 1e-4})
+    bias = start_bias(data, Settings(1))["velocity.shoulder"][np.searchsorted(data.start, off)]
+    # a line's slope through 0, 0, 0 and two samples of the parabola, weights (-2 .. 2) / 10 per period
+    expected = (1.0 * 0.5 + 2.0 * 2.0) / 10.0 * pull / rate
+    assert bias == pytest.approx(expected, rel=0.1)

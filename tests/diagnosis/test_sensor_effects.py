@@ -119,3 +119,16 @@ def test_a_nudge_moves_the_start(clean: Run) -> None:
     k = data.channels.index("pose.x")
     np.testing.assert_allclose(moved[..., k][np.isfinite(moved[..., k])], 0.25, atol=1e-12)
     assert np.nanmax(np.abs(np.delete(moved, k, axis=-1))) == 0.0
+
+
+def test_a_delay_of_the_pose_leaves_the_encoders_alone() -> None:
+    """Whatever part of a step the delay is: the replay begins earlier, and what the encoders saw stays where it was."""
+    run = rover_run("stairs", {}, 6.0, rate=30.0, seed=4, noise=0.0)
+    before = {f"velocity.{w}": np.roll(run.columns[f"command.{w}"], 1) for w in ("left", "right")}  # held since then
+    data = dataset(Run("stairs", run.t, {**run.columns, **before}))
+    encoders = [i for i, c in enumerate(data.channels) if c.startswith("velocity.")]
+    delays = [0.1, 0.1021, 0.1045, 0.1083]
+    predicted = predict(data, settings_of({}, *({("sensor_delay", None, "delay"): d} for d in delays)))
+    seen = predicted[:, data.start > 0.3][..., encoders]  # before the first stamp nothing is known
+    assert len(encoders) == 2
+    np.testing.assert_allclose(seen[1:], np.broadcast_to(seen[0], seen[1:].shape), atol=1e-9)
