@@ -14,11 +14,13 @@ from residual_mpc.residual.filter import Belief
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """After `update` updates: the belief, the H2 norms (n,) of all steps and the filter's times (update,) ms so far,
-    and of each finished pass the gap on the windows set aside and the weights (passes, L)."""
+    """After `update` updates: the belief, the channels' mean square error of late (C,), the H2 norms (n,) of all steps
+    and the filter's times (update,) ms so far, and of each finished pass the gap on the windows set aside and the
+    weights (passes, L)."""
 
     update: int
     belief: Belief
+    error: np.ndarray
     h2: np.ndarray
     update_ms: np.ndarray
     pass_gap: np.ndarray
@@ -41,7 +43,8 @@ def save(path: Path, call: str, c: Checkpoint) -> None:
     try:
         with part:
             np.savez(
-                part, call=call, update=c.update, mean=c.belief.mean, covariance=c.belief.covariance, h2=c.h2,
+                part, call=call, update=c.update, mean=c.belief.mean, covariance=c.belief.covariance, error=c.error,
+                h2=c.h2,
                 update_ms=c.update_ms, pass_gap=c.pass_gap, pass_theta=c.pass_theta,
             )  # fmt: skip
             part.flush()
@@ -59,7 +62,8 @@ def resume(path: Path, call: str) -> Checkpoint | None:
             if str(f["call"]) != call:
                 return None
             return Checkpoint(
-                int(f["update"]), Belief(f["mean"], f["covariance"]), f["h2"], f["update_ms"], f["pass_gap"],
+                int(f["update"]), Belief(f["mean"], f["covariance"]), f["error"], f["h2"],
+                f["update_ms"], f["pass_gap"],
                 f["pass_theta"],
             )  # fmt: skip
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):

@@ -25,10 +25,11 @@ LARGE = 400  # weights from which the exact Jacobian replaces the sigma points
 class LearnSettings:
     """hidden: nodes of the hidden layers. horizon: N, steps in an update. step: s of a step, None for the form's usual.
 
-    variance: of each weight before any data; the weights' inputs are scaled to one. goal: share of each channel's error
-    under the base model that is not worth explaining; it stands in C_v beside the sensor noise, for what no memoryless
-    network can follow would otherwise be taken for certain. passes: how often the data are gone through. fair: a
-    window's cost (see `cost_of`) up to which it counts as explained.
+    variance: of each weight before any data; the network's inputs and outputs are scaled to about one. goal: share of
+    each channel's present error (its root mean square over about `memory` windows) that an update does not try to
+    explain: it stands in C_v beside the sensor noise, for what no memoryless network can follow would otherwise be
+    taken for certain. passes: how often the data are gone through. fair: a window's cost (see `cost_of`) up to which it
+    counts as explained. method: "ukf", "ekf", or "auto" for the UKF up to LARGE weights.
     """
 
     hidden: tuple[int, ...] = PAPER_HIDDEN
@@ -36,6 +37,7 @@ class LearnSettings:
     step: float | None = None
     variance: float = 0.1
     goal: float = 0.5
+    memory: float = 20.0
     passes: int = 1
     kalman: FilterSettings = FilterSettings()
     fair: float = 0.5
@@ -53,7 +55,10 @@ USUAL_STEP = {"body": 0.05, "paper": 0.05, "joint": 0.02}  # s
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """After an update: its number, seconds of data so far, the H2 norms of the window before it, the filter's time."""
+    """After an update: its number, seconds of data so far, the H2 norms of the window before it, the filter's time.
+
+    error (C,): mean square error of each channel of late, channel unit squared.
+    """
 
     update: int
     seconds: float
@@ -61,6 +66,7 @@ class Progress:
     update_ms: float
     info: Info
     belief: Belief
+    error: np.ndarray
 
 
 def step_of(form: Form, grid: float, settings: LearnSettings) -> float:
@@ -81,13 +87,7 @@ def begin(
         net, initial_weights(net, rng), inputs, outputs, np.zeros(net.inputs), np.ones(net.inputs),
         np.ones(net.outputs), form.name, step, base.name, LIMIT,
     )  # fmt: skip
-    error = data.y - predict(data, effects)[0]
-    train = np.where(data.compared[:, None, :] & scaling[:, None, None], error, np.nan)
-    with np.errstate(invalid="ignore"):
-        size = np.sqrt(np.nan_to_num(np.nanmedian(train**2, axis=(0, 1)) / 0.455))  # a normal's mean square, robustly
-    course = Course(
-        data, form, effects, tuple(fixed), settings.goal * size, start_doubt(data, effects), used, settings.horizon
-    )
+    course = Course(data, form, effects, tuple(fixed), start_doubt(data, effects), used, settings.horizon)
     return course, scaled(course, blank, scaling, rng)
 
 
@@ -136,20 +136,47 @@ def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, Info]]:
 
 
 def run(
-    course: Course, learned: Residual, belief: Belief, order: np.ndarray, settings: LearnSettings, first: int = 0
-) -> Iterator[Progress]:
-    """Update after update over the windows `order` (rows of course.data), from number `first` on."""
+    course: Course, learned: Residual, belief: Belief, error: np.ndarray, order: np.ndarray, settings: LearnSettings,
+    first: int = 0,
+) -> Iterator[Progress]:  # fmt: skip
+    """Update after update over the windows `order` (rows of course.data), from number `first` on.
+
+    error (C,): mean square error of each channel before, see `first_error`.
+    """
     update = filter_of(settings.method, learned.net.size)
     nudge = 0.1 * learned.output_scale
     seconds = first * learned.step * settings.horizon
     for k in range(first, len(order)):
-        given = lesson(course, learned.with_theta(belief.mean), int(order[k]), nudge)
+        w = int(order[k])
+        floor = settings.goal * np.sqrt(error)
+        given = lesson(course, learned.with_theta(belief.mean), w, nudge, floor)
         begun = perf_counter()
         moved, info = update(belief, given.window, given.measured, settings.kalman)
         took = 1e3 * (perf_counter() - begun)
-        belief = no_worse(course, learned, int(order[k]), given, belief, moved, settings)
+        belief = no_worse(course, learned, w, given, belief, moved, settings)
+        error = error_of_late(error, given.error, settings.memory)
         seconds += given.seconds  # of data, passes counted anew
-        yield Progress(k + 1, seconds, given.h2, took, info, belief)
+        yield Progress(k + 1, seconds, given.h2, took, info, belief, error)
+
+
+def first_error(course: Course, windows: np.ndarray) -> np.ndarray:
+    """(C,) mean square error of each channel under what stands still, over the windows (W,) bool, robustly."""
+    data = course.data
+    error = np.where(windows[:, None, None], data.y - predict(data, course.settings)[0], np.nan)
+    return np.array([_mean_square(error[..., c]) for c in range(error.shape[2])])
+
+
+def error_of_late(before: np.ndarray, error: np.ndarray, memory: float) -> np.ndarray:
+    """(C,) the running mean square with one window's error (M, C) in it, which counts for 9 times the mean at most."""
+    square = error**2
+    seen = np.isfinite(square).any(axis=0)
+    now = np.where(seen, np.nansum(square, axis=0) / np.maximum(np.isfinite(square).sum(axis=0), 1), before)
+    return np.asarray(before + (np.minimum(now, 9.0 * before) - before) / memory)
+
+
+def _mean_square(error: np.ndarray) -> float:
+    good = error[np.isfinite(error)]
+    return float(np.median(good**2) / 0.455) if len(good) else 0.0  # 0.455: a normal's median square
 
 
 def no_worse(

@@ -28,7 +28,8 @@ FAR = 3.0  # standard deviations from which an error's cost grows with its size,
 class Lesson:
     """window and measured: for the filter. h2 (N,): |x_ref - x_pred| in each step, NaN where nothing was measured;
     seconds of data in it. samples (m,), (m,): which samples and channels are compared; weight (m,) 1 / their standard
-    deviation, by which both sides are multiplied; cost: of the window under the weights at hand, see `cost_of`."""
+    deviation, by which both sides are multiplied; cost: of the window under the weights at hand, see `cost_of`. error
+    (M, C): measured - predicted, channel unit."""
 
     window: Window
     measured: Measurement
@@ -37,6 +38,7 @@ class Lesson:
     samples: tuple[np.ndarray, np.ndarray]
     weight: np.ndarray
     cost: float
+    error: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ class Course:
     """What all lessons of a learning share.
 
     data: windows of N steps. settings: one row, the diagnosed effects. fixed: residuals that are not learned, summed.
-    floor (C,): what the model is not asked to explain of each channel, channel unit. doubt (W, M, C, k): how one sigma
+    doubt (W, M, C, k): how one sigma
     of each start coordinate moves the prediction. samples: at most so many of a channel in a lesson.
     """
 
@@ -52,7 +54,6 @@ class Course:
     form: Form
     settings: Settings
     fixed: tuple[Residual, ...]
-    floor: np.ndarray
     doubt: np.ndarray
     used: np.ndarray  # (C,) bool: channels that are compared and move
     samples: int = 20
@@ -80,8 +81,12 @@ class _Pushed:
         return rolled.nodes
 
 
-def lesson(course: Course, learned: Residual, w: int, nudge: np.ndarray) -> Lesson:
-    """Window w (row of course.data) under the residual's weights. nudge (outputs,): sizes of the pushes."""
+def lesson(course: Course, learned: Residual, w: int, nudge: np.ndarray, floor: np.ndarray) -> Lesson:
+    """Window w (row of course.data) under the residual's weights.
+
+    nudge (outputs,): sizes of the pushes. floor (C,) channel unit: what the model is not asked to explain of each
+    channel; it stands in C_v beside the sensor noise and the doubt about the start.
+    """
     one = course.data.take(np.arange(course.data.count) == w)
     count, rolled, predicted, readout = push_through(course, learned, one, nudge)
     y, t = one.y[0], one.t[0]
@@ -94,7 +99,7 @@ def lesson(course: Course, learned: Residual, w: int, nudge: np.ndarray) -> Less
     offset = at - phi @ own.T.reshape(-1)
     a = course.doubt[w][m_index, c_index]  # (m, k)
     sigma = one.sigma[c_index]
-    noise = a @ a.T + np.diag(sigma**2 + course.floor[c_index] ** 2)
+    noise = a @ a.T + np.diag(sigma**2) + unexplained(t[m_index], c_index, floor, one.horizon)
     scaled = learned.scaled(z)
     # channels in units of their standard deviation, so that the moments are of order one
     weight = 1.0 / np.sqrt(np.diagonal(noise))
@@ -107,6 +112,7 @@ def lesson(course: Course, learned: Residual, w: int, nudge: np.ndarray) -> Less
         (m_index, c_index),
         weight,
         cost_of(measured, weight * at),
+        y - predicted,
     )
 
 
@@ -124,6 +130,17 @@ def cost_under(course: Course, learned: Residual, w: int, given: Lesson) -> floa
     """The cost of a lesson's window rolled out anew under other weights."""
     at = rolled_out(course, learned, w)[1][given.samples]
     return cost_of(given.measured, given.weight * at)
+
+
+def unexplained(t: np.ndarray, channel: np.ndarray, floor: np.ndarray, horizon: float) -> np.ndarray:
+    """(m, m) covariance of what is not to be explained at samples t (m,) s of `channel` (m,), mean square floor (C,)^2.
+
+    A velocity that is wrong by white noise makes a position that wanders off as a random walk: errors of a window hang
+    together, and count as few samples, not as many.
+    """
+    size = floor[channel]
+    together = np.minimum(t[:, None], t[None, :]) * (channel[:, None] == channel[None, :])
+    return np.asarray(2.0 / horizon * together * size[:, None] * size[None, :])
 
 
 def push_through(

@@ -21,7 +21,7 @@ from residual_mpc.residual import checkpoint as disk
 from residual_mpc.residual.cases import Condition, check_alike, total
 from residual_mpc.residual.forms import Form, form_named, usual_form
 from residual_mpc.residual.h2 import H2, mean_of, summary
-from residual_mpc.residual.learn import LearnSettings, begin, order_of, prior, run, step_of
+from residual_mpc.residual.learn import LearnSettings, begin, first_error, order_of, prior, run, step_of
 from residual_mpc.residual.lesson import Course, h2_of
 from residual_mpc.residual.record import Residual
 from residual_mpc.residual.robot import with_residual
@@ -242,10 +242,11 @@ def _updates(
     at = None if path is None else disk.resume(path, call)
     if at is None:
         nothing = np.empty(0)
-        at = disk.Checkpoint(0, prior(blank, settings), nothing, nothing, nothing, np.empty((0, blank.net.size)))
+        error = first_error(course, np.isin(np.arange(course.data.count), order))
+        at = disk.Checkpoint(0, prior(blank, settings), error, nothing, nothing, nothing, np.empty((0, blank.net.size)))
     h2, ms = [at.h2], [at.update_ms]
     recent = list(at.h2[-500:])
-    for p in run(course, blank, at.belief, order, settings, at.update):
+    for p in run(course, blank, at.belief, at.error, order, settings, at.update):
         h2.append(p.h2)
         ms.append(np.array([p.update_ms]))
         recent = [*recent, *p.h2][-max(1, round(10.0 / blank.step)) :]
@@ -256,7 +257,7 @@ def _updates(
                 now = exam.gap(_whole(course, blank.with_theta(p.belief.mean)), aside).total
                 gaps, thetas = np.append(gaps, now), np.vstack([thetas, p.belief.mean])
             h2, ms = [np.concatenate(h2)], [np.concatenate(ms)]
-            at = disk.Checkpoint(p.update, p.belief, h2[0], ms[0], gaps, thetas)
+            at = disk.Checkpoint(p.update, p.belief, p.error, h2[0], ms[0], gaps, thetas)
             if path is not None:
                 disk.save(path, call, at)
         good = [x for x in recent if np.isfinite(x)]
