@@ -60,6 +60,7 @@ class Mpc:
     poses: np.ndarray  # (ny,) places of the poses in x
     roots: tuple[np.ndarray, np.ndarray]  # (ny, ny) each: square roots of the cost of a stage and of the end
     change: np.ndarray  # (N nu, N nu): changes of the command, from the plan; the first against what was sent last
+    fixed: np.ndarray  # (N nu, N nu): what commands and their changes cost, the part of H that never changes
 
     @property
     def horizon(self) -> int:
@@ -132,24 +133,27 @@ class Mpc:
         e = y - reference
         roots = self._in_frame(reference, e)
         M = np.matmul(roots, S).reshape(-1, m)
-        r = np.matmul(roots, e[:, :, None]).ravel()
+        r = np.matmul(roots, e[:, :, None])[:, :, 0].ravel()
         w, v = s.weights.change**-2.0, s.weights.command**-2.0
         u = plan.ravel()
-        steps = self.change @ u
+        steps = u.copy()
+        steps[len(sent) :] -= u[: -len(sent)]
         steps[: len(sent)] -= sent
         extra = len(s.limits.soft)
-        H = np.zeros((m + extra, m + extra))
-        H[:m, :m] = M.T @ M + w * (self.change.T @ self.change)
-        H[np.arange(m), np.arange(m)] += v
-        g = np.zeros(m + extra)
-        g[:m] = M.T @ r + w * (steps @ self.change) + v * u
-        low, high = np.full(m + extra, 0.0), np.full(m + extra, 1e20)
-        low[:m], high[:m] = s.limits.lower - u, s.limits.upper - u
-        most = s.limits.rate * self.model.build.dt
-        rows = [np.hstack([self.change, np.zeros((m, extra))])] if extra else [self.change]
-        lows, highs = [np.maximum(-most - steps, -1e20)], [np.minimum(most - steps, 1e20)]
+        H = M.T @ M
+        H += self.fixed
+        g = M.T @ r + w * (steps @ self.change) + v * u
+        low, high = s.limits.lower - u, s.limits.upper - u
+        most = min(s.limits.rate * self.model.build.dt, 1e20)
+        if not extra:
+            return Qp(H, g, low, high, self.change, -most - steps, most - steps)
+        H = np.block([[H, np.zeros((m, extra))], [np.zeros((extra, m)), np.eye(extra)]])
+        g = np.concatenate([g, np.zeros(extra)])
+        low, high = np.concatenate([low, np.zeros(extra)]), np.concatenate([high, np.full(extra, 1e20)])
+        rows = [np.hstack([self.change, np.zeros((m, extra))])]
+        lows, highs = [-most - steps], [most - steps]
         for j, soft in enumerate(s.limits.soft):
-            H[m + j, m + j], g[m + j] = 1.0, soft.price * soft.square**-0.5
+            g[m + j] = soft.price * soft.square**-0.5
             place = self.model.stepped.poses.index(soft.channel)
             slack = np.zeros((n, extra))
             slack[:, j] = soft.square**-0.5  # a slack in units that cost one: first-order solvers need it
@@ -167,11 +171,10 @@ class Mpc:
         if "pose.theta" not in self.model.stepped.poses:
             return out
         e[:, 2] = np.remainder(e[:, 2] + np.pi, 2 * np.pi) - np.pi
-        c, s = np.cos(reference[:, 2]), np.sin(reference[:, 2])
-        turn = np.zeros((n, 3, 3))
-        turn[:, 0, 0] = turn[:, 1, 1] = c
-        turn[:, 0, 1], turn[:, 1, 0], turn[:, 2, 2] = s, -s, 1.0
-        return np.matmul(out, turn)
+        c, s = np.cos(reference[:, 2, None]), np.sin(reference[:, 2, None])
+        x, y = out[:, :, 0].copy(), out[:, :, 1].copy()
+        out[:, :, 0], out[:, :, 1] = x * c - y * s, x * s + y * c
+        return out
 
     def _pattern(self) -> np.ndarray:
         m, extra, n = self.horizon * self.model.nu, len(self.settings.limits.soft), self.horizon
@@ -199,4 +202,6 @@ def build_mpc(model: Augmented, settings: MpcSettings) -> Mpc:
     end = np.linalg.cholesky(terminal_cost(model, settings.weights, settings.cruise)).T
     change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
     poses = np.array([model.stepped.states.index(c) for c in model.stepped.poses])
-    return Mpc(model, settings, model.p, rollout(model, n, settings.compile), poses, (stage, end), change)
+    w, v = settings.weights.change**-2.0, settings.weights.command**-2.0
+    fixed = w * (change.T @ change) + v * np.eye(n * nu)
+    return Mpc(model, settings, model.p, rollout(model, n, settings.compile), poses, (stage, end), change, fixed)

@@ -1,0 +1,224 @@
+"""The MPC's step, timed beside what one would otherwise take: `python -m benchmarks.control`.
+
+A differential drive with dead time, lag and the paper's network in its model, N = 20, 50 ms, box and rate limits, on a
+figure-eight of the model itself. Everything in one process, one thread; the order is shuffled in blocks so that a busy
+machine slows all of them alike. Wall time, and CPU time where a machine is shared.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from controllers.converged import converged
+from controllers.mpc import Mpc, build_mpc
+from controllers.settings import MpcSettings
+from plants.diff_drive import DiffDrive
+from residual_mpc.export import Augmented, Build, augment, casadi_model
+from residual_mpc.models.settings import Knob
+from residual_mpc.residual.body import BODY
+from residual_mpc.residual.mlp import Mlp
+from residual_mpc.residual.record import Residual
+
+DT, N = 0.05, 20
+PERIOD = 12.0  # s, of the figure-eight
+
+
+def model(smooth: float = 0.0) -> Augmented:
+    """The rover with 80 ms of dead time, 100 ms of lag, and a network of a few per cent of its speed."""
+    rng = np.random.default_rng(3)
+    net = Mlp(5)
+    inputs = (*(f"previous.{n}" for n in BODY), "command.left", "command.right")
+    residual = Residual(
+        net, 0.3 * rng.standard_normal(net.size), inputs, BODY, np.zeros(5), np.array([0.3, 0.1, 2.0, 10.0, 10.0]),
+        np.array([0.02, 0.01, 0.2]), "body", DT, "rover",
+    )  # fmt: skip
+    effects = {Knob("command_delay", None, "delay"): 0.08, Knob("actuator_lag", None, "time_constant"): 0.1}
+    return augment(DiffDrive("rover", 0.033, 0.16), effects, residual, Build(DT, smooth))
+
+
+def path(t: np.ndarray) -> np.ndarray:
+    """(n, 3) poses of the figure-eight."""
+    w = 2 * np.pi / PERIOD
+    dx, dy = 0.4 * w * np.cos(w * t), 0.4 * w * np.cos(2 * w * t)
+    return np.stack([0.4 * np.sin(w * t), 0.2 * np.sin(2 * w * t), np.unwrap(np.arctan2(dy, dx))], axis=-1)
+
+
+@dataclass
+class Contestant:
+    """One way to close the loop: `step(x, k)` -> command. wall, cpu: ms of each step; cost: in the MPC's own terms."""
+
+    name: str
+    step: Any
+    x: np.ndarray
+    sent: np.ndarray
+    wall: list[float]
+    cpu: list[float]
+    cost: float = 0.0
+    failed: int = 0
+
+
+def real_time(name: str, mpc: Mpc) -> Contestant:
+    """Our controller, with its own warm start."""
+    memory = {"state": mpc.init()}
+
+    def step(x: np.ndarray, k: int, sent: np.ndarray) -> tuple[np.ndarray, bool]:
+        command, memory["state"], info = mpc.step(memory["state"], x, path(DT * (k + 1 + np.arange(N))))
+        return command, info.outcome != "shifted"
+
+    return _contestant(name, step, mpc.model)
+
+
+def full(name: str, mpc: Mpc, iterations: int) -> Contestant:
+    """CasADi and IPOPT on the same problem, warm-started with the shifted plan."""
+    solver = converged(mpc, iterations)
+    memory = {"plan": np.zeros((N, 2))}
+
+    def step(x: np.ndarray, k: int, sent: np.ndarray) -> tuple[np.ndarray, bool]:
+        guess = np.concatenate([memory["plan"][1:], memory["plan"][-1:]])
+        plan, _, good = solver.solve(x, sent, path(DT * (k + 1 + np.arange(N))), guess)
+        memory["plan"] = plan
+        return plan[0], good
+
+    return _contestant(name, step, mpc.model)
+
+
+def do_mpc(name: str, mpc: Mpc) -> Contestant:
+    """do-mpc with IPOPT (50 iterations at most), the exported model as its right-hand side."""
+    import casadi as ca
+    from do_mpc.controller import MPC
+    from do_mpc.model import Model
+
+    m, c, s = mpc.model, casadi_model(mpc.model), mpc.settings
+    inner = Model("discrete", "SX")
+    x = inner.set_variable("_x", "x", shape=(m.nx, 1))
+    u = inner.set_variable("_u", "u", shape=(m.nu, 1))
+    wanted = inner.set_variable("_tvp", "wanted", shape=(3, 1))
+    inner.set_rhs("x", c.f(x, u, m.p))
+    inner.setup()
+    outer = MPC(inner)
+    options = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes", "ipopt.max_iter": 50}
+    outer.set_param(n_horizon=N, t_step=DT, store_full_solution=False, nlpsol_opts=options)
+    e = ca.vertcat(*[x[int(i)] for i in mpc.poses]) - wanted
+    turn = wanted[2]
+    e = ca.vertcat(
+        ca.cos(turn) * e[0] + ca.sin(turn) * e[1], -ca.sin(turn) * e[0] + ca.cos(turn) * e[1], ca.sin(e[2])
+    )
+    stage, end = (ca.sumsqr(ca.mtimes(root, e)) for root in mpc.roots)
+    outer.set_objective(lterm=stage, mterm=end)
+    outer.set_rterm(u=s.weights.change**-2.0)
+    outer.bounds["lower", "_u", "u"], outer.bounds["upper", "_u", "u"] = s.limits.lower, s.limits.upper
+    template, now = outer.get_tvp_template(), {"k": 0}
+
+    def reference(_: float) -> Any:
+        poses = path(DT * (now["k"] + np.arange(N + 1)))
+        for i in range(N + 1):
+            template["_tvp", i, "wanted"] = poses[i]
+        return template
+
+    outer.set_tvp_fun(reference)
+    outer.setup()
+    outer.x0 = m.start()
+    outer.set_initial_guess()
+
+    def step(x: np.ndarray, k: int, sent: np.ndarray) -> tuple[np.ndarray, bool]:
+        now["k"] = k
+        command = np.array(outer.make_step(x[:, None])).ravel()
+        return command, bool(outer.solver_stats["success"])
+
+    return _contestant(name, step, m)
+
+
+def _contestant(name: str, step: Any, m: Augmented) -> Contestant:
+    x = m.start(dict(zip(m.stepped.poses, path(np.zeros(1))[0].tolist(), strict=True)))
+    return Contestant(name, step, x, np.zeros(2), [], [])
+
+
+def race(contestants: list[Contestant], mpc: Mpc, steps: int, block: int, rng: np.random.Generator) -> None:
+    """Everyone drives `steps` samples of the same model, in blocks, in shuffled order."""
+    plant = build_plant(mpc.model)
+    for first in range(0, steps, block):
+        for i in rng.permutation(len(contestants)):
+            c = contestants[i]
+            for k in range(first, min(first + block, steps)):
+                wall, cpu = time.perf_counter(), time.process_time()
+                command, good = c.step(c.x, k, c.sent)
+                c.cpu.append(1e3 * (time.process_time() - cpu))
+                c.wall.append(1e3 * (time.perf_counter() - wall))
+                c.failed += not good
+                c.x = plant(c.x, command)
+                c.cost += _cost(mpc, c.x, path(np.array([DT * (k + 1)]))[0], command, c.sent)
+                c.sent = command
+
+
+def build_plant(m: Augmented) -> Any:
+    """x+ of the model itself, fast."""
+    f = casadi_model(m).f
+    return lambda x, u: np.array(f(x, u, m.p)).ravel()
+
+
+def _cost(mpc: Mpc, x: np.ndarray, wanted: np.ndarray, command: np.ndarray, sent: np.ndarray) -> float:
+    e = x[mpc.poses] - wanted
+    c, s = np.cos(wanted[2]), np.sin(wanted[2])
+    e = np.array([c * e[0] + s * e[1], -s * e[0] + c * e[1], np.remainder(e[2] + np.pi, 2 * np.pi) - np.pi])
+    w = mpc.settings.weights
+    change = np.sum((command - sent) ** 2) / w.change**2
+    return float(np.sum((e / w.error) ** 2) + change + np.sum(command**2) / w.command**2)
+
+
+def main() -> None:
+    """Print the table; --json for machines, --long for the run of 10^5 steps without a failure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--steps", type=int, default=480, help="samples each contestant drives")
+    parser.add_argument("--long", type=int, default=0, help="samples of a run of our default controller alone")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    exact, round_ = model(), model(smooth=1e-2)
+    ours = build_mpc(exact, MpcSettings(budget=10.0))
+    contestants = [
+        real_time("real-time iteration, DAQP", ours),
+        real_time("real-time iteration, OSQP", build_mpc(exact, MpcSettings(solver="osqp", budget=10.0))),
+        real_time("the same without a compiler", build_mpc(exact, MpcSettings(compile=False, budget=10.0))),
+        full("IPOPT, converged, smoothed", build_mpc(round_, MpcSettings(budget=10.0)), 200),
+        full("IPOPT, converged, leaky", ours, 50),
+        do_mpc("do-mpc with IPOPT, leaky", ours),
+    ]
+    race(contestants, ours, options.steps, 40, np.random.default_rng(0))
+    best = next(c for c in contestants if c.name.startswith("IPOPT, converged, smoothed"))
+    rows = [_row(c, best.cost) for c in contestants]
+    if options.long:
+        alone = real_time(f"DAQP, {options.long} steps", build_mpc(exact, MpcSettings(budget=10.0)))
+        race([alone], ours, options.long, options.long, np.random.default_rng(0))
+        rows.append(_row(alone, float("nan")))
+    if options.json:
+        json.dump({"dt": DT, "horizon": N, "rows": rows}, sys.stdout, indent=2)
+        return
+    print(f"{'':32}{'median':>8}{'p99':>8}{'cpu med':>9}{'cpu p99':>9}{'failed':>8}{'cost':>9}")
+    for r in rows:
+        print(
+            f"{r['name']:32}{r['median']:8.3f}{r['p99']:8.3f}{r['cpu_median']:9.3f}{r['cpu_p99']:9.3f}"
+            f"{r['failed']:8d}{r['cost_over_converged']:+9.2%}"
+        )
+
+
+def _row(c: Contestant, best: float) -> dict[str, Any]:
+    wall, cpu = np.array(c.wall[20:]), np.array(c.cpu[20:])
+    return {
+        "name": c.name,
+        "median": float(np.median(wall)),
+        "p99": float(np.quantile(wall, 0.99)),
+        "cpu_median": float(np.median(cpu)),
+        "cpu_p99": float(np.quantile(cpu, 0.99)),
+        "failed": c.failed,
+        "cost_over_converged": c.cost / best - 1.0,
+    }
+
+
+if __name__ == "__main__":
+    main()
