@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 
 import mujoco
@@ -102,9 +104,9 @@ def test_both_engines_fall_alike_as_the_step_shrinks() -> None:
 def test_the_same_seed_gives_the_same_run_in_seconds(engine: str) -> None:
     q = circle(60.0)
     how = Recording(60.0, 0.01, at_posture(q[0]))
-    began = time.perf_counter()
+    began = time.process_time()
     first = record(ENGINES[engine], replaying(q, 0.01), how, np.random.default_rng(1))
-    assert time.perf_counter() - began < 15.0  # a minute of the robot; about 1 s on one free core
+    assert time.process_time() - began < 15.0  # a minute of the robot; about 1 s on one free core
     again = record(ENGINES[engine], replaying(q[:301], 0.01), Recording(3.0, 0.01, how.at), np.random.default_rng(1))
     assert len(first) == 6001 and list(first)[:2] == ["t", "command.shoulder"]
     assert again.equals(first.iloc[:301])
@@ -151,3 +153,15 @@ def test_a_start_that_cannot_be_is_refused() -> None:
             simulator.start(np.random.default_rng(0), {"position.b": 0.1})
         with pytest.raises(BadInput, match="Keep it within"):
             simulator.start(np.random.default_rng(0), {"position.a": 2.0})
+
+
+def test_engines_are_imported_when_they_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    program = (
+        "import sys, plants.scaler_arm.record, plants.scaler_arm.robot, plants.scaler_arm.pybullet_robot\n"
+        "assert not {'mujoco', 'pybullet', 'casadi', 'jax', 'pandas', 'matplotlib'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    with pytest.raises(BadInput, match="residual-mpc\\[pybullet\\]"):
+        PybulletArm().start(np.random.default_rng(0), {})
