@@ -54,7 +54,7 @@ NOTE = (
 )
 @click.option("--hidden", default="10,10", show_default=True, help="Nodes of the hidden layers.")
 @click.option("--method", type=click.Choice(["auto", "ukf", "ekf"]), default="auto", show_default=True)
-@click.option("--passes", type=click.IntRange(1, 100), default=3, show_default=True, help="Times through the data.")
+@click.option("--passes", type=click.IntRange(1, 100), default=5, show_default=True, help="Times through the data.")
 @click.option("--step", type=click.FloatRange(0.001, 1.0), help="Step of the residual, s.")
 @json_option
 @seed_option

@@ -51,7 +51,10 @@ def check_alike(earlier: Residual, blank: Residual, source: str) -> None:
 
 
 def plus(first: Residual, second: Residual) -> Residual:
-    """One residual that is the sum of two of the same form and depth: their networks side by side in a wider one."""
+    """One residual that is the sum of two of the same form and depth: their networks side by side in a wider one.
+
+    Exact where neither holds its inputs back; beyond, the first one's limit is that of both.
+    """
     if len(first.net.hidden) != len(second.net.hidden) or first.net.slope != second.net.slope:
         raise ValueError(f"{first.net} and {second.net} came: only nets of one depth and slope stand side by side")
     net = Mlp(

@@ -38,7 +38,7 @@ class LearnSettings:
     variance: float = 0.1
     goal: float = 0.5
     memory: float = 20.0
-    passes: int = 1
+    passes: int = 5
     kalman: FilterSettings = FilterSettings()
     fair: float = 0.5
     method: str = "auto"
