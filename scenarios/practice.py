@@ -1,18 +1,23 @@
 """Drive badly and learn from it: runs of the nominal controller, their diagnosis, and networks taught on them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from plants.diff_drive import DiffDrive
+from residual_mpc.closed_loop.episode import Episode
 from residual_mpc.closed_loop.estimator import EstimatorSettings, build_filter
 from residual_mpc.closed_loop.loop import LoopSettings, run_closed_loop
 from residual_mpc.closed_loop.scenario import Progress, RunOptions
+from residual_mpc.diagnosis.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import Made, Options, diagnose
+from residual_mpc.diagnosis.gap import gap_of, measure_scales
+from residual_mpc.diagnosis.replay import predict
 from residual_mpc.export import Build, augment
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Values
+from residual_mpc.models.settings import Settings, Values, assemble
 from residual_mpc.residual.learn import LearnSettings
 from residual_mpc.residual.record import Residual
 from residual_mpc.residual.train import Task, train
@@ -79,3 +84,15 @@ def teach(runs: tuple[Run, ...], effects: Values, seed: int) -> Residual:
     """The paper's network, by its UKF, on top of the model with these effects."""
     task = Task(runs, (ROBOT,) * len(runs), NOISE, "real-to-dyn", effects)
     return train(task, LearnSettings(passes=2), np.random.default_rng(seed)).whole
+
+
+def closed_loop_gap(episodes: Sequence[Episode], learned: Learned) -> dict[str, Any]:
+    """The gap on what the effects' controller drove, before and after them, beside the shrink that was stated."""
+    data = build_dataset([e.run() for e in episodes], [ROBOT] * len(episodes), NOISE)
+    scales, everything = measure_scales(data), np.ones(data.count, dtype=bool)
+    effects = assemble([learned.effects], {k.effect: ROBOT.slots(k.effect) for k in learned.effects})
+    before, after = (
+        float(gap_of(data, scales, data.y - predict(data, s)[0], everything).total) for s in (Settings(1), effects)
+    )
+    shrink = None if before == 0.0 else 1.0 - after / before
+    return {"before": before, "after": after, "shrink": shrink, "stated": learned.summary()["shrink"]}

@@ -45,7 +45,7 @@ class DriveScenario:
         from residual_mpc.closed_loop.compare import compare, document
         from residual_mpc.closed_loop.loop import LoopSettings
         from scenarios.contenders import contenders, seeds_of
-        from scenarios.practice import practise
+        from scenarios.practice import closed_loop_gap, practise
         from scenarios.results import write
 
         progress("practice: driving with the nominal model", 0.0)
@@ -59,6 +59,7 @@ class DriveScenario:
         result = document(comparison, self.name, self.plant, np.random.default_rng(options.seed))
         result["controller"] = options.controller
         result["diagnosis"] = learned.summary()
+        result["closed_loop_gap"] = closed_loop_gap(comparison.episodes["effects"], learned)
         if options.out is not None:
             progress("writing episodes and figures", 0.97)
             result["files"] = write(options.out, self, comparison, learned, result)

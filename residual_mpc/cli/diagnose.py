@@ -1,6 +1,7 @@
 """`residual-mpc diagnose`."""
 
 import json
+import os
 import shlex
 import sys
 from pathlib import Path
@@ -85,6 +86,8 @@ def diagnose(
         )
         document = to_document(made.diagnosis)
         document["audit"] = [_finding(f) for f in loaded.findings]
+        if loaded.robot_file.source:  # so that `export` finds the nominal model again
+            document["model"]["robot_file"] = os.path.relpath(loaded.robot_file.source, out)
         document["command"] = shlex.join(["residual-mpc", *sys.argv[1:]])
         document["verdict_sentence"] = sentence(document)
         progress("writing the report", 0.97)
