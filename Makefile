@@ -15,7 +15,7 @@ help:
 	@echo "make demo    a robot that differs from its model, diagnosed from start to end"
 	@echo "make test    the tests, without the slow ones"
 	@echo "make slow    the slow tests"
-	@echo "make bench   the diagnosis, timed and scored"
+	@echo "make bench   the diagnosis, timed and scored; the MPC beside IPOPT and do-mpc"
 	@echo "make blind   a development sweep of the blind benchmark"
 	@echo "make lint    style, types and the direction of imports"
 	@echo "make clean   removes $(VENV) and what the tools left behind"
@@ -31,6 +31,7 @@ slow: $(VENV)/.installed-test
 
 bench: $(VENV)/.installed-test
 	$(BIN)/python -m benchmarks.diagnosis
+	$(BIN)/python -m benchmarks.control
 
 blind: $(VENV)/.installed-test
 	$(BIN)/python -m benchmarks.blind
