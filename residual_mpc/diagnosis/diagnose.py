@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.fit import Fit, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales, per_window
 from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_mask
-from residual_mpc.diagnosis.how_far import Shrink, expected_errors, folds_of, shrink_of
+from residual_mpc.diagnosis.how_far import Shrink, expected_errors, folds_of, foretold, shrink_of
 from residual_mpc.diagnosis.learner import learn, remove
 from residual_mpc.diagnosis.next_experiment import next_experiment
 from residual_mpc.diagnosis.problem import Problem, build_problem, reweigh, start_sensitivity
@@ -121,7 +121,9 @@ def diagnose(
     explained = bool(final.terms) or with_outliers
     expected = None
     if explained:
-        expected = shrink_of(before_fit, scales, base_error, expected_errors(fitting, space, final), rng)
+        kept_back = raw.take(held) if held.any() else before_fit
+        after = expected_errors(fitting, space, final)
+        expected = foretold(before_fit, kept_back, scales, base_error, after, rng)
 
     progress("opening the held-out windows", 0.9)
     return _judge(

@@ -61,9 +61,24 @@ def expected_errors(data: Dataset, space: Space, fit: Fit) -> np.ndarray:
 
 def shrink_of(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> Shrink:
     """The shrink between two errors (W, M, C) on the same windows, runs (or blocks of few runs) resampled."""
+    return _shrink(data, scales, before, after, _bootstrap(data, rng))
+
+
+def foretold(
+    data: Dataset, held: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator
+) -> Shrink:
+    """As `shrink_of`, with the interval in which the shrink on `held` will lie: besides these windows being few, those
+    are few as well. Of `held` nothing but the number of its runs (or blocks) is used."""
+    drawn, unit = _draws(data, rng)
+    n = len(np.unique(held.run if _by_run(data) else blocks_of(held)))
+    again = rng.multinomial(max(n, 1), drawn / drawn.sum(axis=1, keepdims=True))
+    return _shrink(data, scales, before, after, again[:, unit].astype(float))
+
+
+def _shrink(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, draws: np.ndarray) -> Shrink:
     total_before, count_before = window_squares(data, scales, before)
     total_after, count_after = window_squares(data, scales, after)
-    weight = np.concatenate([np.ones((1, data.count)), _bootstrap(data, rng)])
+    weight = np.concatenate([np.ones((1, data.count)), draws])
     ratio = 1.0 - gap_from_squares(total_after, count_after, weight) / gap_from_squares(
         total_before, count_before, weight
     )
@@ -73,10 +88,19 @@ def shrink_of(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarr
 
 def _bootstrap(data: Dataset, rng: np.random.Generator) -> np.ndarray:
     """(DRAWS, W) how often each window is drawn, when whole runs (or blocks of time, with few runs) are drawn."""
-    unit = np.unique(data.run, return_inverse=True)[1] if len(np.unique(data.run)) >= 8 else blocks_of(data)
-    n = int(unit.max()) + 1
-    drawn = rng.multinomial(n, np.full(n, 1.0 / n), size=DRAWS)
+    drawn, unit = _draws(data, rng)
     return np.asarray(drawn[:, unit], dtype=float)
+
+
+def _draws(data: Dataset, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """(DRAWS, U) how often each unit is drawn, and (W,) each window's unit."""
+    unit = np.unique(data.run, return_inverse=True)[1] if _by_run(data) else blocks_of(data)
+    n = int(unit.max()) + 1
+    return rng.multinomial(n, np.full(n, 1.0 / n), size=DRAWS), unit
+
+
+def _by_run(data: Dataset) -> bool:
+    return len(np.unique(data.run)) >= 8
 
 
 def _inside(space: Space, values: Mapping[Knob, float]) -> Values:
