@@ -20,6 +20,7 @@ SIDES = (
     ("mujoco.sysid, told which", "#dd8452", "s"),
     ("residual-mpc diagnose, told nothing", "#4c72b0", "D"),
 )
+TICKS = (0.8, 1.0, 1.5, 2.0, 3.0)
 
 
 def draw(matches: Sequence[Match], path: Path) -> None:
@@ -41,11 +42,13 @@ def draw(matches: Sequence[Match], path: Path) -> None:
         axes.set(title=TITLES[case], xscale="log", yticks=range(len(rows)), yticklabels=rows)
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.set_xticks([0.5, 1, 2, 4], labels=["0.5", "1", "2", "4"])
+        axes.set_xticks(TICKS, labels=[f"{tick:g}" for tick in TICKS])
+        axes.set_xlim(0.7, 3.6)
         axes.minorticks_off()
     figure.supxlabel("value / true value", fontsize=10)
-    handles, labels = panels[-1].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    entries = dict(pair[::-1] for axes in panels for pair in zip(*axes.get_legend_handles_labels(), strict=True))
+    found = [label for label, _, _ in SIDES if label in entries]
+    figure.legend([entries[label] for label in found], found, loc="outside upper center", ncols=3, frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130, metadata={"Software": None})
 

@@ -30,7 +30,7 @@ SETUP = """\
   stand still.
 - The model that both get: the same servo as MJCF (2 ms, `RK4`), its inertia, damping and dry friction wrong by up to a
   factor of two either way. In the case of the coarse model its integrator is `implicitfast`: then the step alone
-  makes a gap. These three are free in both tools (`tunable` in the robot file): retuning them
+  makes a gap. Inertia, damping and dry friction are free in both tools (`tunable` in the robot file): retuning them
   is no diagnosis.
 - The runs that both get: a chirp of 0.2 to 4 Hz, a multisine, steps and a slow sine, 8 s each, command and encoder at
   100 Hz, 0.5 mrad of white noise on the encoder. Seeds differ in the phases, the steps, the noise and the guesses.
@@ -48,14 +48,15 @@ SETUP = """\
 def write_page(matches: Sequence[Match]) -> str:
     """The whole page; needs at least one match of every case."""
     cases = {case: [m for m in matches if m.case == case] for case in CASES}
-    seeds = len({m.seed for m in matches})
+    count_of = len({m.seed for m in matches})
+    seeds = "one seed" if count_of == 1 else f"{count_of} seeds"
     codes = ", ".join(sorted({m.code.strip(" ()") for m in matches if m.code}))
     return "\n".join(
         [
             "# Head-to-head with mujoco.sysid\n",
             INTRODUCTION,
             f"Measured on {datetime.now(UTC).date().isoformat()} with residual-mpc {version('residual-mpc')}"
-            f"{f' ({codes})' if codes else ''} and mujoco {version('mujoco')}, {seeds} seeds a case, by\n"
+            f"{f' ({codes})' if codes else ''} and mujoco {version('mujoco')}, {seeds} a case, by\n"
             "`python -m benchmarks.head_to_head --page docs/head-to-head.md`; it needs\n"
             "`pip install 'residual-mpc[sysid]'`.\n",
             f"![Values over true values, by tool and case]({FIGURE})\n",
@@ -73,7 +74,7 @@ def write_page(matches: Sequence[Match]) -> str:
             "The one-second gap (0.01 = one per cent of the motion), median over the seeds.\n",
             *gaps(cases),
             "",
-            "## Where diagnose does worse, or no better\n",
+            "## What to hold against either\n",
             *(f"- {line}" for line in shortcomings(cases)),
             "",
             SETUP,
@@ -163,7 +164,8 @@ def shortcomings(cases: dict[str, list[Match]]) -> Iterable[str]:
             f"{fair} of {len(cases[case])}."
         )
     groups = count(" / ".join(g) for m in hidden for g in m.diagnosed.groups)
-    yield f"It cannot part twins on these runs, and says so: {groups}." if groups else "It reports no group."
+    if groups:
+        yield f"It cannot part twins on these runs, and says so: {groups}."
     yield "It costs far more: a search compares hundreds of hypotheses where the toolbox fits one."
     yield "Retuned values come without intervals; the toolbox states one for every value, however wrong."
     yield from about_steps(cases)
@@ -179,21 +181,20 @@ def about_steps(cases: dict[str, list[Match]]) -> Iterable[str]:
 
     plain, step = cases["nothing"], cases["step"]
     yield (
-        f"With nothing hidden the toolbox is right: its worst value is {off(plain, 'nothing')} away from the truth, "
-        f"although its intervals are too narrow even there ({off(plain, 'sensor')} with a jointpos sensor in place "
-        "of the state)."
+        f"With nothing hidden the toolbox is right: its worst value is off by {off(plain, 'nothing')}; with a jointpos "
+        f"sensor in place of the state, as in its tutorial, by {off(plain, 'sensor')}."
     )
     alarms = sum(m.diagnosed.verdict != "no_gap" for m in step)
     yield (
         f"A coarse model is a gap too. Where the integrator alone differs, `diagnose` says "
         f"{count(claim(m.diagnosed) for m in step)}: to a user {alarms} of {len(step)} are false alarms. The toolbox's "
-        f"worst value is {off(step, 'nothing')} away there."
+        f"worst value is off by {off(step, 'nothing')} there."
     )
     delays = [m.fits["delay"].values["delay"] - true(m, "delay") for m in cases["delay"]]
     yield (
-        f"The toolbox's own delay is {spread([1e3 * d for d in delays], '{:.1f}')} ms too long: the linear history "
-        "that makes it continuous turns a held command into a ramp, which leads by half a step (1 ms). The gaps above "
-        "are without that half step, which is no fault of the values."
+        f"The toolbox's own delay is {spread([1e3 * d for d in delays], '{:.2f}')} ms too long, 1 ms of it for a "
+        "reason: the linear history that makes it continuous turns a held command into a ramp, which leads by half a "
+        "step. The gaps above are without that half step, which is no fault of the values."
     )
 
 
