@@ -11,7 +11,6 @@ import numpy as np
 from plants.sensors import Sensed, Sensor
 from plants.wheeled.drive import WheeledDrive
 from plants.wheeled.geometry import Geometry, Slips
-from plants.wheeled.simulators import TURTLEBOT
 
 FRAME = 1.0 / 30.0  # s, of the camera over the floor
 
@@ -92,6 +91,3 @@ def noisy(simulator: WheeledDrive) -> Sensed:
 
 def _effect(name: str, parameter: str, value: float) -> dict[str, object]:
     return {"effect": name, "target": None, "parameters": {parameter: value}}
-
-
-__all__ = ["TURTLEBOT", "Withheld", "camera", "draw_withheld", "encoders", "noisy", "twin"]
