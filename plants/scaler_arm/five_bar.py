@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import atan2, hypot
 
 from plants.scaler_arm.geometry import Arm, Triple
-from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.effects.ops import Array, Ops, clip
 
 Point = tuple[Array, Array]  # (x, z) m in the shoulder's plane
 
@@ -69,11 +69,13 @@ def polar(ops: Ops, centre: Point | tuple[float, float], length: float, angle: A
 def meet(ops: Ops, p: Point, q: Point, from_p: float, from_q: float, side: float) -> Point:
     """Where the circles about p and q meet: side +1 to the left on the way from q to p, -1 to the right.
 
-    Circles that do not meet give the clamped point; see `margin`.
+    Circles that do not meet give the point of q's circle that is nearest to p's; see `margin`.
     """
     dx, dz = p[0] - q[0], p[1] - q[1]
     square = ops.maximum(dx * dx + dz * dz, NEARLY_FLAT)  # m^2: the centres may coincide
-    along = 0.5 * (1.0 + (from_q**2 - from_p**2) / square)  # share of the way from q to p
+    furthest = from_q / ops.sqrt(square)
+    # share of the way from q to p, and beside it
+    along = clip(ops, 0.5 * (1.0 + (from_q**2 - from_p**2) / square), -furthest, furthest)
     across = side * ops.sqrt(ops.maximum(from_q**2 / square - along * along, NEARLY_FLAT))
     return q[0] + along * dx - across * dz, q[1] + along * dz + across * dx
 
@@ -152,4 +154,10 @@ def _angle_from(ops: Ops, heading: Array, start: Point, end: Point) -> Array:
     """Angle from the heading (rad) to the way from start to end, within (-pi, pi]."""
     ux, uz = ops.cos(heading), ops.sin(heading)
     dx, dz = end[0] - start[0], end[1] - start[1]
-    return ops.arctan2(ux * dz - uz * dx, ux * dx + uz * dz)
+    return direction(ops, ux * dx + uz * dz, ux * dz - uz * dx)
+
+
+def direction(ops: Ops, dx: Array, dz: Array) -> Array:
+    """Angle of the way (dx, dz) m; 0, with finite slopes, where there is none (links a and f end in one point)."""
+    nowhere = dx * dx + dz * dz < NEARLY_FLAT
+    return ops.arctan2(ops.where(nowhere, 0.0 * dz, dz), ops.where(nowhere, 1.0 + 0.0 * dx, dx))

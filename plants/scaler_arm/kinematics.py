@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from plants.scaler_arm.five_bar import FiveBar, coupling, five_bar, passive, rod_turns
+from plants.scaler_arm.five_bar import FiveBar, coupling, direction, five_bar, passive, rod_turns
 from plants.scaler_arm.geometry import SCALER, Arm
 from plants.scaler_arm.rotation import (
     Rotation,
@@ -170,8 +170,7 @@ def _frame_e(
     ops: Ops, bar: FiveBar, out: Vector, side: Vector, end_f: tuple[Array, Array], c: tuple[Array, Array]
 ) -> Rotation:
     """The frame of link e: its x axis lies `lead_e` behind the way to the coupling point."""
-    dx, dz = c[0] - end_f[0], c[1] - end_f[1]
-    heading = ops.arctan2(dz, dx) - bar.lead_e
+    heading = direction(ops, c[0] - end_f[0], c[1] - end_f[1]) - bar.lead_e
     x, z = ops.cos(heading), ops.sin(heading)
     return _lift(out, (x, z)), _lift(out, (-z, x)), side
 

@@ -150,3 +150,16 @@ def test_constants_may_stand_for_arrays() -> None:
     found = columns(NUMPY, chain(), HOME)
     assert np.shape(found[0][0][0]) == ()
     np.testing.assert_allclose(found[2][0], jacobian(np.array(HOME))[:3, 2], atol=1e-15)
+
+
+def test_far_beyond_the_limits_links_stay_rigid() -> None:
+    """Any angles at all: the tool's frame stays a rotation, and the loop is closed wherever it can be."""
+    q = np.random.default_rng(10).uniform(-np.pi, np.pi, (2000, 6))
+    _, frame = forward_kinematics(q)
+    np.testing.assert_allclose(frame.swapaxes(-1, -2) @ frame, np.broadcast_to(np.eye(3), frame.shape), atol=1e-12)
+    assert np.isfinite(jacobian(q)).all()
+    can = np.flatnonzero(margin(NUMPY, chain().bar, q[:, 1], q[:, 2]) > 1e-3)[:300]
+    assert len(can) == 300
+    for row, passive in zip(can, passive_angles(q[can]), strict=True):
+        links = literal_frames(q[row], passive)
+        assert np.abs(point(links["b"], SCALER.on_b) - point(links["e"], SCALER.on_e)).max() < 1e-12
