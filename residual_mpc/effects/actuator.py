@@ -81,7 +81,14 @@ SATURATION = Effect(
     target="actuator",
     parameters=(
         Parameter(
-            "limit", "actuator unit", math.inf, 0.0, math.inf, (0.96, 0.88, 0.77, 0.64, 0.5, 0.35), "output", True
+            "limit",
+            "actuator unit",
+            math.inf,
+            0.0,
+            math.inf,
+            (0.96, 0.88, 0.77, 0.64, 0.5, 0.35, 0.22, 0.12),
+            "output",
+            True,
         ),
     ),
     summary="the actuator's output stops at a limit that the model lacks",
