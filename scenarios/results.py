@@ -27,8 +27,6 @@ def write(
     out: Path, scenario: DriveScenario, comparison: Comparison, learned: Learned, result: dict[str, Any]
 ) -> list[str]:
     """Fill the folder; returns the names of the files."""
-    from residual_mpc.report.figures import traces  # noqa: F401  the house's matplotlib settings
-
     out.mkdir(parents=True, exist_ok=True)
     names = []
     for episodes in comparison.episodes.values():
@@ -38,7 +36,43 @@ def write(
     write_atomically(out / "diagnosis.json", json.dumps(to_document(learned.made.diagnosis), indent=2))
     write_atomically(out / "result.json", json.dumps(result, indent=2))
     _picture(out / "tracking.png", scenario, comparison)
-    return [*names, "diagnosis.json", "result.json", "tracking.png"]
+    _animation(out / "drive.gif", scenario, comparison)
+    return [*names, "diagnosis.json", "result.json", "tracking.png", "drive.gif"]
+
+
+def _animation(path: Path, scenario: DriveScenario, comparison: Comparison) -> None:
+    """The first seed's robots side by side on the wanted path, four times as fast as it was."""
+    from matplotlib.animation import FuncAnimation, PillowWriter
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    shown = {n: es[0] for n, es in comparison.episodes.items() if n in ("nominal", "effects", "oracle")}
+    first = next(iter(shown.values()))
+    figure = Figure(figsize=(5.2, 4.2))
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.plot(first.reference[:, 0], first.reference[:, 1], color="black", lw=0.8, ls="--")
+    everything = np.concatenate([e.truth[:, :2] for e in shown.values()] + [first.reference[:, :2]])
+    low, high = everything.min(axis=0) - 0.1, everything.max(axis=0) + 0.1
+    axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x, m", ylabel="y, m")
+    tails = {n: axes.plot([], [], color=COLOURS[n], lw=1.5, label=n)[0] for n in shown}
+    noses = {n: axes.plot([], [], color=COLOURS[n], lw=4.0, solid_capstyle="round")[0] for n in shown}
+    (wanted,) = axes.plot([], [], "x", color="black", ms=8)
+    axes.legend(fontsize=8, loc="upper right")
+    per_frame = max(1, round(0.2 / scenario.dt))
+
+    def draw(frame: int) -> list[Any]:
+        k = min(frame * per_frame, len(first.t) - 1)
+        for n, e in shown.items():
+            since = max(0, k - round(3.0 / scenario.dt))
+            x, y, theta = e.truth[k]
+            tails[n].set_data(e.truth[since : k + 1, 0], e.truth[since : k + 1, 1])
+            noses[n].set_data([x, x + 0.06 * np.cos(theta)], [y, y + 0.06 * np.sin(theta)])
+        wanted.set_data(first.reference[k : k + 1, 0], first.reference[k : k + 1, 1])
+        return [*tails.values(), *noses.values(), wanted]
+
+    moving = FuncAnimation(figure, draw, frames=len(first.t) // per_frame + 1, blit=False)
+    moving.save(str(path), writer=PillowWriter(fps=20), dpi=80)
 
 
 def _picture(path: Path, scenario: DriveScenario, comparison: Comparison) -> None:
@@ -54,10 +88,10 @@ def _picture(path: Path, scenario: DriveScenario, comparison: Comparison) -> Non
         error.plot(e.t, 1e3 * np.mean([path_error(x) for x in episodes], axis=0), color=colour, lw=1.0)
         t, _ = h2_over_time(e)
         norm.plot(t, np.mean([h2_over_time(x)[1] for x in episodes], axis=0), color=colour, lw=1.0)
-    plane.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=f"{scenario.name}: seed of the first episode")
+    plane.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=f"{scenario.name}, first seed")
     plane.legend(fontsize=7)
     error.set(xlabel="t, s", ylabel="distance from the path, mm", title="tracking, mean over seeds")
-    norm.set(xlabel="t, s", ylabel="H2 norm of the prediction", title="model, mean over 10 s and seeds")
+    norm.set(xlabel="t, s", ylabel="H2 norm of the prediction", title="model, mean of 10 s")
     for axes in (error, norm):
         axes.set_ylim(bottom=0)
     figure.savefig(path, dpi=110)

@@ -44,8 +44,8 @@ def run(scenario: str | None, controller: str, seeds: int, out: Path | None, as_
         return
     click.echo(f"{found.name}: {found.summary}")
     for name, c in result.get("controllers", {}).items():
-        h2 = c["h2_norm"]
-        norm = f"{h2['first']:.3f} -> {h2['last']:.3f}" if isinstance(h2, dict) else f"{h2:.3f}"
+        h2 = c["h2_norm"].values() if isinstance(c["h2_norm"], dict) else [c["h2_norm"]]
+        norm = " -> ".join("diverged" if v is None else f"{v:.3f}" for v in h2)
         share = (result["recovered"].get(name) or {}).get("value")
         got = "" if share is None else f"   recovered {share:.0%}"
         click.echo(

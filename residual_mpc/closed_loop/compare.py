@@ -110,5 +110,7 @@ def document(comparison: Comparison, scenario: str, plant: str, rng: np.random.G
     return {"scenario": scenario, "plant": plant, "seeds": seeds, "controllers": controllers, "recovered": shares}
 
 
-def _mean(values: Any) -> float:
-    return float(np.mean(list(values)))
+def _mean(values: Any) -> float | None:
+    """The mean, or None where it is no number (a robot without a heading, a model that diverged)."""
+    mean = float(np.mean(list(values)))
+    return mean if np.isfinite(mean) else None
