@@ -25,6 +25,7 @@ import numpy as np
 from residual_mpc.residual import ekf, ukf
 from residual_mpc.residual.filter import Belief, FilterSettings, Measurement, start
 from residual_mpc.residual.mlp import Mlp, forward, initial_weights
+from residual_mpc.residual.room import Room
 from residual_mpc.residual.window import Window
 
 SIZES = ((10, 10), (20, 20), (40, 40))  # 203, 603 and 2003 weights
@@ -52,8 +53,11 @@ def learning(updates: int, seed: int) -> None:
         case = make(hidden, np.random.default_rng(seed))
         size = case.window.net.size
         count = max(3, updates * 203**2 // size**2)
+        room = Room()
         methods: dict[str, Callable[[], object]] = {
-            "UKF": lambda case=case: ukf.update(case.belief, case.window, case.measured, SETTINGS),
+            "UKF": lambda case=case, room=room: ukf.update(
+                case.belief, case.window, case.measured, SETTINGS, room=room
+            ),
             "EKF": lambda case=case: ekf.update(case.belief, case.window, case.measured, SETTINGS),
         }
         if hidden == SIZES[0]:

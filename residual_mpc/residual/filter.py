@@ -73,18 +73,26 @@ def start(mean: np.ndarray, variance: float | np.ndarray) -> Belief:
     return Belief(np.array(mean, dtype=np.float64), np.diag(spread))
 
 
-def predicted_covariance(belief: Belief, settings: FilterSettings) -> np.ndarray:
-    """P_t|t-1 = P + C_theta (L, L), eq. (UKF f); exact for a random walk."""
-    out = belief.covariance.copy()
+def predicted_covariance(belief: Belief, settings: FilterSettings, out: np.ndarray | None = None) -> np.ndarray:
+    """P_t|t-1 = P + C_theta (L, L), eq. (UKF f); exact for a random walk. Written into `out` where that is given."""
+    if out is None:
+        out = np.empty(belief.covariance.shape)
+    np.copyto(out, belief.covariance)
     out.reshape(-1)[:: len(out) + 1] += settings.process
     return out
 
 
-def lower_factor(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(p, A) with A A' = p, A lower triangular; p (L, L) is mended first where rounding left it indefinite."""
+def lower_factor(p: np.ndarray, out: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """(p, A) with A A' = p, A lower triangular; p (L, L) is mended first where rounding left it indefinite.
+
+    A is written into `out` (L, L), in columns, where that is given.
+    """
     from scipy.linalg.lapack import dpotrf
 
-    factor, failed = dpotrf(p.T, lower=1, clean=1)
+    if out is None:
+        out = np.empty(p.shape)
+    np.copyto(out, p)
+    factor, failed = dpotrf(out.T, lower=1, clean=1, overwrite_a=1)
     if not failed:
         return p, factor
     value, vector = np.linalg.eigh(0.5 * (p + p.T))
@@ -106,8 +114,8 @@ def correct(
 ) -> tuple[Belief, Info]:
     """The Kalman correction: weights (L,), P_t|t-1 (L, L), predicted (m,), cross C_sz (L, m), spread S - C_v (m, m).
 
-    Missing references drop out. What cannot be used (nothing finite, a prediction that overflowed) leaves the weights
-    where they were, with P_t|t-1.
+    Missing references drop out. `mean` and `p` may be kept in the answer, `cross` is overwritten. What cannot be used
+    (nothing finite, a prediction that overflowed) leaves the weights where they were, with P_t|t-1.
     """
     from scipy.linalg.blas import dtrsm
     from scipy.linalg.lapack import dpotrf
@@ -137,7 +145,7 @@ def correct(
     if failed:
         return nothing
     # K = C_sz S^-1 (UKF a) is never formed: with S = R R' and V = C_sz R^-T, K S K' = V V' and K e = V (R^-1 e)
-    v = dtrsm(1.0, root, cross.T, side=0, lower=1).T  # (L, m)
+    v = dtrsm(1.0, root, cross.T, side=0, lower=1, overwrite_b=1).T  # (L, m)
     moved = mean + v @ dtrsm(1.0, root, e[:, None], side=0, lower=1)[:, 0]  # eqs. (learning_law), (UKF)
     after = v @ v.T
     np.subtract(p, after, out=after)  # (UKF h), symmetric bit for bit

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -15,6 +16,7 @@ from residual_mpc.residual.forms import Form
 from residual_mpc.residual.lesson import Course, Lesson, cost_under, lesson, push_through, start_doubt
 from residual_mpc.residual.mlp import PAPER_HIDDEN, Mlp, initial_weights
 from residual_mpc.residual.record import Residual
+from residual_mpc.residual.room import Room
 
 HALVINGS = 4
 LIMIT = 6.0  # input scales
@@ -132,7 +134,8 @@ def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, Info]]:
     """The update of the chosen filter; auto: the UKF while it costs a millisecond, the EKF for larger nets."""
     if method == "auto":
         method = "ukf" if size < LARGE else "ekf"
-    return ukf.update if method == "ukf" else ekf.update
+    room = Room()
+    return partial(ukf.update, room=room) if method == "ukf" else ekf.update
 
 
 def run(

@@ -19,6 +19,7 @@ from residual_mpc.residual.filter import Measurement
 from residual_mpc.residual.forms import Delta, Form, Rolled, steps_of
 from residual_mpc.residual.record import Residual
 from residual_mpc.residual.reference import reference_velocities
+from residual_mpc.residual.room import Room
 from residual_mpc.residual.window import Window
 
 FAR = 3.0  # standard deviations from which an error's cost grows with its size, not its square
@@ -47,7 +48,8 @@ class Course:
 
     data: windows of N steps. settings: one row, the diagnosed effects. fixed: residuals that are not learned, summed.
     doubt (W, M, C, k): how one sigma
-    of each start coordinate moves the prediction. samples: at most so many of a channel in a lesson.
+    of each start coordinate moves the prediction. samples: at most so many of a channel in a lesson. room: what the
+    filter computes in.
     """
 
     data: Dataset
@@ -57,6 +59,7 @@ class Course:
     doubt: np.ndarray
     used: np.ndarray  # (C,) bool: channels that are compared and move
     samples: int = 20
+    room: Room = field(default_factory=Room)
 
 
 @dataclass
@@ -105,7 +108,7 @@ def lesson(course: Course, learned: Residual, w: int, nudge: np.ndarray, floor: 
     weight = 1.0 / np.sqrt(np.diagonal(noise))
     measured = Measurement(weight * y[m_index, c_index], weight[:, None] * noise * weight)
     return Lesson(
-        Window(learned.net, scaled, weight * offset, learned.output_scale, weight[:, None] * phi),
+        Window(learned.net, scaled, weight * offset, learned.output_scale, weight[:, None] * phi, course.room),
         measured,
         h2_norms(course, one, rolled, learned.step, count),
         learned.step * count,

@@ -14,6 +14,7 @@ from residual_mpc.residual.filter import (
     predicted_covariance,
     start,
 )
+from residual_mpc.residual.room import Room
 from residual_mpc.residual.sigma import SigmaWeights
 
 init = start
@@ -36,14 +37,21 @@ def update(
     measured: Measurement,
     settings: FilterSettings = USUAL,
     weights: SigmaWeights = NEAR,
+    room: Room | None = None,
 ) -> tuple[Belief, Info]:
-    """One update over the horizon: y_t = y_{t-N} + K (x_ref - x_pred), eq. (learning_law)."""
+    """One update over the horizon: y_t = y_{t-N} + K (x_ref - x_pred), eq. (learning_law).
+
+    room: memory to compute in; nothing of it is in the answer.
+    """
     from scipy.linalg.blas import dtrmm
 
-    p, factor = lower_factor(predicted_covariance(belief, settings))
-    size, w = len(p), weights.covariance_weight
+    room = Room() if room is None else room
+    size, w = len(belief.mean), weights.covariance_weight
+    p = predicted_covariance(belief, settings, room.array(0, "covariance", (size, size)))
+    p, factor = lower_factor(p, room.array(0, "factor", (size, size)))
+    moves = np.multiply(weights.reach, factor.T, out=room.array(0, "moves", (size, size)))
     with np.errstate(over="ignore", invalid="ignore"):
-        centre, change = window.around(belief.mean, weights.reach * factor.T)  # (UKF e); row j: point j less the mean
+        centre, change = window.around(belief.mean, moves)  # (UKF e); row j: point j less the mean
         flat = change.reshape(2 * size, -1)
         spread = w * (flat.T @ flat)  # (UKF b), about the prediction of the mean weights
         predicted = centre
@@ -53,7 +61,8 @@ def update(
             predicted = centre + shift
             both = w * np.outer(total, shift)
             spread += (2.0 * w * size + weights.centre) * np.outer(shift, shift) - both - both.T
-        delta = change[0] - change[1]
+        delta = np.subtract(change[0], change[1], out=room.array(0, "delta", change.shape[1:]))
         # (UKF c): the points are symmetric, so the mean drops out; the factor is triangular
-        cross = dtrmm(w * weights.reach, factor, delta.T, side=1, lower=1, trans_a=1).T
-    return correct(belief.mean, p, predicted, cross, spread, measured, settings)
+        cross = dtrmm(w * weights.reach, factor, delta.T, side=1, lower=1, trans_a=1, overwrite_b=1).T
+    after, info = correct(belief.mean, p, predicted, cross, spread, measured, settings)
+    return (Belief(after.mean, p.copy()) if after.covariance is p else after), info
