@@ -57,7 +57,7 @@ def write_page(matches: Sequence[Match]) -> str:
             INTRODUCTION,
             f"Measured on {datetime.now(UTC).date().isoformat()} with residual-mpc {version('residual-mpc')}"
             f"{f' ({codes})' if codes else ''} and mujoco {version('mujoco')}, {seeds} a case, by\n"
-            "`python -m benchmarks.head_to_head --page docs/head-to-head.md`; it needs\n"
+            f"`python -m benchmarks.head_to_head --seeds {count_of} --page docs/head-to-head.md`; it needs\n"
             "`pip install 'residual-mpc[sysid]'`.\n",
             f"![Values over true values, by tool and case]({FIGURE})\n",
             "A dot is a seed; bars are the tools' own 95 % intervals (retuned values of `diagnose` come without).\n",
