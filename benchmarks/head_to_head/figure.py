@@ -20,7 +20,7 @@ SIDES = (
     ("mujoco.sysid, told which", "#dd8452", "s"),
     ("residual-mpc diagnose, told nothing", "#4c72b0", "D"),
 )
-TICKS = (0.8, 1.0, 1.5, 2.0, 3.0)
+TICKS = (1.0, 1.5, 2.0, 3.0, 4.0)
 
 
 def draw(matches: Sequence[Match], path: Path) -> None:
@@ -43,7 +43,7 @@ def draw(matches: Sequence[Match], path: Path) -> None:
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_xticks(TICKS, labels=[f"{tick:g}" for tick in TICKS])
-        axes.set_xlim(0.7, 3.6)
+        axes.set_xlim(0.7, 4.5)
         axes.minorticks_off()
     figure.supxlabel("value / true value", fontsize=10)
     entries = dict(pair[::-1] for axes in panels for pair in zip(*axes.get_legend_handles_labels(), strict=True))
