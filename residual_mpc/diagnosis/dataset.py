@@ -248,15 +248,15 @@ def _drive(
             for a in robot.actuators
         ]
         enabled.append(np.where(np.isnan(on), 1.0, on).transpose(1, 2, 0))
-    on = np.concatenate(enabled)
-    always = bool((on == 1).all())
+    on_all = np.concatenate(enabled)
+    always = bool((on_all == 1).all())
     return Drive(
         dt,
         lead,
         np.concatenate(commands),
-        None if always else on[:, lead:],
+        None if always else on_all[:, lead:],
         np.concatenate(clocks),
-        enabled_before=None if always else on[:, :lead],
+        enabled_before=None if always else on_all[:, :lead],
     )
 
 
