@@ -5,18 +5,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.augmented import Augmented, with_residual
+from residual_mpc.export.network import remembered, residual_delta
 from residual_mpc.models.protocol import Drive
+from residual_mpc.residual.record import Residual
 from residual_mpc.residual.robot import ResidualRobot
 
 Step = Callable[[np.ndarray, np.ndarray], np.ndarray]  # x (n, nx), u (n, nu) -> x+ (n, nx)
 PREFACE = 4.0  # s of steady motion: it fills every memory, and puts play on a known stop
+BEYOND = 1.5  # times the limit of a network's inputs: the export has to hold them where the learned network does
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """points: sampled states and commands; steps: of a replayed trajectory; command: largest, actuator units;
-    pose: largest coordinate, m and rad.
+    """points: sampled states and commands; steps: of a replayed trajectory; command: largest, actuator units, where
+    no network's limit asks for more; pose: largest coordinate, m and rad.
     """
 
     points: int = 500
@@ -54,7 +58,10 @@ def agreement(model: Augmented, step: Step, rng: np.random.Generator, sampling: 
 
 
 def sample(model: Augmented, rng: np.random.Generator, s: Sampling) -> tuple[np.ndarray, np.ndarray]:
-    """(points, nx) states and (points, nu) commands that may occur: states reached by driving at random."""
+    """(points, nx) states and (points, nu) commands that may occur: states reached by driving at random.
+
+    Where a network holds its inputs within a limit, a quarter of the points lies on both sides of it.
+    """
     at = model.start()
     x = np.repeat(at[None], s.points, axis=0)
     u = rng.uniform(-s.command, s.command, (s.points, model.nu))
@@ -63,7 +70,20 @@ def sample(model: Augmented, rng: np.random.Generator, s: Sampling) -> tuple[np.
         u = rng.uniform(-s.command, s.command, u.shape)
     for name in model.stepped.poses:
         x[:, model.stepped.states.index(name)] = rng.uniform(-s.pose, s.pose, s.points)
+    r = model.residual
+    if r is not None and np.isfinite(r.limit):
+        far = slice(3 * s.points // 4, None)
+        z = _inputs(r, rng, s.points)[far]
+        for i, name in enumerate(remembered(r)):
+            x[far, model.stepped.states.index(f"last.{name}")] = z[:, i]
+        u[far] = z[:, -model.nu :]
     return x, u
+
+
+def _inputs(r: Residual, rng: np.random.Generator, points: int) -> np.ndarray:
+    """(points, inputs) in physical units, beyond the limit where there is one."""
+    most = BEYOND * r.limit if np.isfinite(r.limit) else 3.0
+    return np.asarray(r.input_mean + r.input_scale * rng.uniform(-most, most, (points, r.net.inputs)))
 
 
 def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> float:
@@ -76,6 +96,9 @@ def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> flo
     dt, rows = model.build.dt, 20
     lead = int(np.ceil(PREFACE / dt))
     u = rng.uniform(-s.command, s.command, (rows, lead + s.steps, model.nu))
+    if learned is not None and np.isfinite(learned.limit):
+        most = np.maximum(s.command, BEYOND * learned.limit * learned.input_scale[-model.nu :])
+        u[::2] *= most / s.command
     u[:, :lead] = s.command
     start = {c: np.zeros(rows) for c in bare.stepped.poses}
     drive = Drive(dt, 0, u, None, np.full(rows, model.build.clock))
@@ -95,13 +118,9 @@ def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> flo
 
 
 def _network(model: Augmented, rng: np.random.Generator, s: Sampling) -> float:
-    from residual_mpc.effects.ops import NUMPY
-    from residual_mpc.export.network import network
-
     if model.residual is None:
         return 0.0
     r = model.residual
-    z = r.input_mean + r.input_scale * rng.uniform(-3.0, 3.0, (s.points, r.net.inputs))
-    scaled = r.scaled(z)
-    out = network(NUMPY, r.net, [*r.theta], [*scaled.T], model.build.smooth)
-    return float(np.abs(r.output_scale * np.stack(out, axis=-1) - r(z)).max())
+    z = _inputs(r, rng, s.points)
+    out = residual_delta(NUMPY, r, [*r.theta], [*z.T], model.build.smooth)
+    return float(np.abs(np.stack(out, axis=-1) - r(z)).max())

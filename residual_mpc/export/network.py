@@ -6,6 +6,7 @@ import numpy as np
 
 from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.errors import BadInput
+from residual_mpc.export.soften import softened
 from residual_mpc.models.stepping import Correction
 from residual_mpc.residual.body import BODY, WORLD
 from residual_mpc.residual.mlp import Mlp
@@ -36,17 +37,28 @@ def network(ops: Ops, net: Mlp, theta: Sequence[Array], z: Sequence[Array], smoo
     return a
 
 
+def residual_delta(
+    ops: Ops, residual: Residual, theta: Sequence[Array], z: Sequence[Array], smooth: float
+) -> list[Array]:
+    """delta (outputs,) at inputs z (inputs,), both in physical units, as `Residual` itself has it.
+
+    smooth: see `network`; the limit of the scaled inputs is rounded by the same width.
+    """
+    scaled = [(v - m) / s for v, m, s in zip(z, residual.input_mean, residual.input_scale, strict=True)]
+    if np.isfinite(residual.limit):
+        held = ops if smooth == 0.0 else softened(ops, smooth)
+        scaled = [clip(held, v, -residual.limit, residual.limit) for v in scaled]
+    out = network(ops, residual.net, theta, scaled, smooth)
+    return [d * s for s, d in zip(residual.output_scale, out, strict=True)]
+
+
 def correction(ops: Ops, residual: Residual, theta: Sequence[Array], smooth: float) -> Correction:
     """What the residual adds to the step's signals, as a function of them."""
     outputs = ADDS_TO[residual.form]
 
     def add(signals: Mapping[str, Array]) -> Mapping[str, Array]:
-        z = [signals[name] for name in reads(residual)]
-        scaled = [(v - m) / s for v, m, s in zip(z, residual.input_mean, residual.input_scale, strict=True)]
-        if np.isfinite(residual.limit):
-            scaled = [clip(ops, v, -residual.limit, residual.limit) for v in scaled]
-        delta = network(ops, residual.net, theta, scaled, smooth)
-        return {n: s * d for n, s, d in zip(outputs, residual.output_scale, delta, strict=True) if s != 0.0}
+        delta = residual_delta(ops, residual, theta, [signals[name] for name in reads(residual)], smooth)
+        return {n: d for n, d, s in zip(outputs, delta, residual.output_scale, strict=True) if s != 0.0}
 
     return add
 

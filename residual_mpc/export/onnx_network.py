@@ -56,7 +56,8 @@ def to_onnx(residual: Residual, path: Path) -> float:
     onnx.save(model, str(path))
     from onnx.reference import ReferenceEvaluator
 
-    z = r.input_mean + r.input_scale * np.random.default_rng(0).uniform(-4.0, 4.0, (500, r.net.inputs))
+    most = 1.5 * r.limit if np.isfinite(r.limit) else 4.0  # beyond the limit too
+    z = r.input_mean + r.input_scale * np.random.default_rng(0).uniform(-most, most, (500, r.net.inputs))
     (delta,) = ReferenceEvaluator(str(path)).run(None, {"z": z})
     return float(np.abs(delta - r(z)).max())
 

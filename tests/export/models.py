@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from plants.diff_drive import DiffDrive
@@ -34,8 +36,10 @@ EFFECTS: dict[str, dict[Knob, float]] = {
 TOGETHER = {k: v for effects in EFFECTS.values() for k, v in effects.items() if k.target is None}
 
 
-def learned(form: str = "body", size: float = 1.0) -> Residual:
-    """A network with weights that matter: a few cm/s and tenths of rad/s."""
+def learned(form: str = "body", size: float = 1.0, limit: float = math.inf) -> Residual:
+    """A network with weights that matter: a few cm/s and tenths of rad/s. Its inputs' scales are those of brisk driving,
+    so that a limit of 0.5 is passed all the time.
+    """
     rng = np.random.default_rng(3)
     net = Mlp(5)
     names, last = (BODY, "previous") if form == "body" else (WORLD, "model")
@@ -50,6 +54,7 @@ def learned(form: str = "body", size: float = 1.0) -> Residual:
         form=form,
         step=DT,
         robot="rover",
+        limit=limit,
     )
 
 

@@ -39,6 +39,36 @@ def test_the_network_in_the_step_is_the_learned_one(form):
     assert np.abs(apart).max() > 1e-3, "the network must matter, or the test says nothing"
 
 
+@pytest.mark.parametrize("form", ["body", "paper"])
+def test_beyond_the_limit_the_step_is_the_replay_too(form):
+    r = learned(form, limit=0.5)
+    m = model("without_slope", r)
+    c = casadi_model(m)
+    a = agreement(m, mapped(c.f, m.p), np.random.default_rng(0))
+    assert a.step < 1e-12 and a.network < 1e-13 and a.replay < 1e-9, a
+    x, u = sample(m, np.random.default_rng(1), Sampling())
+    free = casadi_model(model("without_slope", learned(form)))
+    apart = np.abs(mapped(c.f, m.p)(x, u) - mapped(free.f, m.p)(x, u)).max(axis=1)
+    assert (apart > 1e-4).mean() > 0.3, "the limit must matter, or the test says nothing"
+    again = agreement(m, mapped(free.f, m.p), np.random.default_rng(0))
+    assert again.step > 1e-3, "an export without the limit has to be found out"
+
+
+def test_a_limit_far_off_is_looked_at_as_well():
+    """The limit that `learn` writes is six scales: commands of 60 rad/s, which no sampled drive would come to."""
+    m = model("none", learned(limit=6.0))
+    free = casadi_model(model("none", learned()))
+    assert agreement(m, mapped(free.f, m.p), np.random.default_rng(0)).step > 1e-3
+    assert agreement(m, mapped(casadi_model(m).f, m.p), np.random.default_rng(0)).largest < 1e-9
+
+
+def test_a_smoothed_limit_is_off_by_half_the_width_at_most():
+    eps = 1e-2
+    m = model("none", learned(limit=0.5), smooth=eps)
+    a = agreement(m, mapped(casadi_model(m).f, m.p), np.random.default_rng(5))
+    assert a.step < 1e-12 and 0 < a.network < 2 * 0.495 * eps * 10
+
+
 def test_the_paper_form_adds_to_the_world_velocity():
     """One step by hand: eq. wheel_prop plus delta of the model's world velocity and the commands."""
     r = learned("paper")
@@ -55,9 +85,10 @@ def test_the_paper_form_adds_to_the_world_velocity():
     np.testing.assert_allclose(m.numpy_step(x, u)[:3], wanted, atol=1e-14)
 
 
+@pytest.mark.parametrize("limit", [np.inf, 0.5])
 @pytest.mark.parametrize("smooth", [0.0, 1e-2])
-def test_derivatives_are_exact(smooth):
-    m = model("together", learned(), smooth=smooth)
+def test_derivatives_are_exact(smooth, limit):
+    m = model("together", learned(limit=limit), smooth=smooth)
     c = casadi_model(m)
     x, u = sample(m, np.random.default_rng(2), Sampling(points=20))
     for xi, ui in zip(x, u, strict=True):

@@ -70,7 +70,7 @@ def test_do_mpc():
 
 
 def test_acados_expressions():
-    c = casadi_model(model("command_delay", learned()))
+    c = casadi_model(model("command_delay", learned(limit=0.5)))
     filled = fill_acados(SimpleNamespace(), c)
     again = ca.Function("again", [filled.x, filled.u, filled.p], [filled.disc_dyn_expr])
     rng = np.random.default_rng(0)

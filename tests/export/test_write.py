@@ -31,6 +31,14 @@ def test_a_written_model_says_how_far_it_is_from_its_source(to, smooth, tmp_path
     assert [p["name"] for p in document["parameters"]] == list(m.parameters)
 
 
+@pytest.mark.parametrize("to", ["casadi", "c", "jax", "onnx"])
+def test_a_written_model_holds_the_networks_inputs_as_the_learned_one(to, tmp_path):
+    if to == "onnx":
+        pytest.importorskip("onnx")
+    document = write_model(model("none", learned(limit=0.5)), to, tmp_path, np.random.default_rng(0))
+    assert document["largest_difference"]["largest"] < 1e-9
+
+
 @pytest.mark.slow
 def test_the_jax_file_stands_alone_and_differentiates(tmp_path):
     m = model("together", learned())
