@@ -106,6 +106,17 @@ def emit(document: dict[str, Any]) -> None:
     click.echo(json.dumps(document, indent=2, allow_nan=False))
 
 
+def name_robot_file(model: dict[str, Any], robot_file: "RobotFile", out: Path) -> None:
+    """Write into a model's document where its robot file lies, seen from `out`, so that `export` finds it again.
+
+    A robot that was given by its built-in name has no file; its name is enough.
+    """
+    import os
+
+    if robot_file.source:
+        model["robot_file"] = os.path.relpath(robot_file.source, out)
+
+
 def writable_folder(folder: Path) -> None:
     """Raises BadInput for a folder that could not be written, before minutes are spent on what goes into it."""
     import os

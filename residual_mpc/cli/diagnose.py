@@ -1,7 +1,6 @@
 """`residual-mpc diagnose`."""
 
 import json
-import os
 import shlex
 import sys
 from pathlib import Path
@@ -14,6 +13,7 @@ from residual_mpc.cli.common import (
     horizon_option,
     json_option,
     load,
+    name_robot_file,
     progress_bar,
     robot_option,
     runs_argument,
@@ -86,8 +86,7 @@ def diagnose(
         )
         document = to_document(made.diagnosis)
         document["audit"] = [_finding(f) for f in loaded.findings]
-        if loaded.robot_file.source:  # so that `export` finds the nominal model again
-            document["model"]["robot_file"] = os.path.relpath(loaded.robot_file.source, out)
+        name_robot_file(document["model"], loaded.robot_file, out)
         document["command"] = shlex.join(["residual-mpc", *sys.argv[1:]])
         document["verdict_sentence"] = sentence(document)
         progress("writing the report", 0.97)

@@ -16,8 +16,9 @@ from residual_mpc.errors import BadInput
 @click.option("--robot", metavar="R", help="Robot file of the model; by default the one that FILE names.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the files; by default beside FILE.")
 @click.option(
-    "--dt", type=click.FloatRange(1e-4, 1.0), default=0.05, show_default=True, help="Sample time of the step, s."
-)
+    "--dt", type=click.FloatRange(1e-4, 1.0),
+    help="Sample time of the step, s; by default that at which the network was learned, 0.05 without one.",
+)  # fmt: skip
 @click.option(
     "--smooth", type=click.FloatRange(0.0, 1.0), default=0.0, show_default=True,
     help="Width of rounded kinks, for solvers that converge; 0 is exact.",
@@ -25,7 +26,7 @@ from residual_mpc.errors import BadInput
 @json_option
 @seed_option
 def export(
-    file: Path, to: str, robot: str | None, out: Path | None, dt: float, smooth: float, as_json: bool, seed: int
+    file: Path, to: str, robot: str | None, out: Path | None, dt: float | None, smooth: float, as_json: bool, seed: int
 ) -> None:
     """Hand on the augmented model of FILE (model.json or diagnosis.json); says how far it lies from its source."""
     from residual_mpc.diagnosis.document import read_json
@@ -42,7 +43,8 @@ def export(
     from residual_mpc.models.load import load_robot
     from residual_mpc.models.robot_file import read_robot_file
 
-    model = read_augmented(file, load_robot(read_robot_file(named)), Build(dt, smooth))
+    at = dt or _step_of(file)
+    model = read_augmented(file, load_robot(read_robot_file(named)), Build(at, smooth))
     result = write_model(model, to, where, np.random.default_rng(seed))  # type: ignore[arg-type]
     result["folder"] = str(where)
     if as_json:
@@ -52,6 +54,14 @@ def export(
         click.echo(f"{where / name}: {what}")
     apart = result["largest_difference"]
     click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g}")
+
+
+def _step_of(file: Path) -> float:
+    """The step of the learned network, s; the controllers' usual one where there is none."""
+    from residual_mpc.export.augmented import residual_in
+
+    learned = residual_in(file)
+    return 0.05 if learned is None else learned.step
 
 
 def _robot_of(document: dict[str, object], file: Path) -> str:

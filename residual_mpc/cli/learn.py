@@ -11,6 +11,7 @@ from residual_mpc.cli.common import (
     emit,
     json_option,
     load,
+    name_robot_file,
     robot_option,
     runs_argument,
     seed_option,
@@ -92,6 +93,7 @@ def learn(
     made = train(task, settings, np.random.default_rng(seed), _reporter(), out)
     document = _document(made, task)
     model = _model(made, task, loaded.robot_file.name)
+    name_robot_file(model, loaded.robot_file, out)
     write_atomically(out / "model.json", json.dumps(model, allow_nan=False) + "\n")
     write_atomically(out / "learn.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
     checkpoint.clear(out / "checkpoint.npz")

@@ -108,16 +108,22 @@ def augment(robot: Robot, values: Values, residual: Residual | None, build: Buil
 
 def read_augmented(path: Path, robot: Robot, build: Build) -> Augmented:
     """The model of a diagnosis.json or model.json. Raises BadInput where it is of another robot."""
-    from residual_mpc.diagnosis.document import SCHEMA, read_json, read_model
-    from residual_mpc.residual.record import KEY, from_json
+    from residual_mpc.diagnosis.document import read_model
 
     name, values, _ = read_model(path)
     if name != robot.name:
         raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", str(path), "give --robot its own robot")
+    return augment(robot, values, residual_in(path), build)
+
+
+def residual_in(path: Path) -> Residual | None:
+    """The learned network of a diagnosis.json or model.json; None where it has none."""
+    from residual_mpc.diagnosis.document import SCHEMA, read_json
+    from residual_mpc.residual.record import KEY, from_json
+
     content: dict[str, Any] = read_json(path)
     model = content.get("model", {}) if content.get("schema") == SCHEMA else content
-    residual = from_json(model[KEY], str(path)) if model.get(KEY) else None
-    return augment(robot, values, residual, build)
+    return from_json(model[KEY], str(path)) if model.get(KEY) else None
 
 
 def with_residual(model: Augmented, residual: Residual | None) -> Augmented:

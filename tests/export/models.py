@@ -37,8 +37,8 @@ TOGETHER = {k: v for effects in EFFECTS.values() for k, v in effects.items() if 
 
 
 def learned(form: str = "body", size: float = 1.0, limit: float = math.inf) -> Residual:
-    """A network with weights that matter: a few cm/s and tenths of rad/s. Its inputs' scales are those of brisk driving,
-    so that a limit of 0.5 is passed all the time.
+    """A network with weights that matter: a few cm/s and tenths of rad/s. Its inputs' scales are those of brisk
+    driving, so that a limit of 0.5 is passed all the time.
     """
     rng = np.random.default_rng(3)
     net = Mlp(5)
