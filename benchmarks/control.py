@@ -184,12 +184,12 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     exact, round_ = model(), model(smooth=1e-2)
-    ours = build_mpc(exact, MpcSettings(budget=10.0))
+    ours = build_mpc(exact, MpcSettings())
     contestants = [
         real_time("real-time iteration, DAQP", ours),
-        real_time("real-time iteration, OSQP", build_mpc(exact, MpcSettings(solver="osqp", budget=10.0))),
-        real_time("the same without a compiler", build_mpc(exact, MpcSettings(compile=False, budget=10.0))),
-        full("IPOPT, converged, smoothed", build_mpc(round_, MpcSettings(budget=10.0)), 200),
+        real_time("real-time iteration, OSQP", build_mpc(exact, MpcSettings(solver="osqp"))),
+        real_time("the same without a compiler", build_mpc(exact, MpcSettings(compile=False))),
+        full("IPOPT, converged, smoothed", build_mpc(round_, MpcSettings()), 200),
         full("IPOPT, converged, leaky", ours, 50),
         do_mpc("do-mpc with IPOPT, leaky", ours),
     ]
@@ -197,7 +197,7 @@ def main() -> None:
     best = next(c for c in contestants if c.name.startswith("IPOPT, converged, smoothed"))
     rows = [_row(c, best.cost) for c in contestants]
     if options.long:
-        alone = real_time(f"DAQP, {options.long} steps", build_mpc(exact, MpcSettings(budget=10.0)))
+        alone = real_time(f"DAQP, {options.long} steps", build_mpc(exact, MpcSettings()))
         race([alone], ours, options.long, options.long, np.random.default_rng(0))
         rows.append(_row(alone, float("nan")))
     if options.json:

@@ -5,6 +5,7 @@ exact linearisations (Anderson and Moore, Optimal Control, 1990, chapter 2), the
 is the change of the command, so that lag and delay of the model and the last command are all part of the state.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -90,7 +91,7 @@ def build_lqr(model: Augmented, path: np.ndarray, settings: MpcSettings) -> Lqr:
 
     The trajectory is the one that the MPC drives on the model itself: it keeps the limits, and the model can follow it.
     """
-    mpc = build_mpc(model, replace(settings, budget=60.0))
+    mpc = build_mpc(model, replace(settings, budget=math.inf))
     n = len(path) - settings.horizon
     x, state = model.start(dict(zip(model.stepped.poses, path[0].tolist(), strict=True))), mpc.init()
     stage = casadi_model(model).stage

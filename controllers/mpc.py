@@ -1,8 +1,8 @@
 """Model predictive control by real-time iteration: one linearisation, one quadratic program a sample.
 
 Diehl, Bock and Schloeder, SIAM J. Control Optim. 43(5), 2005. Single shooting: the plan of the last sample, shifted, is
-driven through the model from the estimated state, and the program improves it. Where the program fails or runs
-out of time the shifted plan is sent, which keeps every limit on the commands.
+driven through the model from the estimated state, and the program improves it. Where the program fails, or
+takes longer than a budget that was set, the shifted plan is sent, which keeps every limit on the commands.
 
     mpc = build_mpc(model, MpcSettings())
     state = mpc.init()

@@ -58,7 +58,7 @@ class Osqp:
         # fixed intervals instead of clock time wherever OSQP asks: the same input has to give the same command
         self._engine.setup(
             h, np.zeros(n), a, -free, free, verbose=False, eps_abs=1e-4, eps_rel=1e-4, max_iter=500,
-            adaptive_rho_interval=50, polishing=False, warm_starting=True, time_limit=budget,
+            adaptive_rho_interval=50, polishing=False, warm_starting=True, **_time_limit(budget),
         )  # fmt: skip
         self._n = n
 
@@ -92,12 +92,12 @@ class Daqp:
 
         self._solve: Any = daqp.solve
         self._sense = np.zeros(sum(pattern.shape), dtype=np.int32)
-        self._budget = budget
+        self._limit = _time_limit(budget)
 
     def solve(self, qp: Qp) -> tuple[np.ndarray, Status]:
         low, high = np.concatenate([qp.low, qp.row_low]), np.concatenate([qp.high, qp.row_high])
         a = np.ascontiguousarray(qp.A)
-        z, _, flag, _ = self._solve(qp.H.copy(), qp.g.copy(), a, high, low, self._sense.copy(), time_limit=self._budget)
+        z, _, flag, _ = self._solve(qp.H.copy(), qp.g.copy(), a, high, low, self._sense.copy(), **self._limit)
         z = np.asarray(z, dtype=np.float64)
         return (z, "solved") if flag == 1 and np.isfinite(z).all() else (np.zeros(len(qp.g)), "failed")
 
@@ -105,3 +105,8 @@ class Daqp:
 def qp_solver(name: Solver, pattern: np.ndarray, budget: float) -> QpSolver:
     """The solver of that name."""
     return Osqp(pattern, budget) if name == "osqp" else Daqp(pattern, budget)
+
+
+def _time_limit(budget: float) -> dict[str, float]:
+    """The solvers' own clock is left out unless somebody asked for it."""
+    return {"time_limit": budget} if np.isfinite(budget) else {}

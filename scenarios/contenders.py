@@ -38,9 +38,7 @@ def contenders(scenario: DriveScenario, learned: Learned, options: RunOptions) -
     if options.controller == "mpc":
         blank = _contender(scenario, {}, untaught(options.seed, scenario.dt), options)
         settings = OnlineSettings()
-        online = Contender(
-            blank.estimator, blank.controller, lambda: OnlineLearner(blank.estimator, settings)
-        )
+        online = Contender(blank.estimator, blank.controller, lambda: OnlineLearner(blank.estimator, settings))
         out = {**{n: c for n, c in out.items() if n != "oracle"}, "online": online, "oracle": out["oracle"]}
     return out
 
@@ -58,16 +56,14 @@ def seeds_of(options: RunOptions) -> tuple[int, ...]:
     return tuple(range(options.seed, options.seed + options.seeds))
 
 
-def _contender(
-    scenario: DriveScenario, effects: Values, residual: Residual | None, options: RunOptions
-) -> Contender:
+def _contender(scenario: DriveScenario, effects: Values, residual: Residual | None, options: RunOptions) -> Contender:
     model = augment(ROBOT, effects, residual, Build(scenario.dt))
     return Contender(build_filter(model, EstimatorSettings()), _controller(scenario, model, options))
 
 
 def _controller(scenario: DriveScenario, model: Augmented, options: RunOptions) -> Controller:
     soft = tuple(Soft(channel, lower, upper) for channel, lower, upper in scenario.limits)
-    settings = MpcSettings(limits=Limits(soft=soft), cruise=scenario.speed, budget=0.8 * scenario.dt)
+    settings = MpcSettings(limits=Limits(soft=soft), cruise=scenario.speed, budget=options.budget)
     if options.controller == "mpc":
         return build_mpc(model, settings)
     samples = round(scenario.seconds / scenario.dt) + 1 + settings.horizon

@@ -10,9 +10,7 @@ from residual_mpc.errors import BadInput
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option(
-    "--to", required=True, type=click.Choice(["casadi", "c", "jax", "onnx", "mjcf"]), help="What to write."
-)
+@click.option("--to", required=True, type=click.Choice(["casadi", "c", "jax", "onnx", "mjcf"]), help="What to write.")
 @click.option("--robot", metavar="R", help="Robot file of the model; by default the one that FILE names.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the files; by default beside FILE.")
 @click.option(

@@ -1,5 +1,6 @@
 """`residual-mpc run`."""
 
+import math
 from pathlib import Path
 
 import click
@@ -13,10 +14,17 @@ from residual_mpc.cli.common import emit, json_option, progress_bar, seed_option
     "--controller", type=click.Choice(["mpc", "lqr"]), default="mpc", show_default=True, help="What drives the robot."
 )
 @click.option("--seeds", type=click.IntRange(1, 1000), default=10, show_default=True, help="How many plants.")
+@click.option(
+    "--budget", type=click.FloatRange(min=0.0, min_open=True), metavar="S",
+    help="Seconds an MPC may take a sample before it sends the plan at hand; then results depend on the machine. "
+    "Without it late samples are only counted.",
+)  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for episodes (as runs), diagnosis and picture.")
 @json_option
 @seed_option
-def run(scenario: str | None, controller: str, seeds: int, out: Path | None, as_json: bool, seed: int) -> None:
+def run(
+    scenario: str | None, controller: str, seeds: int, budget: float | None, out: Path | None, as_json: bool, seed: int
+) -> None:
     """Drive a closed-loop SCENARIO: nominal against augmented controllers, on equal terms. Without a name: the list.
 
     Takes some minutes with ten seeds: the nominal controller drives a log, the log is diagnosed, and every controller
@@ -36,7 +44,7 @@ def run(scenario: str | None, controller: str, seeds: int, out: Path | None, as_
     found = find_scenario(scenario)
     if out is not None:
         writable_folder(out)
-    options = RunOptions("lqr" if controller == "lqr" else "mpc", seeds, seed, out)
+    options = RunOptions("lqr" if controller == "lqr" else "mpc", seeds, seed, out, budget or math.inf)
     with progress_bar() as progress:
         result = found.run(options, progress)
     if as_json:
@@ -48,9 +56,10 @@ def run(scenario: str | None, controller: str, seeds: int, out: Path | None, as_
         norm = " -> ".join("diverged" if v is None else f"{v:.3f}" for v in h2)
         share = (result["recovered"].get(name) or {}).get("value")
         got = "" if share is None else f"   recovered {share:.0%}"
+        late = f", {c['late']} late" if c.get("late") else ""
         click.echo(
             f"  {name:<10} tracking {1e3 * c['tracking_rmse']:6.2f} mm   H2 {norm}   "
-            f"{c['solve_ms']['median']:.2f} ms a step, {c['failures']} failures{got}"
+            f"{c['solve_ms']['median']:.2f} ms a step, {c['failures']} failures{late}{got}"
         )
     if "h2_norm" in result:
         click.echo(f"  H2 norm {result['h2_norm']['first']:.3f} -> {result['h2_norm']['last']:.3f}")

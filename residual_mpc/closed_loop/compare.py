@@ -55,9 +55,7 @@ def compare(
             learner = None if c.learner is None else c.learner()
             rng = np.random.default_rng(seed)
             label = f"{name}_{seed}"
-            episode = run_closed_loop(
-                simulator, c.estimator, c.controller, reference, settings, rng, label, learner
-            )
+            episode = run_closed_loop(simulator, c.estimator, c.controller, reference, settings, rng, label, learner)
             out[name].append(episode)
     return Comparison(
         {name: tuple(figures(e, limits) for e in es) for name, es in out.items()},
@@ -96,6 +94,7 @@ def document(comparison: Comparison, scenario: str, plant: str, rng: np.random.G
             else _mean(f.h2 for f in fs),
             "solve_ms": {"median": _mean(f.solve[0] for f in fs), "p99": max(f.solve[1] for f in fs)},
             "failures": sum(f.failures for f in fs),
+            "late": sum(f.late for f in fs),
             "violations": sum(f.violations for f in fs),
         }
         if name == "online":

@@ -36,7 +36,10 @@ def run_closed_loop(
     name: str = "episode",
     learner: Learner | None = None,
 ) -> Episode:
-    """Drive from the reference's first pose on. The same rng state gives the same plant, noise and episode."""
+    """Drive from the reference's first pose on. The same rng state gives the same plant, noise and episode.
+
+    Simulated time waits for the controller: how long it took is kept in the episode, and decides nothing here.
+    """
     dt, n = settings.dt, settings.samples
     poses = estimator.model.stepped.poses
     wanted = reference.path(dt * np.arange(n + controller.horizon))

@@ -14,8 +14,9 @@ CLOSE = 0.1  # share of the final value within which a mean has converged
 class Figures:
     """tracking_rmse, tracking_max: m, of the position (of all poses where the robot has no plane). heading_rmse: rad,
     NaN without a heading. effort: RMS of the commands; violations: samples beyond a soft limit; failures: samples
-    without a solution. solve: (median, 99th percentile) ms. h2: mean H2 norm; h2_first, h2_last: over the first and the
-    last 10 s; converged_after: s, None where it did not fall.
+    without a solution; late: samples whose controller took longer than they last. solve: (median, 99th percentile) ms.
+    h2: mean H2 norm; h2_first, h2_last: over the first and the last 10 s; converged_after: s, None where it did not
+    fall.
     """
 
     tracking_rmse: float
@@ -24,6 +25,7 @@ class Figures:
     effort: float
     violations: int
     failures: int
+    late: int
     solve: tuple[float, float]
     h2: float
     h2_first: float
@@ -89,6 +91,7 @@ def figures(episode: Episode, limits: tuple[tuple[str, float, float], ...] = (),
         effort=float(np.sqrt(np.mean(episode.command**2))),
         violations=int(beyond.sum()),
         failures=sum(o not in ("solved", "inaccurate") for o in episode.outcomes),
+        late=int((episode.seconds > episode.t[1] - episode.t[0]).sum()),
         solve=(float(np.median(ms)), float(np.quantile(ms, 0.99))),
         h2=float(h2_norm(episode).mean()),
         h2_first=float(mean[span - 1]),

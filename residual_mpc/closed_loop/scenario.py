@@ -1,5 +1,6 @@
 """Closed-loop experiments by name: whoever installs a package with an entry point in this group adds one."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -15,12 +16,17 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """seeds: how many plants; seed: of the first; out: folder for episodes, diagnosis and figures, None for none."""
+    """seeds: how many plants; seed: of the first; out: folder for episodes, diagnosis and figures, None for none.
+
+    budget: s that a controller may take a sample before it has to do without; by default late samples are counted and
+    nothing else, so that an experiment repeats on a busy machine.
+    """
 
     controller: Literal["mpc", "lqr"] = "mpc"
     seeds: int = 10
     seed: int = 0
     out: Path | None = None
+    budget: float = math.inf
 
 
 class Scenario(Protocol):

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import time
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 from model_plant import Eight, ModelSimulator
 
-from controllers.mpc import build_mpc
+from controllers.mpc import Mpc, build_mpc
 from controllers.settings import MpcSettings
 from plants.diff_drive import DiffDrive
 from residual_mpc.closed_loop import (
@@ -37,7 +41,7 @@ LOOP = LoopSettings(8.0, DT)
 
 def contender(effects, residual=None, learner=None, **build):
     model = augment(ROBOT, effects, residual, Build(DT, **build))
-    settings = MpcSettings(compile=False, budget=5.0)  # a busy machine is no failure
+    settings = MpcSettings(compile=False)
     return Contender(build_filter(model, EstimatorSettings(), compile=False), build_mpc(model, settings), learner)
 
 
@@ -62,6 +66,64 @@ def test_the_same_seed_gives_the_same_episode_bit_for_bit(plant, knows):
     np.testing.assert_array_equal(first.command, second.command)
     np.testing.assert_array_equal(first.truth, second.truth)
     assert np.abs(first.truth - other.truth).max() > 1e-4
+
+
+class Busy:
+    """A solver on a machine that is busy for 70 ms of its 50 ms in every fifth sample from `first` on."""
+
+    def __init__(self, inner, first):
+        self.inner, self.count = inner, first
+
+    def solve(self, qp):
+        self.count += 1
+        if self.count % 5 == 0:
+            time.sleep(0.07)
+        return self.inner.solve(qp)
+
+
+@dataclass(frozen=True)
+class Hindered:
+    """A controller whose solver is Busy."""
+
+    inner: Mpc
+    first: int = 0
+
+    @property
+    def horizon(self):
+        return self.inner.horizon
+
+    def init(self):
+        state = self.inner.init()
+        return replace(state, engine=Busy(state.engine, self.first))
+
+    def step(self, state, x, reference):
+        return self.inner.step(state, x, reference)
+
+    def with_parameters(self, p):
+        return Hindered(self.inner.with_parameters(p), self.first)
+
+
+@pytest.mark.parametrize("solver", ["daqp", "osqp"])
+def test_a_busy_machine_changes_no_episode_and_is_counted(plant, knows, solver):
+    loop = LoopSettings(2.0, DT)
+    mpc = build_mpc(knows.controller.model, replace(knows.controller.settings, solver=solver))
+    assert mpc.settings.budget == math.inf, "unless somebody asks, no clock decides"
+    idle, *busy = (
+        drive(plant, Contender(knows.estimator, c), loop=loop) for c in (mpc, Hindered(mpc), Hindered(mpc, 2))
+    )
+    for e in busy:
+        np.testing.assert_array_equal(e.command, idle.command)
+        np.testing.assert_array_equal(e.truth, idle.truth)
+        assert e.outcomes == idle.outcomes
+        assert figures(e).late >= 8 and figures(e).failures == figures(idle).failures
+
+
+def test_a_budget_that_was_asked_for_acts(plant, knows):
+    loop = LoopSettings(2.0, DT)
+    mpc = build_mpc(knows.controller.model, replace(knows.controller.settings, budget=0.065))
+    free, held = (drive(plant, Contender(knows.estimator, Hindered(m)), loop=loop) for m in (knows.controller, mpc))
+    assert figures(held).failures >= 8 > figures(free).failures
+    assert np.abs(held.command - free.command).max() > 0.0
 
 
 def test_a_perfect_model_without_noise_predicts_what_happens(knows):

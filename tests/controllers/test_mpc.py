@@ -15,8 +15,7 @@ from controllers.riccati import dlqr, linearise
 from controllers.settings import Limits, MpcSettings, Soft, Weights
 from residual_mpc.errors import BadInput
 
-# the virtual machine: no test waits for a compiler but the one that compares; a busy machine is no failure
-FAST = MpcSettings(compile=False, budget=5.0)
+FAST = MpcSettings(compile=False)  # the virtual machine: no test waits for a compiler but the one that compares
 
 
 @pytest.mark.parametrize("solver", ["osqp", "daqp"])

@@ -51,6 +51,14 @@ def test_every_path_can_be_driven_and_every_effect_is_known(name):
         BY_NAME[effect].parameter(parameter)
 
 
+def test_no_clock_decides_in_a_scenario_unless_asked_for():
+    from scenarios.contenders import _contender
+
+    s = find_scenario("figure_eight")
+    for options, budget in ((RunOptions(), np.inf), (RunOptions(budget=0.03), 0.03)):
+        assert _contender(s, {}, None, options).controller.settings.budget == budget
+
+
 class Recorder:
     """What the inner plant is told, and when."""
 
