@@ -28,7 +28,7 @@ HABITS = Habits(
 _ATTEMPTS = 60  # draws of effects before a level is given up
 
 
-def _clash(effects: tuple[str, ...]) -> bool:
+def arm_clash(effects: tuple[str, ...]) -> bool:
     """Whether data could hardly tell the members apart, or one undoes another."""
     groups = (
         {"command_delay", "sensor_delay", "actuator_lag"},
@@ -55,7 +55,7 @@ class ArmBench:
     def faint(self) -> tuple[str, ...]:
         others = set(PLANT) - set(self.effects) - {"saturation", "sensor_outliers", "stribeck_friction"}
         frictions = ("coulomb_friction", "load_dependent_friction")
-        return tuple(e for e in sorted(others) if e not in frictions or not _clash((e, *self.effects)))
+        return tuple(e for e in sorted(others) if e not in frictions or not arm_clash((e, *self.effects)))
 
     @property
     def traits(self) -> tuple[str, ...]:
@@ -64,10 +64,10 @@ class ArmBench:
     @property
     def notes(self) -> dict[str, Any]:
         arm = self.robot.truth.arm
-        return {"joints": len(arm.axes), "actuators": arm.kind}
+        return {"joints": len(arm.joints), "actuators": arm.kind}
 
     def draw(self, effect: str, rng: np.random.Generator) -> Draw:
-        return draw_effect(effect, len(self.robot.truth.arm.axes), rng)
+        return draw_effect(effect, len(self.robot.truth.arm.joints), rng)
 
     def target(self, draw: Draw) -> str | None:
         return target_of(draw)
@@ -135,7 +135,7 @@ def _bench(level: Level, rng: np.random.Generator) -> ArmBench | None:
     if level.confounded:
         effects: tuple[str, ...] = (str(rng.choice(["command_delay", "sensor_delay"])),)
     else:
-        effects = choose(sorted(PLANT), level, _clash, rng)
+        effects = choose(sorted(PLANT), level, arm_clash, rng)
     setting = draw_setting(level, rng)
     # stretches with the motor off would tell the members of the group apart
     return None if setting is None or (level.confounded and setting.drops) else ArmBench(setting, effects)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from plants.blind_families.arm_effects import ArmRobot
-from plants.blind_families.arm_model import mjcf
 from plants.blind_families.arm_runs import Happened
 from plants.blind_families.arm_setting import Setting
 from plants.blind_families.sensing import Roughness, jumps, noisy, outlier_mask, quantised, with_dropouts, write_table
@@ -17,14 +16,13 @@ from plants.blind_families.sensing import Roughness, jumps, noisy, outlier_mask,
 def write_robot(setting: Setting, noise: bool, folder: Path) -> None:
     """The robot file and the nominal model; with the sensors' noise where ``noise`` says so."""
     arm = setting.robot.truth.arm
-    lines = ['name = "arm"', 'plant = "mujoco"', 'model = "arm.xml"', 'payload_site = "tool"']
+    lines = ['name = "arm"', *arm.write_model(folder)]
     if noise:
         lines.append("[noise]")
         lines += [
             f'"position.{joint}" = {sigma:.3g}'
             for joint, sigma in zip(arm.joints, setting.sigma, strict=True)
         ]
-    (folder / "arm.xml").write_text(mjcf(arm))
     (folder / "robot.toml").write_text("\n".join(lines) + "\n")
 
 

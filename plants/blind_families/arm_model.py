@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from plants.blind_families.arm_truth import STEP, ArmTruth, Rigid
 
 Array = NDArray[np.float64]
 NOMINAL_STEP = 0.001  # s
@@ -30,6 +33,20 @@ class Arm:
     @property
     def joints(self) -> tuple[str, ...]:
         return tuple(f"j{i + 1}" for i in range(len(self.axes)))
+
+    @property
+    def stop(self) -> Array:
+        """N m at which the actuators stop: never."""
+        return np.full(len(self.axes), np.inf)
+
+    def rigid(self, truth: ArmTruth) -> Rigid:
+        """See ``arm_truth.NominalArm``: an open chain, so that every joint has a motor."""
+        return Rigid(compiled(truth, self), np.arange(len(self.axes)), lambda q, v: None)
+
+    def write_model(self, folder: Path) -> list[str]:
+        """See ``arm_truth.NominalArm``."""
+        (folder / "arm.xml").write_text(mjcf(self))
+        return ['plant = "mujoco"', 'model = "arm.xml"', 'payload_site = "tool"']
 
 
 def draw_arm(rng: np.random.Generator) -> Arm:
@@ -108,3 +125,33 @@ def mjcf(arm: Arm, actuators: bool = True) -> str:
                 lines.append(f'    <motor name="{joint}" joint="{joint}" gear="1"/>')
         lines.append("  </actuator>")
     return "\n".join([*lines, "</mujoco>"]) + "\n"
+
+
+def compiled(truth: ArmTruth, arm: Arm) -> mujoco.MjModel:
+    """The rigid bodies, masses changed, actuators taken out, at the fine step."""
+    spec = mujoco.MjSpec.from_string(mjcf(arm, actuators=False))
+    spec.option.timestep = STEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    for i, joint in enumerate(arm.joints):
+        spec.joint(joint).armature = arm.armature[i] + truth.armature[i]
+        body = spec.body(f"link{i + 1}")
+        if truth.link_mass[i] or truth.link_com[i]:
+            # the added mass is two lumps around the centre; moving the centre moves the whole capsule's mass
+            centre = 0.5 * arm.length[i] + truth.link_com[i]
+            body.geoms[0].fromto = [truth.link_com[i], 0, 0, arm.length[i] + truth.link_com[i], 0, 0]
+            for side in (-0.02, 0.02):
+                body.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                    size=[0.01, 0, 0],
+                    pos=[centre + side, 0, 0],
+                    mass=0.5 * truth.link_mass[i],
+                )
+    if truth.payload:
+        body = spec.body(f"link{len(arm.axes)}")
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[0.015, 0, 0],
+            pos=[arm.length[-1], 0, 0],
+            mass=truth.payload,
+        )
+    return spec.compile()

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plants.blind_families.arm_effects import ArmSensor
-from plants.blind_families.arm_model import Arm
-from plants.blind_families.arm_truth import STEP, ArmTruth, Stepper, ideal
+from plants.blind_families.arm_truth import STEP, ArmTruth, NominalArm, Stepper, ideal
 
 Array = NDArray[np.float64]
 
@@ -88,7 +87,7 @@ def play(truth: ArmTruth, course: Course) -> Happened | None:
 
 
 def _controller(
-    arm: Arm, course: Course, k: int, q: Array, rate: Array, trim: Array, hold: Array, dt: float
+    arm: NominalArm, course: Course, k: int, q: Array, rate: Array, trim: Array, hold: Array, dt: float
 ) -> tuple[Array, Array]:
     """Commands (r, n) at sample ``k`` and the outer loop's memory."""
     reference, on = course.reference[:, k], course.on[:, k]
@@ -110,24 +109,24 @@ def _controller(
     return hold + trim + inertia * (64.0 * (reference - q) + 14.0 * (ahead - rate)), trim
 
 
-def _hold_torque(arm: Arm, q: Array) -> Array:
-    """Nominal gravity torque (r, n) at ``q``."""
+def _hold_torque(arm: NominalArm, q: Array) -> Array:
+    """Nominal gravity torque (r, n) at ``q`` of an open chain; 0 where the actuators take no torques."""
     import mujoco
 
-    from plants.blind_families.arm_model import mjcf
-
-    model = mujoco.MjModel.from_xml_string(mjcf(arm, actuators=False))
-    data = mujoco.MjData(model)
-    out = np.empty_like(q)
+    out = np.zeros_like(q)
+    if arm.kind != "torque":
+        return out
+    rigid = arm.rigid(ideal(arm))
+    data = mujoco.MjData(rigid.model)
     for r, row in enumerate(q):
-        data.qpos[:], data.qvel[:] = row, 0.0
-        mujoco.mj_forward(model, data)
-        out[r] = data.qfrc_bias
+        data.qpos[rigid.motors], data.qvel[:] = row, 0.0
+        mujoco.mj_forward(rigid.model, data)
+        out[r] = data.qfrc_bias[rigid.motors]
     return out
 
 
 def gap_ratio(
-    arm: Arm, course: Course, seen: Array, speed: Array, commands: Array, sigma: Array, speed_sigma: Array
+    arm: NominalArm, course: Course, seen: Array, speed: Array, commands: Array, sigma: Array, speed_sigma: Array
 ) -> float:
     """Noise-free one-second gap of the ideal arm over its noise floor.
 

@@ -8,14 +8,15 @@ before it breaks away. All runs of a case, or all windows of a log, step side by
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
 
 import mujoco
 import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
-
-from plants.blind_families.arm_model import Arm, mjcf
 
 Array = NDArray[np.float64]
 STEP = 0.0005  # s
@@ -23,11 +24,81 @@ _PRESLIDING = 4e-4  # rad, how far bristles bend before they slip
 _CURRENT_SHARE = 0.12  # the electrical time constant as a share of the whole lag
 
 
+class NominalArm(Protocol):
+    """The arm as its model has it, n motors; every array is (n,), by motor."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that the motors drive."""
+        ...
+
+    @property
+    def kind(self) -> str:
+        """position, velocity or torque: what the actuators take."""
+        ...
+
+    @property
+    def home(self) -> Array:
+        """rad, the pose that motions are centred on"""
+        ...
+
+    @property
+    def length(self) -> Array:
+        """m, of the link that the motor carries"""
+        ...
+
+    @property
+    def mass(self) -> Array:
+        """kg, of that link"""
+        ...
+
+    @property
+    def armature(self) -> Array:
+        """kg m^2"""
+        ...
+
+    @property
+    def kp(self) -> Array:
+        """N m/rad"""
+        ...
+
+    @property
+    def kv(self) -> Array:
+        """N m s/rad"""
+        ...
+
+    @property
+    def stop(self) -> Array:
+        """N m at which the actuators stop, as the model knows"""
+        ...
+
+    def rigid(self, truth: ArmTruth) -> Rigid:
+        """The bodies under the truth's masses and armatures."""
+        ...
+
+    def write_model(self, folder: Path) -> list[str]:
+        """Write what the robot file refers to; the file's lines that name plant and model."""
+        ...
+
+
+@dataclass(frozen=True)
+class Rigid:
+    """The rigid bodies of a truth, masses changed, actuators taken out, at the fine step.
+
+    motors (n,): place of each motor's joint in positions and velocities; close puts the joints without a motor where
+    closed chains hold them, in place, given positions and velocities (s, all joints) of the motors.
+    """
+
+    model: mujoco.MjModel
+    motors: NDArray[np.int64]
+    close: Callable[[Array, Array], None]
+
+
 @dataclass(frozen=True)
 class ArmTruth:
     """Every constant of the truth, each (n,) unless said otherwise; zeros, ones and infinities do nothing."""
 
-    arm: Arm
+    arm: NominalArm
     delay: Array  # s
     dead_zone: Array  # unit of the command, or rad of position error
     lag: Array  # s
@@ -52,9 +123,9 @@ class ArmTruth:
     gusts: Array  # (m, n + 2): from s, to s, torques N m
 
 
-def ideal(arm: Arm) -> ArmTruth:
+def ideal(arm: NominalArm) -> ArmTruth:
     """The truth without any effect."""
-    n = len(arm.axes)
+    n = len(arm.joints)
     zero, one = np.zeros(n), np.ones(n)
     return ArmTruth(
         arm,
@@ -82,37 +153,6 @@ def ideal(arm: Arm) -> ArmTruth:
     )
 
 
-def compiled(truth: ArmTruth) -> mujoco.MjModel:
-    """The rigid bodies, masses changed, actuators taken out, at the fine step."""
-    spec = mujoco.MjSpec.from_string(mjcf(truth.arm, actuators=False))
-    spec.option.timestep = STEP
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    arm = truth.arm
-    for i, joint in enumerate(arm.joints):
-        spec.joint(joint).armature = arm.armature[i] + truth.armature[i]
-        body = spec.body(f"link{i + 1}")
-        if truth.link_mass[i] or truth.link_com[i]:
-            # the added mass is two lumps around the centre; moving the centre moves the whole capsule's mass
-            centre = 0.5 * arm.length[i] + truth.link_com[i]
-            body.geoms[0].fromto = [truth.link_com[i], 0, 0, arm.length[i] + truth.link_com[i], 0, 0]
-            for side in (-0.02, 0.02):
-                body.add_geom(
-                    type=mujoco.mjtGeom.mjGEOM_SPHERE,
-                    size=[0.01, 0, 0],
-                    pos=[centre + side, 0, 0],
-                    mass=0.5 * truth.link_mass[i],
-                )
-    if truth.payload:
-        body = spec.body(f"link{len(arm.axes)}")
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[0.015, 0, 0],
-            pos=[arm.length[-1], 0, 0],
-            mass=truth.payload,
-        )
-    return spec.compile()
-
-
 class Stepper:
     """Simulations (s of them) of one truth, side by side. A leaf with explicit memory; used for one pass."""
 
@@ -120,10 +160,13 @@ class Stepper:
         """Start at ``q``, ``v`` (s, n), ``command`` (s, n) held so far, ``seconds`` (s,) into each run."""
         self.p = truth
         s, n = q.shape
-        self.batch = mujoco.batch.Batch(compiled(truth), s, nthread=1)
+        rigid = truth.arm.rigid(truth)
+        self.motors = rigid.motors
+        self.batch = mujoco.batch.Batch(rigid.model, s, nthread=1)
         self.batch.reset()
-        self.q, self.v, self.force = (self.batch.bind(f) for f in ("qpos", "qvel", "qfrc_applied"))
-        self.q[:], self.v[:] = q, v
+        self.all_q, self.all_v, self.force = (self.batch.bind(f) for f in ("qpos", "qvel", "qfrc_applied"))
+        self.all_q[:, self.motors], self.all_v[:, self.motors] = q, v
+        rigid.close(self.all_q, self.all_v)
         self.before = v.copy()
         self.bristle = np.zeros((s, n))
         whole = np.floor(truth.delay / STEP + 1e-9).astype(int)
@@ -135,18 +178,30 @@ class Stepper:
         self.rubbing = bool(np.any(truth.static) or np.any(truth.load) or np.any(truth.warm_up))
         self.torque = np.zeros((s, n))
 
+    @property
+    def q(self) -> Array:
+        """Angles of the motors' joints (s, n) rad."""
+        return np.asarray(self.all_q[:, self.motors])
+
+    @property
+    def v(self) -> Array:
+        """Their speeds (s, n) rad/s, half a step earlier."""
+        return np.asarray(self.all_v[:, self.motors])
+
     def step(self, command: Array, on: Array) -> None:
         """Advance by STEP under ``command`` (s, n) as sent now; actuators act where ``on`` (s, n) is 1."""
         p, arm = self.p, self.p.arm
         u = self._arrived(command)
+        q, now = self.q, self.v
         # the leapfrog's velocity lives half a step back: carry it to the positions' instant
-        v = self.v + 0.5 * (self.v - self.before)
-        self.before = self.v.copy()
-        torque = self._servo(u, self.q, v)
+        v = now + 0.5 * (now - self.before)
+        self.before = now
+        torque = self._servo(u, q, v)
         torque *= p.gain
         if p.sag:
             torque *= (1.0 - np.minimum(self.charge, 0.9))[:, None]
             self.charge += STEP * p.sag * (0.7 + 0.3 * np.mean(np.abs(torque) / p.torque_scale, axis=1))
+        torque = np.clip(torque, -arm.stop, arm.stop)
         if np.isfinite(p.limit).any():
             torque = torque / (1.0 + (np.abs(torque) / p.limit) ** 12) ** (1.0 / 12)
         torque *= on
@@ -155,14 +210,14 @@ class Stepper:
         if self.rubbing:
             total -= self._friction(v, torque)
         if p.cogging.any():
-            total += p.cogging * np.sin(p.cogging_teeth * self.q)
+            total += p.cogging * np.sin(p.cogging_teeth * q)
         if p.cable.any():
-            pull = np.maximum(self.q - arm.home, 0.0)
+            pull = np.maximum(q - arm.home, 0.0)
             total -= p.cable * pull * (1.0 + np.tanh(v / 0.2))
         for row in p.gusts:
             shape = np.sin(np.pi * np.clip((self.seconds - row[0]) / (row[1] - row[0]), 0.0, 1.0))
             total += shape[:, None] * row[2:]
-        self.force[:] = total
+        self.force[:, self.motors] = total
         self.batch.step()
         self.seconds += STEP
 

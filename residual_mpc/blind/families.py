@@ -17,7 +17,10 @@ GROUP = "residual_mpc.blind_families"
 
 
 class Family(Protocol):
-    """A kind of robot whose truth can be drawn."""
+    """A kind of robot whose truth can be drawn.
+
+    A family that cannot draw every level says so with ``levels``, a tuple of the names that it can; see ``levels_of``.
+    """
 
     name: str
 
@@ -41,6 +44,12 @@ def load_family(name: str) -> Family:
     raise BadInput(f"no family of blind cases is called {name!r}", "blind", f"Known families: {known}")
 
 
+def levels_of(family: Family) -> tuple[str, ...]:
+    """Names of the levels that ``family`` draws: all of them unless it has ``levels``."""
+    levels: tuple[str, ...] = getattr(family, "levels", tuple(LEVELS))
+    return levels
+
+
 def load_level(name: str) -> Level:
     """The level called ``name``; ``BadInput`` where there is none."""
     if name not in LEVELS:
@@ -51,11 +60,13 @@ def load_level(name: str) -> Level:
 def make_case(family: str, level: str, seed: int, folder: Path | str) -> Answer:
     """Write one case to ``folder/case`` and return its answer, which is written nowhere.
 
-    The same family, level and seed give the same files.
+    The same family, level and seed give the same files. Raises ``BadInput`` for a level that the family does not draw.
     """
-    case = Path(folder) / "case"
+    case, recipe, kind = Path(folder) / "case", load_level(level), load_family(family)
+    if level not in levels_of(kind):
+        drawn = ", ".join(levels_of(kind))
+        raise BadInput(f"family {family} draws no case of level {level!r}", "blind", f"Its levels: {drawn}")
     case.mkdir(parents=True, exist_ok=True)
-    recipe = load_level(level)
     # the names of family and level enter the stream, so that equal seeds share nothing across them
     key = [seed, crc32(family.encode()), crc32(level.encode())]
-    return load_family(family).write_case(recipe, seed, np.random.default_rng(key), case)
+    return kind.write_case(recipe, seed, np.random.default_rng(key), case)

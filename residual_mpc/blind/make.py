@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from residual_mpc.blind.best_fit import with_best_fit
-from residual_mpc.blind.families import load_family, load_level, make_case
+from residual_mpc.blind.families import levels_of, load_family, load_level, make_case
 from residual_mpc.blind.seal import Sealed, digest, read_sealed, seal, write_sealed
 from residual_mpc.blind.suite import FIRST_TEST_SEED, Entry, Suite, program_version, write_suite
 from residual_mpc.errors import BadInput
@@ -17,7 +17,7 @@ from residual_mpc.errors import BadInput
 
 @dataclass(frozen=True)
 class MakeSettings:
-    """What to draw: ``cases`` of each family at each level, with seeds from ``first_seed`` on."""
+    """What to draw: ``cases`` of each family at each level that it has, with seeds from ``first_seed`` on."""
 
     families: tuple[str, ...]
     levels: tuple[str, ...]
@@ -39,6 +39,17 @@ class MakeSettings:
             load_family(name)
         for name in self.levels:
             load_level(name)
+        if not any(self.drawn(name) for name in self.families):
+            raise BadInput(
+                f"no case at level {', '.join(self.levels)} is drawn by {', '.join(self.families)}",
+                "--level",
+                "Ask for a level that one of the families has",
+            )
+
+    def drawn(self, family: str) -> tuple[str, ...]:
+        """The levels asked for that ``family`` has, in the order asked."""
+        has = levels_of(load_family(family))
+        return tuple(level for level in self.levels if level in has)
 
 
 @dataclass(frozen=True)
@@ -76,7 +87,7 @@ def _plan(settings: MakeSettings) -> list[tuple[str, str, str, int]]:
     every = [
         (family, level, seed)
         for family in settings.families
-        for level in settings.levels
+        for level in settings.drawn(family)
         for seed in range(settings.first_seed, settings.first_seed + settings.cases)
     ]
     order = np.random.default_rng([settings.first_seed, len(every)]).permutation(len(every))

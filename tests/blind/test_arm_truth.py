@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from plants.blind_families.arm_effects import ArmSensor
-from plants.blind_families.arm_model import Arm, draw_arm, mjcf
+from plants.blind_families.arm_model import Arm, compiled, draw_arm, mjcf
 from plants.blind_families.arm_motions import multisine
 from plants.blind_families.arm_runs import Course, play
-from plants.blind_families.arm_truth import STEP, Stepper, compiled, ideal
+from plants.blind_families.arm_truth import STEP, Stepper, ideal
 from residual_mpc.blind.families import make_case
 
 
@@ -112,10 +112,10 @@ def test_added_masses_and_armature_are_in_the_compiled_bodies():
     arm = draw_arm(np.random.default_rng(4))
     n = len(arm.axes)
     changed = replace(ideal(arm), payload=0.2, link_mass=np.eye(n)[0] * 0.1, armature=np.eye(n)[1] * 0.03)
-    plain, loaded = compiled(ideal(arm)), compiled(changed)
+    plain, loaded = compiled(ideal(arm), arm), compiled(changed, arm)
     assert loaded.body_mass.sum() - plain.body_mass.sum() == pytest.approx(0.3)
     assert (loaded.dof_armature - plain.dof_armature)[1] == pytest.approx(0.03)
-    shifted = compiled(replace(ideal(arm), link_com=np.eye(n)[0] * 0.05))
+    shifted = compiled(replace(ideal(arm), link_com=np.eye(n)[0] * 0.05), arm)
     assert (shifted.body_ipos - plain.body_ipos)[1, 0] == pytest.approx(0.05)
 
 

@@ -101,14 +101,17 @@ def where(answer: Answer, effect: str, target: str | None) -> frozenset[str]:
 
 def _places(answer: Answer, effect: str) -> frozenset[str]:
     joints = int(answer.notes.get("joints", 0))
+    names: tuple[str, ...] = tuple(answer.notes.get("names", ()))  # of actuators that are not numbered
     if effect in _SENSOR:
         if answer.family == "wheeled":
             return frozenset(
                 {"pose.theta"} if effect == "sensor_bias" else {"pose.x", "pose.y", "pose.theta"}
             )
-        return frozenset(f"position.j{i + 1}" for i in range(joints))
+        return frozenset(f"position.{name}" for name in names or (f"j{i + 1}" for i in range(joints)))
     if answer.family == "wheeled":
         return frozenset({"left", "right"})
+    if names:
+        return frozenset(names)
     prefix = "link" if effect in ("link_mass", "link_length") else "j"
     return frozenset(f"{prefix}{i + 1}" for i in range(joints))
 
