@@ -58,7 +58,7 @@ def _points(m: Match, rows: Sequence[str], side: int) -> list[tuple[float, float
     told = (m.fits["nothing"], m.fits.get(m.case) if m.case in HIDDEN else None)
     out = []
     for i, name in enumerate(rows):
-        true = getattr(CASES[m.case], name)
+        true = getattr(m.truth, name)
         height = i + 0.25 * (side - 1) + 0.03 * (m.seed % 5 - 2)
         if side < 2:
             fit = told[side]

@@ -19,6 +19,7 @@ from benchmarks.head_to_head.servo import (
     TUNED,
     Log,
     Servo,
+    draw,
     guess,
     record,
 )
@@ -57,17 +58,20 @@ tunable = ["joint.*.armature", "joint.*.damping", "joint.*.frictionloss"]
 """
 
 
-def write_case(case: str, seed: int, folder: Path) -> Servo:
-    """Write the model, `runs/` for the tools and `fresh/` for the judge into a folder; returns the guess inside."""
+def write_case(case: str, seed: int, folder: Path) -> tuple[Servo, Servo]:
+    """Write the model, `runs/` for the tools and `fresh/` for the judge into a folder.
+
+    Returns the truth, which is in none of the files, and the guess that the model holds.
+    """
     rng = np.random.default_rng([list(CASES).index(case), seed])
-    servo = CASES[case]
+    servo = draw(case, rng)
     given = guess(servo, rng)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.toml").write_text(ROBOT)
     (folder / "servo.xml").write_text(mjcf(given, INTEGRATOR[case]))
     write_runs([record(servo, m, m, rng) for m in MOTIONS], folder / "runs")
     write_runs([record(servo, m, f"fresh_{m}", rng) for m in FRESH], folder / "fresh")
-    return given
+    return servo, given
 
 
 def mjcf(servo: Servo, integrator: str) -> str:

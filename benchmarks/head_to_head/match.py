@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.head_to_head.files import HIDDEN, TIMESTEP, write_case
 from benchmarks.head_to_head.ours import Diagnosed, Judged, diagnose, judge
-from benchmarks.head_to_head.servo import CASES, TUNED, Servo
+from benchmarks.head_to_head.servo import TUNED, Servo
 from benchmarks.head_to_head.toolbox import Fit, fit
 
 
@@ -15,11 +15,12 @@ from benchmarks.head_to_head.toolbox import Fit, fit
 class Match:
     """fits: by what the toolbox was told: "nothing", "delay", "payload"; "sensor": nothing, and compared by a sensor.
 
-    given: the guess that both tools start from; code: the version of the project.
+    truth: the servo that was drawn; given: the guess that both tools start from; code: the version of the project.
     """
 
     case: str
     seed: int
+    truth: Servo
     given: Servo
     fits: dict[str, Fit]
     diagnosed: Diagnosed
@@ -34,7 +35,7 @@ def play(case: str, seed: int, place: Path, code: str, say: Callable[[str], None
     if kept.is_file():
         return read(kept)
     say(f"{case}, seed {seed}: mujoco.sysid")
-    given = write_case(case, seed, folder)
+    truth, given = write_case(case, seed, folder)
     fits = {"nothing": fit(folder, given, None, report=folder / "toolbox")}
     if case in HIDDEN:
         fits[case] = fit(folder, given, case)
@@ -42,11 +43,11 @@ def play(case: str, seed: int, place: Path, code: str, say: Callable[[str], None
         fits["sensor"] = fit(folder, given, None, "sensor")
     say(f"{case}, seed {seed}: residual-mpc diagnose")
     diagnosed = diagnose(folder, given)
-    hidden = {case: getattr(CASES[case], case)} if case in HIDDEN else {}
-    truth = {name: getattr(CASES[case], name) for name in TUNED} | hidden
-    models = {"true": truth} | {f"told_{told}": alone(f.values) for told, f in fits.items() if told != "sensor"}
+    names = [*TUNED, case] if case in HIDDEN else [*TUNED]
+    models = {"true": {name: getattr(truth, name) for name in names}}
+    models |= {f"told_{told}": alone(f.values) for told, f in fits.items() if told != "sensor"}
     judged = judge(folder, models, folder / "diagnosis" / "diagnosis.json")
-    match = Match(case, seed, given, fits, diagnosed, judged, code)
+    match = Match(case, seed, truth, given, fits, diagnosed, judged, code)
     kept.write_text(json.dumps(asdict(match), indent=2) + "\n")
     return match
 
@@ -66,5 +67,12 @@ def read(path: Path) -> Match:
     said["intervals"] = {k: (v[0], v[1]) for k, v in said["intervals"].items()}
     fits = {told: Fit(**f) for told, f in d["fits"].items()}
     return Match(
-        d["case"], d["seed"], Servo(**d["given"]), fits, Diagnosed(**said), Judged(**d["judged"]), d["code"]
+        d["case"],
+        d["seed"],
+        Servo(**d["truth"]),
+        Servo(**d["given"]),
+        fits,
+        Diagnosed(**said),
+        Judged(**d["judged"]),
+        d["code"],
     )

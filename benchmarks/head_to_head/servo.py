@@ -1,4 +1,4 @@
-"""The servo in truth, and what it is made to do: simulated apart from MuJoCo.
+"""The servo in truth, drawn anew for every seed, and what it is made to do: simulated apart from MuJoCo.
 
 A leapfrog at 0.1 ms with set-valued Coulomb friction (Moreau's time stepping: within a step the friction
 stops the joint or acts in full); the models replay with MuJoCo's integrators and its soft friction.
@@ -34,7 +34,8 @@ class Servo:
 
 
 TUNED = ("armature", "damping", "friction")
-CASES: Mapping[str, Servo] = {
+SPREAD = {"armature": 1.5, "damping": 1.5, "friction": 2.0}  # a drawn servo lies within this factor, either way
+CASES: Mapping[str, Servo] = {  # the middle of what is drawn
     "nothing": Servo(),
     "delay": Servo(delay=0.010),
     "payload": Servo(payload=0.15),
@@ -98,6 +99,13 @@ def simulate(servo: Servo, t: np.ndarray, u: np.ndarray) -> np.ndarray:
         if k % every == 0:
             out.append(q)
     return np.array(out)
+
+
+def draw(case: str, rng: np.random.Generator) -> Servo:
+    """A servo with what the case hides; what may be retuned is drawn within SPREAD, even in the logarithm."""
+    middle = CASES[case]
+    values = {name: getattr(middle, name) * float(SPREAD[name] ** rng.uniform(-1.0, 1.0)) for name in TUNED}
+    return replace(middle, **values)
 
 
 def guess(servo: Servo, rng: np.random.Generator) -> Servo:

@@ -19,10 +19,12 @@ from benchmarks.head_to_head.servo import (
     LINK_INERTIA,
     LINK_MASS,
     MOTIONS,
+    SPREAD,
     TOOL,
     TUNED,
     Servo,
     command,
+    draw,
     guess,
     simulate,
 )
@@ -79,6 +81,14 @@ def test_every_motion_starts_at_rest_and_stays_small(motion):
     assert u[0] == 0 and 0.2 < np.abs(u).max() < 1.0
 
 
+def test_a_drawn_servo_hides_what_its_case_says_and_stays_within_its_spread():
+    drawn = [draw("delay", np.random.default_rng(seed)) for seed in range(200)]
+    assert {(s.delay, s.payload) for s in drawn} == {(0.010, 0.0)}
+    for name, factor in SPREAD.items():
+        ratios = np.array([getattr(s, name) for s in drawn]) / getattr(CASES["delay"], name)
+        assert 1 / factor <= ratios.min() < 0.8 and 1.2 < ratios.max() <= factor
+
+
 def test_a_guess_hides_nothing_and_stays_within_a_factor_of_two():
     given = guess(CASES["payload"], np.random.default_rng(1))
     assert (given.delay, given.payload) == (0.0, 0.0)
@@ -102,8 +112,8 @@ def test_the_project_reads_a_case(tmp_path):
     """`gap` takes its robot file, its runs and the models written from values; the true ones leave the least."""
     from benchmarks.head_to_head.ours import judge
 
-    write_case("delay", 0, tmp_path)
-    truth = {n: getattr(CASES["delay"], n) for n in TUNED}
+    servo, _ = write_case("delay", 0, tmp_path)
+    truth = {n: getattr(servo, n) for n in TUNED}
     diagnosis = write_model({"armature": 0.05}, tmp_path / "diagnosis.json")
     judged = judge(tmp_path, {"true": truth | {"delay": 0.01}, "blind": truth}, diagnosis)
     assert judged.gaps["true"] < 2 * judged.noise_floor < 0.3 * judged.gaps["blind"]
@@ -141,7 +151,7 @@ def match(case: str, seed: int, *, friction: float, named: float | None, interva
     verdict = "no_gap" if named is None else "effects"
     gaps = dict.fromkeys(("guess", "true", "told_nothing", f"told_{case}", "diagnosed"), 0.01)
     diagnosed = Diagnosed(verdict, said, intervals, dict.fromkeys(intervals, 0.9), [], [], 30.0)
-    return Match(case, seed, CASES[case], fits, diagnosed, Judged(gaps, 0.001), "")
+    return Match(case, seed, CASES[case], CASES[case], fits, diagnosed, Judged(gaps, 0.001), "")
 
 
 def test_a_match_survives_its_file(tmp_path):
@@ -192,8 +202,8 @@ def test_a_toolbox_without_its_extra_is_refused_with_the_install_command(monkeyp
 def test_the_toolbox_is_right_where_nothing_is_hidden(tmp_path):
     """What shows that it is driven as its manual says: only then do its errors elsewhere mean anything."""
     pytest.importorskip("tabulate", reason="the toolbox wants pip install 'residual-mpc[sysid]'")
-    given = write_case("nothing", 0, tmp_path)
+    truth, given = write_case("nothing", 0, tmp_path)
     found = toolbox.fit(tmp_path, given, None)
     for name in TUNED:
-        assert found.values[name] == pytest.approx(getattr(CASES["nothing"], name), rel=0.05)
+        assert found.values[name] == pytest.approx(getattr(truth, name), rel=0.05)
     assert found.says == "No Issues Detected"
