@@ -33,8 +33,8 @@ class Converged:
         result = self.solver(
             x0=np.concatenate([guess.ravel(), np.zeros(extra)]),
             p=parameters,
-            lbx=np.concatenate([np.full(n, s.limits.lower), np.zeros(extra)]),
-            ubx=np.concatenate([np.full(n, s.limits.upper), np.full(extra, np.inf)]),
+            lbx=np.concatenate([np.tile(m.low, len(guess)), np.zeros(extra)]),
+            ubx=np.concatenate([np.tile(m.high, len(guess)), np.full(extra, np.inf)]),
             lbg=np.concatenate(low),
             ubg=np.concatenate(rows),
         )
@@ -50,7 +50,7 @@ def converged(mpc: Mpc, iterations: int = 200) -> Converged:
 
     model, s = mpc.model, mpc.settings
     c = casadi_model(model)
-    n, nx, nu, ny = s.horizon, model.nx, model.nu, len(mpc.poses)
+    n, nx, nu, ny = s.horizon, model.nx, model.nu, len(model.stepped.tracked)
     plan, slack = ca.MX.sym("plan", nu, n), ca.MX.sym("slack", len(s.limits.soft))
     x0, sent, reference = ca.MX.sym("x", nx), ca.MX.sym("sent", nu), ca.MX.sym("reference", ny, n)
     p = ca.MX.sym("p", len(mpc.p))
@@ -60,9 +60,9 @@ def converged(mpc: Mpc, iterations: int = 200) -> Converged:
     x, last = x0, sent
     for k in range(n):
         x = c.f(x, plan[:, k], p)
-        y = ca.vertcat(*[x[int(i)] for i in mpc.poses])
+        y = ca.vertcat(*[x[int(i)] for i in mpc.poses]) if c.output is None else c.output(x)[0]
         e = y - reference[:, k]
-        if "pose.theta" in model.stepped.poses:
+        if "pose.theta" in model.stepped.tracked:
             turn = reference[2, k]
             e = ca.vertcat(
                 ca.cos(turn) * e[0] + ca.sin(turn) * e[1],
@@ -76,7 +76,8 @@ def converged(mpc: Mpc, iterations: int = 200) -> Converged:
         rows.append(change)
         last = plan[:, k]
         for j, limit in enumerate(s.limits.soft):
-            v = y[model.stepped.poses.index(limit.channel)]
+            at = model.stepped
+            v = y[at.tracked.index(limit.channel)] if limit.channel in at.tracked else x[at.states.index(limit.channel)]
             soft += [v - limit.lower + slack[j], limit.upper - v + slack[j]]
     for j, limit in enumerate(s.limits.soft):
         cost += limit.price * slack[j] + 0.5 * limit.square * slack[j] ** 2

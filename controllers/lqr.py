@@ -6,13 +6,13 @@ is the change of the command, so that lag and delay of the model and the last co
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from controllers.mpc import Info, build_mpc
-from controllers.riccati import controlled, stage_cost, with_last_command
+from controllers.riccati import controlled, slopes, stage_cost, with_last_command
 from controllers.settings import Limits, MpcSettings
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
@@ -20,16 +20,21 @@ from residual_mpc.export.casadi_model import casadi_model
 
 
 def backwards(
-    A: Sequence[np.ndarray], B: Sequence[np.ndarray], Q: np.ndarray, R: np.ndarray, end: np.ndarray
+    A: Sequence[np.ndarray],
+    B: Sequence[np.ndarray],
+    Q: np.ndarray | Sequence[np.ndarray],
+    R: np.ndarray,
+    end: np.ndarray,
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """K_k (nu, nx), k = 0 to n - 1, and P_k (nx, nx), k = 0 to n, of x_{k+1} = A_k x_k + B_k u_k, u_k = -K_k x_k.
 
-    x_0'P_0 x_0 is the least cost, Q and R a step and `end` at the end.
+    x_0'P_0 x_0 is the least cost, Q (one, or one a step) and R a step and `end` at the end.
     """
+    each = [Q] * len(A) if isinstance(Q, np.ndarray) else Q
     P, gains, costs = end, [], [end]
-    for a, b in zip(reversed(A), reversed(B), strict=True):
+    for a, b, q in zip(reversed(A), reversed(B), reversed(each), strict=True):
         K = np.linalg.solve(R + b.T @ P @ b, b.T @ P @ a)
-        P = Q + a.T @ P @ (a - b @ K)
+        P = q + a.T @ P @ (a - b @ K)
         P = 0.5 * (P + P.T)
         gains.append(K)
         costs.append(P)
@@ -58,7 +63,7 @@ class Lqr:
 
     def init(self) -> LqrState:
         """At rest, nothing sent yet."""
-        return LqrState(0, np.clip(np.zeros(self.model.nu), self.limits.lower, self.limits.upper))
+        return LqrState(0, np.clip(self.model.hold(self.x[0]), *self.limits.box(self.model.nu)))
 
     def step(self, state: LqrState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, LqrState, Info]:
         """Command (nu,) from the estimate x (nx,). Of `reference` nothing is read: the trajectory was planned ahead."""
@@ -66,7 +71,7 @@ class Lqr:
 
         begin = time.perf_counter()
         k = min(state.sample, len(self.u) - 1)
-        before = self.u[k - 1] if k else np.zeros(self.model.nu)
+        before = self.u[k - 1] if k else self.model.hold(self.x[0])
         off = x - self.x[k]
         if "pose.theta" in self.model.stepped.states:
             i = self.model.stepped.states.index("pose.theta")
@@ -76,7 +81,7 @@ class Lqr:
         wanted = state.sent + change if good else state.sent
         most = self.limits.rate * self.model.build.dt
         command = np.clip(wanted, state.sent - most, state.sent + most)
-        command = np.clip(command, self.limits.lower, self.limits.upper)
+        command = np.clip(command, *self.limits.box(self.model.nu))
         outcome = "solved" if good else "shifted"
         info = Info(outcome, time.perf_counter() - begin, float("nan"), 0)  # type: ignore[arg-type]
         return command, LqrState(state.sample + 1, command), info
@@ -86,26 +91,29 @@ class Lqr:
         raise BadInput("an LQR cannot learn while it drives", self.model.robot.name, "take --controller mpc")
 
 
-def build_lqr(model: Augmented, path: np.ndarray, settings: MpcSettings) -> Lqr:
-    """Gains along `path` (n + horizon, ny), poses a sample apart, from rest at its first pose.
+def build_lqr(model: Augmented, path: np.ndarray, settings: MpcSettings, at: Mapping[str, float] | None = None) -> Lqr:
+    """Gains along `path` (n + horizon, ny), what is tracked a sample apart, from rest at its first row; at: the poses
+    there, where they are not what is tracked.
 
     The trajectory is the one that the MPC drives on the model itself: it keeps the limits, and the model can follow it.
     """
     mpc = build_mpc(model, replace(settings, budget=math.inf))
     n = len(path) - settings.horizon
-    x, state = model.start(dict(zip(model.stepped.poses, path[0].tolist(), strict=True))), mpc.init()
-    stage = casadi_model(model).stage
-    xs, us, A, B = [x], [], [], []
+    begin = at if at is not None else dict(zip(model.stepped.poses, path[0].tolist(), strict=True))
+    x, state = model.start(begin), mpc.init()
+    c = casadi_model(model)
+    xs, us, A, B, Q = [x], [], [], [], []
     states = controlled(model)
     for k in range(n):
         u, state, _ = mpc.step(state, x, path[k + 1 : k + 1 + settings.horizon])
-        new, a, b = (np.array(v) for v in stage(x, u, model.p))
+        new, a, b = (np.array(v) for v in c.stage(x, u, model.p))
         bigger = with_last_command(a[np.ix_(states, states)], b[states])
         A.append(bigger[0])
         B.append(bigger[1])
+        cost, R = stage_cost(settings.weights, model, states, slopes(c, model, x, states))
+        Q.append(cost)
         x = new.ravel()
         xs.append(x)
         us.append(u)
-    Q, R = stage_cost(settings.weights, model, states)
-    gains, _ = backwards(A, B, Q, R, 10.0 * Q)
+    gains, _ = backwards(A, B, Q, R, 10.0 * Q[-1])
     return Lqr(model, settings.limits, np.array(xs), np.array(us), np.array(gains), states)

@@ -21,6 +21,7 @@ from controllers.qp import Qp, QpSolver, qp_solver
 from controllers.riccati import terminal_cost
 from controllers.rollout import Rollout, rollout
 from controllers.settings import MpcSettings
+from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 
 Outcome = Literal["solved", "inaccurate", "shifted"]
@@ -57,7 +58,8 @@ class Mpc:
     settings: MpcSettings
     p: np.ndarray
     roll: Rollout
-    poses: np.ndarray  # (ny,) places of the poses in x
+    low: np.ndarray  # (nu,) of the commands
+    high: np.ndarray  # (nu,)
     roots: tuple[np.ndarray, np.ndarray]  # (ny, ny) each: square roots of the cost of a stage and of the end
     change: np.ndarray  # (N nu, N nu): changes of the command, from the plan; the first against what was sent last
     fixed: np.ndarray  # (N nu, N nu): what commands and their changes cost, the part of H that never changes
@@ -66,10 +68,14 @@ class Mpc:
     def horizon(self) -> int:
         return self.settings.horizon
 
+    @property
+    def poses(self) -> np.ndarray:
+        """(ny,) places of the model's poses in x."""
+        return np.array([self.model.stepped.states.index(c) for c in self.model.stepped.poses])
+
     def init(self) -> PlanState:
         """At rest, nothing sent yet."""
-        plan = np.zeros((self.horizon, self.model.nu))
-        plan = np.clip(plan, self.settings.limits.lower, self.settings.limits.upper)
+        plan = np.clip(np.tile(self.model.hold(self.model.start()), (self.horizon, 1)), self.low, self.high)
         engine = qp_solver(self.settings.solver, self._pattern(), self.settings.budget)
         return PlanState(plan, plan[0].copy(), 0, 0, engine)
 
@@ -78,8 +84,9 @@ class Mpc:
         return replace(self, p=np.asarray(p, dtype=np.float64))
 
     def step(self, state: PlanState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, PlanState, Info]:
-        """Command (nu,) from the estimated state x (nx,) and the poses wanted at the next N samples (N, ny)."""
+        """Command (nu,) from the estimated state x (nx,) and the outputs wanted at the next N samples (N, ny)."""
         begin = time.perf_counter()
+        state = self._begun(state, x)
         plan = self._within(np.concatenate([state.plan[1:], state.plan[-1:]]), state.sent)
         outcome: Outcome = "shifted"
         cost = float("nan")
@@ -101,6 +108,13 @@ class Mpc:
         info = Info(outcome, time.perf_counter() - begin, cost, failures)
         return command, PlanState(plan, command, state.samples + 1, failures, state.engine), info
 
+    def _begun(self, state: PlanState, x: np.ndarray) -> PlanState:
+        """Before the first sample a robot is held where it is."""
+        if state.samples or not np.isfinite(x).all():
+            return state
+        plan = np.clip(np.tile(self.model.hold(x), (self.horizon, 1)), self.low, self.high)
+        return replace(state, plan=plan, sent=plan[0].copy())
+
     def _idle(self, qp: Qp) -> np.ndarray:
         """The z of the shifted plan itself: no change, and the slacks that it needs."""
         z, m = np.zeros(len(qp.g)), self.horizon * self.model.nu
@@ -112,8 +126,8 @@ class Mpc:
 
     def _within(self, plan: np.ndarray, sent: np.ndarray) -> np.ndarray:
         """The plan with every limit on commands kept to the last bit, whatever a solver's tolerance is."""
-        limits, most = self.settings.limits, self.settings.limits.rate * self.model.build.dt
-        plan = np.clip(plan, limits.lower, limits.upper)
+        most = self.settings.limits.rate * self.model.build.dt
+        plan = np.clip(plan, self.low, self.high)
         if not np.isfinite(most):
             return plan
         steps = np.diff(plan, axis=0, prepend=sent[None])
@@ -128,8 +142,9 @@ class Mpc:
     def _program(self, x: np.ndarray, plan: np.ndarray, sent: np.ndarray, reference: np.ndarray) -> Qp:
         """The Gauss-Newton program about the plan; z = (change of the plan, one slack a soft limit)."""
         s, n, m = self.settings, self.horizon, plan.size
-        y = self.roll.drive(x, plan, self.p)[:, self.poses]  # (N, ny)
-        S = self.roll.condense()[:, self.poses]  # (N, ny, m)
+        states = self.roll.drive(x, plan, self.p)  # (N, nx)
+        slopes = self.roll.condense()  # (N, nx, m)
+        y, S = self.roll.task(states, slopes)  # (N, ny), (N, ny, m)
         e = y - reference
         roots = self._in_frame(reference, e)
         M = np.matmul(roots, S).reshape(-1, m)
@@ -143,7 +158,7 @@ class Mpc:
         H = M.T @ M
         H += self.fixed
         g = M.T @ r + w * (steps @ self.change) + v * u
-        low, high = s.limits.lower - u, s.limits.upper - u
+        low, high = (self.low - plan).ravel(), (self.high - plan).ravel()
         most = min(s.limits.rate * self.model.build.dt, 1e20)
         if not extra:
             return Qp(H, g, low, high, self.change, -most - steps, most - steps)
@@ -154,13 +169,22 @@ class Mpc:
         lows, highs = [-most - steps], [most - steps]
         for j, soft in enumerate(s.limits.soft):
             g[m + j] = soft.price * soft.square**-0.5
-            place = self.model.stepped.poses.index(soft.channel)
+            value, slope = self._channel(soft.channel, y, S, states, slopes)
             slack = np.zeros((n, extra))
             slack[:, j] = soft.square**-0.5  # a slack in units that cost one: first-order solvers need it
-            rows += [np.hstack([S[:, place], slack]), np.hstack([-S[:, place], slack])]
-            lows += [soft.lower - y[:, place], y[:, place] - soft.upper]
+            rows += [np.hstack([slope, slack]), np.hstack([-slope, slack])]
+            lows += [soft.lower - value, value - soft.upper]
             highs += [np.full(n, 1e20)] * 2
         return Qp(H, g, low, high, np.vstack(rows), np.concatenate(lows), np.concatenate(highs))
+
+    def _channel(
+        self, name: str, y: np.ndarray, S: np.ndarray, states: np.ndarray, slopes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) and its derivative (N, m) of something tracked, or of a state."""
+        at = self.model.stepped
+        if name in at.tracked:
+            return y[:, at.tracked.index(name)], S[:, at.tracked.index(name)]
+        return states[:, at.states.index(name)], slopes[:, at.states.index(name)]
 
     def _in_frame(self, reference: np.ndarray, e: np.ndarray) -> np.ndarray:
         """(N, ny, ny) roots of the cost, turned from the reference's frame into the world's; wraps e's heading."""
@@ -168,7 +192,7 @@ class Mpc:
         n, ny = reference.shape
         out = np.broadcast_to(stage, (n, ny, ny)).copy()
         out[-1] = end
-        if "pose.theta" not in self.model.stepped.poses:
+        if "pose.theta" not in self.model.stepped.tracked:
             return out
         e[:, 2] = np.remainder(e[:, 2] + np.pi, 2 * np.pi) - np.pi
         c, s = np.cos(reference[:, 2, None]), np.sin(reference[:, 2, None])
@@ -186,22 +210,26 @@ class Mpc:
 def build_mpc(model: Augmented, settings: MpcSettings) -> Mpc:
     """Compile the stages and work out the terminal cost; a second or two.
 
-    Raises BadInput where the weights do not fit the model's poses, or a soft limit names an unknown channel.
+    Raises BadInput where weights or limits do not fit the model, or a soft limit names an unknown channel.
     """
-    from residual_mpc.errors import BadInput
-
-    ny, n, nu = len(model.stepped.poses), settings.horizon, model.nu
+    at = model.stepped
+    ny, n, nu = len(at.tracked), settings.horizon, model.nu
     if len(settings.weights.error) != ny:
         came = f"{len(settings.weights.error)} weights came for {ny} poses"
-        raise BadInput(came, model.robot.name, "give one a pose")
+        raise BadInput(came, model.robot.name, f"give one each for {', '.join(at.tracked)}")
     for soft in settings.limits.soft:
-        if soft.channel not in model.stepped.poses:
-            known = ", ".join(model.stepped.poses)
+        if soft.channel not in (*at.tracked, *at.states):
+            known = ", ".join(dict.fromkeys((*at.tracked, *at.poses)))
             raise BadInput(f"a soft limit on {soft.channel!r}", model.robot.name, f"name one of {known}")
+    try:
+        low, high = settings.limits.box(nu)
+    except ValueError as error:
+        raise BadInput(
+            f"limits for other than {nu} commands: {error}", model.robot.name, "give one, or one each"
+        ) from None
     stage = np.diag(1.0 / np.array(settings.weights.error))
     end = np.linalg.cholesky(terminal_cost(model, settings.weights, settings.cruise)).T
     change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
-    poses = np.array([model.stepped.states.index(c) for c in model.stepped.poses])
     w, v = settings.weights.change**-2.0, settings.weights.command**-2.0
     fixed = w * (change.T @ change) + v * np.eye(n * nu)
-    return Mpc(model, settings, model.p, rollout(model, n, settings.compile), poses, (stage, end), change, fixed)
+    return Mpc(model, settings, model.p, rollout(model, n, settings.compile), low, high, (stage, end), change, fixed)

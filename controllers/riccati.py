@@ -5,9 +5,10 @@ import numpy as np
 from controllers.settings import Weights
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
-from residual_mpc.export.casadi_model import casadi_model
+from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 
-UNCONTROLLED = ("clock", "disturbance.", "last.")  # states that no command moves, or that only the network reads
+# states that no command moves, or that only the network reads or writes
+UNCONTROLLED = ("clock", "disturbance.", "last.", "offset.")
 SETTLED = 3.0  # s, after which a lag or delay of a steady command has settled
 
 
@@ -32,10 +33,14 @@ def dlqr(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np
 
 
 def steady_motion(model: Augmented, cruise: float) -> tuple[np.ndarray, np.ndarray]:
-    """(x (nx,), u (nu,)): straight on along x at about `cruise` m/s, all memory settled, at the origin.
+    """(x (nx,), u (nu,)): straight on along x at about `cruise` m/s, all memory settled, at the origin; a fixed robot:
+    held at home.
 
     Equal commands to all actuators, as large as the model needs: found by one secant step over a settled drive.
     """
+    if model.stepped.holding is not None:
+        u = model.hold(model.start())
+        return _settle(model, u), u
     u = np.full(model.nu, 1.0)
     for _ in range(4):
         x = _settle(model, u)
@@ -69,27 +74,44 @@ def with_last_command(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndar
     return bigger, np.vstack([B, np.eye(m)])
 
 
-def stage_cost(weights: Weights, model: Augmented, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Q over (states, last command) and R over the change."""
-    q = np.zeros(len(states) + model.nu)
-    where = [int(np.flatnonzero(states == model.stepped.states.index(c))[0]) for c in model.stepped.poses]
-    q[where] = np.array(weights.error) ** -2.0
-    q[len(states) :] = weights.command**-2.0
-    return np.diag(q), np.eye(model.nu) * weights.change**-2.0
+def slopes(c: CasadiModel, model: Augmented, x: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """(ny, states) of what is tracked, by the states of these indices, at x (nx,)."""
+    if c.output is None:
+        tracked = [model.stepped.states.index(name) for name in model.stepped.tracked]
+        return np.asarray(np.eye(model.nx)[tracked][:, states])
+    return np.array(c.output(x)[1])[:, states]
+
+
+def stage_cost(
+    weights: Weights, model: Augmented, states: np.ndarray, C: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Q over (states, last command) and R over the change. C (ny, states): slopes of what is tracked, by default those
+    of a robot at its rest.
+    """
+    if C is None:
+        C = slopes(casadi_model(model), model, model.start(), states)
+    Q = np.zeros((len(states) + model.nu,) * 2)
+    root = C / np.array(weights.error)[:, None]
+    Q[: len(states), : len(states)] = root.T @ root
+    Q[len(states) :, len(states) :] = np.eye(model.nu) * weights.command**-2.0
+    return Q, np.eye(model.nu) * weights.change**-2.0
 
 
 def terminal_cost(model: Augmented, weights: Weights, cruise: float) -> np.ndarray:
-    """(ny, ny) cost of a pose error at the horizon's end, in the reference's own frame: the Riccati solution at a
-    steady motion, its pose block.
+    """(ny, ny) cost of an error at the horizon's end, a planar one in the reference's own frame: the Riccati solution
+    at a steady motion, its block of poses, brought to what is tracked.
     """
     states = controlled(model)
-    A, B = linearise(model, *steady_motion(model, cruise))
+    x, u = steady_motion(model, cruise)
+    A, B = linearise(model, x, u)
     A, B = with_last_command(A[np.ix_(states, states)], B[states])
-    Q, R = stage_cost(weights, model, states)
+    C = slopes(casadi_model(model), model, x, states)
+    Q, R = stage_cost(weights, model, states, C)
     Q = Q + 1e-9 * np.eye(len(Q))  # memory that no error sees is still to be detectable
     _, P = dlqr(A, B, Q, R)
     where = [int(np.flatnonzero(states == model.stepped.states.index(c))[0]) for c in model.stepped.poses]
-    block = P[np.ix_(where, where)]
+    back = np.linalg.pinv(C[:, where])  # the least move of the poses that makes an error
+    block = back.T @ P[np.ix_(where, where)] @ back
     return 0.5 * (block + block.T)
 
 

@@ -18,6 +18,7 @@ class Rollout:
     steps: int
     call: Buffered
     sensitivity: np.ndarray  # (steps + 1, nx, steps * nu) dx_k / dU, filled below the diagonal
+    tracked: np.ndarray | None  # (ny,) places in x of what is tracked; None where it is a function of the state
 
     def drive(self, x: np.ndarray, plan: np.ndarray, p: np.ndarray) -> np.ndarray:
         """(steps, nx) states after each step, from x (nx,) under plan (steps, nu) and parameters p (np,)."""
@@ -37,12 +38,21 @@ class Rollout:
             s[k + 1, :, k * m : (k + 1) * m] = b[k]
         return s[1:]
 
+    def task(self, states: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(y (steps, ny), dy / dU (steps, ny, steps * nu)) of what is tracked, from what `drive`, `condense` gave."""
+        if self.tracked is not None:
+            return states[:, self.tracked], slopes[:, self.tracked]
+        y = self.call.results[3].reshape(self.steps, -1)
+        c = self.call.results[4].reshape(self.steps, self.nx, -1).transpose(0, 2, 1)
+        return y, np.matmul(c, slopes)
+
 
 def rollout(model: Augmented, steps: int, compile: bool) -> Rollout:
     """Build it; a second or two where it is compiled, the first time in a process."""
     import casadi as ca
 
-    stage = casadi_model(model).stage
+    c = casadi_model(model)
+    stage, output = c.stage, c.output
     x, plan, p = ca.MX.sym("x", model.nx), ca.MX.sym("plan", model.nu, steps), ca.MX.sym("p", len(model.p))
     states, a, b = [], [], []
     at = x
@@ -52,8 +62,15 @@ def rollout(model: Augmented, steps: int, compile: bool) -> Rollout:
         a.append(ak)
         b.append(bk)
     outputs = [ca.horzcat(*states), ca.horzcat(*a), ca.horzcat(*b)]
+    n, m, ny = model.nx, model.nu, len(model.stepped.tracked)
+    lengths = [n * steps, n * n * steps, n * m * steps]
+    tracked = None
+    if output is None:
+        tracked = np.array([model.stepped.states.index(name) for name in model.stepped.tracked])
+    else:
+        found = [output(x) for x in states]
+        outputs += [ca.horzcat(*[y for y, _ in found]), ca.horzcat(*[slope for _, slope in found])]
+        lengths += [ny * steps, ny * n * steps]
     function = compiled(ca.Function("rollout", [x, plan, p], outputs), compiler() if compile else None)
-    n, m = model.nx, model.nu
-    sizes = (n, m * steps, len(model.p))
-    call = buffered(function, sizes, (n * steps, n * n * steps, n * m * steps))
-    return Rollout(n, m, steps, call, np.zeros((steps + 1, n, m * steps)))
+    call = buffered(function, (n, m * steps, len(model.p)), lengths)
+    return Rollout(n, m, steps, call, np.zeros((steps + 1, n, m * steps)), tracked)

@@ -13,7 +13,7 @@ Solver = Literal["osqp", "daqp"]
 class Weights:
     """Cost a step: error' Q error + change' S change + command' R command, over deviations in the units below.
 
-    error: a channel's error that costs 1 (its unit), in the order of the model's poses; for a planar robot along,
+    error: a channel's error that costs 1 (its unit), in the order of what the model tracks; for a planar robot along,
     across and heading. command, change: the deviation from the reference's command, and the change from one step to the
     next, that cost 1 (actuator unit).
     """
@@ -29,7 +29,7 @@ class Weights:
 
 @dataclass(frozen=True)
 class Soft:
-    """A limit on a pose channel that may be passed at a price: `price` a unit, and `square` a unit squared."""
+    """A limit on a tracked channel or a state, to be passed at a price: `price` a unit, and `square` a unit squared."""
 
     channel: str
     lower: float
@@ -44,18 +44,23 @@ class Soft:
 
 @dataclass(frozen=True)
 class Limits:
-    """lower, upper: of every command, actuator unit, never passed; rate: largest change a second, inf for none;
-    soft: see Soft.
+    """lower, upper: of every command, or one a command, actuator unit, never passed; rate: largest change a second,
+    inf for none; soft: see Soft.
     """
 
-    lower: float = -12.0  # rad/s
-    upper: float = 12.0  # rad/s
+    lower: float | tuple[float, ...] = -12.0  # rad/s
+    upper: float | tuple[float, ...] = 12.0  # rad/s
     rate: float = 100.0  # rad/s^2
     soft: tuple[Soft, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.lower) and np.isfinite(self.upper) and self.lower < self.upper and self.rate > 0):
+        low, high = np.asarray(self.lower, dtype=np.float64), np.asarray(self.upper, dtype=np.float64)
+        if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all() and self.rate > 0):
             raise ValueError(f"limits have to be finite, lower below upper, the rate positive: {self}")
+
+    def box(self, nu: int) -> tuple[np.ndarray, np.ndarray]:
+        """(nu,) lower and (nu,) upper. Raises ValueError where as many limits came as there are no commands."""
+        return np.broadcast_to(self.lower, nu).astype(np.float64), np.broadcast_to(self.upper, nu).astype(np.float64)
 
 
 @dataclass(frozen=True)

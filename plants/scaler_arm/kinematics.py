@@ -37,6 +37,7 @@ class Chain:
     wrist_centre: tuple[float, float, float]  # m, in e
     wrist: tuple[Rotation, Rotation, Rotation]  # wrist1 in e, wrist2 in wrist1, wrist3 in wrist2
     gripper: Rotation  # in wrist3
+    gripper_at: tuple[float, float, float]  # m, in wrist3
     tool: tuple[float, float, float]  # m, in wrist3
 
 
@@ -51,6 +52,7 @@ def chain(arm: Arm = SCALER) -> Chain:
         wrist[0].xyz,
         (constant(wrist[0].rpy), constant(wrist[1].rpy), constant(wrist[2].rpy)),
         gripper,
+        arm.gripper.xyz,
         (x, y, z),
     )
 
@@ -60,7 +62,7 @@ class Posture:
     """Where everything is, in the mount's frame; every entry an array of the angles' shape (or a constant).
 
     tool, wrist_centre, end_f (far end of link f) m; gripper: the tool's frame; axes: of the three wrist joints; out:
-    the plane's outward direction.
+    the plane's outward direction; frames: of e, wrist1, wrist2 and wrist3.
     """
 
     tool: Vector
@@ -69,6 +71,7 @@ class Posture:
     end_f: Vector
     axes: tuple[Vector, Vector, Vector]
     out: Vector
+    frames: tuple[Rotation, Rotation, Rotation, Rotation]
 
 
 def posture(ops: Ops, arm: Chain, q: Angles) -> Posture:
@@ -78,12 +81,13 @@ def posture(ops: Ops, arm: Chain, q: Angles) -> Posture:
     e = _frame_e(ops, arm.bar, out, side, end_f, c)
     start = _lift(out, end_f)
     centre = add(start, apply(e, arm.wrist_centre))
-    frame, axes = e, []
+    frames = [e]
     for turn, angle in zip(arm.wrist, q[3:], strict=True):
-        frame = about_z(ops, after(frame, turn), angle)
-        axes.append(frame[2])
-    tool = add(centre, apply(frame, arm.tool))
-    return Posture(tool, after(frame, arm.gripper), centre, start, (axes[0], axes[1], axes[2]), out)
+        frames.append(about_z(ops, after(frames[-1], turn), angle))
+    tool = add(centre, apply(frames[3], arm.tool))
+    axes = (frames[1][2], frames[2][2], frames[3][2])
+    found = (frames[0], frames[1], frames[2], frames[3])
+    return Posture(tool, after(frames[3], arm.gripper), centre, start, axes, out, found)
 
 
 def tool_point(ops: Ops, arm: Chain, q: Angles) -> Vector:

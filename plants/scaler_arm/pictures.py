@@ -1,6 +1,6 @@
 """Pictures of the arm's motions, to be held against the paper's figure of the manipulator's trajectories.
 
-    python -m plants.scaler_arm.pictures docs/images
+python -m plants.scaler_arm.pictures docs/images
 """
 
 import sys
@@ -55,20 +55,24 @@ def draw(motion: Motion, path: Path) -> None:
         axes.set(xlim=(-0.05, 0.3), ylim=(-0.2, 0.15), zlim=(-0.42, 0.0), title=f"t = {t[k]:.0f} s")
         axes.set_box_aspect((0.35, 0.35, 0.42))
         axes.view_init(elev=28, azim=-60)
-        axes.tick_params(labelsize=6)
+        axes.tick_params(labelsize=6, pad=-2)
+        axes.set_xticks((0.0, 0.1, 0.2, 0.3))
+        axes.set_yticks((-0.1, 0.0, 0.1))
+        axes.set_zticks((-0.4, -0.3, -0.2, -0.1, 0.0))
     above = figure.add_subplot(grid[1, 0])
     above.plot(1e3 * wanted[:, 0], 1e3 * wanted[:, 1], color="tab:red")
     above.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", title="from above")
+    above.set_xticks(range(140, 221, 40))
     over = figure.add_subplot(grid[1, 1:3])
     for axis, name in enumerate("xyz"):
         over.plot(t, 1e3 * (tool[:, axis] - wanted[:, axis].mean()), label=name)
     over.set(xlabel="t (s)", ylabel="tool, about its mean (mm)")
-    over.legend(loc="upper right", fontsize=8)
+    over.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8, frameon=False)
     angles = figure.add_subplot(grid[1, 3])
     for i, name in enumerate(MOTORS):
         angles.plot(t, q[:, i], label=name)
     angles.set(xlabel="t (s)", ylabel="motor (rad)")
-    angles.legend(fontsize=6, ncols=2)
+    angles.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7, ncols=3, frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=100)
     plt.close(figure)

@@ -1,7 +1,7 @@
 """Runs of the arm, to be diagnosed or learned from:
 
-    python -m plants.scaler_arm.record OUT.csv --engine pybullet --motion circle_with_line --seconds 60
-    python -m plants.scaler_arm.record OUT.csv --engine mujoco --twin --truth TRUTH.json
+python -m plants.scaler_arm.record OUT.csv --engine pybullet --motion circle_with_line --seconds 60
+python -m plants.scaler_arm.record OUT.csv --engine mujoco --twin --truth TRUTH.json
 """
 
 import json
@@ -18,6 +18,7 @@ from plants.scaler_arm.twin import ENCODERS, twin
 from plants.scaler_arm.withheld import TYPICAL, draw_withheld, truth
 from plants.sensors import Sensed
 from plants.simulator import Recording, Simulator, record, replaying, write_run
+from residual_mpc.errors import BadInput
 
 MOTIONS: dict[str, Motion] = {"circle_with_line": CircleWithLine(), "circle_with_height": CircleWithHeight()}
 ENGINES: dict[str, Simulator] = {"mujoco": MujocoArm(), "pybullet": PybulletArm()}
@@ -44,14 +45,21 @@ def main(
     truth_file: Path | None,
     seed: int,
 ) -> None:
+    if truth_file is not None and truth_file.resolve().parent == out.resolve().parent:
+        raise click.UsageError("--truth lies beside the run: what is withheld belongs elsewhere")
     rng = np.random.default_rng(seed)
     withheld = draw_withheld(rng) if draw else TYPICAL
     simulator: Simulator = twin(engine, withheld) if real else Sensed(ENGINES[engine], (ENCODERS,))
     t = period * np.arange(int(seconds / period + 1e-9) + 1)
     commands = references(MOTIONS[motion], t)
-    how = Recording(float(t[-1]), period, at_posture(commands[0]))
-    write_run(record(simulator, replaying(commands, period), how, rng), out)
+    try:
+        how = Recording(float(t[-1]), period, at_posture(commands[0]))
+        table = record(simulator, replaying(commands, period), how, rng)
+    except BadInput as error:
+        raise click.UsageError(str(error)) from error
+    write_run(table, out)
     if real and truth_file is not None:
+        truth_file.parent.mkdir(parents=True, exist_ok=True)
         truth_file.write_text(json.dumps(truth(withheld, engine), indent=2) + "\n")
 
 

@@ -24,21 +24,22 @@ def build(robot: RobotFile) -> "MujocoRobot":
     """
     import mujoco
 
-    from plants.mujoco_robot import MujocoRobot
     from plants.mujoco_robot.compile import limited
+    from plants.scaler_arm.stepping_arm import SteppingArm
 
     arm = with_servo(SCALER, robot)
     model = limited(mujoco.MjModel.from_xml_string(mjcf(arm)))
     places, dofs = (
         tuple(int(x) for n in MOTORS + PASSIVE for x in getattr(model.joint(n), kind)) for kind in ("qposadr", "dofadr")
     )
-    return MujocoRobot(
+    return SteppingArm(
         robot.name,
         model,
         (int(model.body("gripper").id), np.array(arm.tool)),
         robot.servo_feedback,
         robot.position_sensor,
         loops=FiveBarLoop(arm, places, dofs),
+        arm=arm,
     )
 
 

@@ -1,5 +1,4 @@
-"""What sets the twin apart from its models: scoring alone may open this record. Nothing that learns or diagnoses does.
-"""
+"""What sets the twin apart from its models: for scoring alone. Nothing that learns or diagnoses opens this record."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -87,8 +86,6 @@ def truth(withheld: Withheld, engine: str) -> dict[str, Any]:
     if withheld.counts:
         beyond.append(f"encoders of {withheld.counts} counts a turn")
     return {"schema": "residual-mpc/truth/1", "robot": "scaler_arm", "effects": effects, "beyond": beyond}
-
-
 
 
 def _loaded(body: Body, at: tuple[float, float, float], mass: float) -> Body:

@@ -10,7 +10,7 @@ from residual_mpc.closed_loop.episode import Episode
 from residual_mpc.closed_loop.estimator import Filter
 from residual_mpc.closed_loop.loop import Learner, LoopSettings, run_closed_loop
 from residual_mpc.closed_loop.metrics import Figures, figures
-from residual_mpc.closed_loop.protocols import Controller, Reference, Simulator
+from residual_mpc.closed_loop.protocols import Controller, Reading, Reference, Simulator
 
 DISTINCT = 0.05  # nominal and oracle that differ by less say nothing about what was recovered
 RESAMPLES = 2000
@@ -46,8 +46,11 @@ def compare(
     seeds: Sequence[int],
     limits: tuple[tuple[str, float, float], ...] = (),
     progress: Progress = lambda stage, done: None,
+    at: Reading | None = None,
 ) -> Comparison:
-    """Every contender drives every seed; a seed gives each of them the same plant and the same noise."""
+    """Every contender drives every seed; a seed gives each of them the same plant and the same noise. at: where they
+    begin, see `run_closed_loop`.
+    """
     out: dict[str, list[Episode]] = {name: [] for name in contenders}
     for i, seed in enumerate(seeds):
         for j, (name, c) in enumerate(contenders.items()):
@@ -55,7 +58,9 @@ def compare(
             learner = None if c.learner is None else c.learner()
             rng = np.random.default_rng(seed)
             label = f"{name}_{seed}"
-            episode = run_closed_loop(simulator, c.estimator, c.controller, reference, settings, rng, label, learner)
+            episode = run_closed_loop(
+                simulator, c.estimator, c.controller, reference, settings, rng, label, learner, at
+            )
             out[name].append(episode)
     return Comparison(
         {name: tuple(figures(e, limits) for e in es) for name, es in out.items()},

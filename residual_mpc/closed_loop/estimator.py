@@ -60,6 +60,7 @@ class Filter:
     Q: np.ndarray  # (nx, nx) a step
     late: int  # samples by which the sensors are late
     part: float  # share of a sample beyond that
+    anew: tuple[int, ...] = ()  # places in x that begin at 0 at each measurement
 
     def init(self, at: Mapping[str, float]) -> Belief:
         """At rest at a known pose, by channel."""
@@ -79,6 +80,9 @@ class Filter:
             waiting.append(np.asarray(command, dtype=np.float64))
         while len(waiting) > self.late:
             x, P = self._predict(x, P, waiting.popleft())
+        if self.anew:  # what a prediction adds up beside the poses begins at the measurement
+            x = x.copy()
+            x[list(self.anew)] = 0.0
         if len(waiting) == self.late:  # before that, the sensors speak of the time before the start
             x, P, rejected = self._correct(x, P, reading, rejected, waiting[0] if waiting else None)
         now = x
@@ -146,6 +150,8 @@ def build_filter(model: Augmented, settings: EstimatorSettings, compile: bool = 
     q[where] = np.square(settings.drift) * model.build.dt
     unknown = [i for i, s in enumerate(states) if s.startswith("disturbance.")]
     if unknown:
+        if len(settings.disturbance) != len(unknown):
+            raise ValueError(f"{len(settings.disturbance)} disturbances came for {len(unknown)} of the model")
         q[unknown] = np.square(settings.disturbance) * model.build.dt
     stage = compiled(casadi_model(model).stage, compiler() if compile else None)
     n, m = model.nx, model.nu
@@ -154,4 +160,6 @@ def build_filter(model: Augmented, settings: EstimatorSettings, compile: bool = 
     if "sensor_delay" in model.settings.effects:
         late = float(model.settings.effects["sensor_delay"]["delay"].max()) / model.build.dt
     whole = int(np.ceil(late - 1e-9))
-    return Filter(model, settings, model.p, call, where, np.diag(q), whole, float(late - np.floor(late + 1e-9)))
+    part = float(late - np.floor(late + 1e-9))
+    anew = tuple(states.index(name) for name in model.stepped.restarts)
+    return Filter(model, settings, model.p, call, where, np.diag(q), whole, part, anew)

@@ -8,6 +8,7 @@ import numpy as np
 from residual_mpc.closed_loop.episode import Episode
 from residual_mpc.closed_loop.estimator import Filter
 from residual_mpc.closed_loop.protocols import Controller, Reading, Reference, Simulator
+from residual_mpc.export.augmented import Augmented
 
 Learner = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray | None]
 # what an online learner sees at each sample: believed x (nx,), command (nu,), reading of the poses (ny,); it answers
@@ -35,16 +36,20 @@ def run_closed_loop(
     rng: np.random.Generator,
     name: str = "episode",
     learner: Learner | None = None,
+    at: Reading | None = None,
 ) -> Episode:
-    """Drive from the reference's first pose on. The same rng state gives the same plant, noise and episode.
+    """Drive from `at` on, by default from the reference's first pose. The same rng state gives the same plant, noise
+    and episode.
 
     Simulated time waits for the controller: how long it took is kept in the episode, and decides nothing here.
     """
     dt, n = settings.dt, settings.samples
-    poses = estimator.model.stepped.poses
+    model = estimator.model
+    poses, names = model.stepped.poses, model.stepped.tracked
     wanted = reference.path(dt * np.arange(n + controller.horizon))
-    at = dict(zip(poses, wanted[0].tolist(), strict=True))
-    rows = _Rows(n, len(simulator.actuators), len(poses), simulator.channels)
+    if at is None:
+        at = dict(zip(poses, wanted[0].tolist(), strict=True))
+    rows = _Rows(n, len(simulator.actuators), len(names), simulator.channels)
     plant = simulator.start(rng, at)
     try:
         belief, state = estimator.init(at), controller.init()
@@ -52,11 +57,12 @@ def run_closed_loop(
         for k in range(n):
             reading, truth = plant.measure(), plant.truth()
             x, belief = estimator.step(belief, command, reading)
-            ahead = _unwrapped(wanted[k + 1 : k + 1 + controller.horizon], x[estimator.poses], poses)
+            believed = model.outputs(x)
+            ahead = _unwrapped(wanted[k + 1 : k + 1 + controller.horizon], believed, names)
             command, state, info = controller.step(state, x, ahead)
-            rows.keep(k, reading, truth, command, x[estimator.poses], poses)
+            rows.keep(k, reading, tracked_of(model, truth), command, believed)
             rows.seconds[k], rows.outcomes[k] = info.seconds, info.outcome
-            rows.predicted[k] = (estimator.drive(x, command) - x)[estimator.poses] / dt
+            rows.predicted[k] = (model.outputs(estimator.drive(x, command)) - believed) / dt
             if learner is not None:
                 seen = np.array([reading.get(c, np.nan) for c in poses])
                 p = learner(x, command, seen)
@@ -70,9 +76,18 @@ def run_closed_loop(
     happened[:-1] = np.diff(rows.truth, axis=0) / dt
     rows.predicted[-1] = np.nan
     return Episode(
-        name, tuple(simulator.actuators), poses, dt * np.arange(n), rows.command, rows.measured, rows.truth,
+        name, tuple(simulator.actuators), names, dt * np.arange(n), rows.command, rows.measured, rows.truth,
         wanted[:n], rows.believed, rows.predicted, happened, rows.seconds, tuple(rows.outcomes),
     )  # fmt: skip
+
+
+def tracked_of(model: Augmented, reading: Reading) -> np.ndarray:
+    """(ny,) what the model tracks, as a reading has it; what it does not report, as the model has it of the poses."""
+    at = model.stepped
+    if at.output is None:
+        return np.array([reading[c] for c in at.poses])
+    y = model.outputs(model.start({c: reading[c] for c in at.poses}))
+    return np.array([reading.get(name, value) for name, value in zip(at.tracked, y.tolist(), strict=True)])
 
 
 def _unwrapped(ahead: np.ndarray, pose: np.ndarray, poses: tuple[str, ...]) -> np.ndarray:
@@ -94,11 +109,8 @@ class _Rows:
         self.measured = {c: np.full(n, np.nan) for c in channels}
         self.outcomes = [""] * n
 
-    def keep(
-        self, k: int, reading: Reading, truth: Reading, command: np.ndarray, believed: np.ndarray,
-        poses: tuple[str, ...],
-    ) -> None:  # fmt: skip
+    def keep(self, k: int, reading: Reading, truth: np.ndarray, command: np.ndarray, believed: np.ndarray) -> None:
         for c, values in self.measured.items():
             values[k] = reading.get(c, np.nan)
-        self.truth[k] = [truth[c] for c in poses]
+        self.truth[k] = truth
         self.command[k], self.believed[k] = command, believed

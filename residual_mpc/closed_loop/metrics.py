@@ -9,14 +9,16 @@ from residual_mpc.closed_loop.episode import Episode
 MEAN_OVER = 10.0  # s, of the H2 norm's mean (contract, section 3)
 CLOSE = 0.1  # share of the final value within which a mean has converged
 
+TURNS = ("turn.x", "turn.y", "turn.z")  # how far a hand is turned: angles, not lengths
+
 
 @dataclass(frozen=True)
 class Figures:
     """tracking_rmse, tracking_max: m, of the position (of all poses where the robot has no plane). heading_rmse: rad,
-    NaN without a heading. effort: RMS of the commands; violations: samples beyond a soft limit; failures: samples
-    without a solution; late: samples whose controller took longer than they last. solve: (median, 99th percentile) ms.
-    h2: mean H2 norm; h2_first, h2_last: over the first and the last 10 s; converged_after: s, None where it did not
-    fall.
+    of the heading or a hand's turn, NaN without either. effort: RMS of the commands; violations: samples beyond a soft
+    limit; failures: samples without a solution; late: samples whose controller took longer than they last. solve:
+    (median, 99th percentile) ms. h2: mean H2 norm; h2_first, h2_last: over the first and the last 10 s;
+    converged_after: s, None where it did not fall.
     """
 
     tracking_rmse: float
@@ -38,7 +40,10 @@ def h2_norm(episode: Episode) -> np.ndarray:
 
     The paper's figure; not the norm of a system, which is infinite for anything that integrates.
     """
-    return np.linalg.norm((episode.happened - episode.predicted)[:-1], axis=1)
+    off = (episode.happened - episode.predicted)[:-1]
+    if set(TURNS) <= set(episode.poses):
+        off = off[:, _places(episode)]
+    return np.asarray(np.linalg.norm(off, axis=1))
 
 
 def h2_over_time(episode: Episode) -> tuple[np.ndarray, np.ndarray]:
@@ -62,10 +67,12 @@ def converged_after(t: np.ndarray, mean: np.ndarray) -> float | None:
 
 def path_error(episode: Episode) -> np.ndarray:
     """(n,) m: distance from where the robot should be at that moment."""
-    e = episode.truth - episode.reference
-    if "pose.theta" in episode.poses:
-        e = np.delete(e, episode.poses.index("pose.theta"), axis=1)
-    return np.linalg.norm(e, axis=1)
+    return np.asarray(np.linalg.norm((episode.truth - episode.reference)[:, _places(episode)], axis=1))
+
+
+def _places(episode: Episode) -> list[int]:
+    """Which of what is tracked are lengths."""
+    return [i for i, c in enumerate(episode.poses) if c != "pose.theta" and c not in TURNS]
 
 
 def figures(episode: Episode, limits: tuple[tuple[str, float, float], ...] = (), settle: float = 0.0) -> Figures:
@@ -77,9 +84,13 @@ def figures(episode: Episode, limits: tuple[tuple[str, float, float], ...] = (),
         i = episode.poses.index("pose.theta")
         off = (episode.truth - episode.reference)[keep, i]
         heading = float(np.sqrt(np.mean((np.remainder(off + np.pi, 2 * np.pi) - np.pi) ** 2)))
+    elif set(TURNS) <= set(episode.poses):
+        turned = (episode.truth - episode.reference)[keep][:, [episode.poses.index(c) for c in TURNS]]
+        heading = float(np.sqrt(np.mean(np.sum(turned**2, axis=1))))
     beyond = np.zeros(len(episode.t), dtype=bool)
     for channel, lower, upper in limits:
-        value = episode.truth[:, episode.poses.index(channel)]
+        known = channel in episode.poses
+        value = episode.truth[:, episode.poses.index(channel)] if known else episode.measured[channel]
         beyond |= (value < lower) | (value > upper)
     t, mean = h2_over_time(episode)
     ms = 1e3 * episode.seconds

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.augmented import Augmented, with_residual
-from residual_mpc.export.network import remembered, residual_delta
+from residual_mpc.export.network import READS, remembered, residual_delta
 from residual_mpc.models.protocol import Drive
 from residual_mpc.residual.record import Residual
 from residual_mpc.residual.robot import ResidualRobot
@@ -20,13 +20,15 @@ BEYOND = 1.5  # times the limit of a network's inputs: the export has to hold th
 @dataclass(frozen=True)
 class Sampling:
     """points: sampled states and commands; steps: of a replayed trajectory; command: largest, actuator units, where
-    no network's limit asks for more; pose: largest coordinate, m and rad.
+    no network's limit asks for more; pose: largest coordinate, m and rad. A robot that states the reach of its commands
+    is sampled within it, and its trajectory goes from one posture to another in `move` s.
     """
 
     points: int = 500
     steps: int = 40
     command: float = 10.0
     pose: float = 3.0
+    move: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Agreement:
 
     step: the exported step against the model in numpy, at sampled states and commands. replay: the model in numpy
     against the replay of diagnosis and learning, over sampled trajectories of poses; where the network was learned at
-    another step, without it.
+    another step, or on a task, without it.
     network: the exported network against the learned one, in its outputs' units; 0 without one.
     """
 
@@ -64,20 +66,28 @@ def sample(model: Augmented, rng: np.random.Generator, s: Sampling) -> tuple[np.
     """
     at = model.start()
     x = np.repeat(at[None], s.points, axis=0)
-    u = rng.uniform(-s.command, s.command, (s.points, model.nu))
+    low, high = _reach(model, s.command)
+    u = rng.uniform(low, high, (s.points, model.nu))
     for _ in range(12):
         x = model.numpy_step(x, u)
-        u = rng.uniform(-s.command, s.command, u.shape)
-    for name in model.stepped.poses:
-        x[:, model.stepped.states.index(name)] = rng.uniform(-s.pose, s.pose, s.points)
+        u = rng.uniform(low, high, u.shape)
+    for i, name in enumerate(model.stepped.poses):
+        span = model.stepped.reach[i] if model.stepped.reach else (-s.pose, s.pose)
+        x[:, model.stepped.states.index(name)] = rng.uniform(*span, s.points)
     r = model.residual
-    if r is not None and np.isfinite(r.limit):
+    if r is not None and np.isfinite(r.limit) and r.form in READS:
         far = slice(3 * s.points // 4, None)
         z = _inputs(r, rng, s.points)[far]
         for i, name in enumerate(remembered(r)):
             x[far, model.stepped.states.index(f"last.{name}")] = z[:, i]
         u[far] = z[:, -model.nu :]
     return x, u
+
+
+def _reach(model: Augmented, command: float) -> tuple[np.ndarray, np.ndarray]:
+    """(nu,) lowest and highest commands to sample."""
+    reach = model.stepped.reach or ((-command, command),) * model.nu
+    return np.array([r[0] for r in reach]), np.array([r[1] for r in reach])
 
 
 def _inputs(r: Residual, rng: np.random.Generator, points: int) -> np.ndarray:
@@ -88,33 +98,54 @@ def _inputs(r: Residual, rng: np.random.Generator, points: int) -> np.ndarray:
 
 def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> float:
     learned = model.residual
-    if learned is not None and abs(learned.step - model.build.dt) > 1e-9:
+    if learned is not None and (abs(learned.step - model.build.dt) > 1e-9 or learned.form not in READS):
         learned = None
     bare = with_residual(model, learned)
     if model.build.disturbances or model.build.smooth > 0:  # a replay knows neither: they are 0 in the comparison
         bare = with_residual(replace(model, build=replace(model.build, smooth=0.0, disturbances=False)), learned)
-    dt, rows = model.build.dt, 20
+    u = _trajectories(bare, learned, rng, s)
+    dt, (rows, steps, _) = model.build.dt, u.shape
     lead = int(np.ceil(PREFACE / dt))
+    at = bare.start()
+    states = bare.stepped.states
+    start = {c: np.full(rows, at[states.index(c)] if c in states else 0.0) for c in _start_channels(bare)}
+    grid = max(1, round(dt / (bare.robot.step or dt)))  # the model's own steps within one of ours
+    drive = Drive(dt / grid, 0, np.repeat(u, grid, axis=1), None, np.full(rows, model.build.clock))
+    source = bare.robot if learned is None else ResidualRobot(bare.robot, learned)
+    nodes = source.replay(start, drive, bare.settings.take(np.zeros(rows, dtype=int)), bare.stepped.poses)
+    x = np.repeat(at[None], rows, axis=0)
+    for k in range(lead):
+        x = bare.numpy_step(x, u[:, k])
+    where = [states.index(c) for c in bare.stepped.poses]
+    x[:, where] = np.stack([nodes[c][:, lead * grid] for c in bare.stepped.poses], axis=-1)
+    worst = 0.0
+    for k in range(lead, steps):
+        x = bare.numpy_step(x, u[:, k])
+        there = np.stack([nodes[c][:, (k + 1) * grid] for c in bare.stepped.poses], axis=-1)
+        worst = max(worst, float(np.abs(x[:, where] - there).max()))
+    return worst
+
+
+def _start_channels(model: Augmented) -> tuple[str, ...]:
+    """What a replay has to be told of its start."""
+    return tuple(c for s in model.robot.states for c in (s.position, s.velocity) if c is not None)
+
+
+def _trajectories(model: Augmented, learned: Residual | None, rng: np.random.Generator, s: Sampling) -> np.ndarray:
+    """(rows, lead + steps, nu) commands: a preface that is held, then what is compared."""
+    rows, lead = 20, int(np.ceil(PREFACE / model.build.dt))
+    if model.stepped.reach:  # from posture to posture, as such a robot is driven
+        low, high = _reach(model, s.command)
+        between = rng.uniform(0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high, (2, rows, 1, model.nu))
+        steps = int(np.ceil(s.move / model.build.dt))
+        part = np.concatenate([np.zeros(lead), 0.5 * (1.0 - np.cos(np.pi * np.arange(1, steps + 1) / steps))])
+        return np.asarray(between[0] + (between[1] - between[0]) * part[:, None])
     u = rng.uniform(-s.command, s.command, (rows, lead + s.steps, model.nu))
     if learned is not None and np.isfinite(learned.limit):
         most = np.maximum(s.command, BEYOND * learned.limit * learned.input_scale[-model.nu :])
         u[::2] *= most / s.command
     u[:, :lead] = s.command
-    start = {c: np.zeros(rows) for c in bare.stepped.poses}
-    drive = Drive(dt, 0, u, None, np.full(rows, model.build.clock))
-    source = bare.robot if learned is None else ResidualRobot(bare.robot, learned)
-    nodes = source.replay(start, drive, bare.settings.take(np.zeros(rows, dtype=int)), bare.stepped.poses)
-    x = np.repeat(bare.start()[None], rows, axis=0)
-    for k in range(lead):
-        x = bare.numpy_step(x, u[:, k])
-    where = [bare.stepped.states.index(c) for c in bare.stepped.poses]
-    x[:, where] = np.stack([nodes[c][:, lead] for c in bare.stepped.poses], axis=-1)
-    worst = 0.0
-    for k in range(lead, lead + s.steps):
-        x = bare.numpy_step(x, u[:, k])
-        there = np.stack([nodes[c][:, k + 1] for c in bare.stepped.poses], axis=-1)
-        worst = max(worst, float(np.abs(x[:, where] - there).max()))
-    return worst
+    return u
 
 
 def _network(model: Augmented, rng: np.random.Generator, s: Sampling) -> float:

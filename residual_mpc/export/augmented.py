@@ -9,7 +9,7 @@ import numpy as np
 
 from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.errors import BadInput
-from residual_mpc.export.network import correction, reads, remembered
+from residual_mpc.export.network import corrected, correction, reads, remembered
 from residual_mpc.export.soften import kinks
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
@@ -78,12 +78,26 @@ class Augmented:
         return self.stepped.step(kinks(ops, smooth), x, u, p[:n], add)
 
     def start(self, pose: Mapping[str, float] | None = None) -> np.ndarray:
-        """(nx,) the robot at rest at a pose by channel; what is not named is 0."""
+        """(nx,) the robot at rest at a pose by channel; what is not named is 0 (of a fixed robot: as at home)."""
+        if self.stepped.resting is not None:
+            return self.stepped.resting(pose or {})
         x = self.stepped.rest.copy()
         for name, value in (pose or {}).items():
             if name in self.stepped.poses:
                 x[self.stepped.states.index(name)] = value
         return x
+
+    def hold(self, x: np.ndarray) -> np.ndarray:
+        """(nu,) commands that leave the robot about where it is at x (nx,)."""
+        return np.zeros(self.nu) if self.stepped.holding is None else self.stepped.holding(x)
+
+    def outputs(self, x: np.ndarray) -> np.ndarray:
+        """(..., ny) what a controller tracks (`stepped.tracked`), from x (..., nx)."""
+        at = self.stepped
+        if at.output is None:
+            return np.asarray(x[..., [at.states.index(c) for c in at.poses]])
+        found = at.output(NUMPY, [*np.moveaxis(x, -1, 0)])
+        return np.stack([np.broadcast_to(v, x.shape[:-1]) for v in found], axis=-1)
 
     def numpy_step(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """x+ (..., nx) from x (..., nx) and u (..., nu), for checks; compiled functions are faster."""
@@ -134,12 +148,13 @@ def with_residual(model: Augmented, residual: Residual | None) -> Augmented:
 def _build(robot: Robot, settings: Settings, residual: Residual | None, build: Build) -> Augmented:
     if not isinstance(robot, Stepping):
         raise BadInput(
-            f"the plant of {robot.name!r} has no symbolic step",
+            f"the plant of {robot.name!r} has no symbolic step: an engine alone knows how it moves",
             robot.name,
-            "implement residual_mpc.models.stepping.Stepping for it, as plants/diff_drive.py does",
+            "implement residual_mpc.models.stepping.Stepping for it, as plants/diff_drive.py and "
+            "plants/scaler_arm/step.py do",
         )
     if residual is not None:
         reads(residual)  # refuses a form that no step hosts
-    disturbances = BODY if build.disturbances else ()
-    options = StepOptions(build.dt, remembered(residual), disturbances, build.clock)
+    disturbances: tuple[str, ...] = getattr(robot, "disturbed", BODY) if build.disturbances else ()
+    options = StepOptions(build.dt, remembered(residual), corrected(residual), disturbances, build.clock)
     return Augmented(robot, settings, residual, build, robot.one_step(settings, options))

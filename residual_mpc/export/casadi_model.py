@@ -14,7 +14,8 @@ class CasadiModel:
     """x (nx, 1), u (nu, 1), p (np, 1): SX symbols; step: x+ as an SX expression of them.
 
     f: casadi Function (x, u, p) -> x+, named "step"; stage: (x, u, p) -> x+, A = dx+/dx (nx, nx), B = dx+/du (nx, nu).
-    x_names, u_names, p_names say the order; p0 (np,) the values now.
+    y: SX expression of x, and output: x -> y, C = dy/dx (ny, nx), where the robot tracks something else than its poses,
+    else None. x_names, u_names, p_names, y_names say the order; p0 (np,) the values now.
     """
 
     x: Any
@@ -23,9 +24,12 @@ class CasadiModel:
     step: Any
     f: Any
     stage: Any
+    y: Any
+    output: Any
     x_names: tuple[str, ...]
     u_names: tuple[str, ...]
     p_names: tuple[str, ...]
+    y_names: tuple[str, ...]
     p0: np.ndarray
     dt: float
 
@@ -40,7 +44,12 @@ def casadi_model(model: Augmented) -> CasadiModel:
     f = ca.Function("step", [x, u, p], [new], names, ["x_next"])
     dense: list[Any] = [ca.densify(new), ca.densify(ca.jacobian(new, x)), ca.densify(ca.jacobian(new, u))]
     stage = ca.Function("stage", [x, u, p], dense, names, ["x_next", "A", "B"])
+    output, y = None, None
+    if model.stepped.output is not None:
+        y = ca.vertcat(*model.stepped.output(casadi_ops(), ca.vertsplit(x)))
+        output = ca.Function("output", [x], [ca.densify(y), ca.densify(ca.jacobian(y, x))], ["x"], ["y", "C"])
     commands = tuple(f"command.{c}" for c in model.stepped.commands)
     return CasadiModel(
-        x, u, p, new, f, stage, model.stepped.states, commands, model.parameters, model.p, model.build.dt
-    )
+        x, u, p, new, f, stage, y, output, model.stepped.states, commands, model.parameters, model.stepped.tracked,
+        model.p, model.build.dt,
+    )  # fmt: skip

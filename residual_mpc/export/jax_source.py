@@ -22,17 +22,11 @@ PARAMETERS = {p0!r}
 REST = {rest!r}
 
 
-def step(x, u, p):
-    """The state one sample later."""
 '''
 
 
 def jax_source(model: CasadiModel, title: str, rest: list[float]) -> str:
     """Python source of a module with `step`. Raises BadInput for an operation that this writer does not know."""
-    f = model.f
-    lines = []
-    for k in range(f.n_instructions()):
-        lines.append("    " + _line(f, k))
     head = HEAD.format(
         title=title,
         nx=len(model.x_names),
@@ -45,10 +39,22 @@ def jax_source(model: CasadiModel, title: str, rest: list[float]) -> str:
         rest=rest,
         dt=model.dt,
     )
+    text = head + _function("step(x, u, p)", "The state one sample later.", model.f)
+    if model.y is not None:
+        import casadi as ca
+
+        output = ca.Function("output", [model.x], [model.y])
+        text += "\n\n" + _function("output(x)", f"What is tracked: {', '.join(model.y_names)}.", output)
+    return text
+
+
+def _function(head: str, title: str, f: Any) -> str:
+    """Source of f, whose one output is an (n,) array."""
+    lines = "\n".join("    " + _line(f, k) for k in range(f.n_instructions()))
     # an entry that is structurally zero is not in the list of operations
     rows = list(f.sparsity_out(0).row())
-    full = ", ".join(f"o{rows.index(i)}" if i in rows else "0.0 * x[0]" for i in range(len(model.x_names)))
-    return head + "\n".join(lines) + f"\n    return jnp.stack([{full}])\n"
+    full = ", ".join(f"o{rows.index(i)}" if i in rows else "0.0 * x[0]" for i in range(f.size1_out(0)))
+    return f'def {head}:\n    """{title}"""\n{lines}\n    return jnp.stack([{full}])\n'
 
 
 def _line(f: Any, k: int) -> str:
@@ -80,6 +86,8 @@ def _line(f: Any, k: int) -> str:
         ca.OP_EXP: f"jnp.exp({a})",
         ca.OP_SIN: f"jnp.sin({a})",
         ca.OP_COS: f"jnp.cos({a})",
+        ca.OP_ATAN2: f"jnp.arctan2({a}, {b})",
+        ca.OP_AND: f"{a} * {b}",
         ca.OP_TANH: f"jnp.tanh({a})",
         ca.OP_FABS: f"jnp.abs({a})",
         ca.OP_SIGN: f"jnp.sign({a})",

@@ -13,7 +13,8 @@ from residual_mpc.residual.mlp import Mlp
 from residual_mpc.residual.record import Residual
 
 # For each form of residual: what it reads, in the order of its inputs, and what it adds to, in the order of its outputs
-ADDS_TO: Mapping[str, tuple[str, ...]] = {"body": BODY, "paper": WORLD}
+TASK = ("task.x", "task.y", "task.z")  # m/s, of an arm's tool
+ADDS_TO: Mapping[str, tuple[str, ...]] = {"body": BODY, "paper": WORLD, "task": TASK}
 READS: Mapping[str, str] = {"body": "last", "paper": "model"}  # its own last velocities; the model's present ones
 
 
@@ -74,6 +75,8 @@ def reads(residual: Residual) -> tuple[str, ...]:
             residual.robot,
             f"forms that can: {', '.join(ADDS_TO)}; learn it again in one of these",
         )
+    if residual.form == "task":  # eq. (fk_prop): the joints' rates alone
+        return residual.inputs
     last, commands = residual.inputs[:3], residual.inputs[3:]
     if len(last) < 3 or not commands or not all(c.startswith("command.") for c in commands):
         raise BadInput(
@@ -86,7 +89,12 @@ def reads(residual: Residual) -> tuple[str, ...]:
 
 def remembered(residual: Residual | None) -> tuple[str, ...]:
     """The signals whose last value the residual reads."""
-    return () if residual is None or READS[residual.form] != "last" else ADDS_TO[residual.form]
+    return () if residual is None or READS.get(residual.form) != "last" else ADDS_TO[residual.form]
+
+
+def corrected(residual: Residual | None) -> tuple[str, ...]:
+    """The signals that the residual adds to."""
+    return () if residual is None else ADDS_TO[residual.form]
 
 
 def _activation(ops: Ops, b: Array, slope: float, smooth: float) -> Array:

@@ -27,7 +27,7 @@ def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Gener
         return _onnx(model, folder)
     if to == "mjcf":
         raise BadInput(
-            f"the model of {model.robot.name!r} is no rigid-body model, so that no MJCF can hold its effects",
+            f"the step of {model.robot.name!r} is no rigid-body model, so that no MJCF can hold its effects",
             "--to mjcf",
             "export to casadi, c or jax",
         )
@@ -48,6 +48,10 @@ def describe(model: Augmented, c: CasadiModel, to: str, files: Mapping[str, str]
         "dt": model.build.dt,
         "smooth": model.build.smooth,
         "states": [{"name": n, "unit": u} for n, u in zip(c.x_names, model.stepped.units, strict=True)],
+        "outputs": [
+            {"name": n, "unit": u} for n, u in zip(model.stepped.outputs, model.stepped.output_units, strict=True)
+        ],
+        "left_out": list(model.stepped.left_out),
         "commands": list(c.u_names),
         "parameters": [{"name": n, "value": float(v)} for n, v in zip(c.p_names, c.p0, strict=True)],
         "rest": model.start().tolist(),
@@ -66,11 +70,15 @@ def _casadi(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, s
 
     c.f.save(str(folder / "step.casadi"))
     c.stage.save(str(folder / "stage.casadi"))
+    if c.output is not None:
+        c.output.save(str(folder / "output.casadi"))
     loaded = ca.Function.load(str(folder / "step.casadi"))
     files = {
         "step.casadi": "casadi.Function.load: (x, u, p) -> x_next",
         "stage.casadi": "(x, u, p) -> x_next, A = dx_next/dx, B = dx_next/du",
     }
+    if c.output is not None:
+        files["output.casadi"] = "x -> y, C = dy/dx: what a controller tracks"
     return files, _mapped(loaded, c.p0)
 
 
@@ -82,10 +90,12 @@ def _c(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], 
     generator = ca.CodeGenerator("model.c", {"with_header": True, "casadi_int": "int"})
     generator.add(c.f)
     generator.add(c.stage)
+    if c.output is not None:
+        generator.add(c.output)
     generator.generate(f"{folder}/")
     # where no compiler is found the functions behind the source are compared, and the file says so
     files = {
-        "model.c": "functions step and stage in C, no library but libm"
+        "model.c": "functions step and stage (and output, where the robot tracks a task) in C, no library but libm"
         + ("" if compiler() else "; not compiled here, for no compiler was found"),
         "model.h": "their declarations",
     }

@@ -46,8 +46,14 @@ class Stepped:
 
     states: names in the order of x; those in `poses` are the run log's channels, the rest is memory. commands: names
     in the order of u. numbers: the parameters p. signals: what a learned correction may read and add to.
-    rest: (nx,) the state of a robot that stands at the origin and was told nothing.
+    rest: (nx,) the state of a robot that stands at the origin (a fixed one: at its home posture) and was told nothing.
     step(kinks, x, u, p, correction) -> x+. Raises KeyError for a correction that names an unknown signal.
+
+    What a robot tracks is its poses, unless it says otherwise: outputs: names; output(ops, x) -> their values, in
+    output_units. resting(poses by name) -> x (nx,): at rest there, where memory depends on the pose.
+    holding(x) -> (nu,) the commands that leave a robot about where it is; None: 0. restarts: states
+    that a measurement of the poses makes 0 again. reach: (nu,) pairs of the lowest and the highest command that make
+    sense, for sampling. left_out: effects of the settings that do not enter this step, each with the reason.
     """
 
     dt: float  # s
@@ -59,12 +65,27 @@ class Stepped:
     signals: tuple[str, ...]
     rest: np.ndarray
     step: Callable[[Kinks, Sequence[Array], Sequence[Array], Sequence[Array], Correction | None], tuple[Array, ...]]
+    outputs: tuple[str, ...] = ()
+    output_units: tuple[str, ...] = ()
+    output: Callable[[Ops, Sequence[Array]], tuple[Array, ...]] | None = None
+    resting: Callable[[Mapping[str, float]], np.ndarray] | None = None
+    holding: Callable[[np.ndarray], np.ndarray] | None = None
+    restarts: tuple[str, ...] = ()
+    reach: tuple[tuple[float, float], ...] = ()
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not (len(self.states) == len(self.units) == len(self.rest)):
             raise ValueError(f"{len(self.states)} states, {len(self.units)} units, {len(self.rest)} values at rest")
         if len(set(self.states)) < len(self.states) or not set(self.poses) <= set(self.states):
             raise ValueError(f"states have to be distinct and hold {self.poses}: {self.states}")
+        if len(self.outputs) != len(self.output_units) or bool(self.outputs) != (self.output is not None):
+            raise ValueError(f"outputs {self.outputs} need {len(self.outputs)} units and one function")
+
+    @property
+    def tracked(self) -> tuple[str, ...]:
+        """What a controller brings to its reference."""
+        return self.outputs or self.poses
 
     @property
     def p(self) -> np.ndarray:
@@ -75,12 +96,14 @@ class Stepped:
 @dataclass(frozen=True)
 class StepOptions:
     """dt: s, the command is held over it. remember: signals whose value of the last step a correction reads
-    (they become states "last.<signal>"). disturbances: signals to which an unknown constant is added, which becomes a
-    state (offset-free tracking). clock: s since the run began at the start.
+    (they become states "last.<signal>"). corrected: signals that a correction adds to. disturbances: signals to which
+    an unknown constant is added, which becomes a state (offset-free tracking). clock: s since the run began at the
+    start.
     """
 
     dt: float
     remember: tuple[str, ...] = ()
+    corrected: tuple[str, ...] = ()
     disturbances: tuple[str, ...] = ()
     clock: float = 0.0
 
@@ -91,7 +114,11 @@ class StepOptions:
 
 @runtime_checkable
 class Stepping(Protocol):
-    """A robot that can say its one step. Optional: a robot without it can be diagnosed, not exported."""
+    """A robot that can say its one step. Optional: a robot without it can be diagnosed, not exported.
+
+    A robot may name, as `disturbed`, the signals that an unknown constant is added to for offset-free tracking; by
+    default those of a robot that drives.
+    """
 
     def one_step(self, settings: Settings, options: StepOptions) -> Stepped:
         """The step under settings of one row. Raises BadInput where that cannot be, with the reason."""

@@ -1,0 +1,148 @@
+"""The arm as the paper's task-space model has it: joint angles, servos without inertia, no physics engine; batched."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from plants.scaler_arm.geometry import MOTORS, SCALER, Arm
+from plants.scaler_arm.kinematics import chain
+from plants.scaler_arm.robot import with_servo
+from plants.scaler_arm.servo import Load, Servo, advance, weights
+from plants.scaler_arm.step import RATES, arm_step, nominal
+from plants.scaler_arm.weight import masses
+from residual_mpc.effects.actuator import gain_step, sag_step
+from residual_mpc.effects.chain import command_chain
+from residual_mpc.effects.command import dead_zone_step
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.models.protocol import Drive, State
+from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.settings import Settings
+from residual_mpc.models.stepping import StepOptions, Stepped
+
+ON_MOTORS = frozenset(
+    {
+        "command_delay",
+        "dead_zone",
+        "actuator_lag",
+        "actuator_gain",
+        "voltage_sag",
+        "coulomb_friction",
+        "viscous_friction",
+        "sensor_delay",
+    }
+)
+
+
+@dataclass(frozen=True)
+class ServoArm:
+    """See `residual_mpc.models.protocol.Robot`. Commands are motor angles in rad."""
+
+    name: str
+    arm: Arm = SCALER
+    actuators: tuple[str, ...] = MOTORS
+    command_kinds: tuple[str, ...] = ("position",) * len(MOTORS)
+
+    @property
+    def step(self) -> float:
+        return self.arm.period
+
+    @property
+    def disturbed(self) -> tuple[str, ...]:
+        return RATES
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        return tuple(State(f"position.{m}", None) for m in MOTORS)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (*(f"position.{m}" for m in MOTORS), *RATES)
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float, float]]:
+        return dict(zip(MOTORS, self.arm.limits, strict=True))
+
+    def slots(self, effect: str) -> tuple[str, ...]:
+        if effect in ON_MOTORS:
+            return MOTORS
+        biased = tuple(f"position.{m}" for m in MOTORS)
+        return {"payload": (self.name,), "sensor_outliers": (self.name,), "sensor_bias": biased}.get(effect, ())
+
+    def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
+        least = {"viscous_friction": -0.9 * self.arm.servo.damping, "coulomb_friction": 0.0}
+        least["payload"] = -0.9 * self.arm.gripper_body.mass
+        return least.get(effect, -np.inf), np.inf
+
+    def reference(self, kind: str, slot: str | None) -> float:
+        return {"mass": 0.1, "inertia": self.arm.servo.armature, "length": 0.1}.get(kind, 1.0)
+
+    def nominal(self) -> Mapping[str, float]:
+        return nominal(self.arm)
+
+    def one_step(self, settings: Settings, options: StepOptions) -> Stepped:
+        """See residual_mpc.models.stepping.Stepping."""
+        return arm_step(self.arm, self.name, settings, options, self.slots)
+
+    def replay(
+        self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    ) -> Mapping[str, np.ndarray]:
+        effects, dt = settings.effects, drive.dt
+        u = command_chain(effects, drive.command, drive.lead, dt, np.zeros(len(MOTORS), dtype=bool))
+        number = {n: settings.tuned.get(n, np.full(settings.rows, v)) for n, v in self.nominal().items()}
+        bare = [
+            Servo(number[f"actuator.{m}.kp"], number[f"actuator.{m}.kv"], number[f"joint.{m}.damping"]) for m in MOTORS
+        ]
+        load = Load(
+            {n: number[f"body.{n}.mass"] for n in masses(self.arm)},
+            effects["payload"]["mass"][:, 0] if "payload" in effects else 0.0, {}, {},
+        )  # fmt: skip
+        q = np.stack([start[f"position.{m}"] for m in MOTORS], axis=-1).astype(np.float64)
+        nodes = np.empty((settings.rows, drive.steps + 1, len(MOTORS)))
+        rates, force = np.empty_like(nodes), np.empty_like(nodes)
+        nodes[:, 0] = q
+        links = chain(self.arm)
+        for k in range(drive.steps):
+            weight = weights(NUMPY, self.arm, links, [*q.T], load)
+            new = np.empty_like(q)
+            for i in range(len(MOTORS)):
+                law = _with_effects(bare[i], i, effects, drive.clock + (k + 0.5) * dt, dt)
+                error = u[:, k, i] - q[:, i]
+                if "dead_zone" in effects:
+                    error, _ = dead_zone_step(NUMPY, {"width": effects["dead_zone"]["width"][:, i]}, (), error, dt)
+                move = advance(NUMPY, NUMPY, law, error, weight[i], dt)
+                if drive.enabled is not None:  # a motor that is off is braked by its gear
+                    move = move * drive.enabled[:, k, i]
+                new[:, i] = q[:, i] + move
+                rates[:, k + 1, i] = move / dt
+                force[:, k, i] = law.kp * error - law.kv * move / dt
+            q = new
+            nodes[:, k + 1] = q
+        rates[:, 0] = rates[:, 1] if drive.steps else 0.0
+        force[:, -1] = force[:, -2] if drive.steps else 0.0
+        kinds = {"position": nodes, "velocity": rates, "output": force}
+        split = {c: c.split(".") for c in wanted}
+        return {c: np.ascontiguousarray(kinds[kind][..., MOTORS.index(m)]) for c, (kind, m) in split.items()}
+
+
+def build(robot: RobotFile) -> ServoArm:
+    """The robot of a file whose plant is `scaler_arm_servo`, or of that name alone.
+
+    Raises BadInput for a parameter that is unknown or not positive.
+    """
+    return ServoArm(robot.name, with_servo(SCALER, robot))
+
+
+def _with_effects(
+    law: Servo, i: int, effects: Mapping[str, Mapping[str, np.ndarray]], clock: np.ndarray, dt: float
+) -> Servo:
+    """Motor i's law in every row."""
+    kp, kv, b = law.kp, law.kv, law.b
+    if "viscous_friction" in effects:
+        b = b + effects["viscous_friction"]["coefficient"][:, i]
+    for name, step in (("actuator_gain", gain_step), ("voltage_sag", sag_step)):
+        if name in effects:
+            scale, _ = step(NUMPY, {k: v[:, i] for k, v in effects[name].items()}, (), 1.0, clock, dt)
+            kp, kv = scale * kp, scale * kv
+    level = effects["coulomb_friction"]["torque"][:, i] if "coulomb_friction" in effects else None
+    return Servo(kp, kv, b, level)
