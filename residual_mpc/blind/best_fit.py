@@ -11,30 +11,36 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from residual_mpc.blind.records import Answer, Planted
+
+if TYPE_CHECKING:
+    from residual_mpc.diagnosis.dataset import Dataset
 
 _FLAGGED = "sensor_outliers"  # counted, not fitted
 _FIT_STEPS = 40_000  # simulation steps that one hypothesis may cost
 
 
-def with_best_fit(answer: Answer, clean: Path) -> Answer:
+def with_best_fit(answer: Answer, clean: Path, case: Path) -> Answer:
     """``answer`` with ``notes["best_fit"]``, values by "effect.parameter", and where it has a background
     ``notes["best_fit_among_background"]``; as it was if nothing is fitted."""
     if not clean.is_dir() or not any(p.effect != _FLAGGED for p in answer.effects):
         return answer
-    notes = {**answer.notes, "best_fit": best_fit(answer.effects, clean)}
+    notes = {**answer.notes, "best_fit": best_fit(answer.effects, clean, case)}
     if answer.background:
         planted = {p.effect for p in answer.effects}
-        whole = best_fit((*answer.effects, *(p for p in answer.background if p.effect not in planted)), clean)
+        every = (*answer.effects, *(p for p in answer.background if p.effect not in planted))
+        whole = best_fit(every, clean, case)
         notes["best_fit_among_background"] = {k: v for k, v in whole.items() if k in notes["best_fit"]}
     return replace(answer, notes=notes)
 
 
-def best_fit(effects: Sequence[Planted], clean: Path) -> dict[str, float]:
-    """Least squares from the drawn values, over all windows of the runs in ``clean``."""
-    from residual_mpc.cli.common import load
-    from residual_mpc.diagnosis.dataset import build_dataset
+def best_fit(effects: Sequence[Planted], clean: Path, case: Path) -> dict[str, float]:
+    """Least squares from the drawn values, over all windows of the runs in ``clean``, each channel weighed by its
+    noise in ``case``: without noise of its own, a channel would outweigh all others."""
     from residual_mpc.diagnosis.diagnose import thin
     from residual_mpc.diagnosis.fit import fit_all
     from residual_mpc.diagnosis.problem import build_problem
@@ -42,16 +48,27 @@ def best_fit(effects: Sequence[Planted], clean: Path) -> dict[str, float]:
     from residual_mpc.models.settings import Knob
 
     fitted = [p for p in effects if p.effect != _FLAGGED]
-    runs = sorted(str(p) for p in clean.iterdir() if p.suffix in (".csv", ".parquet"))
-    loaded = load(str(clean / "robot.toml"), runs, quiet=True)
-    data = thin(build_dataset(loaded.runs, loaded.robots, dict(loaded.robot_file.noise), 1.0), _FIT_STEPS)
+    noisy = _windows(case)
+    sigma = dict(zip(noisy.channels, noisy.sigma, strict=True))
+    whole = _windows(clean)
+    data = thin(replace(whole, sigma=np.array([sigma[c] for c in whole.channels])), _FIT_STEPS)
     space = build_space(data, (), tuple(p.effect for p in fitted))
     known = {(t.effect, t.target) for t in space.candidates}
     start = {}
     for p in fitted:
-        # a robot's only target is no target to the library
-        target = p.target if (p.effect, p.target) in known else None
+        # a sensor of a joint goes by the joint's name, and a robot's only target is no target to the library
+        names = (p.target, p.target and p.target.split(".")[-1], None)
+        target = next(n for n in names if n is None or (p.effect, n) in known)
         for parameter, value in p.parameters.items():
             start[Knob(p.effect, target, parameter)] = float(value)
     fit = fit_all(build_problem(data, space, data.sigma), [start], 24, 1e-6)[0]
     return {f"{knob.effect}.{knob.parameter}": float(value) for knob, value in fit.values.items()}
+
+
+def _windows(folder: Path) -> Dataset:
+    from residual_mpc.cli.common import load
+    from residual_mpc.diagnosis.dataset import build_dataset
+
+    runs = sorted(str(p) for p in folder.iterdir() if p.suffix in (".csv", ".parquet"))
+    loaded = load(str(folder / "robot.toml"), runs, quiet=True)
+    return build_dataset(loaded.runs, loaded.robots, dict(loaded.robot_file.noise), 1.0)

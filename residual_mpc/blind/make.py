@@ -100,7 +100,7 @@ def _one(name: str, family: str, level: str, seed: int, folder: Path, answers: P
     for path in (work, final):
         shutil.rmtree(path, ignore_errors=True)
     try:
-        answer = with_best_fit(make_case(family, level, seed, work), work / "clean")
+        answer = with_best_fit(make_case(family, level, seed, work), work / "clean", work / "case")
         sealed = seal(answer, work / "case")
         write_sealed(sealed, answers / f"{name}.json")
         (work / "case").rename(final)

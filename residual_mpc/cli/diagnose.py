@@ -147,15 +147,18 @@ def _summary(document: dict[str, Any], out: Path) -> None:
             f"  shrink expected {shrink['expected']:.0%} ({low:.0%} to {high:.0%}), achieved {shrink['value']:.0%}"
         )
     for cause in document["explanation"]:
-        target = f" [{cause['target']}]" if cause["target"] else ""
         numbers = ", ".join(
             f"{n} = {p['value']:.4g} {p['unit']} ({p['ci95'][0]:.4g} to {p['ci95'][1]:.4g})"
             for n, p in cause["parameters"].items()
         )
-        click.echo(f"  {cause['effect']}{target}: {numbers}; probability {cause['probability']:.2f}")
+        click.echo(f"  {_named(cause)}: {numbers}; probability {cause['probability']:.2f}")
     for group in document["confounded"]:
-        names = [" + ".join(t["effect"] for t in (m if isinstance(m, list) else [m])) for m in group]
+        names = [" + ".join(_named(t) for t in (m if isinstance(m, list) else [m])) for m in group]
         click.echo(f"  cannot be told apart on these runs: {', '.join(dict.fromkeys(names))}")
     if document["next_experiment"]:
         click.echo(f"  next: {document['next_experiment']['what']}")
     click.echo(f"  report: {out / 'report.html'}")
+
+
+def _named(term: dict[str, Any]) -> str:
+    return f"{term['effect']} [{term['target']}]" if term["target"] else str(term["effect"])

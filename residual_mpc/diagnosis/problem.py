@@ -31,6 +31,7 @@ class Problem:
     weight: np.ndarray
     basis: np.ndarray  # (W, M * C, k) orthonormal
     shrink: np.ndarray  # (W, k) 1 - 1 / sqrt(1 + s^2)
+    count: np.ndarray | None = None  # (W,) how many windows each one stands for; None: itself alone
 
     def residuals(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M * C) whitened; a missing sample is 0, a diverged prediction inf."""
@@ -46,7 +47,8 @@ class Problem:
     def project(self, r: np.ndarray) -> np.ndarray:
         """Take the start's share out of scaled residuals (H, W, n)."""
         along = np.einsum("wnk,hwn->hwk", self.basis, r, optimize=True) * self.shrink
-        return np.asarray(r - np.einsum("wnk,hwk->hwn", self.basis, along, optimize=True))
+        left = r - np.einsum("wnk,hwk->hwn", self.basis, along, optimize=True)
+        return np.asarray(left if self.count is None else left * np.sqrt(self.count)[:, None])
 
 
 def build_problem(data: Dataset, space: Space, sigma: np.ndarray) -> Problem:

@@ -45,9 +45,11 @@ class Rivalry:
     shares: dict[Term, float]
 
 
-def place(terms: tuple[Term, ...]) -> tuple[int, int, str]:
-    """Order of a member: fewer terms first, then the contract's table, then all targets before one."""
-    return (len(terms), min(ORDER[t.effect] for t in terms), "".join(t.target or "" for t in terms))
+def place(terms: tuple[Term, ...]) -> tuple[int, int, bool, str]:
+    """Order of a member: fewer terms first, then the contract's table, then one target before all, which claims less:
+    where only one joint ever reaches its limit, nothing is known of the others'."""
+    names = [t.target for t in terms]
+    return (len(terms), min(ORDER[t.effect] for t in terms), None in names, "".join(n or "" for n in names))
 
 
 def find_rivals(found: Found) -> Rivalry:

@@ -14,8 +14,10 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
 ROWS = 96  # probes replayed at once: bounds the memory
-GROWTH = 3.0  # of a window's cost over its first half's, relative to samples: between a drift and a steady offset
+GROWTH = 3.0  # of the whole window's cost over the half's, relative to samples: between a drift and a steady offset
+LATE = 0.1  # of what is left in the windows' first halves: with less the screening looks at whole ones
 SHORTEST = 0.6  # s: windows of this length are not cut again
+FEWEST = 12  # windows
 STEPS = 6_000  # simulation steps that one probe may cost
 
 
@@ -35,7 +37,7 @@ class Lead:
 
 def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list[Lead]:
     """The best lead of each probe, largest gain first; probes of the same term stay apart."""
-    small, weight = smaller(problem)
+    small, weight = smaller(problem, current)
     if small is not problem:
         current = on_problem(small, current)
     probes = [(term, p) for term in candidates for p in small.space.probes(term)]
@@ -50,25 +52,48 @@ def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list
     return sorted(leads, key=lambda lead: -lead.gain)
 
 
-def smaller(problem: Problem) -> tuple[Problem, float]:
-    """The problem thinned to STEPS simulation steps, and how many times larger the whole is."""
+def smaller(problem: Problem, current: Fit) -> tuple[Problem, float]:
+    """The problem thinned to STEPS simulation steps, and how many times larger than that thinned one its cost is.
+
+    Windows are drawn where the current fit leaves most, each standing for as many as it was drawn from: an even choice
+    loses a cause that shows in few of them, such as a limit that is seldom reached.
+    """
     data = problem.data
     steps = max(b.drive.steps for b in data.blocks)
     if data.count * steps <= STEPS:
         return problem, 1.0
     half = shorten(data, 0.5) if data.count * steps > 2 * STEPS and data.horizon > SHORTEST else data
+    if _first(current, half.y.shape[1], data.y.shape[1]) < LATE:
+        half = data
     steps = max(b.drive.steps for b in half.blocks)
-    most = max(12, STEPS // steps)
-    pick = np.zeros(data.count, dtype=bool)
-    pick[np.unique(np.linspace(0, data.count - 1, most).round().astype(int))] = True
+    stands_for = drawn(current.per_window, max(FEWEST, STEPS // steps))
+    pick = stands_for > 0
     few = half.take(pick)
     m, c = few.y.shape[1:]
     k = problem.sensitivity.shape[2]
     sensitivity = problem.sensitivity.reshape(data.count, -1, c, k)[pick, :m].reshape(len(few.start), m * c, k)
-    small = reweigh(few, problem.space, sensitivity, 1.0 / problem.weight)
-    times = float(np.isfinite(data.y).sum() / max(np.isfinite(few.y).sum(), 1))
+    small = replace(reweigh(few, problem.space, sensitivity, 1.0 / problem.weight), count=stands_for[pick])
     # errors grow within a window, so that the half that is left out holds more of a drop in cost than its samples say
-    return small, times * (GROWTH if half is not data else 1.0)
+    return small, GROWTH * data.y.shape[1] / m if half is not data else 1.0
+
+
+def _first(current: Fit, samples: int, of: int) -> float:
+    """The share that lies in the windows' first samples of what is beyond one unit a sample."""
+    square = current.r.reshape(len(current.r), of, -1) ** 2
+    beyond = square - (square > 0.0)
+    first, whole = (np.maximum(part.sum(axis=(1, 2)), 0.0).sum() for part in (beyond[:, :samples], beyond))
+    return float(first / whole) if whole > 0.0 else 1.0
+
+
+def drawn(cost: np.ndarray, most: int) -> np.ndarray:
+    """(W,) how many windows each one stands for, 0 where it is left out; about `most` are not. Systematic sampling
+    (Saerndal, Swensson and Wretman, Model Assisted Survey Sampling, 1992, section 3.4.2): half of the chance evenly,
+    half by the root of a window's cost, so that nothing is left out for certain."""
+    root = np.sqrt(np.maximum(cost, 0.0))
+    chance = 0.5 / len(cost) + 0.5 * root / max(float(root.sum()), 1e-300)
+    expected = chance / chance.sum() * most
+    times = np.diff(np.floor(np.concatenate([[0.0], np.cumsum(expected)]) + 0.5))
+    return np.where(expected >= 1.0, 1.0, times / expected)  # what is sure to be drawn stands for itself alone
 
 
 def shorten(data: Dataset, part: float) -> Dataset:

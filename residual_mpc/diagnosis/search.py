@@ -165,7 +165,7 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
         promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
     if GENEROUS * promised < settings.beyond_doubt:
         return []
-    small, _ = smaller(problem)
+    small, _ = smaller(problem, beam[0])
     rough = fit_all(small, starts, 3)
     mask = compared_mask(small)
     by_cost = distinct(sorted(rough, key=lambda f: f.cost))
