@@ -1,5 +1,6 @@
 """Runs of the arm, to be diagnosed or learned from:
 
+\b
 python -m plants.scaler_arm.record OUT.csv --engine pybullet --motion circle_with_line --seconds 60
 python -m plants.scaler_arm.record OUT.csv --engine mujoco --twin --truth TRUTH.json
 """

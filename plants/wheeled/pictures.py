@@ -18,6 +18,7 @@ from plants.wheeled.twin import FRAME, camera, draw_withheld, encoders, twin
 
 SECONDS = 32.0
 TWIN = 1  # its seed
+MARGIN = 0.1  # m, shown around the reference and the path
 SPIKES = 0.2  # 1/s, as in the paper's noisiest case
 ORANGE, DARK, LIGHT, GREY = "#e08214", "#08306b", "#6baed6", "#888888"
 COMPONENTS = (("twist.x", "x velocity (m/s)"), ("twist.y", "y velocity (m/s)"), ("twist.theta", "yaw rate (rad/s)"))
@@ -42,28 +43,32 @@ def draw(motion: Reference, seed: int, path: Path) -> None:
     seen = run[[c for c, _ in COMPONENTS]].to_numpy()
     model = predicted(run[["command.left", "command.right"]].to_numpy(), run["pose.theta"].ffill().to_numpy())
     wanted = motion.path(np.linspace(0.0, SECONDS, 1500))
-    figure = Figure(figsize=(10.0, 4.6), layout="constrained")
+    figure = Figure(figsize=(10.0, 5.0), layout="constrained")
     grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.5))
     above = figure.add_subplot(grid[:, 0])
     above.plot(wanted[:, 0], wanted[:, 1], color=GREY, lw=3.0, alpha=0.6, label="reference")
     above.plot(run["pose.x"], run["pose.y"], ".", color=ORANGE, ms=2.5, label="twin, by its camera")
     above.set(xlabel="x (m)", ylabel="y (m)", title=motion.name.replace("_", " "))
-    above.axis("equal")
-    above.legend(loc="upper right", fontsize=8)
+    shown = np.nanpercentile(run[["pose.x", "pose.y"]].to_numpy(), (2.0, 98.0), axis=0)  # spikes go beyond
+    low, high = np.minimum(shown[0], wanted[:, :2].min(axis=0)), np.maximum(shown[1], wanted[:, :2].max(axis=0))
+    middle, reach = 0.5 * (low + high), 0.5 * float((high - low).max()) + MARGIN
+    above.set(xlim=(middle[0] - reach, middle[0] + reach), ylim=(middle[1] - reach, middle[1] + reach), aspect="equal")
+    above.legend(loc="upper right", fontsize=9)
     axes = [figure.add_subplot(grid[k, 1]) for k in range(4)]
     for k, (_, label) in enumerate(COMPONENTS):
         axes[k].plot(t, seen[:, k], color=ORANGE, lw=0.9)
         axes[k].plot(t, model[:, k], color=DARK, lw=1.2)
-        axes[k].set_ylabel(label, fontsize=7)
+        axes[k].set_ylabel(label.replace(" (", "\n("), fontsize=9)
+        axes[k].tick_params(labelbottom=False)
         most = 1.4 * max(float(np.abs(model[:, k]).max()), 0.1)
         axes[k].set_ylim(-most, most)  # spikes go beyond
     axes[3].plot(t, np.linalg.norm(seen - model, axis=1), color=LIGHT, lw=0.9)
     axes[3].set(xlabel="time (s)", ylim=(0.0, 1.0))
-    axes[3].set_ylabel("H2 norm", fontsize=7)
+    axes[3].set_ylabel("H2 norm", fontsize=9)
     for a in (above, *axes):
-        a.tick_params(labelsize=7)
+        a.tick_params(labelsize=9)
         a.grid(alpha=0.3)
-    figure.savefig(path, dpi=72, metadata={"Software": None})
+    figure.savefig(path, dpi=90, metadata={"Software": None})
 
 
 def main(folder: Path) -> None:

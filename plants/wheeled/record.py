@@ -1,5 +1,6 @@
 """Runs of the two-wheeled robot, to be diagnosed or learned from: one CSV a motion, in the folder OUT.
 
+\b
 python -m plants.wheeled.record OUT --engine mujoco
 python -m plants.wheeled.record OUT --engine pybullet --twin --truth TRUTH.json --seconds 60
 """

@@ -49,7 +49,7 @@ def test_what_cannot_be_used_is_named() -> None:
 
 
 def test_runs_are_recorded_and_the_truth_lies_apart(tmp_path: Path) -> None:
-    out, apart = tmp_path / "run.csv", tmp_path / "truth.json"
+    out, apart = tmp_path / "runs" / "run.csv", tmp_path / "truths" / "truth.json"
     asked = [str(out), "--engine", "mujoco", "--seconds", "1", "--twin", "--draw", "--truth", str(apart)]
     done = CliRunner().invoke(main, asked)
     assert done.exit_code == 0, done.output
@@ -59,6 +59,14 @@ def test_runs_are_recorded_and_the_truth_lies_apart(tmp_path: Path) -> None:
     assert {e["effect"] for e in told["effects"]} == {
         "command_delay", "payload", "actuator_gain", "viscous_friction",
     }  # fmt: skip
+    beside = CliRunner().invoke(main, [*asked[:-1], str(out.parent / "truth.json")])
+    assert beside.exit_code == 2 and "belongs elsewhere" in beside.output
     again = tmp_path / "again.csv"
     CliRunner().invoke(main, [str(again), *asked[1:]])
     assert again.read_bytes() == out.read_bytes()
+
+
+def test_a_run_of_one_row_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    done = CliRunner().invoke(main, [str(tmp_path / "run.csv"), "--seconds", "0.1", "--period", "1"])
+    assert done.exit_code == 2 and "at least two rows" in done.output
+    assert not list(tmp_path.iterdir())
