@@ -100,6 +100,19 @@ def jacobian(net: Mlp, theta: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np
     return inputs[-1], out
 
 
+def input_slope(net: Mlp, theta: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """d delta / d z (N, outputs, inputs) at scaled inputs z (N, inputs), theta (size,); at a kink as in `jacobian`."""
+    a = np.asarray(z, dtype=np.float64)
+    slope = np.broadcast_to(np.eye(net.inputs), (len(a), net.inputs, net.inputs))
+    parts = layers(net, theta)
+    for i, (weight, bias) in enumerate(parts):
+        a, slope = a @ weight.T + bias, weight @ slope
+        if i < len(parts) - 1:
+            slope = slope * np.where(a >= 0.0, 1.0, net.slope)[:, :, None]
+            a = leaky(a, net.slope)
+    return np.asarray(slope)
+
+
 def initial_weights(net: Mlp, rng: np.random.Generator) -> np.ndarray:
     """theta (size,) for scaled inputs: He's spread in the hidden layers, zero in the last, so that delta begins at 0.
 
