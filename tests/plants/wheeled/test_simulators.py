@@ -1,13 +1,14 @@
 """Laws of the two-wheeled robot in both engines: rolling, pushing, slipping, coasting, the same seed, each other."""
 
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from plants.simulator import Recording, Simulator, record, replaying, running, write_run
-from plants.wheeled import Geometry, Slips, Wheel, WheeledDrive, bullet_drive, mujoco_drive
+from plants.wheeled import Geometry, Slips, Wheel, WheeledDrive, bullet_drive, mjcf, mujoco_drive
 from plants.wheeled.motions import figure_eight, policy
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.read import read_runs
@@ -37,6 +38,25 @@ def test_it_rolls_without_slipping_where_the_motion_is_slow(make):
     assert end["pose.x"] == pytest.approx(R * w * seconds, rel=6e-4)
     assert abs(end["pose.y"]) < 2e-4
     assert abs(end["pose.theta"]) < 1e-3
+
+
+def slip(simulator: Simulator) -> float:
+    """How far the distance of 2 s of free rolling falls short of R w t, as a share of it."""
+    w = 5.0
+    at = {"twist_x": R * w, "velocity_left": w, "velocity_right": w}
+    end = after(simulator, (0.0, 0.0), 2.0, **at)
+    return 1.0 - end["twist.x"] / (R * end["velocity.left"])
+
+
+def test_without_torque_it_rolls_without_slipping_in_the_limit_of_hard_tyres(monkeypatch):
+    """Rigid tyres do not slip at all; soft ones sink in, by the square of their contact's time constant."""
+    free = both(Wheel(gain=1e-9, grip=2.0))
+    assert abs(slip(bullet_drive(free))) < 2e-6
+    softer = slip(mujoco_drive(free))
+    monkeypatch.setattr(mjcf, "HARD", 0.5 * mjcf.HARD)
+    harder = slip(mujoco_drive(free))
+    assert 2e-4 < softer < 5e-4
+    assert softer / harder == pytest.approx(4.0, rel=0.05)
 
 
 @ENGINES
@@ -84,7 +104,7 @@ def test_a_tyre_pushes_no_harder_than_it_grips(make):
 
 @ENGINES
 def test_coasting_keeps_its_energy(make):
-    """Motors with hardly any gain, no friction: what is kinetic stays so, and never grows."""
+    """Motors with hardly any gain, no friction: what is kinetic stays so. Measured: 3e-6 lost in 2 s."""
     w = 5.0
     geometry = both(Wheel(gain=1e-9, grip=2.0))
     at = {"twist.x": R * w, "velocity.left": w, "velocity.right": w}
@@ -97,8 +117,8 @@ def test_coasting_keeps_its_energy(make):
             spin = now["velocity.left"] ** 2 + now["velocity.right"] ** 2
             energy.append(0.5 * mass * (now["twist.x"] ** 2 + now["twist.y"] ** 2) + 0.5 * inertia * spin)
             plant.step(np.zeros(2), 0.1)
-    assert energy[-1] == pytest.approx(energy[0], rel=2e-3)
-    assert max(energy) < energy[0] * (1 + 1e-3)
+    assert energy[-1] == pytest.approx(energy[0], rel=1e-5)
+    assert max(energy) < energy[0] * (1 + 1e-5)
 
 
 @ENGINES
@@ -129,6 +149,15 @@ def test_the_same_seed_gives_the_same_run(make):
 
     assert np.array_equal(run(1), run(1))
     assert not np.array_equal(run(1), run(2))  # the spots without grip lie elsewhere
+
+
+@ENGINES
+def test_a_minute_takes_seconds(make):
+    drive = policy(figure_eight(), Geometry(), 1 / 30)
+    began = time.process_time()
+    run = record(make(), drive, Recording(60.0, 1 / 30, {}), np.random.default_rng(0))
+    assert len(run) == 1801
+    assert time.process_time() - began < 10.0  # about 1 s on one free core
 
 
 def test_the_two_engines_agree_where_nothing_is_withheld():
