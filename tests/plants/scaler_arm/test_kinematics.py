@@ -125,6 +125,29 @@ def test_the_inverse_in_casadi_is_the_same() -> None:
         np.testing.assert_allclose([float(x) for x in found], q[row], rtol=0, atol=1e-9)
 
 
+def test_inverse_and_geometric_jacobian_in_jax_and_casadi_are_the_same() -> None:
+    q = anywhere(20, seed=12)
+    tool, frame = forward_kinematics(q)
+    by_hand = jacobian(q)
+
+    def inverse(tool: jnp.ndarray, frame: jnp.ndarray) -> jnp.ndarray:
+        axes = tuple(tuple(frame[:, i, j] for i in range(3)) for j in range(3))
+        return jnp.stack(angles_of(jax_ops(), chain(), tuple(tool.T), axes), axis=-1)  # type: ignore[arg-type]
+
+    def slopes(x: jnp.ndarray) -> jnp.ndarray:
+        found = columns(jax_ops(), chain(), list(x))
+        return jnp.stack([jnp.stack([*v, *w]) for v, w in found], axis=-1)
+
+    with jax.enable_x64(True):
+        np.testing.assert_allclose(jax.jit(inverse)(tool, frame), q, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(jax.vmap(slopes)(jnp.array(q)), by_hand, rtol=0, atol=1e-13)
+    x = casadi.SX.sym("x", 6)
+    found = columns(casadi_ops(), chain(), casadi.vertsplit(x))
+    symbolic = casadi.Function("jacobian", [x], [casadi.horzcat(*(casadi.vertcat(*v, *w) for v, w in found))])
+    for row in range(len(q)):
+        np.testing.assert_allclose(np.asarray(symbolic(q[row])), by_hand[row], rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize(
     ("moved", "said"),
     [((0.5, 0.0, 0.0), "out of reach"), ((0.0, 0.0, 0.12), "allowed are"), ((-0.3, 0.2, 0.0), "shoulder")],
