@@ -1,5 +1,7 @@
 """From a robot file to a compiled model whose joints and actuators have names."""
 
+from collections.abc import Mapping
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,6 +9,8 @@ import numpy as np
 from plants.mujoco_robot.base import find_base, hinges_and_slides
 from plants.mujoco_robot.loops import find_loops
 from residual_mpc.errors import BadInput
+from residual_mpc.logs.columns import did_you_mean
+from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.robot_file import RobotFile
 
 if TYPE_CHECKING:
@@ -27,7 +31,7 @@ def build(robot: RobotFile) -> "MujocoRobot":
 
     if robot.model is None:
         raise BadInput("no model is named", robot.name, 'add model = "my_robot.xml" (MJCF or URDF) to the robot file')
-    model = compile_model(str(robot.model))
+    model = compile_model(str(robot.model), robot.actuators)
     base = find_base(model, robot.pose_body, str(robot.model))
     _refuse_unsupported(model, str(robot.model))
     site = _payload_site(model, robot)
@@ -35,16 +39,46 @@ def build(robot: RobotFile) -> "MujocoRobot":
     return MujocoRobot(robot.name, model, site, robot.servo_feedback, robot.position_sensor, base, loops)
 
 
-def compile_model(path: str) -> "mujoco.MjModel":
-    """The compiled model with a finite, never active force range on every actuator that had none."""
+def compile_model(path: str, actuators: Mapping[str, Actuator] | None = None) -> "mujoco.MjModel":
+    """The compiled model with a finite, never active force range on every actuator that had none; `actuators` join by
+    the name of the joint that they drive."""
     import mujoco
 
     try:
-        model = mujoco.MjModel.from_xml_path(path)
+        spec = mujoco.MjSpec.from_file(path)
+        if actuators:
+            _add(spec, actuators, path)
+        model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"MuJoCo does not compile this model: {reason}", path, "mend the model file") from error
     return limited(model)
+
+
+def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) -> None:
+    """Actuators named like their joints, in a model that had none; stepped so that their damping is implicit."""
+    import mujoco
+
+    joints = [joint.name for joint in spec.joints]
+    taken = [actuator.name for actuator in spec.actuators]
+    if taken:
+        raise BadInput(
+            f"the model has actuators of its own ({', '.join(taken)})", path, "leave the tables [actuator.*] out"
+        )
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    for name, given in actuators.items():
+        if name not in joints:
+            raise BadInput(f"[actuator.{name}] names no joint of the model", path, did_you_mean(name, joints))
+        added = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        added.gear[0] = given.gear
+        if given.kind == "position":
+            added.set_to_position(kp=given.kp, kv=given.kv)
+        elif given.kind == "velocity":
+            added.set_to_velocity(kv=given.kv)
+        else:
+            added.set_to_motor()
+        if isfinite(given.limit):
+            added.forcelimited, added.forcerange = True, (-given.limit, given.limit)
 
 
 def limited(model: "mujoco.MjModel") -> "mujoco.MjModel":
@@ -62,7 +96,8 @@ def _refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
         raise BadInput(
             "the model has no actuator",
             path,
-            "add one <position>, <velocity> or <motor> per driven joint (a URDF has none)",
+            "add one <position>, <velocity> or <motor> per driven joint, or a table such as "
+            '[actuator.elbow] with kind = "position" and kp = 20.0 to the robot file (a URDF has none)',
         )
     for j in range(model.njnt):
         if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_BALL):

@@ -11,9 +11,10 @@ from typing import Literal, cast, get_args
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import GROUPS, PLANAR, SPECIAL, did_you_mean, group, is_measured
+from residual_mpc.models.actuators import Actuator, read_actuators
 
 Side = Literal["motor", "link"]
-MERGED = ("parameters", "noise", "log")  # a variant overrides single entries of these
+MERGED = ("parameters", "noise", "log", "actuators")  # a variant overrides single entries of these
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class RobotFile:
         pose_body: body whose planar pose `pose.*` reports, None for a robot that does not drive.
         servo_feedback: side of the gear that closes a position loop.
         position_sensor: side of the gear that `position.*` reports.
+        actuators: by joint, for a model that has none of its own, such as a URDF.
         tunable: glob patterns of nominal parameters that are free in every hypothesis.
         variants: other settings; see `for_run`.
         source: where it was read, for messages; empty for a robot given by name.
@@ -61,6 +63,7 @@ class RobotFile:
     pose_body: str | None = None
     servo_feedback: Side = "motor"
     position_sensor: Side = "link"
+    actuators: Mapping[str, Actuator] = field(default_factory=dict)
     tunable: tuple[str, ...] = ()
     variants: tuple[Variant, ...] = ()
     source: str = ""
@@ -95,7 +98,7 @@ def read_robot_file(path_or_name: str | Path) -> RobotFile:
 def for_run(robot: RobotFile, run_name: str) -> RobotFile:
     """The robot as it was in one run: the first variant whose pattern matches the run's name is applied.
 
-    Entries of `parameters`, `noise` and `log` are overridden one by one, any other key as a whole. A run
+    Entries of `parameters`, `noise`, `log` and `actuators` are overridden one by one, any other key as a whole. A run
     name that was made unique by a prefix ("table/run") also matches by what follows its last slash.
     """
     names = (run_name, run_name.rpartition("/")[2])
@@ -152,7 +155,7 @@ def _fields(document: Mapping[str, object], folder: Path, where: str) -> dict[st
             continue
         if key not in READERS:
             raise BadInput(f"unknown key {key!r}", where, did_you_mean(key, [*READERS, "variant"]))
-        values[key] = READERS[key](value, key, where, folder)
+        values[FIELD.get(key, key)] = READERS[key](value, key, where, folder)
     return values
 
 
@@ -257,6 +260,12 @@ def _noise(value: object, key: str, where: str, _: Path) -> dict[str, float]:
     return sigmas
 
 
+def _actuators(value: object, key: str, where: str, _: Path) -> dict[str, Actuator]:
+    if not isinstance(value, dict):
+        raise _wrong(value, "tables headed [actuator.<joint>]", key, where)
+    return read_actuators(value, where)
+
+
 def _log(value: object, key: str, where: str, folder: Path) -> dict[str, str]:
     columns: dict[str, str] = {}
     for name, item in _entries(value, key, where).items():
@@ -292,5 +301,7 @@ READERS: Mapping[str, Callable[[object, str, str, Path], object]] = {
     "pose_body": _text,
     "servo_feedback": _side,
     "position_sensor": _side,
+    "actuator": _actuators,
     "tunable": _texts,
 }
+FIELD = {"actuator": "actuators"}  # of `RobotFile`, where its name is not the key's

@@ -1,0 +1,94 @@
+"""A URDF, which says nothing of its servos, with the actuators that the robot file declares."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.arms import arm_xml, random_drive, random_start
+
+from plants.mujoco_robot import MujocoRobot, build
+from residual_mpc.errors import BadInput
+from residual_mpc.models.load import load_robot
+from residual_mpc.models.robot_file import for_run, read_robot_file
+from residual_mpc.models.settings import Settings
+
+LINK = """<link name="{name}"><inertial><origin xyz="0.1 0 0.02"/><mass value="0.5"/>
+  <inertia ixx="0.01" iyy="0.012" izz="0.008" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at} 0 0"/>
+  <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="9"/>
+  <dynamics damping="0.1" friction="0.02"/></joint>"""
+URDF = f"""<robot name="arm"><link name="base"/>{LINK.format(name="upper")}{LINK.format(name="lower")}
+{JOINT.format(name="j1", parent="base", child="upper", at=0)}
+{JOINT.format(name="j2", parent="upper", child="lower", at=0.3)}
+</robot>"""
+BODY = """<body name="{name}" pos="{at} 0 0"><inertial pos="0.1 0 0.02" mass="0.5" diaginertia="0.01 0.012 0.008"/>
+  <joint name="{joint}" axis="0 1 0" range="-3 3" damping="0.1" frictionloss="0.02" actuatorfrcrange="-50 50"/>
+  {rest}</body>"""
+LOWER = BODY.format(name="lower", at=0.3, joint="j2", rest="")
+MJCF = f"""<mujoco><compiler angle="radian"/><option integrator="implicitfast"/>
+<worldbody>{BODY.format(name="upper", at=0, joint="j1", rest=LOWER)}</worldbody>
+<actuator><position name="j1" joint="j1" kp="30" kv="1.5" forcerange="-4 4"/>
+<motor name="j2" joint="j2" gear="3"/></actuator>
+</mujoco>"""
+SERVOS = """[actuator.j1]
+kind = "position"
+kp = 30
+kv = 1.5
+limit = 4
+[actuator.j2]
+kind = "motor"
+gear = 3
+"""
+
+
+def robot_from(folder: Path, model: str, suffix: str, tables: str = "") -> MujocoRobot:
+    (folder / f"arm{suffix}").write_text(model)
+    (folder / "robot.toml").write_text(f'name = "arm"\nplant = "mujoco"\nmodel = "arm{suffix}"\n{tables}')
+    return build(read_robot_file(folder / "robot.toml"))
+
+
+def test_it_moves_like_the_same_robot_in_mjcf(tmp_path: Path) -> None:
+    urdf, mjcf = robot_from(tmp_path, URDF, ".urdf", SERVOS), robot_from(tmp_path, MJCF, ".xml")
+    assert urdf.actuators == mjcf.actuators and urdf.command_kinds == mjcf.command_kinds
+    drive, start = random_drive(mjcf, 3, 400), random_start(mjcf, 3)
+    channels = ("position.j1", "position.j2")
+    mine, theirs = (dict(r.replay(start, drive, Settings(3), channels)) for r in (urdf, mjcf))
+    for channel in channels:
+        np.testing.assert_allclose(mine[channel], theirs[channel], atol=1e-9)
+        assert np.ptp(mine[channel]) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ("", "no actuator"),
+        (SERVOS.replace("j2", "j3"), "names no joint"),
+        (SERVOS.replace("position", "servo"), "one of position, velocity, motor"),
+        (SERVOS.replace("kp = 30\n", ""), "without kp does nothing"),
+        (SERVOS.replace("kp = 30", "kp = -30"), "not negative"),
+        (SERVOS.replace("kp = 30", 'kp = "stiff"'), "not negative"),
+        (SERVOS.replace("limit", "limits"), "id you mean 'limit'"),
+        ('actuator = "j1"\n', "tables headed [actuator.<joint>]"),
+        ("[actuator]\nj1 = 3\n", "a table was wanted"),
+    ],
+)
+def test_what_is_declared_wrongly_is_refused(tmp_path: Path, tables: str, said: str) -> None:
+    with pytest.raises(BadInput) as fault:
+        robot_from(tmp_path, URDF, ".urdf", tables)
+    assert said in str(fault.value)
+
+
+def test_a_model_with_actuators_of_its_own_keeps_them(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="has actuators of its own"):
+        robot_from(tmp_path, arm_xml(), ".xml", SERVOS)
+
+
+def test_a_variant_may_have_other_gains(tmp_path: Path) -> None:
+    tables = f'{SERVOS}[[variant]]\nruns = "stiff_*"\n[variant.actuator.j1]\nkind = "position"\nkp = 90\n'
+    robot_from(tmp_path, URDF, ".urdf", tables)
+    file = read_robot_file(tmp_path / "robot.toml")
+    stiff = for_run(file, "stiff_1").actuators
+    assert (stiff["j1"].kp, stiff["j2"].kind) == (90.0, "motor")
+    assert load_robot(for_run(file, "stiff_1")).actuators == ("j1", "j2")
