@@ -17,7 +17,8 @@ from residual_mpc.errors import BadInput
 
 @dataclass(frozen=True)
 class MakeSettings:
-    """What to draw: ``cases`` of each family at each level that it has, with seeds from ``first_seed`` on."""
+    """What to draw: ``cases`` of each family at each level that it has, with seeds from ``first_seed`` on. A family
+    may have a number of its own: "arm=6"."""
 
     families: tuple[str, ...]
     levels: tuple[str, ...]
@@ -26,9 +27,10 @@ class MakeSettings:
     jobs: int = -1  # processes; -1: all cores
 
     def __post_init__(self) -> None:
-        if self.cases < 1:
-            raise BadInput(f"{self.cases} cases were asked for", "--cases", "Ask for 1 or more")
-        last = self.first_seed + self.cases - 1
+        counts = [self.count(name) for name in self.families]
+        if min(self.cases, *counts) < 1:
+            raise BadInput(f"{min(self.cases, *counts)} cases were asked for", "--cases", "Ask for 1 or more")
+        last = self.first_seed + max(counts) - 1
         if self.first_seed < 0 or (self.first_seed < FIRST_TEST_SEED <= last):
             raise BadInput(
                 f"seeds {self.first_seed} to {last} mix development and test",
@@ -36,7 +38,7 @@ class MakeSettings:
                 f"Development seeds are 0 to {FIRST_TEST_SEED - 1}, test seeds come after",
             )
         for name in self.families:
-            load_family(name)
+            load_family(_family(name))
         for name in self.levels:
             load_level(name)
         if not any(self.drawn(name) for name in self.families):
@@ -48,8 +50,19 @@ class MakeSettings:
 
     def drawn(self, family: str) -> tuple[str, ...]:
         """The levels asked for that ``family`` has, in the order asked."""
-        has = levels_of(load_family(family))
+        has = levels_of(load_family(_family(family)))
         return tuple(level for level in self.levels if level in has)
+
+    def count(self, family: str) -> int:
+        """Cases of ``family``, as it was asked for, at each level."""
+        _, given, number = family.partition("=")
+        if given and not number.isdecimal():
+            raise BadInput(f"{family!r} came, a family or family=number was wanted", "--family", "Write arm or arm=6")
+        return int(number) if given else self.cases
+
+
+def _family(asked: str) -> str:
+    return asked.partition("=")[0]
 
 
 @dataclass(frozen=True)
@@ -85,10 +98,10 @@ def make_suite(settings: MakeSettings, folder: Path, answers: Path) -> Made:
 def _plan(settings: MakeSettings) -> list[tuple[str, str, str, int]]:
     """(name, family, level, seed) of every case, in an order that says nothing of its level."""
     every = [
-        (family, level, seed)
+        (_family(family), level, seed)
         for family in settings.families
         for level in settings.drawn(family)
-        for seed in range(settings.first_seed, settings.first_seed + settings.cases)
+        for seed in range(settings.first_seed, settings.first_seed + settings.count(family))
     ]
     order = np.random.default_rng([settings.first_seed, len(every)]).permutation(len(every))
     return [(f"case-{place + 1:04d}", *every[k]) for place, k in enumerate(order)]

@@ -20,7 +20,7 @@ def blind() -> None:
 @blind.command()
 @click.option("--out", type=_folder, required=True, help="Folder for the cases.")
 @click.option("--answers", type=_folder, help="Folder for the sealed answers, outside --out  [default: OUT-answers]")
-@click.option("--family", "families", multiple=True, help="A family of robots; repeat for more  [default: all]")
+@click.option("--family", "families", multiple=True, help="A family, or family=cases; repeat for more  [default: all]")
 @click.option("--level", "levels", multiple=True, help="A level; repeat for more  [default: all]")
 @click.option("--cases", type=int, default=5, show_default=True, help="Cases of each family at each level.")
 @click.option("--seed", type=int, default=0, show_default=True, help="First seed; 100000 and up are test seeds.")

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from residual_mpc.blind import make as make_module
-from residual_mpc.blind.make import MakeSettings, make_suite
+from residual_mpc.blind.make import MakeSettings, _plan, make_suite
 from residual_mpc.blind.records import Answer, Planted
 from residual_mpc.blind.run import RunSettings, run_suite
 from residual_mpc.blind.score.score import score_suite
@@ -126,6 +126,18 @@ def test_test_seeds_are_counted_when_they_are_opened(tmp_path, monkeypatch):
             tmp_path / "suite", tmp_path / "answers", {"m": tmp_path / "results"}, tmp_path / "l"
         )
     assert len(scores.openings) == 2 and scores.openings[0].cases == 1
+
+
+def test_a_family_may_have_a_number_of_cases_of_its_own():
+    settings = MakeSettings(("wheeled=3", "arm"), ("single", "none"), cases=2, first_seed=7)
+    drawn = sorted(tuple(job) for _, *job in _plan(settings))
+    assert drawn == sorted(
+        [("wheeled", level, seed) for level in ("single", "none") for seed in (7, 8, 9)]
+        + [("arm", level, seed) for level in ("single", "none") for seed in (7, 8)]
+    )
+    for wrong in ("arm=0", "arm=", "arm=few"):
+        with pytest.raises(BadInput):
+            MakeSettings((wrong,), ("single",))
 
 
 def test_bad_requests_are_one_clear_message(tmp_path):
