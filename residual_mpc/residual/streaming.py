@@ -10,63 +10,21 @@ from time import perf_counter
 import numpy as np
 
 from residual_mpc.residual import ekf, ukf
-from residual_mpc.residual.filter import Belief, FilterSettings, Info, Measurement, predicted_covariance, start
+from residual_mpc.residual.filter import Belief, Info, Measurement, predicted_covariance, start
 from residual_mpc.residual.lesson import cost_of
-from residual_mpc.residual.mlp import PAPER_HIDDEN, Mlp, initial_weights
+from residual_mpc.residual.mlp import Mlp, initial_weights
 from residual_mpc.residual.record import Residual
 from residual_mpc.residual.room import Room
 from residual_mpc.residual.stream import Memory, Prediction, Samples, growth, h2_norm, predict, response, rest
+from residual_mpc.residual.stream_settings import StreamSettings
 from residual_mpc.residual.window import Window
 
 LIMIT = 6.0  # input scales
+SURPRISE, CHANGED = 6.0, 2  # times the error of late, windows in a row
+TOLD = 0.1  # of the residual's own size squared, below which no error is a surprise
 LOOKED_BACK = 10  # windows
 STABLE = 0.9  # largest factor by which what feeds back may live on from sample to sample: a lag of ten samples
 NORMAL = 0.455  # median square of a normal number
-
-
-@dataclass(frozen=True)
-class StreamSettings:
-    """horizon: N, samples in an update; stride: new samples from one update to the next (None: N, as in the paper's
-    learning law, which counts each sample once).
-
-    watch: s of data that are looked at, for scales alone, before the first update. variance: of each weight before any
-    data. goal: share of each component's error of late that an update does not try to explain: it stands in C_v, beside
-    `noise` (m/s or rad/s, one a component, or one for all), for what such a network cannot follow. memory: updates in
-    which an old error is forgotten. replays: updates on windows from before, drawn from the last `kept`, beside each on
-    a new one: an update takes a millisecond, new samples much longer to come; 0: the paper's law, literally. low_pass:
-    s, the time constant of the paper's filter on the network's output, 0 for none. costs: the paper's C, one a
-    component; None: 1 each. halvings: of an update that makes its own window worse. method: "ukf" or "ekf".
-    """
-
-    hidden: tuple[int, ...] = PAPER_HIDDEN
-    horizon: int = 20
-    stride: int | None = None
-    watch: float = 2.0
-    variance: float = 0.1
-    goal: float = 0.5
-    noise: tuple[float, ...] = (0.0,)
-    memory: float = 10.0
-    replays: int = 10
-    kept: int = 100
-    low_pass: float = 0.0
-    costs: tuple[float, ...] | None = None
-    kalman: FilterSettings = FilterSettings(process=1e-6)
-    halvings: int = 3
-    method: str = "ukf"
-
-    def __post_init__(self) -> None:
-        stride = self.horizon if self.stride is None else self.stride
-        if self.horizon < 2 or not 1 <= stride <= self.horizon or not self.variance > 0 or not 0 <= self.goal < 1:
-            raise ValueError(f"{self} came: a horizon of 2 or more, a stride within it, a variance, a goal below 1")
-        if self.costs is not None and not min(self.costs) > 0:
-            raise ValueError(f"costs {self.costs} came, positive weights were wanted")
-        if self.method not in ("ukf", "ekf"):
-            raise ValueError(f"method {self.method!r} came, ukf or ekf was wanted")
-
-    @property
-    def new(self) -> int:
-        """Samples from one update to the next."""
-        return self.horizon if self.stride is None else self.stride
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +39,8 @@ class Past:
 @dataclass(frozen=True, eq=False)
 class Learning:
     """Between two updates. residual: with the weights at hand. fixed: what is not learned, added to it. tail: samples
-    of the window that stay in the next one, and the memory before them. error (outputs,): mean square of late."""
+    of the window that stay in the next one, and the memory before them. error (outputs,): mean square of late. past:
+    what may be learned from again. surprised: windows in a row that were far worse than of late."""
 
     residual: Residual
     fixed: tuple[Residual, ...]
@@ -91,6 +50,7 @@ class Learning:
     error: np.ndarray
     past: tuple[Past, ...] = ()
     updates: int = 0
+    surprised: int = 0
     room: Room = field(default_factory=Room)
 
     @property
@@ -143,12 +103,15 @@ def step(settings: StreamSettings, learning: Learning, new: Samples, rng: np.ran
     at = predict(learning.all, window, learning.memory, settings.low_pass)
     n = len(new)
     h2 = h2_norm(new, at.velocity[-n:])
-    error = _error_of_late(learning.error, window.reference - at.velocity, settings.memory)
+    now = _mean_square(learning.error, window.reference - at.velocity)
+    error = learning.error + (np.minimum(now, 9.0 * learning.error) - learning.error) / settings.memory
+    before = learning.error
     keep = min(len(window), settings.horizon - settings.new)
     tail, memory = window.take(slice(len(window) - keep, None)), at.before[len(window) - keep]
     learning = replace(learning, tail=tail, memory=memory, error=error)
     if len(window) < settings.horizon:
         return learning, Step(at.velocity[-n:], h2, 0.0, None)
+    learning = _surprised(settings, learning, float(np.mean(now / (before + TOLD * learning.residual.output_scale**2))))
     learning, info, ms = _learned(settings, learning, window, at.before[0])
     old = learning.past
     for k in rng.integers(len(old), size=min(settings.replays, len(old))) if old else ():
@@ -224,12 +187,24 @@ def _no_worse(
     return Belief(before.mean, predicted_covariance(before, settings.kalman))
 
 
-def _error_of_late(before: np.ndarray, error: np.ndarray, memory: float) -> np.ndarray:
-    """(outputs,) running mean square; robust: the median of a window stands for it."""
+def _mean_square(before: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """(outputs,) of a window's errors (n, outputs), by their median; `before` where nothing was seen."""
     seen = np.isfinite(error).any(axis=0)
     with np.errstate(invalid="ignore"):
-        now = np.where(seen, np.nanmedian(np.where(seen, error, 0.0) ** 2, axis=0) / NORMAL, before)
-    return np.asarray(before + (np.minimum(now, 9.0 * before) - before) / memory)
+        return np.where(seen, np.nanmedian(np.where(seen, error, 0.0) ** 2, axis=0) / NORMAL, before)
+
+
+def _surprised(settings: StreamSettings, learning: Learning, surprise: float) -> Learning:
+    """A robot that has changed: what was seen before is forgotten, and every weight may move again.
+
+    surprise: a window's mean square error over that of late (and what is small in any case). One such window is a slip;
+    CHANGED in a row are another robot.
+    """
+    count = learning.surprised + 1 if surprise > SURPRISE and learning.past else 0
+    if count < CHANGED:
+        return replace(learning, surprised=count)
+    p = learning.belief.covariance + settings.variance * np.eye(len(learning.belief.mean))
+    return replace(learning, belief=Belief(learning.belief.mean, p), past=(), surprised=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,7 +49,9 @@ def update(
     size, w = len(belief.mean), weights.covariance_weight
     p = predicted_covariance(belief, settings, room.array(0, "covariance", (size, size)))
     p, factor = lower_factor(p, room.array(0, "factor", (size, size)))
-    moves = np.multiply(weights.reach, factor.T, out=room.array(0, "moves", (size, size)))
+    moves = factor.T
+    if weights.reach != 1.0:
+        moves = np.multiply(weights.reach, moves, out=room.array(0, "moves", (size, size)))
     with np.errstate(over="ignore", invalid="ignore"):
         centre, change = window.around(belief.mean, moves)  # (UKF e); row j: point j less the mean
         flat = change.reshape(2 * size, -1)
