@@ -71,4 +71,4 @@ def _windows(folder: Path) -> Dataset:
 
     runs = sorted(str(p) for p in folder.iterdir() if p.suffix in (".csv", ".parquet"))
     loaded = load(str(folder / "robot.toml"), runs, quiet=True)
-    return build_dataset(loaded.runs, loaded.robots, dict(loaded.robot_file.noise), 1.0)
+    return build_dataset(loaded.runs, loaded.robots, loaded.noise, 1.0)

@@ -171,7 +171,7 @@ def baseline(
     from residual_mpc.blind.baselines.bench import bench_of, document_of, write_document
 
     loaded = load(robot, runs, quiet=True)
-    bench = bench_of(loaded.runs, loaded.robots, dict(loaded.robot_file.noise), loaded.robot_file.tunable, without)
+    bench = bench_of(loaded.runs, loaded.robots, loaded.noise, loaded.robot_file.tunable, without)
     fit = getattr(import_module(f"residual_mpc.blind.baselines.{method}"), method)(bench)
     document = document_of(bench, fit, loaded.robot_file.name)
     write_document(document, out)

@@ -50,12 +50,14 @@ horizon_option = click.option(
 
 @dataclass(frozen=True)
 class Loaded:
-    """A call's input, read and audited. robots[i] is the nominal model of runs[i]."""
+    """A call's input, read and audited. robots[i] is the nominal model of runs[i]; noise: 1-sigma of each channel that
+    the robot file states one of."""
 
     robot_file: "RobotFile"
     runs: "tuple[Run, ...]"
     robots: "tuple[Robot, ...]"
     findings: "tuple[Finding, ...]"
+    noise: dict[str, float]
 
 
 def load(robot: str, paths: Sequence[str], quiet: bool = False) -> Loaded:
@@ -64,7 +66,7 @@ def load(robot: str, paths: Sequence[str], quiet: bool = False) -> Loaded:
     from residual_mpc.logs.read import read_runs
     from residual_mpc.models.facts import check_columns, facts_of
     from residual_mpc.models.load import load_robot
-    from residual_mpc.models.robot_file import for_run, read_robot_file
+    from residual_mpc.models.robot_file import for_run, noise_over, read_robot_file
 
     _allow_user_modules()
     robot_file = read_robot_file(robot)
@@ -87,7 +89,8 @@ def load(robot: str, paths: Sequence[str], quiet: bool = False) -> Loaded:
         raise BadInput(worst.message, where, worst.remedy)
     if not quiet:
         show_findings(findings)
-    return Loaded(robot_file, result.runs, tuple(robots), findings)
+    noise = noise_over(robot_file, [run.name for run in result.runs])
+    return Loaded(robot_file, result.runs, tuple(robots), findings, noise)
 
 
 def show_findings(findings: "Sequence[Finding]") -> None:

@@ -78,7 +78,7 @@ def diagnose(
         made = run_diagnosis(
             loaded.runs,
             loaded.robots,
-            dict(loaded.robot_file.noise),
+            loaded.noise,
             loaded.robot_file.tunable,
             options,
             np.random.default_rng(seed),

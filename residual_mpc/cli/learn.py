@@ -130,7 +130,7 @@ def _task(loaded: Any, case: str, on: Path | None, warm_start: Path | None, form
         if earlier is None:
             raise BadInput("it holds no learned residual", str(warm_start), "give a model.json that learn wrote")
     return Task(
-        loaded.runs, loaded.robots, dict(loaded.robot_file.noise), case, values, leaves_out, held, earlier,
+        loaded.runs, loaded.robots, loaded.noise, case, values, leaves_out, held, earlier,
         str(warm_start or ""), form,
     )  # fmt: skip
 

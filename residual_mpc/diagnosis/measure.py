@@ -18,7 +18,7 @@ from residual_mpc.effects.library import BY_NAME, LIBRARY
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.robot_file import RobotFile, noise_over
 from residual_mpc.models.settings import TUNE, Values, assemble
 from residual_mpc.residual.robot import with_residual
 
@@ -47,7 +47,7 @@ def measure(
             str(model),
             "give the robot file that it was learned with",
         )
-    data = build_dataset(runs, robots, robot_file.noise, horizon)
+    data = build_dataset(runs, robots, noise_over(robot_file, [run.name for run in runs]), horizon)
     scales = measure_scales(data)
     if held_out_of is not None:
         data = data.take(held_out_mask_of(held_out_of, data))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import fnmatch
+import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -110,6 +111,16 @@ def for_run(robot: RobotFile, run_name: str) -> RobotFile:
                     changes[key] = {**getattr(robot, key), **cast(Mapping[str, object], changes[key])}
             return replace(robot, **changes)  # type: ignore[arg-type]
     return robot
+
+
+def noise_over(robot: RobotFile, run_names: Sequence[str]) -> dict[str, float]:
+    """The 1-sigma noise of each channel over all runs: the root mean square of what the runs' variants state, since a
+    channel is weighed alike in every run. Runs that state none do not count."""
+    stated: dict[str, list[float]] = {}
+    for name in run_names:
+        for channel, sigma in for_run(robot, name).noise.items():
+            stated.setdefault(channel, []).append(sigma)
+    return {channel: math.sqrt(math.fsum(x * x for x in each) / len(each)) for channel, each in stated.items()}
 
 
 def _named(text: str, path: Path) -> RobotFile:

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from residual_mpc.errors import BadInput
-from residual_mpc.models.robot_file import RobotFile, for_run, read_robot_file
+from residual_mpc.models.robot_file import RobotFile, for_run, noise_over, read_robot_file
 
 GOOD = """
 name = "arm"
@@ -143,3 +143,13 @@ def test_a_mutated_file_is_read_or_refused(folder: Path, data: st.DataObject) ->
         assert str(fault)
     else:
         assert robot.plant and robot.name and isinstance(for_run(robot, "heavy_1"), RobotFile)
+
+
+def test_a_channel_s_noise_is_that_of_the_runs_that_state_one(tmp_path: Path) -> None:
+    text = 'name = "r"\nplant = "diff_drive"\n[noise]\n"pose.x" = 0.003\n'
+    text += '[[variant]]\nruns = "night_*"\n[variant.noise]\n"pose.x" = 0.004\n"pose.theta" = 0.02\n'
+    path = tmp_path / "robot.toml"
+    path.write_text(text)
+    robot = read_robot_file(path)
+    assert noise_over(robot, ["day_1"]) == {"pose.x": 0.003}
+    assert noise_over(robot, ["day_1", "night_1"]) == pytest.approx({"pose.x": (12.5e-6) ** 0.5, "pose.theta": 0.02})
