@@ -3,12 +3,14 @@
 from plants.wheeled.motions import constant_yaw_rate
 from plants.wheeled.twin import Withheld
 from scenarios.robots import PRACTICE, Gently, in_pybullet
-from scenarios.scenario import DriveScenario
+from scenarios.rover import rover
+from scenarios.scenario import ClosedLoop
 
-SCENARIO = DriveScenario(
+SCENARIO = ClosedLoop(
     name="constant_yaw_rate",
     summary="circle at a constant yaw rate in PyBullet; withheld: track width, wheel mismatch",
     plant="diff_drive",
+    kit=rover,
     simulator=lambda: in_pybullet(Withheld(ratio=0.95, track=1.35)),
     withheld={("wheel_radius_mismatch", None, "ratio"): 0.95, ("track_width", None, "scale"): 1.35},
     reference=lambda: Gently(constant_yaw_rate(1.0, 0.2)),

@@ -2,12 +2,14 @@
 
 from plants.wheeled.twin import Withheld
 from scenarios.robots import PRACTICE, brisk_eight, in_mujoco
-from scenarios.scenario import DriveScenario
+from scenarios.rover import rover
+from scenarios.scenario import ClosedLoop
 
-SCENARIO = DriveScenario(
+SCENARIO = ClosedLoop(
     name="figure_eight",
     summary="figure-eight in MuJoCo; withheld: motor lag, wheel mismatch, track width",
     plant="diff_drive",
+    kit=rover,
     simulator=lambda: in_mujoco(Withheld(ratio=1.04, track=1.25, lag=0.2)),
     withheld={
         ("actuator_lag", None, "time_constant"): 0.2,

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from plants.diff_drive import DiffDrive
 from residual_mpc.closed_loop.episode import Episode
-from residual_mpc.closed_loop.estimator import EstimatorSettings, build_filter
+from residual_mpc.closed_loop.estimator import build_filter
 from residual_mpc.closed_loop.loop import LoopSettings, run_closed_loop
 from residual_mpc.closed_loop.scenario import Progress, RunOptions
 from residual_mpc.diagnosis.dataset import build_dataset
@@ -18,13 +17,10 @@ from residual_mpc.diagnosis.replay import predict
 from residual_mpc.export import Build, augment
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings, Values, assemble
-from residual_mpc.residual.learn import LearnSettings
 from residual_mpc.residual.record import Residual
-from residual_mpc.residual.train import Task, train
-from scenarios.scenario import DriveScenario
+from scenarios.kit import Kit
+from scenarios.scenario import ClosedLoop, beginning
 
-ROBOT = DiffDrive("rover", 0.033, 0.16)
-NOISE = {"pose.x": 0.002, "pose.y": 0.002, "pose.theta": 0.006}  # m, m, rad; what the robot file says of the sensors
 PRACTICE_SEED = 7_000  # far from the seeds that are scored
 
 
@@ -57,40 +53,35 @@ class Learned:
         return {"verdict": d.verdict, "before": d.gap.before, "after": d.gap.after, "shrink": shrink, "effects": named}
 
 
-def practise(scenario: DriveScenario, options: RunOptions, progress: Progress) -> Learned:
+def practise(scenario: ClosedLoop, kit: Kit, options: RunOptions, progress: Progress) -> Learned:
     """Drive every motion of the practice once with the nominal MPC, diagnose the runs, teach the networks."""
     from controllers.mpc import build_mpc
-    from controllers.settings import MpcSettings
 
-    model = augment(ROBOT, {}, None, Build(scenario.dt))
-    estimator, controller = build_filter(model, EstimatorSettings()), build_mpc(model, MpcSettings())
+    model = augment(kit.robot, {}, None, Build(scenario.dt))
+    estimator, controller = build_filter(model, kit.estimator), build_mpc(model, kit.control)
     runs = []
-    for i, (reference, seconds) in enumerate(scenario.practice):
+    for i, (make, seconds) in enumerate(scenario.practice):
         progress("practice: driving with the nominal model", 0.1 * i / len(scenario.practice))
+        reference = make()
         episode = run_closed_loop(
-            scenario.simulator(), estimator, controller, reference(), LoopSettings(seconds, scenario.dt),
-            np.random.default_rng((PRACTICE_SEED, options.seed, i)), f"practice_{i}",
+            scenario.simulator(), estimator, controller, reference, LoopSettings(seconds, scenario.dt),
+            np.random.default_rng((PRACTICE_SEED, options.seed, i)), f"practice_{i}", at=beginning(reference),
         )  # fmt: skip
         runs.append(episode.run())
     progress("practice: diagnosing the log", 0.1)
-    robots = [ROBOT] * len(runs)
-    made = diagnose(runs, robots, NOISE, (), Options(), np.random.default_rng(options.seed))
+    robots = [kit.robot] * len(runs)
+    made = diagnose(runs, robots, dict(kit.noise), (), Options(), np.random.default_rng(options.seed))
     progress("practice: teaching the networks", 0.35)
     log = tuple(runs)
-    return Learned(log, made, teach(log, {}, options.seed), teach(log, made.diagnosis.values, options.seed))
+    on_top = kit.teach(log, made.diagnosis.values, options.seed)
+    return Learned(log, made, kit.teach(log, {}, options.seed), on_top)
 
 
-def teach(runs: tuple[Run, ...], effects: Values, seed: int) -> Residual:
-    """The paper's network, by its UKF, on top of the model with these effects."""
-    task = Task(runs, (ROBOT,) * len(runs), NOISE, "real-to-dyn", effects)
-    return train(task, LearnSettings(passes=2), np.random.default_rng(seed)).whole
-
-
-def closed_loop_gap(episodes: Sequence[Episode], learned: Learned) -> dict[str, Any]:
+def closed_loop_gap(episodes: Sequence[Episode], learned: Learned, kit: Kit) -> dict[str, Any]:
     """The gap on what the effects' controller drove, before and after them, beside the shrink that was stated."""
-    data = build_dataset([e.run() for e in episodes], [ROBOT] * len(episodes), NOISE)
+    data = build_dataset([e.run() for e in episodes], [kit.robot] * len(episodes), kit.noise)
     scales, everything = measure_scales(data), np.ones(data.count, dtype=bool)
-    effects = assemble([learned.effects], {k.effect: ROBOT.slots(k.effect) for k in learned.effects})
+    effects = assemble([learned.effects], {k.effect: kit.robot.slots(k.effect) for k in learned.effects})
     before, after = (
         float(gap_of(data, scales, data.y - predict(data, s)[0], everything).total) for s in (Settings(1), effects)
     )

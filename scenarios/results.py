@@ -11,7 +11,7 @@ from residual_mpc.closed_loop.compare import Comparison
 from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.diagnosis.document import to_document
 from scenarios.practice import Learned
-from scenarios.scenario import DriveScenario
+from scenarios.scenario import ClosedLoop
 
 COLOURS = {
     "nominal": "#c0392b",
@@ -24,7 +24,7 @@ COLOURS = {
 
 
 def write(
-    out: Path, scenario: DriveScenario, comparison: Comparison, learned: Learned, result: dict[str, Any]
+    out: Path, scenario: ClosedLoop, comparison: Comparison, learned: Learned, result: dict[str, Any]
 ) -> list[str]:
     """Fill the folder; returns the names of the files."""
     out.mkdir(parents=True, exist_ok=True)
@@ -40,7 +40,7 @@ def write(
     return [*names, "diagnosis.json", "result.json", "tracking.png", "drive.gif"]
 
 
-def _animation(path: Path, scenario: DriveScenario, comparison: Comparison) -> None:
+def _animation(path: Path, scenario: ClosedLoop, comparison: Comparison) -> None:
     """The first seed's robots side by side on the wanted path, four times as fast as it was."""
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -53,8 +53,10 @@ def _animation(path: Path, scenario: DriveScenario, comparison: Comparison) -> N
     axes = figure.subplots()
     axes.plot(first.reference[:, 0], first.reference[:, 1], color="black", lw=0.8, ls="--")
     everything = np.concatenate([e.truth[:, :2] for e in shown.values()] + [first.reference[:, :2]])
-    low, high = everything.min(axis=0) - 0.1, everything.max(axis=0) + 0.1
+    room = 0.1 * np.ptp(everything)
+    low, high = everything.min(axis=0) - room, everything.max(axis=0) + room
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x, m", ylabel="y, m")
+    drives = "pose.theta" in first.poses
     tails = {n: axes.plot([], [], color=COLOURS[n], lw=1.5, label=n)[0] for n in shown}
     noses = {n: axes.plot([], [], color=COLOURS[n], lw=4.0, solid_capstyle="round")[0] for n in shown}
     (wanted,) = axes.plot([], [], "x", color="black", ms=8)
@@ -65,9 +67,10 @@ def _animation(path: Path, scenario: DriveScenario, comparison: Comparison) -> N
         k = min(frame * per_frame, len(first.t) - 1)
         for n, e in shown.items():
             since = max(0, k - round(3.0 / scenario.dt))
-            x, y, theta = e.truth[k]
+            x, y, theta = e.truth[k, :3]
             tails[n].set_data(e.truth[since : k + 1, 0], e.truth[since : k + 1, 1])
-            noses[n].set_data([x, x + 0.06 * np.cos(theta)], [y, y + 0.06 * np.sin(theta)])
+            nose = 0.06 if drives else 0.0  # a tool is a dot
+            noses[n].set_data([x, x + nose * np.cos(theta)], [y, y + nose * np.sin(theta)])
         wanted.set_data(first.reference[k : k + 1, 0], first.reference[k : k + 1, 1])
         return [*tails.values(), *noses.values(), wanted]
 
@@ -75,7 +78,7 @@ def _animation(path: Path, scenario: DriveScenario, comparison: Comparison) -> N
     moving.save(str(path), writer=PillowWriter(fps=20), dpi=80)
 
 
-def _picture(path: Path, scenario: DriveScenario, comparison: Comparison) -> None:
+def _picture(path: Path, scenario: ClosedLoop, comparison: Comparison) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 4.2), layout="constrained")

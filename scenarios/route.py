@@ -3,12 +3,14 @@
 from plants.wheeled.motions import route
 from plants.wheeled.twin import Withheld
 from scenarios.robots import PRACTICE, Gently, Late, in_mujoco
-from scenarios.scenario import DriveScenario
+from scenarios.rover import rover
+from scenarios.scenario import ClosedLoop
 
-SCENARIO = DriveScenario(
+SCENARIO = ClosedLoop(
     name="route",
     summary="a route with soft limits in MuJoCo; withheld: late commands, track width",
     plant="diff_drive",
+    kit=rover,
     simulator=lambda: Late(in_mujoco(Withheld(track=1.2)), 0.15),
     withheld={("command_delay", None, "delay"): 0.15, ("track_width", None, "scale"): 1.2},
     reference=lambda: Gently(route()),

@@ -12,23 +12,26 @@ from typing import TYPE_CHECKING, Any
 from residual_mpc.closed_loop.scenario import Progress, RunOptions
 
 if TYPE_CHECKING:
-    from residual_mpc.closed_loop.protocols import Reference, Simulator
+    from residual_mpc.closed_loop.protocols import Reading, Reference, Simulator
+    from scenarios.kit import Kit
 
 Withheld = Mapping[tuple[str, str | None, str], float]  # (effect, target, parameter) -> true value
 
 
 @dataclass(frozen=True)
-class DriveScenario:
-    """A wheeled robot in a physics engine, under the controllers of the contract.
+class ClosedLoop:
+    """A robot in a physics engine, under the controllers of the contract.
 
-    simulator: makes the real robot (in `plant`'s engine). withheld: what the oracle knows of it. reference: makes the
-    path. practice: motions that the nominal controller drives for the log that is diagnosed, with their seconds.
-    limits: soft ones, (channel, lower, upper) in m. speed: m/s, about as fast as the path.
+    kit: the robot as its model has it. simulator: makes the real one (in `plant`'s engine). withheld: what the oracle
+    knows of it. reference: makes the path; where the robot's poses are not what is tracked, it has a `begin()` too, the
+    poses by channel at its start. practice: motions that the nominal controller drives for the log that is diagnosed,
+    with their seconds. limits: soft ones, (channel, lower, upper) in m or rad. speed: m/s, about as fast as the path.
     """
 
     name: str
     summary: str
     plant: str
+    kit: "Callable[[], Kit]"
     simulator: "Callable[[], Simulator]"
     withheld: Withheld
     reference: "Callable[[], Reference]"
@@ -49,22 +52,29 @@ class DriveScenario:
         from scenarios.results import write
 
         progress("practice: driving with the nominal model", 0.0)
-        learned = practise(self, options, progress)
+        kit, reference = self.kit(), self.reference()
+        learned = practise(self, kit, options, progress)
         progress("building the controllers", 0.4)
-        rivals = contenders(self, learned, options)
+        rivals = contenders(self, kit, learned, options)
         comparison = compare(
-            self.simulator(), rivals, self.reference(), LoopSettings(self.seconds, self.dt), seeds_of(options),
-            self.limits, lambda stage, done: progress(stage, 0.45 + 0.5 * done),
+            self.simulator(), rivals, reference, LoopSettings(self.seconds, self.dt), seeds_of(options),
+            self.limits, lambda stage, done: progress(stage, 0.45 + 0.5 * done), beginning(reference),
         )  # fmt: skip
         result = document(comparison, self.name, self.plant, np.random.default_rng(options.seed))
         result["controller"] = options.controller
         result["diagnosis"] = learned.summary()
-        result["closed_loop_gap"] = closed_loop_gap(comparison.episodes["effects"], learned)
+        result["closed_loop_gap"] = closed_loop_gap(comparison.episodes["effects"], learned, kit)
         if options.out is not None:
             progress("writing episodes and figures", 0.97)
             result["files"] = write(options.out, self, comparison, learned, result)
         return result
 
-    def shorter(self, seconds: float) -> "DriveScenario":
+    def shorter(self, seconds: float) -> "ClosedLoop":
         """The same experiment, driven for less long."""
         return replace(self, seconds=seconds)
+
+
+def beginning(reference: "Reference") -> "Reading | None":
+    """Where a robot begins; None: at the path's first pose."""
+    begin = getattr(reference, "begin", None)
+    return None if begin is None else begin()

@@ -29,9 +29,8 @@ ON_MOTORS = frozenset(
         "voltage_sag",
         "coulomb_friction",
         "viscous_friction",
-        "sensor_delay",
     }
-)
+)  # no sensor_delay: in a log the few ms that the servos' inertia takes, which this model lacks, would pass for one
 
 
 @dataclass(frozen=True)

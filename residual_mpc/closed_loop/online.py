@@ -6,12 +6,13 @@ handed over only while it predicts seconds that it has not seen better than the 
 is nothing that such a network can follow, and weights that try would drive worse than none.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from residual_mpc.closed_loop.estimator import Filter
-from residual_mpc.errors import BadInput
+from residual_mpc.closed_loop.stacks import stack_of
 from residual_mpc.residual import ukf
 from residual_mpc.residual.filter import Belief, FilterSettings, Measurement
 from residual_mpc.residual.window import Window
@@ -20,9 +21,10 @@ from residual_mpc.residual.window import Window
 @dataclass(frozen=True)
 class OnlineSettings:
     """horizon: samples in an update, and between updates. variance: of each weight before any data. noise: of the
-    poses, 1-sigma, m, m, rad; other: what the network cannot follow, as noise on the poses, same units. halvings: of
-    an update that makes its own window worse when that is driven anew, before it is left out. memory: of the mean of
-    unseen errors, a window; better: share of the first model's that the learned one has to stay below.
+    positions, 1-sigma, m, m, rad (an arm's tool: m); other: what the network cannot follow, as noise on them, same
+    units. halvings: of an update that makes its own window worse when that is driven anew, before it is left out.
+    memory: of the mean of unseen errors, a window; better: share of the first model's that the learned one has to stay
+    below.
     """
 
     horizon: int = 20
@@ -42,13 +44,9 @@ class OnlineLearner:
     """A leaf with one episode's memory: call it once a sample; see `residual_mpc.closed_loop.loop.Learner`."""
 
     def __init__(self, estimator: Filter, settings: OnlineSettings) -> None:
+        self._stack = stack_of(estimator.model)
         residual = estimator.model.residual
-        if residual is None or residual.form != "body" or "pose.theta" not in estimator.model.stepped.poses:
-            raise BadInput(
-                "online learning needs a model with a network of the body form",
-                estimator.model.robot.name,
-                "augment the model with a Residual of form 'body', its weights at their start",
-            )
+        assert residual is not None  # or there would be no stack
         self._filter, self._settings, self._residual = estimator, settings, residual
         self._belief: Belief = ukf.init(residual.theta, settings.variance)
         self._rows: list[Row] = []
@@ -62,6 +60,10 @@ class OnlineLearner:
         if len(self._rows) <= self._settings.horizon:
             return None
         rows, self._rows = self._rows, self._rows[-1:]
+        return self.learn(rows)
+
+    def learn(self, rows: Sequence[Row]) -> np.ndarray | None:
+        """One window, `horizon` + 1 samples in a row: new parameters (np,), or None where it says nothing."""
         states, z = self._driven(self._filter, rows)
         window, measured = self._window(rows, states, z)
         before = self._belief
@@ -85,61 +87,46 @@ class OnlineLearner:
             share *= 0.5
         return self._filter.p if good else self._first
 
+    @property
+    def parameters(self) -> np.ndarray:
+        """(np,) what was learned so far, good or not."""
+        return self._filter.p
+
+    def cost(self, rows: Sequence[Row], p: np.ndarray) -> float:
+        """Robust squares, in sigma, of what parameters p (np,) leave of a window, learned from or not."""
+        filter_ = self._filter.with_parameters(p)
+        _, measured = self._window(rows, *self._driven(filter_, rows))
+        return self._cost(filter_, rows, measured, np.sqrt(np.diag(measured.noise)))
+
     def _parameters(self, theta: np.ndarray) -> np.ndarray:
         p = self._filter.p.copy()
         p[len(p) - len(theta) :] = theta
         return p
 
-    def _driven(self, filter_: Filter, rows: list[Row]) -> tuple[np.ndarray, np.ndarray]:
+    def _driven(self, filter_: Filter, rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
         """(n + 1, nx) states from the first belief on, and (n, inputs) what the network saw."""
-        at = [filter_.model.stepped.states.index(f"last.{o}") for o in self._residual.outputs]
-        states, z = [rows[0][0]], []
+        states = [rows[0][0]]
         for _, u, _ in rows[:-1]:
-            z.append(np.concatenate([states[-1][at], u]))
             states.append(filter_.drive(states[-1], u))
-        return np.array(states), np.array(z)
+        return np.array(states), self._stack.inputs(np.array(states), np.array([u for _, u, _ in rows[:-1]]))
 
-    def _cost(self, filter_: Filter, rows: list[Row], measured: Measurement, sigma: np.ndarray) -> float:
+    def _cost(self, filter_: Filter, rows: Sequence[Row], measured: Measurement, sigma: np.ndarray) -> float:
         """Robust squares of what the window leaves, so that one spike decides nothing."""
         states, _ = self._driven(filter_, rows)
-        e = (measured.reference - states[1:, filter_.poses].T.ravel()) / sigma
-        return float(np.nansum(np.minimum(e * e, 3.0 * np.abs(e)))) if np.isfinite(states).all() else np.inf
+        if not np.isfinite(states).all():
+            return np.inf
+        e = (measured.reference - self._stack.positions(states)[1:].T.ravel()) / sigma
+        return float(np.nansum(np.minimum(e * e, 3.0 * np.abs(e))))
 
-    def _window(self, rows: list[Row], states: np.ndarray, z: np.ndarray) -> tuple[Window, Measurement]:
-        r, dt = self._residual, self._filter.model.build.dt
-        n = self._settings.horizon
-        pose = states[:, self._filter.poses]  # (n + 1, 3)
+    def _window(self, rows: Sequence[Row], states: np.ndarray, z: np.ndarray) -> tuple[Window, Measurement]:
+        r, n, s = self._residual, self._settings.horizon, self._settings
+        at = self._stack.positions(states)  # (n + 1, 3)
         scaled = r.scaled(z)
-        readout = _readout(pose, dt)
+        readout = self._stack.readout(at)
         bare = Window(r.net, scaled, np.zeros(3 * n), r.output_scale, readout)
-        offset = pose[1:].T.ravel() - bare.predict(self._belief.mean)
-        y = np.array([row[2] for row in rows[1:]])
-        y[:, 2] += 2 * np.pi * np.round((pose[1:, 2] - y[:, 2]) / (2 * np.pi))
-        sigma = np.sqrt(np.square(self._settings.noise) + np.square(self._settings.other))
-        start = _from_start(pose) * np.array(self._settings.noise)
+        offset = at[1:].T.ravel() - bare.predict(self._belief.mean)
+        y = self._stack.measured(np.array([row[2] for row in rows[1:]]), at[1:])
+        sigma = np.sqrt(np.square(s.noise) + np.square(s.other))
+        start = self._stack.from_start(at) * np.array(s.noise)
         noise = np.diag(np.repeat(sigma**2, n)) + start @ start.T
         return Window(r.net, scaled, offset, r.output_scale, readout), Measurement(y.T.ravel(), noise)
-
-
-def _readout(pose: np.ndarray, dt: float) -> np.ndarray:
-    """(3 n, 3 n): what body velocities added in each step do to the poses after, along the path (n + 1, 3)."""
-    n = len(pose) - 1
-    earlier = np.tril(np.ones((n, n)))  # row k: pose after step k; column j: step j
-    middle = 0.5 * (pose[1:] + pose[:-1])
-    c, s = np.cos(middle[:, 2]), np.sin(middle[:, 2])
-    away = pose[1:, None, :2] - middle[None, :, :2]  # (k, j, 2)
-    out = np.zeros((3, n, 3, n))
-    out[0, :, 0], out[0, :, 1], out[0, :, 2] = earlier * c, -earlier * s, -earlier * away[..., 1]
-    out[1, :, 0], out[1, :, 1], out[1, :, 2] = earlier * s, earlier * c, earlier * away[..., 0]
-    out[2, :, 2] = earlier
-    return dt * out.reshape(3 * n, 3 * n)
-
-
-def _from_start(pose: np.ndarray) -> np.ndarray:
-    """(3 n, 3): what an error of the start does to the poses after."""
-    n = len(pose) - 1
-    away = pose[1:, :2] - pose[0, :2]
-    out = np.zeros((3, n, 3))
-    out[0, :, 0] = out[1, :, 1] = out[2, :, 2] = 1.0
-    out[0, :, 2], out[1, :, 2] = -away[:, 1], away[:, 0]
-    return out.reshape(3 * n, 3)

@@ -56,7 +56,7 @@ def test_no_clock_decides_in_a_scenario_unless_asked_for():
 
     s = find_scenario("figure_eight")
     for options, budget in ((RunOptions(), np.inf), (RunOptions(budget=0.03), 0.03)):
-        assert _contender(s, {}, None, options).controller.settings.budget == budget
+        assert _contender(s, s.kit(), {}, None, options).controller.settings.budget == budget
 
 
 class Recorder:

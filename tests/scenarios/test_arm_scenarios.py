@@ -1,0 +1,110 @@
+"""The arm's scenarios: motions within reach, twins that differ by what is withheld, a network that helps to predict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controllers.mpc import build_mpc
+from plants.scaler_arm.geometry import MOTORS, SCALER
+from plants.scaler_arm.inverse import inverse_kinematics
+from plants.scaler_arm.kinematics import forward_kinematics
+from residual_mpc.closed_loop import LoopSettings, build_filter, run_closed_loop
+from residual_mpc.closed_loop.compare import Contender, compare, document
+from residual_mpc.closed_loop.metrics import figures, h2_norm, path_error
+from residual_mpc.closed_loop.online import OnlineLearner
+from residual_mpc.closed_loop.scenario import RunOptions, find_scenario
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.export import Build, augment
+from residual_mpc.models.settings import Knob
+from scenarios.arm import DT, ONLINE, arm_twin, circle_line, servo_arm, taught, untaught
+from scenarios.contenders import _controller
+from scenarios.scenario import beginning
+
+NAMES = ("arm_circle_line", "arm_circle_z")
+
+
+def drive(kit, simulator, effects, residual=None, seconds=2.0, learner=False, reference=None):
+    """An episode of the compiled-free MPC on a twin."""
+    model = augment(kit.robot, effects, residual, Build(DT))
+    estimator = build_filter(model, kit.estimator, compile=False)
+    controller = build_mpc(model, replace(kit.control, compile=False))
+    reference = reference or circle_line()
+    online = OnlineLearner(estimator, ONLINE) if learner else None
+    return run_closed_loop(
+        simulator, estimator, controller, reference, LoopSettings(seconds, DT), np.random.default_rng(0), "episode",
+        online, beginning(reference),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_motion_is_within_reach_and_every_effect_is_known(name):
+    s = find_scenario(name)
+    home = forward_kinematics(np.array([0.0, -0.1, 0.3, 0.35, 0.412, 0.0]))[1]
+    for make in (s.reference, *(m for m, _ in s.practice)):
+        path = make().path(DT * np.arange(1100))
+        q = inverse_kinematics(path[:, :3], np.broadcast_to(home, (len(path), 3, 3)))  # raises beyond a joint limit
+        assert np.abs(np.diff(q, axis=0)).max() < SCALER.speed * DT
+        assert np.abs(np.diff(path, axis=0))[0].max() < 1e-4, "it starts from rest"
+        begin = np.array([make().begin()[f"position.{m}"] for m in MOTORS])
+        np.testing.assert_allclose(begin, q[0], atol=1e-9)
+    for effect, _, parameter in s.withheld:
+        BY_NAME[effect].parameter(parameter)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_knowing_what_is_withheld_drives_better(name):
+    """Nominal and oracle alone, on the twin in its engine: the rest of the story is told by the slow test."""
+    s = find_scenario(name)
+    kit, simulator = s.kit(), s.simulator()
+    truth = {Knob(*where): value for where, value in s.withheld.items()}
+    errors = [path_error(drive(kit, simulator, e, seconds=2.5, reference=s.reference())) for e in ({}, truth)]
+    nominal, oracle = (np.sqrt(np.mean(e[50:] ** 2)) for e in errors)
+    assert oracle < 2.5e-4 and oracle < 0.3 * nominal
+
+
+def test_an_episode_of_the_arm_is_a_run_and_tracks_the_tool():
+    kit = servo_arm()
+    e = drive(kit, arm_twin("mujoco", find_scenario("arm_circle_line").simulator().inner.withheld), {}, seconds=0.5)
+    assert e.poses[:3] == ("tool.x", "tool.y", "tool.z") and e.truth.shape == (51, 6)
+    run = e.run()
+    assert {"command.f", "position.f", "velocity.f", "tool.x"} <= set(run.columns)
+    q = np.stack([run.columns[f"position.{m}"] for m in MOTORS], axis=-1)
+    np.testing.assert_allclose(forward_kinematics(q)[0], e.truth[:, :3], atol=1e-3)  # up to the encoders' noise
+    f = figures(e)
+    assert np.isfinite(f.heading_rmse) and f.tracking_max < 0.01
+    np.testing.assert_allclose(h2_norm(e), np.linalg.norm((e.happened - e.predicted)[:-1, :3], axis=1))
+
+
+@pytest.mark.slow
+def test_a_network_taught_in_task_space_predicts_better_and_online_it_learns_too():
+    s = find_scenario("arm_circle_line")
+    kit, simulator = s.kit(), s.simulator()
+    nominal = drive(kit, simulator, {}, seconds=8.5)
+    network = taught(kit.robot, (nominal.run(),), {}, untaught(0, DT), 0)
+    assert np.abs(network(np.full(6, 0.2))).max() > 1e-4
+    with_it = drive(kit, simulator, {}, network, seconds=4.0)
+    assert np.mean(h2_norm(with_it)) < 0.5 * np.mean(h2_norm(nominal))
+    assert figures(with_it).tracking_rmse < 0.6 * figures(nominal).tracking_rmse
+    online = drive(kit, simulator, {}, untaught(0, DT), seconds=8.5, learner=True)
+    h2 = h2_norm(online)
+    assert h2[-200:].mean() < 0.6 * h2[:200].mean()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", ["mpc", "lqr"])
+def test_the_arms_controllers_are_compared_on_equal_terms(controller):
+    s = find_scenario("arm_circle_line").shorter(3.0)
+    kit = s.kit()
+    truth = {Knob(*where): value for where, value in s.withheld.items()}
+    rivals = {}
+    for name, effects in (("nominal", {}), ("oracle", truth)):
+        model = augment(kit.robot, effects, None, Build(DT))
+        rivals[name] = Contender(build_filter(model, kit.estimator), _controller(s, kit, model, RunOptions(controller)))
+    reference = s.reference()
+    comparison = compare(s.simulator(), rivals, reference, LoopSettings(s.seconds, DT), (0, 1), at=beginning(reference))
+    d = document(comparison, s.name, s.plant, np.random.default_rng(0))
+    assert d["controllers"]["oracle"]["tracking_rmse"] < 0.3 * d["controllers"]["nominal"]["tracking_rmse"]
+    assert d["controllers"]["oracle"]["failures"] == 0
