@@ -2,12 +2,16 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.head_to_head.files import HIDDEN
 from benchmarks.head_to_head.match import Match
 from benchmarks.head_to_head.servo import CASES, TUNED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 TITLES = {
     "nothing": "nothing hidden",
@@ -20,7 +24,8 @@ SIDES = (
     ("mujoco.sysid, told which", "#dd8452", "s"),
     ("residual-mpc diagnose, told nothing", "#4c72b0", "D"),
 )
-TICKS = (1.0, 1.5, 2.0, 3.0, 4.0)
+TICKS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
+SHOWN = (0.65, 7.0)  # of value / true value; what lies beyond is written at the edge
 
 
 def draw(matches: Sequence[Match], path: Path) -> None:
@@ -38,12 +43,15 @@ def draw(matches: Sequence[Match], path: Path) -> None:
             if not points:
                 continue
             x, low, high, y = np.array(points).T
+            for value, height in zip(x, y, strict=True):
+                if not SHOWN[0] < value < SHOWN[1]:
+                    _beyond(axes, value, height, colour)
             axes.errorbar(x, y, xerr=[x - low, high - x], fmt=marker, ms=4, lw=1.2, color=colour, label=label)
         axes.set(title=TITLES[case], xscale="log", yticks=range(len(rows)), yticklabels=rows)
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_xticks(TICKS, labels=[f"{tick:g}" for tick in TICKS])
-        axes.set_xlim(0.7, 4.5)
+        axes.set_xlim(*SHOWN)
         axes.minorticks_off()
     figure.supxlabel("value / true value", fontsize=10)
     entries = dict(pair[::-1] for axes in panels for pair in zip(*axes.get_legend_handles_labels(), strict=True))
@@ -51,6 +59,15 @@ def draw(matches: Sequence[Match], path: Path) -> None:
     figure.legend([entries[label] for label in found], found, loc="outside upper center", ncols=3, frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130, metadata={"Software": None})
+
+
+def _beyond(axes: "Axes", value: float, height: float, colour: str) -> None:
+    """The value in words, at the edge that it lies beyond."""
+    low = value < SHOWN[0]
+    text, at, side = (
+        (f"← {value:.2g}", SHOWN[0] * 1.02, "left") if low else (f"{value:.2g} →", SHOWN[1] * 0.98, "right")
+    )
+    axes.text(at, height, text, color=colour, ha=side, va="center", fontsize=8)
 
 
 def _points(m: Match, rows: Sequence[str], side: int) -> list[tuple[float, float, float, float]]:
