@@ -64,10 +64,8 @@ def draw(matches: Sequence[Match], path: Path) -> None:
 def _beyond(axes: "Axes", value: float, height: float, colour: str) -> None:
     """The value in words, at the edge that it lies beyond."""
     low = value < SHOWN[0]
-    text, at, side = (
-        (f"← {value:.2g}", SHOWN[0] * 1.02, "left") if low else (f"{value:.2g} →", SHOWN[1] * 0.98, "right")
-    )
-    axes.text(at, height, text, color=colour, ha=side, va="center", fontsize=8)
+    text, at = (f"← {value:.2g}", SHOWN[0] * 1.02) if low else (f"{value:.2g} →", SHOWN[1] * 0.98)
+    axes.text(at, height, text, color=colour, ha="left" if low else "right", va="center", fontsize=8)
 
 
 def _points(m: Match, rows: Sequence[str], side: int) -> list[tuple[float, float, float, float]]:

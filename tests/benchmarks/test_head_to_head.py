@@ -182,6 +182,8 @@ def test_the_toolboxs_delay_is_judged_as_a_dead_time():
 def test_an_interval_beside_the_truth_is_counted_against_whoever_stated_it():
     m = match("delay", 0, friction=1.0, named=0.0104, interval=(0.0103, 0.0105))
     assert not page.holds(m, "delay") and page.fit_holds(m.fits["delay"], m, "delay")
+    boundless = replace(m.fits["delay"], half_widths=m.fits["delay"].half_widths | {"delay": np.inf})
+    assert not page.fit_holds(boundless, m, "delay")
     off = replace(m.fits["delay"], values=m.fits["delay"].values | {"delay": 0.0115})
     assert not page.fit_holds(off, m, "delay")
 
