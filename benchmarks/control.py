@@ -1,8 +1,9 @@
 """The MPC's step, timed beside what one would otherwise take: `python -m benchmarks.control`.
 
 A differential drive with dead time, lag and the paper's network in its model, N = 20, 50 ms, box and rate limits, on a
-figure-eight of the model itself. Everything in one process, one thread; the order is shuffled in blocks so that a busy
-machine slows all of them alike. Wall time, and CPU time where a machine is shared.
+figure-eight of the model itself; and the SCALER arm (`benchmarks.control_arm`). Everything in one process, one thread;
+the order is shuffled in blocks so that a busy machine slows all of them alike. Wall time, and CPU time where a machine
+is shared.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import sys
 import time
 import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,6 +54,34 @@ def path(t: np.ndarray) -> np.ndarray:
     return np.stack([0.4 * np.sin(w * t), 0.2 * np.sin(2 * w * t), np.unwrap(np.arctan2(dy, dx))], axis=-1)
 
 
+@dataclass(frozen=True)
+class Course:
+    """What is driven: path(t (n,)) -> (n, ny); begin: poses by channel at its start; error(y, wanted) (ny,): in the
+    frame that the weights speak of.
+    """
+
+    dt: float
+    steps: int  # of the horizon
+    path: Callable[[np.ndarray], np.ndarray]
+    begin: Mapping[str, float]
+    error: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+    def ahead(self, k: int) -> np.ndarray:
+        """(steps, ny) what is wanted after sample k."""
+        return self.path(self.dt * (k + 1 + np.arange(self.steps)))
+
+
+def drive() -> Course:
+    """The figure-eight."""
+    begin = dict(zip(("pose.x", "pose.y", "pose.theta"), path(np.zeros(1))[0].tolist(), strict=True))
+    return Course(DT, N, path, begin, _in_frame)
+
+
+def _in_frame(y: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    e, c, s = y - wanted, np.cos(wanted[2]), np.sin(wanted[2])
+    return np.array([c * e[0] + s * e[1], -s * e[0] + c * e[1], np.remainder(e[2] + np.pi, 2 * np.pi) - np.pi])
+
+
 @dataclass
 class Contestant:
     """One way to close the loop: `step(x, k)` -> command. wall, cpu: ms of each step; cost: in the MPC's own terms."""
@@ -66,34 +96,35 @@ class Contestant:
     failed: int = 0
 
 
-def real_time(name: str, mpc: Mpc) -> Contestant:
+def real_time(name: str, mpc: Mpc, course: Course) -> Contestant:
     """Our controller, with its own warm start."""
     memory = {"state": mpc.init()}
 
     def step(x: np.ndarray, k: int, sent: np.ndarray) -> tuple[np.ndarray, bool]:
-        command, memory["state"], info = mpc.step(memory["state"], x, path(DT * (k + 1 + np.arange(N))))
+        command, memory["state"], info = mpc.step(memory["state"], x, course.ahead(k))
         return command, info.outcome != "shifted"
 
-    return _contestant(name, step, mpc.model)
+    return _contestant(name, step, mpc.model, course)
 
 
-def full(name: str, mpc: Mpc, iterations: int) -> Contestant:
+def full(name: str, mpc: Mpc, iterations: int, course: Course) -> Contestant:
     """CasADi and IPOPT on the same problem, warm-started with the shifted plan."""
     solver = converged(mpc, iterations)
-    memory = {"plan": np.zeros((N, 2))}
+    memory = {"plan": mpc.init().plan}
 
     def step(x: np.ndarray, k: int, sent: np.ndarray) -> tuple[np.ndarray, bool]:
         guess = np.concatenate([memory["plan"][1:], memory["plan"][-1:]])
-        plan, _, good = solver.solve(x, sent, path(DT * (k + 1 + np.arange(N))), guess)
+        plan, _, good = solver.solve(x, sent, course.ahead(k), guess)
         memory["plan"] = plan
         return plan[0], good
 
-    return _contestant(name, step, mpc.model)
+    return _contestant(name, step, mpc.model, course)
 
 
-def do_mpc(name: str, mpc: Mpc) -> Contestant:
+def do_mpc(name: str, mpc: Mpc, course: Course) -> Contestant:
     """do-mpc with IPOPT (50 iterations at most), the exported model as its right-hand side."""
     import casadi as ca
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of do-mpc's own optional parts
         from do_mpc.controller import MPC
@@ -111,9 +142,7 @@ def do_mpc(name: str, mpc: Mpc) -> Contestant:
     outer.set_param(n_horizon=N, t_step=DT, store_full_solution=False, nlpsol_opts=options)
     e = ca.vertcat(*[x[int(i)] for i in mpc.poses]) - wanted
     turn = wanted[2]
-    e = ca.vertcat(
-        ca.cos(turn) * e[0] + ca.sin(turn) * e[1], -ca.sin(turn) * e[0] + ca.cos(turn) * e[1], ca.sin(e[2])
-    )
+    e = ca.vertcat(ca.cos(turn) * e[0] + ca.sin(turn) * e[1], -ca.sin(turn) * e[0] + ca.cos(turn) * e[1], ca.sin(e[2]))
     stage, end = (ca.sumsqr(ca.mtimes(root, e)) for root in mpc.roots)
     outer.set_objective(lterm=stage, mterm=end)
     outer.set_rterm(u=s.weights.change**-2.0)
@@ -136,15 +165,17 @@ def do_mpc(name: str, mpc: Mpc) -> Contestant:
         command = np.array(outer.make_step(x[:, None])).ravel()
         return command, bool(outer.solver_stats["success"])
 
-    return _contestant(name, step, m)
+    return _contestant(name, step, m, course)
 
 
-def _contestant(name: str, step: Any, m: Augmented) -> Contestant:
-    x = m.start(dict(zip(m.stepped.poses, path(np.zeros(1))[0].tolist(), strict=True)))
-    return Contestant(name, step, x, np.zeros(2), [], [])
+def _contestant(name: str, step: Any, m: Augmented, course: Course) -> Contestant:
+    x = m.start(course.begin)
+    return Contestant(name, step, x, m.hold(x), [], [])
 
 
-def race(contestants: list[Contestant], mpc: Mpc, steps: int, block: int, rng: np.random.Generator) -> None:
+def race(
+    contestants: list[Contestant], mpc: Mpc, course: Course, steps: int, block: int, rng: np.random.Generator
+) -> None:
     """Everyone drives `steps` samples of the same model, in blocks, in shuffled order."""
     plant = build_plant(mpc.model)
     for first in range(0, steps, block):
@@ -157,7 +188,7 @@ def race(contestants: list[Contestant], mpc: Mpc, steps: int, block: int, rng: n
                 c.wall.append(1e3 * (time.perf_counter() - wall))
                 c.failed += not good
                 c.x = plant(c.x, command)
-                c.cost += _cost(mpc, c.x, path(np.array([DT * (k + 1)]))[0], command, c.sent)
+                c.cost += _cost(mpc, course, c.x, k, command, c.sent)
                 c.sent = command
 
 
@@ -167,10 +198,8 @@ def build_plant(m: Augmented) -> Any:
     return lambda x, u: np.array(f(x, u, m.p)).ravel()
 
 
-def _cost(mpc: Mpc, x: np.ndarray, wanted: np.ndarray, command: np.ndarray, sent: np.ndarray) -> float:
-    e = x[mpc.poses] - wanted
-    c, s = np.cos(wanted[2]), np.sin(wanted[2])
-    e = np.array([c * e[0] + s * e[1], -s * e[0] + c * e[1], np.remainder(e[2] + np.pi, 2 * np.pi) - np.pi])
+def _cost(mpc: Mpc, course: Course, x: np.ndarray, k: int, command: np.ndarray, sent: np.ndarray) -> float:
+    e = course.error(mpc.model.outputs(x), course.ahead(k)[0])
     w = mpc.settings.weights
     change = np.sum((command - sent) ** 2) / w.change**2
     return float(np.sum((e / w.error) ** 2) + change + np.sum(command**2) / w.command**2)
@@ -183,27 +212,37 @@ def main() -> None:
     parser.add_argument("--long", type=int, default=0, help="samples of a run of our default controller alone")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    exact, round_ = model(), model(smooth=1e-2)
+    exact, round_, course = model(), model(smooth=1e-2), drive()
     ours = build_mpc(exact, MpcSettings())
     contestants = [
-        real_time("real-time iteration, DAQP", ours),
-        real_time("real-time iteration, OSQP", build_mpc(exact, MpcSettings(solver="osqp"))),
-        real_time("the same without a compiler", build_mpc(exact, MpcSettings(compile=False))),
-        full("IPOPT, converged, smoothed", build_mpc(round_, MpcSettings()), 200),
-        full("IPOPT, converged, leaky", ours, 50),
-        do_mpc("do-mpc with IPOPT, leaky", ours),
+        real_time("real-time iteration, DAQP", ours, course),
+        real_time("real-time iteration, OSQP", build_mpc(exact, MpcSettings(solver="osqp")), course),
+        real_time("the same without a compiler", build_mpc(exact, MpcSettings(compile=False)), course),
+        full("IPOPT, converged, smoothed", build_mpc(round_, MpcSettings()), 200, course),
+        full("IPOPT, converged, leaky", ours, 50, course),
+        do_mpc("do-mpc with IPOPT, leaky", ours, course),
     ]
-    race(contestants, ours, options.steps, 40, np.random.default_rng(0))
+    race(contestants, ours, course, options.steps, 40, np.random.default_rng(0))
     best = next(c for c in contestants if c.name.startswith("IPOPT, converged, smoothed"))
-    rows = [_row(c, best.cost) for c in contestants]
+    rows = [row(c, best.cost) for c in contestants]
     if options.long:
-        alone = real_time(f"DAQP, {options.long} steps", build_mpc(exact, MpcSettings()))
-        race([alone], ours, options.long, options.long, np.random.default_rng(0))
-        rows.append(_row(alone, float("nan")))
+        alone = real_time(f"DAQP, {options.long} steps", build_mpc(exact, MpcSettings()), course)
+        race([alone], ours, course, options.long, options.long, np.random.default_rng(0))
+        rows.append(row(alone, float("nan")))
+    from benchmarks.control_arm import arm_rows
+
+    of_arm = arm_rows(options.steps)
     if options.json:
-        json.dump({"dt": DT, "horizon": N, "rows": rows}, sys.stdout, indent=2)
+        arm = {"dt": 0.01, "horizon": N, "rows": of_arm}
+        json.dump({"dt": DT, "horizon": N, "rows": rows, "arm": arm}, sys.stdout, indent=2)
         return
-    print(f"{'':32}{'median':>8}{'p99':>8}{'cpu med':>9}{'cpu p99':>9}{'failed':>8}{'cost':>9}")
+    print_table("differential drive", rows)
+    print_table("SCALER arm", of_arm)
+
+
+def print_table(title: str, rows: list[dict[str, Any]]) -> None:
+    """ms a step; cost over that of the converged solver."""
+    print(f"{title:32}{'median':>8}{'p99':>8}{'cpu med':>9}{'cpu p99':>9}{'failed':>8}{'cost':>9}")
     for r in rows:
         print(
             f"{r['name']:32}{r['median']:8.3f}{r['p99']:8.3f}{r['cpu_median']:9.3f}{r['cpu_p99']:9.3f}"
@@ -211,7 +250,7 @@ def main() -> None:
         )
 
 
-def _row(c: Contestant, best: float) -> dict[str, Any]:
+def row(c: Contestant, best: float) -> dict[str, Any]:
     wall, cpu = np.array(c.wall[20:]), np.array(c.cpu[20:])
     return {
         "name": c.name,

@@ -36,12 +36,12 @@ CONTROL = MpcSettings(
     limits=Limits(LOWER, UPPER, rate=SCALER.speed),
 )
 ESTIMATOR = EstimatorSettings(noise=(2e-4,) * 6, drift=(0.005,) * 6, disturbance=(0.05,) * 6)
-ONLINE = OnlineSettings(noise=(1e-4,) * 3, other=(2e-4,) * 3, kalman=FilterSettings(process=1e-6))
+ONLINE = OnlineSettings(noise=(1e-4,) * 3, other=(5e-4,) * 3, kalman=FilterSettings(process=1e-6))
 # What a network starts from, before any data: rates of slow circles, and a tenth of the tool's speed to learn
 TYPICAL = np.full(len(MOTORS), 0.3)  # rad/s
 TO_LEARN = np.full(3, 0.01)  # m/s
 LIMIT = 6.0  # typical rates
-PASSES = 6  # over the practice, when a network is taught on it
+PASSES = 4  # over the practice, when a network is taught on it
 KEPT = 5  # every so-manieth window judges what was taught on the others
 
 

@@ -47,6 +47,11 @@ class ServoArm:
         return self.arm.period
 
     @property
+    def period(self) -> float:
+        """s between commands."""
+        return self.arm.period
+
+    @property
     def disturbed(self) -> tuple[str, ...]:
         return RATES
 

@@ -16,6 +16,11 @@ class SteppingArm(MujocoRobot):
     arm: Arm = SCALER
 
     @property
+    def period(self) -> float:
+        """s between commands."""
+        return self.arm.period
+
+    @property
     def disturbed(self) -> tuple[str, ...]:
         return RATES
 

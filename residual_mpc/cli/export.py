@@ -7,6 +7,8 @@ import click
 from residual_mpc.cli.common import emit, json_option, seed_option, writable_folder
 from residual_mpc.errors import BadInput
 
+USUAL_STEP = 0.05  # s, the controllers' usual one
+
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
@@ -15,7 +17,8 @@ from residual_mpc.errors import BadInput
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the files; by default beside FILE.")
 @click.option(
     "--dt", type=click.FloatRange(1e-4, 1.0),
-    help="Sample time of the step, s; by default that at which the network was learned, 0.05 without one.",
+    help="Sample time of the step, s; by default that at which the network was learned; without one the robot's own "
+    "period between commands, else 0.05.",
 )  # fmt: skip
 @click.option(
     "--smooth", type=click.FloatRange(0.0, 1.0), default=0.0, show_default=True,
@@ -41,8 +44,9 @@ def export(
     from residual_mpc.models.load import load_robot
     from residual_mpc.models.robot_file import read_robot_file
 
-    at = dt or _step_of(file)
-    model = read_augmented(file, load_robot(read_robot_file(named)), Build(at, smooth))
+    robot_model = load_robot(read_robot_file(named))
+    at = dt or _step_of(file) or float(getattr(robot_model, "period", USUAL_STEP))
+    model = read_augmented(file, robot_model, Build(at, smooth))
     result = write_model(model, to, where, np.random.default_rng(seed))  # type: ignore[arg-type]
     result["folder"] = str(where)
     if as_json:
@@ -50,16 +54,18 @@ def export(
         return
     for name, what in result["files"].items():
         click.echo(f"{where / name}: {what}")
+    for what in result.get("left_out", ()):
+        click.echo(f"not in the step: {what}", err=True)
     apart = result["largest_difference"]
     click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g}")
 
 
-def _step_of(file: Path) -> float:
-    """The step of the learned network, s; the controllers' usual one where there is none."""
+def _step_of(file: Path) -> float | None:
+    """The step of the learned network, s; None where there is none."""
     from residual_mpc.export.augmented import residual_in
 
     learned = residual_in(file)
-    return 0.05 if learned is None else learned.step
+    return None if learned is None else learned.step
 
 
 def _robot_of(document: dict[str, object], file: Path) -> str:

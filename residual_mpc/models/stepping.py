@@ -116,8 +116,8 @@ class StepOptions:
 class Stepping(Protocol):
     """A robot that can say its one step. Optional: a robot without it can be diagnosed, not exported.
 
-    A robot may name, as `disturbed`, the signals that an unknown constant is added to for offset-free tracking; by
-    default those of a robot that drives.
+    A robot may name, as `disturbed`, the signals that an unknown constant is added to for offset-free tracking (by
+    default those of a robot that drives), and as `period` the s between its commands.
     """
 
     def one_step(self, settings: Settings, options: StepOptions) -> Stepped:

@@ -159,9 +159,20 @@ def test_the_command_exports_a_learned_arm(tmp_path, capsys):
     out = capsys.readouterr().out
     assert not end.value.code, out
     document = json.loads(out)
-    assert document["dt"] == DT and document["largest_difference"]["step"] < 1e-12
+    assert document["dt"] == DT and document["left_out"] == [] and document["largest_difference"]["step"] < 1e-12
     assert document["largest_difference"]["replay"] < 0.01
     assert "offset.task.x" in [s["name"] for s in document["states"]]
+
+
+def test_without_a_network_the_step_is_the_arms_own_period(tmp_path, capsys):
+    heavy = {"effect": "armature", "target": None, "parameter": "inertia", "value": 0.01}
+    file = tmp_path / "model.json"
+    file.write_text(json.dumps({"schema": "residual-mpc/model/1", "robot": "scaler_arm", "values": [heavy]}))
+    with pytest.raises(SystemExit):
+        main(["export", str(file), "--to", "casadi"])
+    said = capsys.readouterr()
+    assert "not in the step: armature" in said.err and "largest difference" in said.out
+    assert json.loads((tmp_path / "export_casadi" / "export.json").read_text())["dt"] == DT
 
 
 def test_another_mujoco_arm_is_refused_with_the_reason(tmp_path):
