@@ -20,8 +20,15 @@ MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
 
 
 def causes_of(
-    final: Fit, problem: Problem, rivalry: Rivalry, outliers: Outliers, with_outliers: bool, unexplained: float
+    final: Fit,
+    problem: Problem,
+    rivalry: Rivalry,
+    outliers: Outliers,
+    with_outliers: bool,
+    unexplained: float,
+    sure: float,
 ) -> tuple[Cause, ...]:
+    """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets."""
     blocks = blocks_of(problem.data)
     sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))
     sigma = np.maximum(sigma, profile_sigma(problem, final, dispersion(final, blocks)))
@@ -39,7 +46,7 @@ def causes_of(
                 np.hypot(T95 * sigma[i], FORM * np.sqrt(unexplained) * _dose(k.parameter, value, problem.space.null(k)))
             )
             estimates.append(Estimate(k.parameter, value, (value - half, value + half), unit))
-        probability = float(min(rivalry.probability.get(term, 1.0), MOST_SURE))
+        probability = sure * rivalry.shares.get(term, 1.0)
         slots = problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
         causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only))
@@ -50,6 +57,12 @@ def causes_of(
         estimate = Estimate("rate", rate, (max(rate - half, 0.0), rate + half), "1")
         causes.append(Cause(Term("sensor_outliers", None), MOST_SURE, (estimate,), BY_NAME["sensor_outliers"].summary))
     return tuple(causes)
+
+
+def most_sure(verdict: str, unexplained: float) -> float:
+    """The probability of a cause without a rival: where much is left, something else than the library's effects is at
+    work, and what was named may be its shadow."""
+    return MOST_SURE * (1.0 - unexplained) if verdict == "partial" else MOST_SURE
 
 
 def _unit(robot: Robot, term: Term, unit: str) -> str:

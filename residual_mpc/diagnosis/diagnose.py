@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from residual_mpc.diagnosis.causes import causes_of
+from residual_mpc.diagnosis.causes import causes_of, most_sure
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.fit import Fit, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
@@ -213,7 +213,8 @@ def _judge(
     achieved = shrink_of(raw.take(test), scales, errors["before"][test], errors["after"][test], rng) if helps else None
 
     learned = _learned_shrink(after_data if helps else raw, scales, held, errors["after"], after_p)
-    causes = causes_of(final, problem, rivalry, outliers, with_outliers, share) if helps else ()
+    sure = most_sure(verdict, share)
+    causes = causes_of(final, problem, rivalry, outliers, with_outliers, share, sure) if helps else ()
     subsets = squared_gaps(after_data, scales, space, final.values, final.terms) if helps and final.terms else {}
     steps, stages = _staged(raw, scales, test, errors["before"], everywhere, subsets, final, floor_everywhere, helps)
     channel_floor = np.sqrt(np.mean([gap_of(after_data, scales, e, test).channels ** 2 for e in floors], axis=0))
@@ -243,7 +244,7 @@ def _judge(
         stages=stages,
         where=locate(raw, scales, errors["before"]),
         causes=causes,
-        candidates=_candidates(rivalry, problem, base, final) if helps else (),
+        candidates=_candidates(rivalry, base, final, sure) if helps else (),
         groups=groups,
         rivals=_rival_sets(rivalry) if helps else (),
         not_testable=untestable,
@@ -301,14 +302,16 @@ def _staged(
     return tuple(steps), stage_shares(drops, everywhere["after"], floor, flagged)
 
 
-def _candidates(rivalry: Rivalry, problem: Problem, base: Fit, final: Fit) -> tuple[Candidate, ...]:
-    """Every term that was seriously compared, with its share of the likelihood and what the fit with it leaves."""
+def _candidates(rivalry: Rivalry, base: Fit, final: Fit, sure: float) -> tuple[Candidate, ...]:
+    """Every term that was seriously compared, with its probability and what the fit with it leaves."""
     costs: dict[Term, float] = dict.fromkeys(final.terms, final.cost)
     for r in rivalry.rivals:
         for t in r.came:
             costs.setdefault(t, r.fit.cost * final.cost / max(rivalry.fit.cost, 1e-12))
+    for t in rivalry.shares:  # what a group's first member took the place of
+        costs.setdefault(t, final.cost)
     out = [
-        Candidate(t, rivalry.shares.get(t, 0.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
+        Candidate(t, sure * rivalry.shares.get(t, 0.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
         for t, c in costs.items()
     ]
     return tuple(sorted(out, key=lambda c: -c.probability))

@@ -34,14 +34,12 @@ class Rival:
 
 @dataclass(frozen=True)
 class Rivalry:
-    """The chosen fit after swaps, its rivals, the confounded groups (members are tuples of terms), and the
-    probability of each
-    chosen term, its group counted together."""
+    """The chosen fit after swaps, its rivals, the confounded groups (members are tuples of terms), and each
+    candidate's share of the likelihood in the place that it competes for."""
 
     fit: Fit
     rivals: tuple[Rival, ...]
     groups: tuple[tuple[tuple[Term, ...], ...], ...]
-    probability: dict[Term, float]
     shares: dict[Term, float]
 
 
@@ -65,7 +63,7 @@ def find_rivals(found: Found) -> Rivalry:
         fit = better.fit
     groups = _groups(rivals)
     fit, groups = _prefer_first(fit, rivals, groups)
-    return Rivalry(fit, tuple(rivals), groups, *_probabilities(fit, rivals))
+    return Rivalry(fit, tuple(rivals), groups, _shares(fit, rivals))
 
 
 def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
@@ -143,22 +141,20 @@ def _prefer_first(
     return fit, groups
 
 
-def _probabilities(fit: Fit, rivals: list[Rival]) -> tuple[dict[Term, float], dict[Term, float]]:
-    """Likelihood weights: of each chosen term against what could replace it, and each candidate's own share."""
-    grouped: dict[Term, float] = {}
+def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
+    """Likelihood weights of each chosen term and of all that could stand in its place."""
     shares: dict[Term, float] = {}
     for term in fit.terms:
-        mine = [r for r in rivals if r.gone == (term,)] or [r for r in rivals if r.came == (term,)]
-        weights: dict[tuple[Term, ...], float] = {(term,): 1.0}
-        alike: set[tuple[Term, ...]] = {(term,)}
-        for r in mine:
-            other = r.came if r.gone == (term,) else r.gone
-            weights[other] = max(weights.get(other, 0.0), float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0))))
-            if r.alike:
-                alike.add(other)
+        # a member of a group that was preferred to the one that was found competes for that one's place
+        place_of = next((r.gone for r in rivals if r.came == (term,)), (term,))
+        place_of = (term,) if any(r.gone == (term,) for r in rivals) else place_of
+        weights: dict[tuple[Term, ...], float] = {place_of: 1.0}
+        for r in rivals:
+            if r.gone == place_of:
+                weight = float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))
+                weights[r.came] = max(weights.get(r.came, 0.0), weight)
         total = sum(weights.values())
-        grouped[term] = sum(w for m, w in weights.items() if m in alike) / total
-        for m, w in weights.items():
-            if len(m) == 1:
-                shares[m[0]] = max(shares.get(m[0], 0.0), w / total)
-    return grouped, shares
+        for members, weight in weights.items():
+            if len(members) == 1:
+                shares[members[0]] = max(shares.get(members[0], 0.0), weight / total)
+    return shares
