@@ -177,6 +177,9 @@ def _document(made: "Learned", task: "Task") -> dict[str, Any]:
             "after": made.after.total,
             "on": "held_out" if made.kept else "training",
             "channels": channels,
+            "without_spikes": None
+            if made.without_spikes is None
+            else {"before": made.without_spikes[0], "after": made.without_spikes[1]},
         },
         "held_out": [k.document() for k in made.kept],
         "form": made.learned.form,
@@ -188,7 +191,12 @@ def _document(made: "Learned", task: "Task") -> dict[str, Any]:
         "worse_on_held_out": list(made.worse_held_out),
         "condition": None
         if condition is None
-        else {"without": condition.without, "with_earlier": condition.with_earlier, "holds": condition.holds},
+        else {
+            "without": condition.without,
+            "with_earlier": condition.with_earlier,
+            "holds": condition.holds,
+            "kept": made.kept_earlier,
+        },
         "seconds": made.seconds,
         "note": NOTE,
     }
