@@ -9,6 +9,7 @@ prediction does.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -121,8 +122,7 @@ class ArmStep:
         now = dict(zip(self.states, x, strict=True))
         at = posture(ops, chain(self.arm), [now[c] for c in POSITIONS])
         tool = [v + now[f"offset.{s}"] if f"offset.{s}" in now else v for v, s in zip(at.tool, TASK, strict=True)]
-        _, home = forward_kinematics(np.array(HOME), self.arm)
-        axes = [_half_cross(home[:, k].tolist(), at.gripper[k]) for k in range(3)]
+        axes = [_half_cross(home, now) for home, now in zip(_home_axes(self.arm), at.gripper, strict=True)]
         return (*tool, *(axes[0][i] + axes[1][i] + axes[2][i] for i in range(3)))
 
     def resting(self, pose: Mapping[str, float]) -> np.ndarray:
@@ -204,8 +204,16 @@ class ArmStep:
         return Load(mass, payload, shifts, self.along)
 
 
-def _half_cross(u: Sequence[float], v: Vector) -> Vector:
-    x, y, z = cross((u[0], u[1], u[2]), v)
+@lru_cache(maxsize=8)
+def _home_axes(arm: Arm) -> tuple[Triple, Triple, Triple]:
+    """The gripper's axes at home."""
+    _, frame = forward_kinematics(np.array(HOME), arm)
+    x, y, z = ((float(c[0]), float(c[1]), float(c[2])) for c in frame.T)
+    return x, y, z
+
+
+def _half_cross(u: Triple, v: Vector) -> Vector:
+    x, y, z = cross(u, v)
     return 0.5 * x, 0.5 * y, 0.5 * z
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from residual_mpc.closed_loop.episode import Episode
 from residual_mpc.closed_loop.estimator import Filter
 from residual_mpc.closed_loop.protocols import Controller, Reading, Reference, Simulator
-from residual_mpc.export.augmented import Augmented
 
 Learner = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray | None]
 # what an online learner sees at each sample: believed x (nx,), command (nu,), reading of the poses (ny,); it answers
@@ -57,12 +56,12 @@ def run_closed_loop(
         for k in range(n):
             reading, truth = plant.measure(), plant.truth()
             x, belief = estimator.step(belief, command, reading)
-            believed = model.outputs(x)
+            believed = estimator.outputs(x)
             ahead = _unwrapped(wanted[k + 1 : k + 1 + controller.horizon], believed, names)
             command, state, info = controller.step(state, x, ahead)
-            rows.keep(k, reading, tracked_of(model, truth), command, believed)
+            rows.keep(k, reading, tracked_of(estimator, truth), command, believed)
             rows.seconds[k], rows.outcomes[k] = info.seconds, info.outcome
-            rows.predicted[k] = (model.outputs(estimator.drive(x, command)) - believed) / dt
+            rows.predicted[k] = (estimator.outputs(estimator.drive(x, command)) - believed) / dt
             if learner is not None:
                 seen = np.array([reading.get(c, np.nan) for c in poses])
                 p = learner(x, command, seen)
@@ -81,12 +80,12 @@ def run_closed_loop(
     )  # fmt: skip
 
 
-def tracked_of(model: Augmented, reading: Reading) -> np.ndarray:
+def tracked_of(estimator: Filter, reading: Reading) -> np.ndarray:
     """(ny,) what the model tracks, as a reading has it; what it does not report, as the model has it of the poses."""
-    at = model.stepped
+    at = estimator.model.stepped
     if at.output is None:
         return np.array([reading[c] for c in at.poses])
-    y = model.outputs(model.start({c: reading[c] for c in at.poses}))
+    y = estimator.outputs(estimator.model.start({c: reading[c] for c in at.poses}))
     return np.array([reading.get(name, value) for name, value in zip(at.tracked, y.tolist(), strict=True)])
 
 
