@@ -13,12 +13,12 @@ from residual_mpc.residual.mlp import Mlp, forward, initial_weights, jacobian
 from residual_mpc.residual.stream import Samples
 from residual_mpc.residual.streaming import StreamSettings, learn_stream
 
-RATES = (1e-3, 3e-3, 1e-2, 3e-2)
+RATES = (1e-3, 3e-3, 1e-2)
 BATCH = 100  # samples in a gradient
-EPOCHS = 60
+EPOCHS = 40
 HORIZON = 20  # samples that an online learner gets at a time
 FIRST = 0.01  # weight of the last layer at the start, so that the gradient of the others is not zero
-MOST = 600  # samples that a Gaussian process is given: its cost is cubic
+MOST = 400  # samples that a Gaussian process is given: its cost is cubic
 Model = Callable[[np.ndarray], np.ndarray]
 Learner = Callable[[np.ndarray, np.ndarray, np.random.Generator], Model]
 

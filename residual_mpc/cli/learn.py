@@ -57,6 +57,9 @@ NOTE = (
 @click.option("--method", type=click.Choice(["auto", "ukf", "ekf"]), default="auto", show_default=True)
 @click.option("--passes", type=click.IntRange(1, 100), default=5, show_default=True, help="Times through the data.")
 @click.option("--step", type=click.FloatRange(0.001, 1.0), help="Step of the residual, s.")
+@click.option(
+    "--weights", metavar="CHANNEL=C,...", help="The paper's costs: how much a channel's errors count, as pose.theta=2."
+)
 @json_option
 @seed_option
 def learn(
@@ -71,6 +74,7 @@ def learn(
     method: str,
     passes: int,
     step: float | None,
+    weights: str | None,
     as_json: bool,
     seed: int,
 ) -> None:
@@ -79,7 +83,7 @@ def learn(
     Killed at any moment and called again, it goes on from its last checkpoint to the same weights.
     """
     writable_folder(out)
-    layers = _layers(hidden)
+    layers, costs = _layers(hidden), _costs(weights)
     loaded = load(robot, runs)
 
     import numpy as np
@@ -89,7 +93,7 @@ def learn(
     from residual_mpc.residual.train import train
 
     task = _task(loaded, case, on, warm_start, form)
-    settings = LearnSettings(hidden=layers, passes=passes, step=step, method=method)
+    settings = LearnSettings(hidden=layers, passes=passes, step=step, method=method, costs=costs)
     made = train(task, settings, np.random.default_rng(seed), _reporter(), out)
     document = _document(made, task)
     model = _model(made, task, loaded.robot_file.name)
@@ -111,6 +115,19 @@ def _layers(text: str) -> tuple[int, ...]:
     if not out or min(out) < 1 or max(out) > 200:
         raise BadInput(f"{text!r} came, layer sizes such as 10,10 were wanted", "--hidden")
     return out
+
+
+def _costs(text: str | None) -> tuple[tuple[str, float], ...]:
+    out = []
+    for part in text.split(",") if text else ():
+        channel, _, value = part.partition("=")
+        try:
+            out.append((channel.strip(), float(value)))
+        except ValueError:
+            raise BadInput(
+                f"{part!r} came, a channel and its cost such as pose.theta=2 were wanted", "--weights"
+            ) from None
+    return tuple(out)
 
 
 def _task(loaded: Any, case: str, on: Path | None, warm_start: Path | None, form: str | None) -> "Task":

@@ -9,6 +9,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.replay import predict
+from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import Settings
 from residual_mpc.residual import ekf, ukf
 from residual_mpc.residual.filter import Belief, FilterSettings, Info, predicted_covariance, start
@@ -31,7 +32,8 @@ class LearnSettings:
     each channel's present error (its root mean square over about `memory` windows) that an update does not try to
     explain: it stands in C_v beside the sensor noise, for what no memoryless network can follow would otherwise be
     taken for certain. passes: how often the data are gone through. fair: a window's cost (see `cost_of`) up to which it
-    counts as explained. method: "ukf", "ekf", or "auto" for the UKF up to LARGE weights.
+    counts as explained. costs: (channel, the paper's C) where a channel counts more or less than 1. method: "ukf",
+    "ekf", or "auto" for the UKF up to LARGE weights.
     """
 
     hidden: tuple[int, ...] = PAPER_HIDDEN
@@ -43,6 +45,7 @@ class LearnSettings:
     passes: int = 5
     kalman: FilterSettings = FilterSettings()
     fair: float = 0.5
+    costs: tuple[tuple[str, float], ...] = ()
     method: str = "auto"
 
     def __post_init__(self) -> None:
@@ -89,8 +92,21 @@ def begin(
         net, initial_weights(net, rng), inputs, outputs, np.zeros(net.inputs), np.ones(net.inputs),
         np.ones(net.outputs), form.name, step, base.name, LIMIT,
     )  # fmt: skip
-    course = Course(data, form, effects, tuple(fixed), start_doubt(data, effects), used, settings.horizon)
+    cost = costs_of(settings, data.channels)
+    course = Course(data, form, effects, tuple(fixed), start_doubt(data, effects), used, cost, settings.horizon)
     return course, scaled(course, blank, scaling, rng)
+
+
+def costs_of(settings: LearnSettings, channels: Sequence[str]) -> np.ndarray:
+    """(C,) of the channels. Raises BadInput for a channel that is not measured, or a cost that is not positive."""
+    cost = np.ones(len(channels))
+    for channel, value in settings.costs:
+        if channel not in channels:
+            raise BadInput(f"no channel is called {channel!r}", "--weights", f"measured are {', '.join(channels)}")
+        if not (np.isfinite(value) and value > 0.0):
+            raise BadInput(f"{channel} = {value}", "--weights", "a cost is a positive number, 1 by default")
+        cost[channels.index(channel)] = value
+    return cost
 
 
 def scaled(course: Course, blank: Residual, scaling: np.ndarray, rng: np.random.Generator, few: int = 40) -> Residual:

@@ -28,9 +28,9 @@ FAR = 3.0  # standard deviations from which an error's cost grows with its size,
 @dataclass(frozen=True, eq=False)
 class Lesson:
     """window and measured: for the filter. h2 (N,): |x_ref - x_pred| in each step, NaN where nothing was measured;
-    seconds of data in it. samples (m,), (m,): which samples and channels are compared; weight (m,) 1 / their standard
-    deviation, by which both sides are multiplied; cost: of the window under the weights at hand, see `cost_of`. error
-    (M, C): measured - predicted, channel unit."""
+    seconds of data in it. samples (m,), (m,): which samples and channels are compared; weight (m,) their cost / their
+    standard deviation, by which both sides are multiplied; cost: of the window under the weights at hand, see
+    `cost_of`. error (M, C): measured - predicted, channel unit."""
 
     window: Window
     measured: Measurement
@@ -58,6 +58,7 @@ class Course:
     fixed: tuple[Residual, ...]
     doubt: np.ndarray
     used: np.ndarray  # (C,) bool: channels that are compared and move
+    cost: np.ndarray  # (C,) the paper's C: how much each channel's errors count, 1 as a rule
     samples: int = 20
     room: Room = field(default_factory=Room)
 
@@ -106,15 +107,16 @@ def lesson(course: Course, learned: Residual, w: int, nudge: np.ndarray, floor: 
     scaled = learned.scaled(z)
     # channels in units of their standard deviation, so that the moments are of order one
     weight = 1.0 / np.sqrt(np.diagonal(noise))
-    measured = Measurement(weight * y[m_index, c_index], weight[:, None] * noise * weight)
+    both = course.cost[c_index] * weight  # of reference and prediction; C_v stays as it is, so that a cost counts
+    measured = Measurement(both * y[m_index, c_index], weight[:, None] * noise * weight)
     return Lesson(
-        Window(learned.net, scaled, weight * offset, learned.output_scale, weight[:, None] * phi, course.room),
+        Window(learned.net, scaled, both * offset, learned.output_scale, both[:, None] * phi, course.room),
         measured,
         h2_norms(course, one, rolled, learned.step, count),
         learned.step * count,
         (m_index, c_index),
-        weight,
-        cost_of(measured, weight * at),
+        both,
+        cost_of(measured, both * at),
         y - predicted,
     )
 

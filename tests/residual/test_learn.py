@@ -15,14 +15,19 @@ from oracles.rover_log import ROBOT, rover_run, write_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
+from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.models.settings import Settings
 from residual_mpc.residual import checkpoint
-from residual_mpc.residual.learn import LearnSettings
+from residual_mpc.residual.forms import form_named
+from residual_mpc.residual.learn import LearnSettings, begin
+from residual_mpc.residual.lesson import lesson
 from residual_mpc.residual.record import to_json
 from residual_mpc.residual.train import Learned, Task, train
 
 FAULTS = {"actuator_lag": {"time_constant": 0.15}, "track_width": {"scale": 1.15}}
 ROVER = DiffDrive("rover", 0.033, 0.16)
 QUICK = LearnSettings(passes=5)
+CHANNELS = ("pose.x", "pose.y", "pose.theta")
 
 
 def task(runs, **more) -> Task:
@@ -93,6 +98,39 @@ def test_a_perfect_model_is_left_alone_or_hardly_touched():
     assert made.after.total < 1.3 * made.before.total + 1e-3
 
 
+def test_a_cost_stands_on_both_sides_of_its_channel(runs):
+    """Reference and prediction are multiplied by it, C_v is not: so an error counts for more."""
+    data = build_dataset(runs[:1], [ROVER], {}, 1.0)
+    seen, everything = np.ones(data.count, dtype=bool), np.ones(len(data.channels), dtype=bool)
+    made = []
+    for costs in ((), (("pose.theta", 3.0),)):
+        settings, rng = LearnSettings(costs=costs), np.random.default_rng(0)
+        course, blank = begin(data, form_named("body"), 0.05, settings, Settings(1), (), seen, everything, rng)
+        made.append(lesson(course, blank, 2, 0.1 * blank.output_scale, np.zeros(len(data.channels))))
+    plain, costly = made
+    cost = np.where(plain.samples[1] == data.channels.index("pose.theta"), 3.0, 1.0)
+    theta = np.random.default_rng(1).standard_normal(plain.window.net.size)
+    np.testing.assert_allclose(costly.measured.reference, cost * plain.measured.reference)
+    np.testing.assert_allclose(costly.window.predict(theta), cost * plain.window.predict(theta))
+    np.testing.assert_allclose(costly.measured.noise, plain.measured.noise)
+
+
+def test_jumps_of_the_localisation_are_not_learned_from(runs):
+    """The gap has them, what is learned does not."""
+    rng = np.random.default_rng(0)
+    spoilt = []
+    for run in runs:
+        columns = {c: v.copy() for c, v in run.columns.items()}
+        hit = rng.choice(len(run.t) - 8, 4, replace=False) + 4
+        for c in CHANNELS:
+            columns[c][hit] += 0.5
+        spoilt.append(type(run)(run.name, run.t, columns))
+    made = train(task(spoilt), LearnSettings(passes=2), np.random.default_rng(0))
+    before, after = made.without_spikes
+    assert after < 0.6 * before < made.before.total
+    assert made.after.total > after
+
+
 def test_the_papers_condition_sets_a_harmful_residual_to_zero(runs, learned):
     helpful = train(task(runs, earlier=learned.learned), LearnSettings(passes=1), np.random.default_rng(1))
     assert helpful.condition.holds and helpful.whole.net.hidden == (20, 20)
@@ -151,6 +189,9 @@ def test_bad_input_is_one_message(folder, learned, capsys):
         (("learn", "--robot", robot, *files, "--out", out, "--warm-start", joint), "a, b, c"),
         (("learn", "--robot", robot, *files, "--out", out, "--on", folder / "none.json"), "none.json"),
         (("learn", "--robot", robot, *files, "--out", out, "--hidden", "ten"), "ten"),
+        (("learn", "--robot", robot, *files, "--out", out, "--weights", "pose.theta"), "pose.theta"),
+        (("learn", "--robot", robot, *files, "--out", out, "--weights", "pose.z=2"), "pose.x"),
+        (("learn", "--robot", robot, *files, "--out", out, "--weights", "pose.x=-1"), "positive"),
     ):
         assert call(*arguments) == 2
         streams = capsys.readouterr()
