@@ -111,6 +111,7 @@ def search(
     base = fit_all(problem, [base_values])[0]
     ruler = build_ruler(problem.data, problem.space, scales, base, rng)
     beam, steps = [base], list[Step]()
+    seen = {frozenset(base.terms)}
     while len(beam[0].terms) < settings.largest:
         here = judge(problem, beam[0], noise)
         beam = refit(here, beam)
@@ -120,8 +121,11 @@ def search(
         chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
         if chosen is None:
             break
-        steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
         best = prune(problem, ruler, chosen, base, noise, blocks, settings)
+        if frozenset(best.terms) in seen:  # what was added is dropped again under its own weights: it would go on for ever
+            break
+        seen.add(frozenset(best.terms))
+        steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
         beam = [best, *others(ruler, base, best, children, settings)]
     here = judge(problem, beam[0], noise)
     current, base = refit(here, [beam[0], base])
