@@ -122,7 +122,7 @@ def search(
         if chosen is None:
             break
         best = prune(problem, ruler, chosen, base, noise, blocks, settings)
-        if frozenset(best.terms) in seen:  # what was added is dropped again under its own weights: it would go on for ever
+        if frozenset(best.terms) in seen:  # what was added is dropped again: it would go on for ever
             break
         seen.add(frozenset(best.terms))
         steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
