@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from plants.simulator import Recording, record, write_run
-from plants.wheeled import bullet_drive
+from plants.wheeled import bullet_drive, mujoco_drive
 from plants.wheeled.motions import figure_eight, policy, spin_in_place
 from plants.wheeled.record import main as record_runs
 from plants.wheeled.simulators import TURTLEBOT
@@ -85,6 +85,21 @@ def test_a_simulator_as_the_model_names_what_a_twin_in_the_other_engine_withhold
     found = printed(
         "diagnose", "--robot", "diff_drive_mujoco", runs, "--out", str(tmp_path / "out"),
         "--only", "track_width,actuator_lag,wheel_radius",
+    )  # fmt: skip
+    assert found["verdict"] == "effects"
+    value = {e["effect"]: e["parameters"] for e in found["explanation"]}
+    assert set(value) == {"track_width", "actuator_lag"}
+    assert value["track_width"]["scale"]["value"] == pytest.approx(1.1, abs=0.02)
+    assert value["actuator_lag"]["time_constant"]["value"] == pytest.approx(0.09, abs=0.012)
+
+
+@pytest.mark.slow
+def test_pybullet_as_the_model_names_what_a_twin_in_mujoco_withholds(tmp_path):
+    """PyBullet has no batch: it steps row after row, in processes, so that the runs are short and the effects two."""
+    runs = written(tmp_path / "runs", twin(mujoco_drive(), Withheld(track=1.1, lag=0.09), SMOOTH), 8.0)
+    found = printed(
+        "diagnose", "--robot", "diff_drive_pybullet", runs, "--out", str(tmp_path / "out"),
+        "--only", "track_width,actuator_lag",
     )  # fmt: skip
     assert found["verdict"] == "effects"
     value = {e["effect"]: e["parameters"] for e in found["explanation"]}
