@@ -187,7 +187,8 @@ def _judge(
     errors = {"nominal": raw.y - nominal_p, "before": raw.y - base_p, "after": after_data.y - after_p}
     test = held if held.any() else np.ones(raw.count, dtype=bool)
     floors = noise_errors(after_data, space.settings([final.values]), rng, FLOOR_DRAWS)
-    floor = _mean_gap([gap_of(after_data, scales, e, test).total for e in floors])
+    draws = np.square([gap_of(after_data, scales, e, test).total for e in floors])
+    floor = float(np.sqrt(draws.mean()))
     draws_everywhere = np.square([gap_of(after_data, scales, e).total for e in floors])
     floor_everywhere = float(np.sqrt(draws_everywhere.mean()))
     g = {k: gap_of(raw, scales, e, test) for k, e in errors.items()}
@@ -198,9 +199,9 @@ def _judge(
     helps = explained and g["after"].total < g["before"].total and not witnesses
     verdict: Verdict
     if not helps:
-        # beyond the noise everywhere, and not below it on the very windows that the figures are printed for
-        luck = float(np.sqrt(draws_everywhere.mean() + LUCK * draws_everywhere.std(ddof=1)))
-        beyond = everywhere["before"] > max(options.floor_margin * floor_everywhere, luck) and g["before"].total > floor
+        # beyond the noise everywhere, and on the very windows that the figures are printed for
+        beyond = everywhere["before"] > max(options.floor_margin * floor_everywhere, _with_luck(draws_everywhere))
+        beyond &= g["before"].total > _with_luck(draws)
         verdict = "unknown" if beyond else "no_gap"
         share = 0.0 if verdict == "no_gap" else 1.0
     else:
@@ -261,8 +262,9 @@ def _judge(
     return Made(diagnosis, raw, scales, errors["before"], errors["after"], test)
 
 
-def _mean_gap(gaps: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(gaps))))
+def _with_luck(draws: np.ndarray) -> float:
+    """The gap that noise hardly ever exceeds, from squared gaps that it alone made."""
+    return float(np.sqrt(draws.mean() + LUCK * draws.std(ddof=1)))
 
 
 def _learned_shrink(data: Dataset, scales: Scales, held: np.ndarray, error: np.ndarray, predicted: np.ndarray) -> float:
@@ -346,6 +348,13 @@ def _notes(
         )
     if outliers.count and not with_outliers:
         notes.append(f"{outliers.count} samples jump away; they are left out of the fit, not of the gap.")
+    for knob, rests in zip(final.knobs, final.held, strict=True):
+        if rests and not witnesses and (knob.effect == TUNE or knob.term in final.terms):
+            what = knob.parameter if knob.effect == TUNE else f"{knob.parameter} of {knob.term}"
+            notes.append(
+                f"{what} rests on the end of what is tried, {final.values[knob]:.3g}: its "
+                "interval says nothing, and something else may be the cause."
+            )
     notes.append(
         "Effects outside the library cannot be named; intervals hold for the named effects being the true ones."
     )

@@ -140,3 +140,23 @@ def test_a_planted_effect_is_measured() -> None:
     (scale,) = cause.parameters
     assert cause.term.effect == "track_width" and scale.value == pytest.approx(1.25, abs=0.02)
     assert scale.ci95[0] < 1.25 < scale.ci95[1] and cause.probability > 0.9
+
+
+def test_a_number_at_the_end_of_what_is_tried_is_said_to_be_there() -> None:
+    beyond = {"actuator_gain": {"gain": 7.0}}
+    runs = [rover_run("one", beyond, 24.0, seed=1)]
+    made = diagnose(runs, [ROVER], {}, (), Options(only=("actuator_gain",)), np.random.default_rng(0))
+    (cause,) = made.diagnosis.causes
+    assert cause.parameters[0].value == pytest.approx(5.0)
+    assert any("gain of actuator_gain rests on the end of what is tried, 5" in n for n in made.diagnosis.notes)
+
+
+def test_what_cannot_be_told_apart_shares_a_probability() -> None:
+    runs = [rover_run("one", {"wheel_radius": {"scale": 1.15}}, 24.0, seed=1)]
+    options = Options(only=("wheel_radius", "actuator_gain", "track_width"))
+    document = to_document(diagnose(runs, [ROVER], {}, (), options, np.random.default_rng(0)).diagnosis)
+    said = {c["effect"]: c["probability"] for c in document["candidates"] if c["target"] is None}
+    assert document["confounded"] and {"wheel_radius", "actuator_gain"} <= set(said)
+    assert said["wheel_radius"] + said["actuator_gain"] <= 0.971
+    assert 0.2 < said["wheel_radius"] < 0.8
+    assert document["explanation"][0]["probability"] == said[document["explanation"][0]["effect"]]
