@@ -1,6 +1,7 @@
 """The causes of a diagnosis: each chosen effect with its probability, and its numbers with their intervals."""
 
 import numpy as np
+from scipy.stats import binomtest
 
 from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion, profile_sigma
 from residual_mpc.diagnosis.fit import Fit
@@ -51,10 +52,11 @@ def causes_of(
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
         causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only))
     if with_outliers:
-        n = sum(len(m) for m in outliers.flagged.values())
-        rate = outliers.share
-        half = T95 * np.sqrt(rate * (1 - rate) / max(n / max(len(outliers.shares), 1), 1))
-        estimate = Estimate("rate", rate, (max(rate - half, 0.0), rate + half), "1")
+        channel = max(outliers.shares, key=lambda c: outliers.shares[c])
+        marks = [m for (_, c), m in outliers.flagged.items() if c == channel]
+        counted = binomtest(int(sum(m.sum() for m in marks)), sum(len(m) for m in marks))
+        low, high = counted.proportion_ci(method="wilson")
+        estimate = Estimate("rate", outliers.share, (float(low), float(high)), "1")
         causes.append(Cause(Term("sensor_outliers", None), MOST_SURE, (estimate,), BY_NAME["sensor_outliers"].summary))
     return tuple(causes)
 

@@ -25,13 +25,13 @@ from residual_mpc.diagnosis.records import (
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
 from residual_mpc.diagnosis.screen import shorten
-from residual_mpc.diagnosis.search import SearchSettings, search
+from residual_mpc.diagnosis.search import SearchSettings, search, without
 from residual_mpc.diagnosis.space import Space, build_space
 from residual_mpc.diagnosis.spikes import Outliers, find_outliers
 from residual_mpc.diagnosis.stages import shapley, squared_gaps, stage_shares
 from residual_mpc.diagnosis.testable import not_testable
 from residual_mpc.diagnosis.where import locate
-from residual_mpc.diagnosis.witness import contradicting
+from residual_mpc.diagnosis.witness import contradicted
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Settings, Term
@@ -114,21 +114,24 @@ def diagnose(
     progress("fitting on all windows", 0.75)
     problem = problem_like(fitting, space, found.problem)
     final, base = fit_all(problem, [rivalry.fit.values, found.base.values], POLISH, POLISH_TOLERANCE)
-    with_outliers = _wanted(outliers, options)
-    progress("stating the expected shrink", 0.85)
     before_fit = raw.take(~held)
+    final, vetoed = _heed_witnesses(problem, final)
+    with_outliers = _wanted(outliers, options) and (
+        outliers.frequent or _weigh(before_fit, fitting, scales, space.settings([final.values]), rng, options)
+    )
+    progress("stating the expected shrink", 0.85)
     base_error = before_fit.y - predict(before_fit, space.settings([base.values]))[0]
     explained = bool(final.terms) or with_outliers
     expected = None
     if explained:
         kept_back = raw.take(held) if held.any() else before_fit
-        after = expected_errors(fitting, space, final)
+        after = expected_errors(fitting if with_outliers else before_fit, space, final)
         expected = foretold(before_fit, kept_back, scales, base_error, after, rng)
 
     progress("opening the held-out windows", 0.9)
     return _judge(
         raw, clean, scales, held, kept, space, problem, base, final, rivalry, untestable, outliers, with_outliers,
-        expected, options, rng,
+        expected, vetoed, options, rng,
     )  # fmt: skip
 
 
@@ -157,9 +160,35 @@ def well_begun(data: Dataset, scales: Scales, rng: np.random.Generator) -> Datas
     return data.take(keep) if keep.sum() >= min(FEWEST, data.count) // 2 else data
 
 
+def _heed_witnesses(problem: Problem, final: Fit) -> tuple[Fit, tuple[Term, ...]]:
+    """The fit without the effects that the encoders contradict, and those."""
+    if not final.terms:
+        return final, ()
+    rows = [final.values, *(without(final.values, t) for t in final.terms)]
+    after, *less = predict(problem.data, problem.space.settings(rows))
+    bad = contradicted(problem.data, after, np.stack(less))
+    vetoed = tuple(t for t, b in zip(final.terms, bad, strict=True) if b)
+    if not vetoed:
+        return final, ()
+    left = final.values
+    for t in vetoed:
+        left = without(left, t)
+    return fit_all(problem, [left], POLISH, POLISH_TOLERANCE)[0], vetoed
+
+
 def _wanted(outliers: Outliers, options: Options) -> bool:
     name = "sensor_outliers"
-    return outliers.telling and (not options.only or name in options.only) and name not in options.without
+    return outliers.enough and (not options.only or name in options.only) and name not in options.without
+
+
+def _weigh(
+    spoilt: Dataset, clean: Dataset, scales: Scales, row: Settings, rng: np.random.Generator, options: Options
+) -> bool:
+    """Whether the flagged samples, few as they are, make up much of what the effects leave: the search's own terms."""
+    left, cleaned = (gap_of(d, scales, d.y - predict(d, row)[0]).total ** 2 for d in (spoilt, clean))
+    floor = float(np.mean([gap_of(clean, scales, e).total ** 2 for e in noise_errors(clean, row, rng, 4)]))
+    worth = max(options.search.over_floor * floor, options.search.sizeable * (left - floor))
+    return left - cleaned > worth
 
 
 def _judge(
@@ -177,6 +206,7 @@ def _judge(
     outliers: Outliers,
     with_outliers: bool,
     expected: Shrink | None,
+    vetoed: tuple[Term, ...],
     options: Options,
     rng: np.random.Generator,
 ) -> Made:
@@ -195,8 +225,7 @@ def _judge(
     everywhere = {k: gap_of(raw, scales, e).total for k, e in errors.items()}
 
     explained = bool(final.terms) or with_outliers
-    witnesses = contradicting(raw, errors["before"], errors["after"]) if explained else ()
-    helps = explained and g["after"].total < g["before"].total and not witnesses
+    helps = explained and g["after"].total < g["before"].total
     verdict: Verdict
     if not helps:
         # beyond the noise everywhere, and on the very windows that the figures are printed for
@@ -234,7 +263,7 @@ def _judge(
             if not scales.still[k]
         },
     )
-    groups = rivalry.groups if helps else ()
+    groups = tuple(g for g in rivalry.groups if not any(t in vetoed for m in g for t in m)) if helps else ()
     diagnosis = Diagnosis(
         robot=space.robot.name,
         verdict=verdict,
@@ -257,7 +286,7 @@ def _judge(
         outlier_channels={c: s for c, s in outliers.shares.items() if s > 0} if with_outliers else {},
         next_experiment=next_experiment(groups, wheeled="left" in raw.blocks[0].robot.actuators),
         values=final.values if helps else base.values,
-        notes=_notes(raw, held, outliers, with_outliers, witnesses, final),
+        notes=_notes(raw, held, outliers, with_outliers, vetoed, final),
     )
     return Made(diagnosis, raw, scales, errors["before"], errors["after"], test)
 
@@ -332,13 +361,13 @@ def _moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
 
 
 def _notes(
-    raw: Dataset, held: np.ndarray, outliers: Outliers, with_outliers: bool, witnesses: tuple[str, ...], final: Fit
+    raw: Dataset, held: np.ndarray, outliers: Outliers, with_outliers: bool, vetoed: tuple[Term, ...], final: Fit
 ) -> tuple[str, ...]:
     notes = []
-    if witnesses:
+    if vetoed:
         notes.append(
-            f"{', '.join(str(t) for t in final.terms)} would close the gap, but {', '.join(witnesses)} contradict it: "
-            "the cause lies before them."
+            f"{', '.join(map(str, vetoed))} would close the gap, but the wheels' encoders read what it would have to "
+            "make up for: the cause lies before them."
         )
     if not held.any():
         notes.append("The runs are too short to keep windows back: every figure is on windows that the fit has seen.")
@@ -349,7 +378,7 @@ def _notes(
     if outliers.count and not with_outliers:
         notes.append(f"{outliers.count} samples jump away; they are left out of the fit, not of the gap.")
     for knob, rests in zip(final.knobs, final.held, strict=True):
-        if rests and not witnesses and (knob.effect == TUNE or knob.term in final.terms):
+        if rests and (knob.effect == TUNE or knob.term in final.terms):
             what = knob.parameter if knob.effect == TUNE else f"{knob.parameter} of {knob.term}"
             notes.append(
                 f"{what} rests on the end of what is tried, {final.values[knob]:.3g}: its "

@@ -146,8 +146,9 @@ def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
     shares: dict[Term, float] = {}
     for term in fit.terms:
         # a member of a group that was preferred to the one that was found competes for that one's place
-        place_of = next((r.gone for r in rivals if r.came == (term,)), (term,))
-        place_of = (term,) if any(r.gone == (term,) for r in rivals) else place_of
+        came = [r for r in rivals if r.came == (term,)]
+        preferred = came and not any(r.gone == (term,) for r in rivals)
+        place_of = min(came, key=lambda r: r.ratio).gone if preferred else (term,)
         weights: dict[tuple[Term, ...], float] = {place_of: 1.0}
         for r in rivals:
             if r.gone == place_of:

@@ -9,7 +9,7 @@ import numpy as np
 from residual_mpc.diagnosis.dataset import POSITION_LIKE, Dataset
 from residual_mpc.logs.signals import spikes
 
-TELLING = 0.002  # share of a channel's samples from which outliers are a cause and not an accident
+FREQUENT = 0.002  # share of a channel's samples from which outliers are a cause, whatever they do to the gap
 FEW = 5  # flagged samples below which a share says nothing
 
 
@@ -25,8 +25,13 @@ class Outliers:
     count: int
 
     @property
-    def telling(self) -> bool:
-        return self.count >= FEW and self.share >= TELLING
+    def enough(self) -> bool:
+        """Whether there are enough of them to be more than an accident."""
+        return self.count >= FEW
+
+    @property
+    def frequent(self) -> bool:
+        return self.share >= FREQUENT
 
 
 def find_outliers(data: Dataset) -> Outliers:

@@ -1,32 +1,80 @@
 """Channels that no gap compares but that saw what happened upstream: wheel encoders beside a measured pose.
 
-An explanation that closes the gap of the pose and leaves the encoders as wrong as before put the cause on the
-wrong side of them.
+An effect that acts behind the encoders (a radius, a slip) may close the gap of the pose for a cause before them (a weak
+motor). The encoders tell: the runs themselves say how far a turn of a wheel carries the robot, so that what the
+encoders still read beyond their prediction has a known consequence for the pose. Where that consequence is the very
+change of the pose that the effect makes, the effect stands in for something that the encoders saw.
 """
 
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 
-FAR = 5.0  # sigmas of the channel's noise
-VISIBLE = 0.06  # share of the channel's own size that the nominal model misses
-UNMOVED = 0.7  # share of that miss that is still there
+POSE = ("pose.x", "pose.y", "pose.theta")
+ACCOUNTS = 0.8  # share of what an effect does to the pose, squared, that the encoders' errors account for
 
 
-def contradicting(data: Dataset, before: np.ndarray, after: np.ndarray) -> tuple[str, ...]:
-    """The witnesses against an explanation. before, after (W, M, C): measured - predicted without and with it."""
+def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray) -> np.ndarray:
+    """(T,) bool: which effects stand in for something that the witnesses saw.
+
+    after (W, M, C): the prediction of the whole explanation; without (T, W, M, C): less one effect each. False
+    everywhere where there is no witness, or no pose that it could speak about.
+    """
+    seen = witnesses(data)
+    if not seen or not set(POSE) <= set(data.channels):
+        return np.zeros(len(without), dtype=bool)
+    x, y, theta = (data.channels.index(c) for c in POSE)
+    turned = np.stack([_travelled(data, data.y[..., k]) for k in seen], axis=-1)  # (W, M, K) rad
+    missed = np.stack([_travelled(data, data.y[..., k] - after[..., k]) for k in seen], axis=-1)
+    moved = _moved(data.y[..., x], data.y[..., y], data.y[..., theta])  # (W, M, 2) m, rad
+    good = np.isfinite(moved).all(axis=-1) & np.isfinite(turned).all(axis=-1)
+    if good.sum() <= 2 * len(seen):
+        return np.zeros(len(without), dtype=bool)
+    carries = np.linalg.lstsq(turned[good], moved[good], rcond=None)[0]  # (K, 2): m and rad for a rad of each wheel
+    size = np.sqrt(np.mean(moved[good] ** 2, axis=0)) + 1e-12
+    consequence = (missed @ carries)[good] / size
+    whole = _moved(after[..., x], after[..., y], after[..., theta])[good] / size
+    verdicts = []
+    for less in without:
+        work = whole - _moved(less[..., x], less[..., y], less[..., theta])[good] / size
+        verdicts.append(np.sum((work - consequence) ** 2) < (1.0 - ACCOUNTS) * np.sum(work**2))
+    return np.array(verdicts, dtype=bool)
+
+
+def witnesses(data: Dataset) -> tuple[int, ...]:
+    """The measured speeds that no window compares and that are no rate of a state: indices of channels."""
     rates = {s.velocity for b in data.blocks for s in b.robot.states}
-    found = []
-    for k, channel in enumerate(data.channels):
-        if data.compared[:, k].any() or channel in rates:
+    return tuple(
+        k
+        for k, c in enumerate(data.channels)
+        if c.startswith("velocity.") and c not in rates and not data.compared[:, k].any()
+    )
+
+
+def _travelled(data: Dataset, speed: np.ndarray) -> np.ndarray:
+    """(W, M) integral of a speed (W, M) since the window's first sample by trapezoids; a missing sample is bridged."""
+    out = np.full(speed.shape, np.nan)
+    for w, (t, v) in enumerate(zip(data.t, speed, strict=True)):
+        good, real = np.isfinite(v) & np.isfinite(t), np.isfinite(t)
+        if good.sum() < 2:
             continue
-        size = _rms(data.y[..., k])
-        was, now = _rms(before[..., k]), _rms(after[..., k])
-        if was > VISIBLE * size and now > FAR * data.sigma[k] and now > UNMOVED * was:
-            found.append(channel)
-    return tuple(found)
+        filled = np.interp(t[real], t[good], v[good])
+        steps = 0.5 * (filled[1:] + filled[:-1]) * np.diff(t[real])
+        out[w, real] = np.concatenate([[0.0], np.cumsum(steps)])
+    return out
 
 
-def _rms(x: np.ndarray) -> float:
-    good = x[np.isfinite(x)]
-    return float(np.sqrt(np.mean(good**2))) if len(good) else 0.0
+def _moved(x: np.ndarray, y: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """(W, M, 2) way along the heading, m, and turn, rad, since the window's first complete sample; NaN where a
+    component is missing."""
+    good = np.isfinite(x) & np.isfinite(y) & np.isfinite(theta)
+    out = np.full((*x.shape, 2), np.nan)
+    for w, keep in enumerate(good):
+        px, py, heading = x[w, keep], y[w, keep], theta[w, keep]
+        if len(px) < 2:
+            continue
+        middle = 0.5 * (heading[1:] + heading[:-1])
+        steps = np.diff(px) * np.cos(middle) + np.diff(py) * np.sin(middle)
+        out[w, keep, 0] = np.concatenate([[0.0], np.cumsum(steps)])
+        out[w, keep, 1] = heading - heading[0]
+    return out

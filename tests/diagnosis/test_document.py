@@ -19,6 +19,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.diagnose import Options, diagnose
 from residual_mpc.diagnosis.document import MODEL_SCHEMA, SCHEMA, to_document
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.logs.run import Run
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
 TRACK = {"track_width": {"scale": 1.25}}
@@ -160,3 +161,33 @@ def test_what_cannot_be_told_apart_shares_a_probability() -> None:
     assert said["wheel_radius"] + said["actuator_gain"] <= 0.971
     assert 0.2 < said["wheel_radius"] < 0.8
     assert document["explanation"][0]["probability"] == said[document["explanation"][0]["effect"]]
+
+
+def spoilt(seed: int, *samples: int) -> Run:
+    """A minute of the wide rover whose localisation jumps away at a few of 3000 samples."""
+    run = rover_run("one", TRACK, 60.0, rate=50.0, seed=seed)
+    x = run.columns["pose.x"].copy()
+    x[list(samples)] += 2.0
+    return replace(run, columns={**run.columns, "pose.x": x})
+
+
+@pytest.fixture(scope="module")
+def with_jumps() -> Run:
+    return spoilt(3, 220, 510, 1290, 1830, 2410)  # the second one is in what is held out
+
+
+def test_a_few_jumps_are_a_cause_where_they_make_up_much_of_what_is_left(with_jumps: Run) -> None:
+    options = Options(only=("track_width", "sensor_outliers"))
+    made = diagnose([with_jumps], [ROVER], {}, (), options, np.random.default_rng(0)).diagnosis
+    named = {c.term.effect: c for c in made.causes}
+    assert set(named) == {"track_width", "sensor_outliers"} and made.verdict == "effects"
+    (rate,) = named["sensor_outliers"].parameters
+    assert rate.value == pytest.approx(5 / 3000, rel=0.3) and 0.0 < rate.ci95[0] < 5 / 3000 < rate.ci95[1]
+
+
+def test_a_promise_counts_the_jumps_that_are_not_named(with_jumps: Run) -> None:
+    options = Options(only=("track_width",))
+    made = diagnose([with_jumps], [ROVER], {}, (), options, np.random.default_rng(0)).diagnosis
+    assert made.expected is not None and made.achieved is not None
+    assert made.expected.ci95[0] <= made.achieved.value <= made.expected.ci95[1]
+    assert made.achieved.value < 0.6  # the jumps stay
