@@ -6,7 +6,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible
 from residual_mpc.diagnosis.problem import Problem
-from residual_mpc.diagnosis.screen import screen
+from residual_mpc.diagnosis.screen import screen, smaller
 from residual_mpc.diagnosis.search import ALIKE, Found, compatible, without
 from residual_mpc.effects.library import ORDER
 from residual_mpc.models.settings import TUNE, Term, Values
@@ -15,6 +15,7 @@ PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-
 PER_KNOB = 2.0
 RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the screening
 LOOKED_AT = 8
+HOPELESS = 150.0  # likelihood ratio of a rough fit beyond which a rival is not fitted to the end
 # without encoders these scale the same two rims, so that one pair of them does what another pair does
 RIM_SCALES = ("actuator_gain", "wheel_radius", "wheel_radius_mismatch")
 
@@ -92,13 +93,27 @@ def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
                     for b in rims[i + 1 :]
                     if compatible(b, (*kept, a))
                 ]
-        for other in filter(is_sensible, fit_all(problem, starts)):
+        for other in filter(is_sensible, _fits(problem, rest, fit, starts, phi)):
             came = tuple(t for t in other.terms if t not in kept)
             difference = other.cost - fit.cost
             ratio = difference / phi + PER_KNOB * (len(other.knobs) - len(fit.knobs))
             alike = ratio < ALIKE and difference < PARALLEL * (rest.cost - fit.cost)
             out.append(Rival(gone, came, other, ratio, alike))
     return out
+
+
+def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: float) -> list[Fit]:
+    """The starts fitted: roughly on fewer windows, to the end those that come within reach of the chosen fit. The
+    others are hopeless, and only their cost is wanted."""
+    if not starts:
+        return []
+    small, weight = smaller(problem, rest)
+    chosen = float(np.sum(small.residuals([fit.values])[0] ** 2))
+    rough = fit_all(small, starts, 3)
+    near = [weight * (r.cost - chosen) < HOPELESS * phi for r in rough]
+    ends = iter(fit_all(problem, [r.values for r, n in zip(rough, near, strict=True) if n]))
+    as_they_are = iter(fit_all(problem, [r.values for r, n in zip(rough, near, strict=True) if not n], 0))
+    return [next(ends if n else as_they_are) for n in near]
 
 
 def _rim_pairs(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
