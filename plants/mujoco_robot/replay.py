@@ -32,7 +32,7 @@ def replay(
     Rows whose actuators or frictions change from step to step are stepped one by one, the others rolled out at once:
     between two steps of a small model, Python costs more than MuJoCo.
     """
-    slow = _changing(robot, drive, settings, wanted)
+    slow = changing(robot, settings, wanted)
     if slow.all() or not slow.any():
         return _replay(robot, start, drive, settings, wanted, bool(slow.any()))
     out = {c: np.empty((settings.rows, drive.steps + 1)) for c in wanted}
@@ -51,7 +51,7 @@ def replay(
     return out
 
 
-def _changing(robot: "MujocoRobot", drive: Drive, settings: Settings, wanted: tuple[str, ...]) -> np.ndarray:
+def changing(robot: "MujocoRobot", settings: Settings, wanted: tuple[str, ...]) -> np.ndarray:
     """(B,) bool: rows that need a word between the steps."""
     if any(c.startswith("output.") for c in wanted):
         return np.ones(settings.rows, dtype=bool)
@@ -97,7 +97,7 @@ def _replay(
     u = command_chain(settings.effects, drive.command, drive.lead, drive.dt, ~servo)
     if model.na:  # an actuator with a filter starts where its first command holds it
         batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
-    between = _between_steps(batch, robot, settings, drive)
+    between = between_steps(batch, robot, settings, drive)
     if stepped:
         out = _step_by_step(batch, robot, settings, drive, u, between, wanted)
     else:
@@ -175,7 +175,7 @@ def _step_by_step(
     return record.result()
 
 
-def _between_steps(batch: Any, robot: "MujocoRobot", settings: Settings, drive: Drive) -> list[Any]:
+def between_steps(batch: Any, robot: "MujocoRobot", settings: Settings, drive: Drive) -> list[Any]:
     """Functions (step, joint speeds (B, njnt), last actuator force (B, nu)) that rewrite the batch before a step."""
     updates = []
     actuators = _actuator_scale(batch, robot, settings, drive)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,11 +14,15 @@ from plants.mujoco_robot.loops import Loops
 from plants.mujoco_robot.replay import replay
 from plants.mujoco_robot.variants import merge
 from plants.mujoco_robot.wheels import ON_WHEELS, Wheels, find_wheels
+from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.settings import Settings
+from residual_mpc.models.simulating import Mjcf
 
 if TYPE_CHECKING:
     import mujoco
+
+    from plants.mujoco_robot.corrected import CorrectedMujoco
 
 ON_ACTUATORS = frozenset({"command_delay", "dead_zone", "actuator_lag", "actuator_gain", "saturation", "voltage_sag"})
 ON_JOINTS = frozenset(
@@ -39,6 +44,7 @@ class MujocoRobot:
     loops: Loops | None = None  # of a robot with closed chains
     settings: "tuple[mujoco.MjModel, ...]" = ()  # where several settings were merged: the model of each
     differing: tuple[str, ...] = ()  # the model fields in which they differ
+    source: tuple[str, Mapping[str, Actuator]] | None = None  # the model's file, and the actuators added to it
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
@@ -190,3 +196,13 @@ class MujocoRobot:
         self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
     ) -> Mapping[str, np.ndarray]:
         return replay(self, start, drive, settings, wanted)
+
+    def to_mjcf(self, settings: Settings, folder: Path) -> Mjcf:
+        from plants.mujoco_robot.mjcf import to_mjcf
+
+        return to_mjcf(self, settings, folder)
+
+    def simulator(self, settings: Settings, rows: int, period: float) -> "CorrectedMujoco":
+        from plants.mujoco_robot.corrected import CorrectedMujoco
+
+        return CorrectedMujoco(self, settings, rows, period)

@@ -5,7 +5,6 @@ from pathlib import Path
 import click
 
 from residual_mpc.cli.common import emit, json_option, seed_option, writable_folder
-from residual_mpc.errors import BadInput
 
 USUAL_STEP = 0.05  # s, the controllers' usual one
 
@@ -31,23 +30,27 @@ def export(
 ) -> None:
     """Hand on the augmented model of FILE (model.json or diagnosis.json); says how far it lies from its source."""
     from residual_mpc.diagnosis.document import read_json
+    from residual_mpc.export.source import robot_beside
 
     document = read_json(file)
     where = out or file.parent / f"export_{to}"
     writable_folder(where)
-    named = robot or _robot_of(document, file)
+    named = robot or robot_beside(document, file)
 
     import numpy as np
 
     from residual_mpc.export.augmented import Build, read_augmented
-    from residual_mpc.export.write import write_model
+    from residual_mpc.export.write import write_mjcf, write_model
     from residual_mpc.models.load import load_robot
     from residual_mpc.models.robot_file import read_robot_file
 
     robot_model = load_robot(read_robot_file(named))
-    at = dt or _step_of(file) or float(getattr(robot_model, "period", USUAL_STEP))
-    model = read_augmented(file, robot_model, Build(at, smooth))
-    result = write_model(model, to, where, np.random.default_rng(seed))  # type: ignore[arg-type]
+    if to == "mjcf":
+        result = write_mjcf(file, robot_model, where)
+    else:
+        at = dt or _step_of(file) or float(getattr(robot_model, "period", USUAL_STEP))
+        model = read_augmented(file, robot_model, Build(at, smooth))
+        result = write_model(model, to, where, np.random.default_rng(seed))  # type: ignore[arg-type]
     result["folder"] = str(where)
     if as_json:
         emit(result)
@@ -55,7 +58,7 @@ def export(
     for name, what in result["files"].items():
         click.echo(f"{where / name}: {what}")
     for what in result.get("left_out", ()):
-        click.echo(f"not in the step: {what}", err=True)
+        click.echo(f"left out: {what}", err=True)
     apart = result["largest_difference"]
     click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g}")
 
@@ -67,21 +70,3 @@ def _step_of(file: Path) -> float | None:
     learned = residual_in(file)
     return None if learned is None else learned.step
 
-
-def _robot_of(document: dict[str, object], file: Path) -> str:
-    """The robot file that the model was made with, or the robot's name where it is built in."""
-    inner = document.get("model")
-    model = inner if isinstance(inner, dict) else document
-    beside = model.get("robot_file")
-    if isinstance(beside, str):
-        path = file.parent / beside
-        if path.is_file():
-            return str(path)
-    name = str(model.get("robot", ""))
-    from importlib.metadata import entry_points
-
-    from residual_mpc.models.load import GROUP
-
-    if name in {e.name for e in entry_points(group=GROUP)}:
-        return name
-    raise BadInput(f"it is of the robot {name!r}, whose file is not known", str(file), "name it with --robot")

@@ -10,6 +10,7 @@ from residual_mpc.diagnosis.local_fit import local_fit
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.effects.sensor import mounted, unmounted
 from residual_mpc.models.protocol import Drive, Robot
+from residual_mpc.models.sensing import sensor_value
 from residual_mpc.models.settings import Settings
 
 ROOM = 24_000_000  # numbers that one chunk of hypotheses may hold
@@ -153,31 +154,15 @@ def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
     return np.where(np.isnan(t), np.nan, low + (place - k) * (high - low))
 
 
-def _slot_of(channel: str, slots: tuple[str, ...]) -> int | None:
-    """Which target of a sensor effect a channel belongs to: itself, its joint, or `pose` for the localisation."""
-    kind, _, name = channel.partition(".")
-    for i, slot in enumerate(slots):
-        if slot in (channel, name) or (slot == "pose" and kind in ("pose", "twist")):
-            return i
-    return None
-
-
-def _sensor_value(robot: Robot, settings: Settings, effect: str, parameter: str, channel: str) -> np.ndarray | None:
-    if effect not in settings.effects:
-        return None
-    slot = _slot_of(channel, robot.slots(effect))
-    return None if slot is None else settings.effects[effect][parameter][:, slot]
-
-
 def _delay(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
     """(H,) s."""
-    value = _sensor_value(robot, settings, "sensor_delay", "delay", channel)
+    value = sensor_value(robot, settings, "sensor_delay", "delay", channel)
     return np.zeros(settings.rows) if value is None else value
 
 
 def _bias(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
     """(H, 1) channel unit."""
-    value = _sensor_value(robot, settings, "sensor_bias", "bias", channel)
+    value = sensor_value(robot, settings, "sensor_bias", "bias", channel)
     return np.zeros((settings.rows, 1)) if value is None else value[:, None]
 
 

@@ -10,11 +10,14 @@ import numpy as np
 
 from residual_mpc.errors import BadInput
 from residual_mpc.export.agreement import Agreement, Step, agreement
-from residual_mpc.export.augmented import Augmented
+from residual_mpc.export.augmented import Augmented, residual_in
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import assemble
+from residual_mpc.models.simulating import WritesMjcf
 
-Target = Literal["casadi", "c", "jax", "onnx", "mjcf"]
-TARGETS: tuple[Target, ...] = ("casadi", "c", "jax", "onnx", "mjcf")
+Target = Literal["casadi", "c", "jax", "onnx"]
+TARGETS: tuple[Target, ...] = ("casadi", "c", "jax", "onnx")
 
 
 def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Generator) -> dict[str, Any]:
@@ -25,17 +28,42 @@ def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Gener
     folder.mkdir(parents=True, exist_ok=True)
     if to == "onnx":
         return _onnx(model, folder)
-    if to == "mjcf":
-        raise BadInput(
-            f"the step of {model.robot.name!r} is no rigid-body model, so that no MJCF can hold its effects",
-            "--to mjcf",
-            "export to casadi, c or jax",
-        )
     c = casadi_model(model)
     writers = {"casadi": _casadi, "c": _c, "jax": _jax}
     files, step = writers[to](model, c, folder)
     apart = agreement(model, step, rng)
     document = describe(model, c, to, files, apart)
+    (folder / "export.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    return document
+
+
+def write_mjcf(file: Path, robot: Robot, folder: Path) -> dict[str, Any]:
+    """Write the effects of a diagnosis.json or model.json into the robot's MJCF, and describe it.
+
+    Raises BadInput for a robot that is no MuJoCo model, a model of another robot, or one with a network.
+    """
+    from residual_mpc.diagnosis.document import read_model
+
+    name, values, _ = read_model(file)
+    if name != robot.name:
+        raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", str(file), "give --robot its own robot")
+    if not isinstance(robot, WritesMjcf):
+        raise BadInput(
+            f"the step of {robot.name!r} is no rigid-body model, so that no MJCF can hold its effects", "--to mjcf",
+            "export to casadi, c or jax",
+        )  # fmt: skip
+    if residual_in(file) is not None:
+        raise BadInput("an MJCF holds no network", str(file), "export the diagnosis that it was learned on")
+    made = robot.to_mjcf(assemble([values], {k.effect: robot.slots(k.effect) for k in values}), folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "model.xml").write_text(made.text, encoding="utf-8")
+    document = {
+        "to": "mjcf",
+        "robot": robot.name,
+        "files": {"model.xml": "the model with the effects that MuJoCo can hold"},
+        "left_out": list(made.left_out),
+        "largest_difference": {"joints": made.apart, "largest": made.apart, "points": made.points},
+    }
     (folder / "export.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     return document
 

@@ -1,0 +1,229 @@
+"""A corrected simulator: the MuJoCo model with the diagnosed effects, stepped by whoever wants to drive it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from plants.mujoco_robot.edits import edit_batch
+from plants.mujoco_robot.replay import between_steps, changing
+from residual_mpc.effects.actuator import lag_step
+from residual_mpc.effects.command import dead_zone_step
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.models.protocol import Drive
+from residual_mpc.models.sensing import Late
+from residual_mpc.models.settings import Settings
+
+if TYPE_CHECKING:
+    from plants.mujoco_robot.robot import MujocoRobot
+
+
+@dataclass(frozen=True)
+class Saved:
+    """The state of every row: of the engine, of the commands' way to the actuators, of the clock and the sensors."""
+
+    engine: dict[str, np.ndarray]
+    line: np.ndarray
+    lagged: np.ndarray
+    force: np.ndarray
+    clock: np.ndarray
+    steps: int
+    late: Any
+
+
+class CorrectedMujoco:
+    """See residual_mpc.models.simulating.Simulator. The steps are those of the diagnosis' replay, to the last bit where
+    no delay ends between two steps."""
+
+    def __init__(self, robot: "MujocoRobot", settings: Settings, rows: int, period: float) -> None:
+        from mujoco.batch import Batch
+
+        if settings.rows != 1 or rows < 1:
+            raise ValueError(f"{settings.rows} rows of settings (wanted: 1) for {rows} simulations (1 or more)")
+        whole = round(period / robot.step)
+        if whole < 1 or abs(whole * robot.step - period) > 1e-9 * period + 1e-12:
+            raise ValueError(f"a period of {period:g} s is no whole number of the model's steps of {robot.step:g} s")
+        self.robot, self.rows, self.period, self._whole = robot, rows, period, whole
+        self._settings = settings.take(np.zeros(rows, dtype=int))
+        effects, dt, nu = self._settings.effects, robot.step, robot.model.nu
+        self._batch = Batch(robot.model, rows)
+        edit_batch(self._batch, robot.model, self._settings, robot.payload, robot.wheels)
+        self._clock = np.zeros(rows)
+        nothing = np.zeros((rows, 0, nu))
+        drive = Drive(dt, 0, nothing, None, self._clock, None)
+        self._between = between_steps(self._batch, robot, self._settings, drive)
+        self._one_by_one = bool(changing(robot, self._settings, ()).any())
+        if not self._one_by_one:  # what they write never changes
+            for update in self._between:
+                update(0, np.zeros((rows, len(robot.joints))), np.zeros((rows, nu)))
+        self._servo = np.array([kind == "position" for kind in robot.command_kinds])
+        zone = effects.get("dead_zone", {}).get("width")
+        self._on_command = None if zone is None else np.where(self._servo, 0.0, zone)
+        self._on_error = None if zone is None or not self._servo.any() else np.where(self._servo, zone, 0.0)
+        delay = effects.get("command_delay", {}).get("delay", np.zeros((rows, nu)))
+        self._late, self._part = np.divmod(delay / dt, 1.0)
+        self._late = self._late.astype(int)
+        self._lag = effects.get("actuator_lag")
+        self._line = np.zeros((int(self._late.max()) + 2, rows, nu))  # newest first
+        self._lagged = np.zeros((rows, nu))
+        self._k = 0
+        self._sensors = Late(robot, self._settings, period)
+        self._force = np.zeros((rows, nu))  # of the last step: a friction may depend on the load
+        self._engines_force = self._batch.bind("actuator_force")  # what is bound later is not filled by this step
+        self.reset()
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        return self.robot.actuators
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return self.robot.channels
+
+    @property
+    def model(self) -> Any:
+        """The compiled nominal model, for a viewer; what differs lives in the batch's rows."""
+        return self.robot.model
+
+    def state(self, row: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """qpos (nq,) and qvel (nv,) of one row, for a viewer."""
+        return self._batch.bind("qpos")[row].copy(), self._batch.bind("qvel")[row].copy()
+
+    def reset(
+        self,
+        start: Mapping[str, float | np.ndarray] | None = None,
+        command: Any = None,
+        where: np.ndarray | None = None,
+    ) -> Mapping[str, np.ndarray]:
+        keep = None if where is None else ~np.broadcast_to(np.asarray(where, dtype=bool), self.rows)
+        before = None if keep is None else self.save()
+        self._begin(start, command)
+        if before is not None and keep is not None:
+            self._put_back(before, keep)
+        return self._sensors.read()
+
+    def _begin(self, start: Mapping[str, float | np.ndarray] | None, command: Any) -> None:
+        robot, b = self.robot, self._batch
+        b.reset()
+        q, v = b.bind("qpos"), b.bind("qvel")
+        given = {c: np.broadcast_to(np.asarray(x, dtype=float), self.rows) for c, x in (start or {}).items()}
+        unknown = sorted(set(given) - set(robot.channels))
+        if unknown:
+            raise ValueError(f"a start names {', '.join(unknown)}; the channels are {', '.join(robot.channels)}")
+        rolling = None
+        if robot.base is not None:
+            rolling = robot.base.write(q, v, {**self._truth(), **given})
+        for j, joint in enumerate(robot.joints):
+            if joint in robot.passive:
+                continue
+            if f"position.{joint}" in given:
+                q[:, robot.places[j]] = given[f"position.{joint}"]
+            if f"velocity.{joint}" in given:
+                v[:, robot.dofs[j]] = given[f"velocity.{joint}"]
+        if rolling is not None:
+            v[:, robot.dofs] = np.where(v[:, robot.dofs] == 0.0, rolling, v[:, robot.dofs])
+        if robot.loops is not None:
+            robot.loops.close(q, v)
+        if command is None:
+            length = robot.model.actuator_gear[:, 0] * q[:, robot.places[robot.driven]]
+            command = np.where(self._servo, length, 0.0)
+        held = self._commanded(command)
+        self._line[:] = held
+        self._lagged[:] = held
+        self._force[:] = 0.0
+        if robot.model.na:
+            b.bind("act")[:] = held[:, robot.model.actuator_actadr >= 0]
+        self._clock[:] = -self._k * robot.step  # the updates between the steps add the steps since the beginning
+        self._sensors.begin(self._truth())
+
+    def step(self, command: Any) -> Mapping[str, np.ndarray]:
+        import mujoco
+
+        held = self._commanded(command)
+        if self._one_by_one:
+            for _ in range(self._whole):
+                self._step_once(self._actuated(held))
+        else:
+            u = np.stack([self._actuated(held) for _ in range(self._whole)], axis=1)  # (rows, steps, nu)
+            self._batch.rollout(self._whole, u, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
+            self._k += self._whole
+        self._sensors.push(self._truth())
+        return self._sensors.read()
+
+    def _actuated(self, held: np.ndarray) -> np.ndarray:
+        """What the actuators see in the next step of the model, (rows, nu): delay, dead zone, lag."""
+        dt = self.robot.step
+        self._line[1:] = self._line[:-1]
+        self._line[0] = held
+        u = held
+        if self._late.any() or self._part.any():
+            rows, columns = np.ogrid[: self.rows, : self.robot.model.nu]
+            u = (1.0 - self._part) * self._line[self._late, rows, columns]
+            u += self._part * self._line[self._late + 1, rows, columns]
+        if self._on_command is not None:
+            u, _ = dead_zone_step(NUMPY, {"width": self._on_command}, (), u, dt)
+        if self._lag is not None:
+            u, self._lagged[:] = lag_step(NUMPY, self._lag, self._lagged, u, dt)
+        return np.asarray(u)
+
+    def _step_once(self, u: np.ndarray) -> None:
+        robot, b = self.robot, self._batch
+        q, ctrl = b.bind("qpos"), b.bind("ctrl")
+        ctrl[:] = u
+        if self._on_error is not None:
+            length = robot.model.actuator_gear[:, 0] * q[:, robot.places[robot.driven]]
+            error, _ = dead_zone_step(NUMPY, {"width": self._on_error}, (), u - length, robot.step)
+            ctrl[:] = np.where(error == u - length, u, length + error)
+        for update in self._between:
+            update(self._k, b.bind("qvel")[:, robot.dofs], self._force)
+        b.step()
+        self._force[:] = self._engines_force
+        self._k += 1
+
+    def save(self) -> Saved:
+        fields = ("qpos", "qvel", "qacc_warmstart", *(("act",) if self.robot.model.na else ()))
+        return Saved(
+            {f: self._batch.bind(f).copy() for f in fields},
+            self._line.copy(),
+            self._lagged.copy(),
+            self._force.copy(),
+            self._clock.copy(),
+            self._k,
+            self._sensors.save(),
+        )
+
+    def restore(self, saved: Saved) -> None:
+        self._k = saved.steps
+        self._put_back(saved, np.ones(self.rows, dtype=bool))
+
+    def _put_back(self, saved: Saved, rows: np.ndarray) -> None:
+        """rows (rows,) bool: which ones go back to what was saved."""
+        for f, value in saved.engine.items():
+            self._batch.bind(f)[rows] = value[rows]
+        self._line[:, rows], self._lagged[rows] = saved.line[:, rows], saved.lagged[rows]
+        self._force[rows], self._clock[rows] = saved.force[rows], saved.clock[rows]
+        self._sensors.restore(saved.late, rows)
+
+    def _commanded(self, command: Any) -> np.ndarray:
+        """(rows, nu), finite."""
+        given = np.asarray(command, dtype=float)
+        nu = self.robot.model.nu
+        if given.shape not in ((nu,), (self.rows, nu)):
+            raise ValueError(f"a command of shape {given.shape}; wanted ({nu},) or ({self.rows}, {nu})")
+        if not np.isfinite(given).all():
+            raise ValueError("a command is not finite")
+        return np.broadcast_to(given, (self.rows, nu))
+
+    def _truth(self) -> dict[str, np.ndarray]:
+        """Every channel as it is, (rows,)."""
+        robot, q, v = self.robot, self._batch.bind("qpos"), self._batch.bind("qvel")
+        out = {}
+        for channel in robot.channels:
+            kind, name = channel.split(".", 1)
+            if robot.base is not None and kind in ("pose", "twist"):
+                out[channel] = np.array(robot.base.read(channel, q, v))
+                continue
+            j = robot.joints.index(name)
+            out[channel] = (q[:, robot.places[j]] if kind == "position" else v[:, robot.dofs[j]]).copy()
+        return out

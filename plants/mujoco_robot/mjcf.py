@@ -1,0 +1,198 @@
+"""The diagnosed model as an MJCF: every effect that MuJoCo itself can hold, written into the model's specification."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from plants.mujoco_robot.compile import NO_LIMIT, compiled_spec, limited
+from plants.mujoco_robot.edits import edit_batch
+from plants.mujoco_robot.replay import between_steps
+from plants.mujoco_robot.wheels import ON_WHEELS
+from residual_mpc.errors import BadInput
+from residual_mpc.models.protocol import Drive
+from residual_mpc.models.settings import Settings
+from residual_mpc.models.simulating import Mjcf
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from plants.mujoco_robot.robot import MujocoRobot
+
+# what changes from step to step, or what a sensor reports
+NOT_HELD = {
+    "voltage_sag": "no actuator of MuJoCo weakens with time",
+    "dead_zone": "no actuator of MuJoCo ignores small commands",
+    "stribeck_friction": "MuJoCo's dry friction does not change with the speed",
+    "load_dependent_friction": "MuJoCo's dry friction does not change with the load",
+    **dict.fromkeys(ON_WHEELS, "wheels are bodies and shapes, which are not rewritten here"),
+    "sensor_delay": "what a sensor reports belongs to whoever reads it",
+    "sensor_bias": "what a sensor reports belongs to whoever reads it",
+    "sensor_mounting": "what a sensor reports belongs to whoever reads it",
+    "sensor_outliers": "what a sensor reports belongs to whoever reads it",
+}
+HELD_AS_NUMBERS = (  # fields of the compiled model -> where a specification keeps them
+    "dof_damping", "dof_armature", "dof_frictionloss", "dof_solimp",
+    "actuator_gainprm", "actuator_biasprm", "actuator_forcerange",
+    "body_mass", "body_ipos", "body_inertia", "body_iquat", "body_pos",
+)  # fmt: skip
+SECONDS, DRIVES = 1.0, 4  # of the comparison with the replay
+
+
+def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
+    """See WritesMjcf. Raises BadInput for a robot that has no model file of its own or several settings, or where the
+    effects change what an MJCF is not rewritten for here."""
+    if robot.source is None or robot.settings:
+        why = "its model has no file of its own" if robot.source is None else "its variants are several models"
+        raise BadInput(f"{robot.name!r} is not written as an MJCF: {why}", "--to mjcf", "export each model file alone")
+    left_out = tuple(f"{e}: {NOT_HELD[e]}" for e in settings.effects if e in NOT_HELD)
+    held = Settings(1, {e: p for e, p in settings.effects.items() if e not in NOT_HELD}, settings.tuned)
+    spec, plain = compiled_spec(*robot.source)
+    _write_numbers(spec, robot, held)
+    _write_memory(spec, held)
+    meshes = Path(spec.modelfiledir or Path(robot.source[0]).parent, spec.meshdir or ".")
+    if plain.nmesh or plain.ntex or plain.nhfield:
+        spec.meshdir = spec.texturedir = os.path.relpath(meshes, folder)
+    spec.compile()
+    text = spec.to_xml()
+    apart, points = _apart(robot, held, spec)
+    return Mjcf(text, left_out, apart, points)
+
+
+def _write_numbers(spec: "mujoco.MjSpec", robot: "MujocoRobot", settings: Settings) -> None:
+    """The constants of one row of the diagnosis' batch, where they differ from the compiled model's."""
+    from mujoco.batch import Batch
+
+    model, nu = robot.model, robot.model.nu
+    batch = Batch(model, 1, nthread=1)
+    edit_batch(batch, model, settings, robot.payload, robot.wheels)
+    drive = Drive(robot.step, 0, np.zeros((1, 0, nu)), None, np.zeros(1), None)
+    for update in between_steps(batch, robot, settings, drive):
+        update(0, np.zeros((1, len(robot.joints))), np.zeros((1, nu)))
+    changed: dict[str, np.ndarray] = {}
+    for field in HELD_AS_NUMBERS:
+        value = np.asarray(batch.expand(field))[0]
+        if not np.array_equal(value, getattr(model, field)):
+            changed[field] = value
+    for j, joint in enumerate(robot.joints):
+        dof = int(robot.dofs[j])
+        at = spec.joint(joint)
+        if "dof_damping" in changed:
+            at.damping[0] = changed["dof_damping"][dof]
+        if "dof_armature" in changed:
+            at.armature = changed["dof_armature"][dof]
+        if "dof_frictionloss" in changed:
+            at.frictionloss = changed["dof_frictionloss"][dof]
+        if "dof_solimp" in changed:
+            at.solimp_friction = changed["dof_solimp"][dof]
+    for i, name in enumerate(robot.actuators):
+        at = spec.actuator(name)
+        for field in ("gainprm", "biasprm"):
+            if f"actuator_{field}" in changed:
+                getattr(at, field)[:] = changed[f"actuator_{field}"][i]
+        reach = changed.get("actuator_forcerange", model.actuator_forcerange)[i]
+        if np.abs(reach).max() < 0.5 * NO_LIMIT:
+            at.forcelimited, at.forcerange = True, reach
+    bodies = {body.id: body for body in spec.bodies}
+    for b in range(1, model.nbody):
+        at = bodies[b]
+        if "body_pos" in changed:
+            at.pos = changed["body_pos"][b]
+        if any(f in changed for f in ("body_mass", "body_ipos", "body_inertia", "body_iquat")):
+            at.explicitinertial = True
+            at.fullinertia[:] = np.nan  # the axes are given
+            for short in ("mass", "ipos", "inertia", "iquat"):
+                value = changed.get(f"body_{short}", getattr(model, f"body_{short}"))[b]
+                setattr(at, short, value)
+
+
+def _write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
+    """Delay and lag, which MuJoCo has of its own."""
+    import mujoco
+
+    effects, dt = settings.effects, spec.option.timestep
+    delays = effects.get("command_delay", {}).get("delay", np.zeros((1, len(spec.actuators))))[0]
+    lags = effects.get("actuator_lag", {}).get("time_constant", np.zeros((1, len(spec.actuators))))[0]
+    for actuator, delay, lag in zip(spec.actuators, delays.tolist(), lags.tolist(), strict=True):
+        if delay > 0:
+            actuator.delay, actuator.nsample, actuator.interp = delay, int(np.ceil(delay / dt)) + 2, 1  # linear
+        if lag > 0:
+            if actuator.dyntype != mujoco.mjtDyn.mjDYN_NONE:
+                raise BadInput(
+                    f"actuator {actuator.name!r} has dynamics of its own, and a lag besides", "--to mjcf",
+                    "use the simulator",
+                )  # fmt: skip
+            actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+            actuator.dynprm[0] = lag
+            actuator.actearly = True
+
+
+def _apart(robot: "MujocoRobot", settings: Settings, spec: "mujoco.MjSpec") -> tuple[float, int]:
+    """Largest difference of a joint between the written model and the replay, over drives about the model's home, and
+    at how many samples."""
+    import mujoco
+
+    model = limited(spec.compile())
+    steps, nu = round(SECONDS / robot.step), robot.model.nu
+    t = robot.step * np.arange(steps)
+    rng = np.random.default_rng(0)
+    middle, size = _reach(robot)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetData(model, data)
+    home = {f"position.{j}": np.full(DRIVES, data.qpos[p]) for j, p in zip(robot.joints, robot.places, strict=True)}
+    home |= {f"velocity.{j}": np.zeros(DRIVES) for j in robot.joints}
+    if robot.base is not None:
+        home |= {f"{k}.{a}": np.zeros(DRIVES) for k in ("pose", "twist") for a in ("x", "y", "theta")}
+    phase, frequency = rng.uniform(0, 2 * np.pi, (DRIVES, 1, nu)), rng.uniform(0.5, 2.0, (DRIVES, 1, nu))
+    wave = np.sin(2 * np.pi * frequency * t[None, :, None] + phase) - np.sin(phase)
+    command = middle + 0.5 * size * wave  # begins at rest, so that no delay line and no filter has a past
+    drive = Drive(robot.step, 0, command, None, np.zeros(DRIVES), None)
+    wanted = tuple(f"position.{j}" for j in robot.joints)
+    expected = robot.replay(home, drive, settings.take(np.zeros(DRIVES, dtype=int)), wanted)
+    worst = 0.0
+    for row in range(DRIVES):
+        start: dict[str, Any] = {c: v[row : row + 1] for c, v in home.items()}
+        found = _played(robot, model, start, command[row])
+        for j, channel in enumerate(wanted):
+            worst = max(worst, float(np.abs(found[:, j] - expected[channel][row]).max()))
+    return worst, DRIVES * steps
+
+
+def _played(robot: "MujocoRobot", model: "mujoco.MjModel", start: dict[str, Any], command: np.ndarray) -> np.ndarray:
+    """(steps + 1, joints) positions of the written model under commands (steps, nu)."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    q, v = data.qpos[None], data.qvel[None]
+    if robot.base is not None:
+        robot.base.write(q, v, start)
+    if robot.loops is not None:
+        robot.loops.close(q, v)
+    data.ctrl[:] = command[0]
+    for i in range(model.nu):
+        if model.actuator_historyadr[i] >= 0:
+            n = int(model.actuator_history[i, 0])
+            past = -robot.step * np.arange(n, 0, -1)
+            mujoco.mj_initCtrlHistory(model, data, i, past, np.full(n, command[0, i]))
+        if model.actuator_actadr[i] >= 0:
+            data.act[model.actuator_actadr[i]] = command[0, i]
+    out = [data.qpos[robot.places].copy()]
+    for u in command:
+        data.ctrl[:] = u
+        mujoco.mj_step(model, data)
+        out.append(data.qpos[robot.places].copy())
+    return np.array(out)
+
+
+def _reach(robot: "MujocoRobot") -> tuple[np.ndarray, np.ndarray]:
+    """(nu,) command that the model rests at, and how far one may go from it."""
+    import mujoco
+
+    model = robot.model
+    data = mujoco.MjData(model)
+    home = model.actuator_gear[:, 0] * data.qpos[robot.places[robot.driven]]
+    servo = np.array([k == "position" for k in robot.command_kinds])
+    limited_ = model.actuator_ctrllimited.astype(bool)
+    width = np.where(limited_, np.ptp(model.actuator_ctrlrange, axis=1), 1.0)
+    return np.where(servo, home, 0.0), np.minimum(0.25 * width, 0.5)

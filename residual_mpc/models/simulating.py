@@ -1,0 +1,84 @@
+"""A robot that can be stepped as a simulator, effects included; optional for a robot."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from residual_mpc.models.settings import Settings
+
+Readings = Mapping[str, np.ndarray]  # channel -> (rows,)
+
+
+class Simulator(Protocol):
+    """`rows` simulations side by side, stepped by one command period at a time.
+
+    A simulation remembers what its effects remember: commands on their way, a motor's lag, the time since the run
+    began, readings that have not arrived yet.
+    """
+
+    @property
+    def rows(self) -> int: ...
+    @property
+    def period(self) -> float:
+        """s that a command is held."""
+        ...
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Order of a command."""
+        ...
+
+    @property
+    def channels(self) -> tuple[str, ...]: ...
+
+    def reset(
+        self,
+        start: Mapping[str, float | np.ndarray] | None = None,
+        command: Any = None,
+        where: np.ndarray | None = None,
+    ) -> Readings:
+        """Begin a run: at rest in the model's own start, but for the positions and velocities named in start (one value
+        for all rows, or (rows,)). command (nu,) or (rows, nu): held for ever before; by default what holds the
+        start posture of a position servo, else 0. where: mask (rows,), the others go on. Returns the readings."""
+        ...
+
+    def step(self, command: Any) -> Readings:
+        """Hold command (nu,) or (rows, nu) for a period; what the sensors report at its end."""
+        ...
+
+    def save(self) -> Any:
+        """Everything that the next steps depend on; for planners that try several futures."""
+        ...
+
+    def restore(self, saved: Any) -> None:
+        """Go back to what `save` gave."""
+        ...
+
+
+@runtime_checkable
+class Simulating(Protocol):
+    def simulator(self, settings: Settings, rows: int, period: float) -> Simulator:
+        """settings: one row. Raises ValueError for a period that is no whole number of the robot's steps."""
+        ...
+
+
+@dataclass(frozen=True)
+class Mjcf:
+    """text: an MJCF that holds the effects; left_out: those that it cannot hold, each with the reason; apart: the
+    largest difference of a joint (rad or m) between it and the replay over a few motions of a second, with the effects
+    that it holds, at `points` samples."""
+
+    text: str
+    left_out: tuple[str, ...]
+    apart: float
+    points: int
+
+
+@runtime_checkable
+class WritesMjcf(Protocol):
+    def to_mjcf(self, settings: Settings, folder: Path) -> Mjcf:
+        """settings: one row; folder: where the file will lie, for the way to its meshes. Raises BadInput."""
+        ...
