@@ -109,6 +109,19 @@ class MujocoRobot:
             if m.jnt_limited[i]
         }
 
+    @cached_property
+    def command_limits(self) -> Mapping[str, tuple[float, float]]:
+        """Range of each actuator's command: its own, else of a position servo that of its joint."""
+        m, out = self.model, {}
+        for i, (name, kind) in enumerate(zip(self.actuators, self.command_kinds, strict=True)):
+            joint, gear = self.joints[self.driven[i]], float(m.actuator_gear[i, 0])
+            if m.actuator_ctrllimited[i]:
+                out[name] = (float(m.actuator_ctrlrange[i, 0]), float(m.actuator_ctrlrange[i, 1]))
+            elif kind == POSITION and joint in self.limits:
+                low, high = sorted(gear * x for x in self.limits[joint])
+                out[name] = (low, high)
+        return out
+
     @property
     def passive(self) -> tuple[str, ...]:
         """Joints without a motor whose angles follow from the others', because a closed chain holds them."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from residual_mpc.cli.common import (
-    _allow_user_modules,
+    allow_user_modules,
     emit,
     json_option,
     robot_option,
@@ -39,7 +39,7 @@ def check(robot: str, runs: tuple[str, ...], as_json: bool, seed: int) -> None:
     from residual_mpc.models.load import load_robot
     from residual_mpc.models.robot_file import read_robot_file
 
-    _allow_user_modules()
+    allow_user_modules()
     robot_file = read_robot_file(robot)
     model = load_robot(robot_file)
     read, findings = _examine(robot_file, model, runs)

@@ -68,7 +68,7 @@ def load(robot: str, paths: Sequence[str], quiet: bool = False) -> Loaded:
     from residual_mpc.models.load import load_robot
     from residual_mpc.models.robot_file import for_run, noise_over, read_robot_file
 
-    _allow_user_modules()
+    allow_user_modules()
     robot_file = read_robot_file(robot)
     first = load_robot(robot_file)  # a faulty model is reported before a long read
     result = read_runs(paths, robot_file)
@@ -170,7 +170,7 @@ def progress_bar() -> Iterator[Callable[[str, float], None]]:
         yield lambda stage, done: bar.update(task, description=stage, completed=done)
 
 
-def _allow_user_modules() -> None:
+def allow_user_modules() -> None:
     """A user's plant `package.module:factory` may live in the folder they stand in."""
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))

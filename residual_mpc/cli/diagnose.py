@@ -157,6 +157,8 @@ def _summary(document: dict[str, Any], out: Path) -> None:
         click.echo(f"  cannot be told apart on these runs: {', '.join(dict.fromkeys(names))}")
     if document["next_experiment"]:
         click.echo(f"  next: {document['next_experiment']['what']}")
+    if document["alternatives"]:
+        click.echo(f"  a motion that parts them: residual-mpc excite {out / 'diagnosis.json'} --robot R --out next.csv")
     click.echo(f"  report: {out / 'report.html'}")
 
 

@@ -19,8 +19,9 @@ class _Lazy(click.Group):
             "diagnose",
             "Where the gap lies, what causes it, how far it shrinks.",
         ),
+        "excite": ("residual_mpc.cli.excite", "excite", "Which motion to drive next, as a command file."),
         "learn": ("residual_mpc.cli.learn", "learn", "Train the residual network on runs with a Kalman filter."),
-        "export": ("residual_mpc.cli.export", "export", "Hand the augmented model on: CasADi, C, JAX, ONNX."),
+        "export": ("residual_mpc.cli.export", "export", "Hand the augmented model on: CasADi, C, JAX, ONNX, MJCF."),
         "run": ("residual_mpc.cli.run", "run", "A closed-loop scenario: nominal against augmented controller."),
         "blind": ("residual_mpc.cli.blind", "blind", "Sealed benchmark cases: make, run, score."),
     }

@@ -7,6 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.causes import causes_of, most_sure
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import Fit, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales, per_window
@@ -16,10 +17,12 @@ from residual_mpc.diagnosis.learner import learn, remove
 from residual_mpc.diagnosis.next_experiment import next_experiment
 from residual_mpc.diagnosis.problem import Problem, build_problem, reweigh, start_sensitivity
 from residual_mpc.diagnosis.records import (
+    Alternative,
     Candidate,
     Diagnosis,
     GapFigures,
     Moved,
+    Setup,
     Verdict,
 )
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
@@ -277,6 +280,8 @@ def _judge(
         candidates=_candidates(rivalry, base, final, sure) if helps else (),
         groups=groups,
         rivals=_rival_sets(rivalry) if helps else (),
+        alternatives=_alternatives(rivalry, groups, final),
+        setup=_setup(raw, dispersion(final, blocks_of(problem.data))),
         not_testable=untestable,
         moved=_moved(base, final) if helps else (),
         unexplained=share,
@@ -354,6 +359,33 @@ def _rival_sets(rivalry: Rivalry) -> tuple[tuple[tuple[Term, ...], float], ...]:
     total = sum(w for _, w in weights)
     ranked = sorted(((t, w / total) for t, w in weights), key=lambda tw: -tw[1])
     return tuple(ranked[:6])
+
+
+def _alternatives(
+    rivalry: Rivalry, groups: tuple[tuple[tuple[Term, ...], ...], ...], final: Fit
+) -> tuple[Alternative, ...]:
+    """The other members of the groups, each with the values of the whole in which it stands."""
+    out: dict[tuple[Term, ...], Alternative] = {}
+    for group in groups:
+        for member in group:
+            fit = rivalry.standing_for(member)
+            if fit is not None and not all(t in final.terms for t in member):
+                out[member] = Alternative(member, fit.values)
+    return tuple(out.values())
+
+
+def _setup(data: Dataset, spread: float) -> Setup:
+    runs, actuators = data.runs, data.blocks[0].robot.actuators
+    sent = {a: np.concatenate([r.columns[f"command.{a}"] for r in runs]) for a in actuators}
+    first = {c: [s.y[0] for (_, name), s in data.signals.items() if name == c and len(s.y)] for c in data.channels}
+    return Setup(
+        period=float(np.median([r.period for r in runs])),
+        commands={a: (float(np.nanmin(u)), float(np.nanmax(u))) for a, u in sent.items()},
+        sigma={c: float(s) for c, s in zip(data.channels, data.sigma, strict=True)},
+        start={c: float(np.median(v)) for c, v in first.items() if v},
+        switches=any(b.drive.enabled is not None for b in data.blocks),
+        dispersion=max(float(spread), 1.0),
+    )
 
 
 def _moved(base: Fit, final: Fit) -> tuple[Moved, ...]:

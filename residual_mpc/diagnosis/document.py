@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,13 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
         "next_experiment": d.next_experiment,
         "stages_of_gap": [{"terms": [_term(t) for t in terms], "gap": g} for terms, g in d.steps],
         "rivals": [{"terms": [_term(t) for t in terms], "probability": p} for terms, p in d.rivals],
+        "alternatives": [
+            {"effects": [_term(t) for t in a.terms], "values": _rows(a.values)} for a in d.alternatives
+        ],
+        "setup": {
+            **asdict(d.setup),
+            "commands": {a: {"low": low, "high": high} for a, (low, high) in d.setup.commands.items()},
+        },
         "outliers": {"share": d.outlier_share, "channels": d.outlier_channels} if d.outlier_share > 0 else None,
         "model": to_model(d),
         "notes": list(d.notes),
@@ -80,7 +88,7 @@ def to_model(d: Diagnosis) -> dict[str, Any]:
     return {
         "schema": MODEL_SCHEMA,
         "robot": d.robot,
-        "values": [{**k._asdict(), "value": v} for k, v in d.values.items()],
+        "values": _rows(d.values),
         "leaves_out_outliers": outliers,
     }
 
@@ -130,6 +138,10 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise BadInput("is no JSON object", str(path), "give a diagnosis.json or model.json")
     return content
+
+
+def _rows(values: Values) -> list[dict[str, Any]]:
+    return [{**k._asdict(), "value": v} for k, v in values.items()]
 
 
 def _term(term: Term) -> dict[str, str | None]:

@@ -63,6 +63,31 @@ class Moved:
 
 
 @dataclass(frozen=True)
+class Alternative:
+    """Another set that explains these runs as well: the terms in which it differs from the explanation, and all of its
+    values."""
+
+    terms: tuple[Term, ...]
+    values: Values
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How the runs were driven and measured, for who plans the next ones.
+
+    period: median s between samples; commands: lowest and highest of each actuator; sigma: of each channel, and start:
+    its median first value; switches: whether a motor was ever off; dispersion: of the residuals, over white noise's.
+    """
+
+    period: float
+    commands: dict[str, tuple[float, float]]
+    sigma: dict[str, float]
+    start: dict[str, float]
+    switches: bool
+    dispersion: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The whole answer. `stages`: (stage, share of the squared gap); `steps`: held-out gap as effects are added."""
 
@@ -78,6 +103,8 @@ class Diagnosis:
     candidates: tuple[Candidate, ...]
     groups: tuple[tuple[tuple[Term, ...], ...], ...]
     rivals: tuple[tuple[tuple[Term, ...], float], ...]
+    alternatives: tuple[Alternative, ...]
+    setup: Setup
     not_testable: tuple[NotTestable, ...]
     moved: tuple[Moved, ...]
     unexplained: float

@@ -42,6 +42,14 @@ class Rivalry:
     rivals: tuple[Rival, ...]
     groups: tuple[tuple[tuple[Term, ...], ...], ...]
     shares: dict[Term, float]
+    as_found: Fit  # before the first of a group was preferred
+
+    def standing_for(self, member: tuple[Term, ...]) -> Fit | None:
+        """The fit in which a group's member stands; None for one that no fit here holds."""
+        if all(t in self.as_found.terms for t in member):
+            return self.as_found
+        fits = sorted((r for r in self.rivals if r.alike and r.came == member), key=lambda r: r.ratio)
+        return fits[0].fit if fits else None
 
 
 def place(terms: tuple[Term, ...]) -> tuple[int, int, bool, str]:
@@ -63,8 +71,8 @@ def find_rivals(found: Found) -> Rivalry:
             break
         fit = better.fit
     groups = _groups(rivals)
-    fit, groups = _prefer_first(fit, rivals, groups)
-    return Rivalry(fit, tuple(rivals), groups, _shares(fit, rivals))
+    preferred, groups = _prefer_first(fit, rivals, groups)
+    return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
 
 
 def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:

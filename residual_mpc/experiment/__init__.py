@@ -1,0 +1,1 @@
+"""Which motion to drive next: one that parts what the runs so far could not."""

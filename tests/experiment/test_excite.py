@@ -1,0 +1,148 @@
+"""A motion is planned for what could not be told apart, driven by a robot of its own, and then it can."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.arms import arm_xml
+from oracles.rover_euler import simulate
+from oracles.rover_log import ROBOT, SIGMA, write_run
+
+from residual_mpc.cli.main import main
+from residual_mpc.logs.run import Run
+
+PERIOD = 0.05  # s
+LAG = {"actuator_lag": {"time_constant": 0.05}}
+
+
+def driven(name: str, t: np.ndarray, u: np.ndarray, faults: Mapping[str, Mapping[str, float]], encoders: bool) -> Run:
+    """What the literal rover logs under commands u (n, 2) at t (n,)."""
+
+    def command(time: float) -> tuple[float, float]:
+        k = int(np.clip(np.searchsorted(t, time + 1e-9) - 1, 0, len(t) - 1))
+        return float(u[k, 0]), float(u[k, 1])
+
+    rng = np.random.default_rng(5)
+    pose = simulate(command, t, faults, fine=1e-3)
+    columns = {"command.left": u[:, 0], "command.right": u[:, 1]}
+    columns |= {c: pose[:, i] + s * rng.standard_normal(len(t)) for i, (c, s) in enumerate(SIGMA.items())}
+    if encoders:
+        gain = faults.get("actuator_gain", {}).get("gain", 1.0)
+        columns |= {
+            f"velocity.{w}": gain * u[:, i] + 0.02 * rng.standard_normal(len(t))
+            for i, w in enumerate(("left", "right"))
+        }
+    return Run(name, t, columns)
+
+
+def gently(t: np.ndarray) -> np.ndarray:
+    """(n, 2): the same slow sine for both wheels, under which late is late, however it comes about."""
+    return np.repeat(5.0 * np.sin(2 * np.pi * 0.15 * t)[:, None], 2, axis=1)
+
+
+def call(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as end:
+        main([str(a) for a in arguments])
+    return int(end.value.code or 0)
+
+
+def diagnosed(folder: Path, runs: list[Run], only: str) -> dict:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "robot.toml").write_text(ROBOT)
+    files = [write_run(r, folder) for r in runs]
+    assert call("diagnose", "--robot", folder / "robot.toml", *files, "--out", folder / "out", "--only", only) == 0
+    return json.loads((folder / "out" / "diagnosis.json").read_text())
+
+
+def read_commands(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    t = np.array([float(r["t"]) for r in rows])
+    return t, np.array([[float(r["command.left"]), float(r["command.right"])] for r in rows])
+
+
+@pytest.fixture(scope="module")
+def confounded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rover with a lag that was driven too gently."""
+    folder = tmp_path_factory.mktemp("gentle")
+    t = PERIOD * np.arange(401)
+    document = diagnosed(folder, [driven("gentle", t, gently(t), LAG, False)], "actuator_lag,command_delay")
+    assert len(document["confounded"]) == 1 and len(document["alternatives"]) == 1
+    return folder
+
+
+def test_the_motion_that_was_planned_parts_them(confounded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    diagnosis, plan = confounded / "out" / "diagnosis.json", confounded / "next.csv"
+    assert call("excite", diagnosis, "--robot", confounded / "robot.toml", "--out", plan, "--json") == 0
+    said = json.loads(capsys.readouterr().out)["excite"]
+    assert set(said["parts"]) == {"actuator_lag", "command_delay"} and said["told_apart"]
+    assert said["motions"][0]["ratio"] == max(m["ratio"] for m in said["motions"])
+    t, u = read_commands(plan)
+    assert np.abs(u).max() <= 5.0 and t[-1] == pytest.approx(20.0) and np.abs(u[[0, -1]]).max() < 1e-9
+    again = diagnosed(confounded / "again", [driven("planned", t, u, LAG, False)], "actuator_lag,command_delay")
+    assert [e["effect"] for e in again["explanation"]] == ["actuator_lag"] and not again["confounded"]
+    assert again["explanation"][0]["parameters"]["time_constant"]["value"] == pytest.approx(0.05, abs=0.008)
+
+
+def test_a_sensor_is_asked_for_where_no_motion_will_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = PERIOD * np.arange(401)
+    weak = {"actuator_gain": {"gain": 1.1}}
+    diagnosed(tmp_path, [driven("gentle", t, gently(t), weak, False)], "actuator_gain,wheel_radius")
+    plan = tmp_path / "next.csv"
+    capsys.readouterr()
+    assert (
+        call("excite", tmp_path / "out" / "diagnosis.json", "--robot", tmp_path / "robot.toml", "--out", plan, "--json")
+        == 0
+    )
+    said = json.loads(capsys.readouterr().out)["excite"]
+    assert said["sensors"] == ["velocity.left", "velocity.right"] and said["told_apart"]
+    u = read_commands(plan)
+    again = diagnosed(tmp_path / "again", [driven("planned", *u, weak, True)], "actuator_gain,wheel_radius")
+    assert [e["effect"] for e in again["explanation"]] == ["actuator_gain"] and not again["confounded"]
+
+
+def test_a_first_protocol_stays_within_the_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "arm.xml").write_text(
+        arm_xml().replace('name="j1" axis="0 1 0"', 'name="j1" axis="0 1 0" range="-60 30"')
+    )
+    (tmp_path / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    out = tmp_path / "first.csv"
+    assert call("excite", "--robot", tmp_path / "robot.toml", "--out", out, "--seconds", 6) == 0
+    assert "4 motions" in capsys.readouterr().out
+    with out.open() as file:
+        rows = list(csv.DictReader(file))
+    assert {r["run"] for r in rows} == {"slow_sweeps", "chirp", "steps", "multisine"}
+    first = np.degrees([float(r["command.j1"]) for r in rows]) / 2.0  # gear 2
+    assert -60.0 <= first.min() < -20.0 and 0.0 < first.max() <= 30.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "nothing says how far left, right may be driven"),
+        (("--limit", "left=-1:1", "--limit", "arm=0:1"), "nothing says how far right may be driven"),
+        (("--limit", "left=1:-1"), "the lower end comes first"),
+        (("--limit", "left"), "is not ACTUATOR=LOW:HIGH"),
+    ],
+)
+def test_what_cannot_be_planned(
+    arguments: tuple, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    assert call("excite", "--robot", tmp_path / "robot.toml", "--out", tmp_path / "x.csv", *arguments) == 2
+    assert words in capsys.readouterr().err and not (tmp_path / "x.csv").exists()
+
+
+def test_a_diagnosis_of_another_robot_is_refused(
+    confounded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "arm.xml").write_text(arm_xml())
+    (tmp_path / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    diagnosis = confounded / "out" / "diagnosis.json"
+    assert call("excite", diagnosis, "--robot", tmp_path / "robot.toml", "--out", tmp_path / "x.csv") == 2
+    assert "its commands are not this robot's" in capsys.readouterr().err
