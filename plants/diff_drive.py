@@ -9,7 +9,9 @@ from plants.diff_drive_step import drive_step
 from residual_mpc.effects.actuator import backlash_start, backlash_step, gain_step, sag_step, saturation_step
 from residual_mpc.effects.chain import command_chain
 from residual_mpc.effects.contact import ground_twist, slope_drift
+from residual_mpc.effects.library import PLUGGED
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.plugged import hosted, present, through_outputs
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
@@ -61,7 +63,8 @@ class DiffDrive:
             return WHEELS
         if effect in ON_THE_ROBOT:
             return (self.name,)
-        return {"sensor_delay": ("pose",), "sensor_bias": ("pose.theta",)}.get(effect, ())
+        sensors = {"sensor_delay": ("pose",), "sensor_bias": ("pose.theta",)}
+        return sensors.get(effect) or hosted(PLUGGED, effect, {"command": WHEELS, "output": WHEELS})
 
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
         return -np.inf, np.inf
@@ -80,7 +83,7 @@ class DiffDrive:
         self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
     ) -> Mapping[str, np.ndarray]:
         dt, effects = drive.dt, settings.effects
-        remembers = "backlash" in effects or "longitudinal_slip" in effects
+        remembers = not {"backlash", "longitudinal_slip", *(e.name for e in PLUGGED)}.isdisjoint(effects)
         # play and acceleration know the motion before the window; an encoder read at its start shows the step before
         lead = drive.lead if remembers else min(1, drive.lead)
         motor = _motor_speed(effects, drive, lead)  # (B, lead + K, 2) rad/s, what an encoder on the motor sees
@@ -147,6 +150,8 @@ def _motor_speed(effects: Mapping[str, Mapping[str, np.ndarray]], drive: Drive, 
     for name, step in (("actuator_gain", gain_step), ("voltage_sag", sag_step), ("saturation", saturation_step)):
         if name in effects:
             y, _ = step(NUMPY, {p: v[:, None, :] for p, v in effects[name].items()}, (), y, clock, dt)
+    for effect, values in present(PLUGGED, effects, "output"):
+        y = through_outputs(effect, values, y, clock, dt)
     return y
 
 

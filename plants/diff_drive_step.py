@@ -14,7 +14,7 @@ import numpy as np
 from residual_mpc.effects.actuator import backlash_step, gain_step, lag_step, sag_step, saturation_step
 from residual_mpc.effects.command import dead_zone_step, delay_step
 from residual_mpc.effects.contact import ground_twist, slope_drift
-from residual_mpc.effects.library import BY_NAME, ORDER
+from residual_mpc.effects.library import BY_NAME, ORDER, PLUGGED
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Settings
@@ -181,7 +181,9 @@ def drive_step(
         known = ", ".join((*BODY, *WORLD))
         raise BadInput(f"no signal is called {', '.join(sorted(unknown))}", name, f"there are {known}")
     numbers = [Number(TUNE, "", n, float(settings.tuned.get(n, np.array([v]))[0]), "m") for n, v in nominal.items()]
-    live = sorted((e for e in settings.effects if e not in SENSOR), key=ORDER.__getitem__)
+    yours = {e.name for e in PLUGGED}
+    live = sorted((e for e in settings.effects if e not in SENSOR and e not in yours), key=ORDER.__getitem__)
+    left_out = tuple(f"{e}: an effect of your own is not part of this step" for e in settings.effects if e in yours)
     for effect in live:
         for q in BY_NAME[effect].parameters:
             row = settings.effects[effect][q.name][0]
@@ -200,7 +202,7 @@ def drive_step(
         rest[step.states.index("clock")] = options.clock
     return Stepped(
         options.dt, step.states, POSE, tuple(_unit(s) for s in step.states), WHEELS, tuple(numbers),
-        (*BODY, *WORLD, *COMMANDS, *(f"model.{w}" for w in WORLD)), rest, step,
+        (*BODY, *WORLD, *COMMANDS, *(f"model.{w}" for w in WORLD)), rest, step, left_out=left_out,
     )  # fmt: skip
 
 

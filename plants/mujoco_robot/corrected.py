@@ -10,7 +10,9 @@ from plants.mujoco_robot.edits import edit_batch
 from plants.mujoco_robot.replay import between_steps, changing
 from residual_mpc.effects.actuator import lag_step
 from residual_mpc.effects.command import dead_zone_step
+from residual_mpc.effects.library import PLUGGED
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.plugged import present
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.sensing import Late
 from residual_mpc.models.settings import Settings
@@ -41,6 +43,9 @@ class CorrectedMujoco:
 
         if settings.rows != 1 or rows < 1:
             raise ValueError(f"{settings.rows} rows of settings (wanted: 1) for {rows} simulations (1 or more)")
+        own = ", ".join(e.name for e, _ in present(PLUGGED, settings.effects, "command"))
+        if own:
+            raise ValueError(f"{own} acts on commands and is an effect of your own: it is replayed, not stepped")
         whole = round(period / robot.step)
         if whole < 1 or abs(whole * robot.step - period) > 1e-9 * period + 1e-12:
             raise ValueError(f"a period of {period:g} s is no whole number of the model's steps of {robot.step:g} s")

@@ -11,7 +11,9 @@ from residual_mpc.effects.actuator import sag_step
 from residual_mpc.effects.body import coulomb_level, load_level, stribeck_level
 from residual_mpc.effects.chain import command_chain
 from residual_mpc.effects.command import dead_zone_step
+from residual_mpc.effects.library import PLUGGED
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.plugged import present
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings, is_null
 
@@ -57,7 +59,8 @@ def changing(robot: "MujocoRobot", settings: Settings, wanted: tuple[str, ...]) 
         return np.ones(settings.rows, dtype=bool)
     slow = np.zeros(settings.rows, dtype=bool)
     effects = settings.effects
-    for effect in ("voltage_sag", "stribeck_friction", "load_dependent_friction"):
+    frictions = (e.name for e, _ in present(PLUGGED, effects, "friction"))
+    for effect in ("voltage_sag", "stribeck_friction", "load_dependent_friction", *frictions):
         if effect in effects:
             slow |= ~is_null(effect, effects[effect]).all(axis=1)
     if "dead_zone" in effects and "position" in robot.command_kinds:
@@ -153,7 +156,8 @@ def _step_by_step(
     model, effects = robot.model, settings.effects
     rows, steps = settings.rows, drive.steps
     q, v, ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
-    needs_force = any(c.startswith("output.") for c in wanted) or "load_dependent_friction" in effects
+    loaded = "load_dependent_friction" in effects or any(True for _ in present(PLUGGED, effects, "friction"))
+    needs_force = any(c.startswith("output.") for c in wanted) or loaded
     force = batch.bind("actuator_force") if needs_force else np.zeros((rows, model.nu))
     record = _Recorder(robot, wanted, rows, steps)
     servo = np.array([kind == "position" for kind in robot.command_kinds])
@@ -230,18 +234,17 @@ def _actuator_scale(batch: Any, robot: "MujocoRobot", settings: Settings, drive:
 def _friction(batch: Any, robot: "MujocoRobot", settings: Settings) -> Any:
     """The dry frictions' levels as dof_frictionloss: MuJoCo's solver supplies the sign, sticking included."""
     effects = settings.effects
-    present = [e for e in FRICTIONS if e in effects]
-    if not present:
+    yours = list(present(PLUGGED, effects, "friction"))
+    named = [e for e in FRICTIONS if e in effects] + [e.name for e, _ in yours]
+    if not named:
         return None
     model = robot.model
     dof = robot.dofs
     loss = batch.expand("dof_frictionloss")
     base = loss[:, dof].copy()
     touched = np.zeros(base.shape, dtype=bool)
-    for e in present:
-        for p, values in effects[e].items():
-            if p != "velocity":
-                touched |= values != 0
+    for e in named:
+        touched |= ~is_null(e, effects[e])
     solimp = batch.expand("dof_solimp")
     index = np.argwhere(touched)
     solimp[index[:, 0], dof[index[:, 1]]] = STIFF_SOLIMP
@@ -249,7 +252,7 @@ def _friction(batch: Any, robot: "MujocoRobot", settings: Settings) -> Any:
         coulomb_level(NUMPY, effects["coulomb_friction"], base, base) if "coulomb_friction" in effects else 0.0
     )
     loss[:, dof] = np.maximum(constant, 0.0)
-    if present == ["coulomb_friction"]:
+    if named == ["coulomb_friction"]:
         return None
     drives, gear = robot.driven, model.actuator_gear[:, 0]
 
@@ -257,11 +260,14 @@ def _friction(batch: Any, robot: "MujocoRobot", settings: Settings) -> Any:
         level = constant
         if "stribeck_friction" in effects:
             level = level + stribeck_level(NUMPY, effects["stribeck_friction"], speed, speed)
+        torque = np.zeros_like(speed)
+        for i, joint in enumerate(drives):
+            torque[:, joint] += gear[i] * force[:, i]
         if "load_dependent_friction" in effects:
-            torque = np.zeros_like(speed)
-            for i, joint in enumerate(drives):
-                torque[:, joint] += gear[i] * force[:, i]
             level = level + load_level(NUMPY, effects["load_dependent_friction"], speed, torque)
+        for effect, p in yours:
+            assert effect.step is not None
+            level = level + effect.step(NUMPY, p, speed, torque)
         loss[:, dof] = np.maximum(level, 0.0)
 
     return update

@@ -14,6 +14,8 @@ from plants.mujoco_robot.loops import Loops
 from plants.mujoco_robot.replay import replay
 from plants.mujoco_robot.variants import merge
 from plants.mujoco_robot.wheels import ON_WHEELS, Wheels, find_wheels
+from residual_mpc.effects.library import PLUGGED
+from residual_mpc.effects.plugged import hosted
 from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.settings import Settings
@@ -173,7 +175,9 @@ class MujocoRobot:
     def _body_slots(self, effect: str) -> tuple[str, ...]:
         if effect in ON_WHEELS and self.wheels is not None:
             return (self.name,)
-        return self.links if effect == "link_mass" else ()
+        if effect == "link_mass":
+            return self.links
+        return hosted(PLUGGED, effect, {"command": self.actuators, "friction": self.joints})
 
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
         dof = self.dofs

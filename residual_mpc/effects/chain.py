@@ -1,4 +1,4 @@
-"""The command's way to the actuator, for a batch: delay, dead zone, lag, in the order of the contract's table."""
+"""The command's way to the actuator, for a batch: delay, dead zone, a user's own, lag."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,9 @@ import numpy as np
 
 from residual_mpc.effects.actuator import lag_step
 from residual_mpc.effects.command import dead_zone_step, delayed_sequence
+from residual_mpc.effects.library import PLUGGED
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.plugged import present, through_commands
 
 
 def command_chain(
@@ -22,16 +24,18 @@ def command_chain(
     if "dead_zone" in effects and dead_zone.any():
         width = np.where(dead_zone, effects["dead_zone"]["width"], 0.0)[:, None, :]
         u, _ = dead_zone_step(NUMPY, {"width": width}, (), u, dt)
+    for effect, p in present(PLUGGED, effects, "command"):
+        u = through_commands(effect, p, u, dt)
     if "actuator_lag" not in effects:
         return u[:, lead:]
     tau = effects["actuator_lag"]["time_constant"]
     slow = np.flatnonzero((tau > 0).any(axis=1))
-    p = {"time_constant": tau[slow]}
+    lag = {"time_constant": tau[slow]}
     line = u[slow]
     y = line[:, 0]
     out = np.empty((len(slow), u.shape[1] - lead, u.shape[2]))
     for k in range(u.shape[1]):
-        mean, y = lag_step(NUMPY, p, y, line[:, k], dt)
+        mean, y = lag_step(NUMPY, lag, y, line[:, k], dt)
         if k >= lead:
             out[:, k - lead] = mean
     whole = u[:, lead:].copy()

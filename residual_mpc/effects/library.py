@@ -1,9 +1,11 @@
-"""All effects, in the order of the contract's table (the order decides which of a confounded group is named)."""
+"""All effects, in the order of the contract's table (the order decides which of a confounded group is named); a user's
+own come last."""
 
 from residual_mpc.effects import actuator, body, command, contact, sensor
 from residual_mpc.effects.effect import Effect
+from residual_mpc.effects.plugged import plugged_in
 
-LIBRARY: tuple[Effect, ...] = (
+BUILT_IN: tuple[Effect, ...] = (
     command.COMMAND_DELAY,
     command.DEAD_ZONE,
     actuator.ACTUATOR_LAG,
@@ -29,6 +31,8 @@ LIBRARY: tuple[Effect, ...] = (
     sensor.SENSOR_MOUNTING,
     sensor.SENSOR_OUTLIERS,
 )
+PLUGGED: tuple[Effect, ...] = plugged_in(frozenset(effect.name for effect in BUILT_IN))
+LIBRARY: tuple[Effect, ...] = BUILT_IN + PLUGGED
 
 BY_NAME: dict[str, Effect] = {effect.name: effect for effect in LIBRARY}
 ORDER: dict[str, int] = {effect.name: place for place, effect in enumerate(LIBRARY)}
