@@ -1,0 +1,324 @@
+"""Which column is what: names and data weighed as log odds, and every column given to one role at most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import exp, inf
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from residual_mpc.init.guess import Guess
+from residual_mpc.init.members import Members, members_of
+from residual_mpc.init.signals import NOTHING, Seen, Signals
+from residual_mpc.init.words import Quantity, Words
+from residual_mpc.logs.audit.facts import ActuatorFacts
+from residual_mpc.models.anatomy import Anatomy, Joint
+
+ENOUGH = 2.0  # log odds from which a column is taken
+CLOSE = 1.0  # log odds within which another column is as plausible
+CLEAR = 0.85  # correlation
+DEGREES = 180.0 / np.pi
+NEVER = -inf
+
+Odds = tuple[float, tuple[str, ...]]  # log odds that a column has a role, and the reasons
+Rule = Callable[[Words], Odds]
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What drives a joint: an actuator of the model, or one that its file does not declare, whose kind is None."""
+
+    name: str
+    joint: str
+    kind: Quantity | None
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """All that the columns are weighed by."""
+
+    anatomy: Anatomy
+    signals: Signals
+    words: Mapping[str, Words]
+
+    @cached_property
+    def driven(self) -> tuple[Driven, ...]:
+        if self.anatomy.actuators:
+            return tuple(_driven(a) for a in self.anatomy.actuators)
+        return tuple(Driven(j.name, j.name, None) for j in self.anatomy.joints)
+
+    @cached_property
+    def joints(self) -> Members:
+        """The joints, by their own names and by those of their actuators."""
+        aliases = [
+            (j.name, *(d.name for d in self.driven if d.joint == j.name and d.name != j.name))
+            for j in self.anatomy.joints
+        ]
+        return members_of(aliases, tuple(self.words.values()))
+
+    @cached_property
+    def actuators(self) -> Members:
+        """The actuators, by their own names and by those of their joints."""
+        return members_of([tuple(dict.fromkeys((d.name, d.joint))) for d in self.driven], tuple(self.words.values()))
+
+    @cached_property
+    def moving(self) -> tuple[str, ...]:
+        return tuple(n for n in self.words if self.signals.moves(n))
+
+
+@dataclass(frozen=True)
+class Roles:
+    """columns: log name -> column. guesses: one a role. odds: log name -> log odds."""
+
+    columns: Mapping[str, str]
+    guesses: tuple[Guess, ...] = ()
+
+    def of(self, group: str) -> dict[str, str]:
+        """Member -> column of a group such as `position`."""
+        return {n.partition(".")[2]: c for n, c in self.columns.items() if n.partition(".")[0] == group}
+
+    def plus(self, other: Roles) -> Roles:
+        return Roles({**self.columns, **other.columns}, (*self.guesses, *other.guesses))
+
+
+def find_roles(case: Case) -> Roles:
+    """Positions first, then what relates to them: velocities, commands, efforts, switches."""
+    roles = _taken(case, _positions(case), Roles({}))
+    roles = _taken(case, _velocities(case, roles), roles)
+    roles = _taken(case, _commands(case, roles), roles)
+    roles = _taken(case, _efforts(case), roles)
+    return _taken(case, _switches(case), roles)
+
+
+def _driven(actuator: ActuatorFacts) -> Driven:
+    kinds: Mapping[str, Quantity] = {"position": "position", "velocity": "velocity", "torque": "effort"}
+    return Driven(actuator.name, actuator.joint or actuator.name, kinds[actuator.kind])
+
+
+def _taken(case: Case, rules: Mapping[str, Rule], roles: Roles) -> Roles:
+    """`roles` with the best columns for more roles among the columns that are free."""
+    used = set(roles.columns.values())
+    free = [w for n, w in case.words.items() if n not in used]
+    if not rules or not free:
+        return roles
+    found = {role: [rule(words) for words in free] for role, rule in rules.items()}
+    odds = np.array([[max(o, -50.0) for o, _ in row] for row in found.values()])  # (roles, columns)
+    gain = np.maximum(odds - ENOUGH, 0.0)  # to leave a role empty costs nothing
+    columns, guesses = {}, []
+    for i, k in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
+        if odds[i, k] < ENOUGH:
+            continue
+        role, name = list(rules)[i], free[k].name
+        columns[role] = name
+        rivals = _rivals(odds, i, k)
+        # a column that another role needs more is no rival
+        others = tuple(free[r].name for r in rivals)
+        reasons = ", ".join(r for r in found[role][k][1] if r)
+        best_other = max((odds[i, r] for r in range(len(free)) if r != k and r in rivals), default=-inf)
+        sure = 1.0 / (1.0 + exp(-min(odds[i, k] - ENOUGH + 0.5, 5.0)))
+        sure = min(sure, 1.0 / (1.0 + exp(best_other - odds[i, k]))) if others else sure
+        guesses.append(Guess(role, name, reasons or "nothing else fits", round(float(sure), 2), others))
+    return roles.plus(Roles(columns, tuple(guesses)))
+
+
+def _rivals(odds: np.ndarray, i: int, k: int) -> list[int]:
+    """Columns that fit role i about as well as column k, and no other role clearly better."""
+    near = np.flatnonzero(odds[i] > max(ENOUGH, odds[i, k] - CLOSE))
+    others = np.delete(odds, i, axis=0)
+    return [int(r) for r in near if r != k and (not len(others) or others[:, r].max() < odds[i, r] + CLOSE)]
+
+
+# --- positions --------------------------------------------------------------------------------------------------------
+
+
+def _positions(case: Case) -> dict[str, Rule]:
+    nameless = any(not w.kind for w in case.words.values())
+    leads = _leads(case) if nameless else {}
+    return {
+        f"position.{joint.name}": lambda w, i=i, joint=joint: _position(case, leads, w, i, joint)  # type: ignore[misc]
+        for i, joint in enumerate(case.anatomy.joints)
+    }
+
+
+def _position(case: Case, leads: Mapping[str, float], words: Words, member: int, joint: Joint) -> Odds:
+    if words.quantity not in (None, "position") or words.commanded and not words.measured:
+        return NEVER, ()
+    if not case.signals.moves(words.name) and words.quantity is None and not words.measured:
+        return NEVER, ()
+    whose, why = case.joints.evidence(words, member)
+    odds, reasons = whose, [why]
+    if words.quantity == "position":
+        odds, reasons = odds + 3.0, [*reasons, f"it is called a position ({_called(words, 'position')})"]
+    elif words.measured:
+        odds += 1.5
+    if words.name in leads:
+        late = leads[words.name]
+        odds += 2.5 if late > 0.0 else -3.0
+        reasons.append("it follows another column" if late > 0.0 else "")
+    inside, said = _inside(case.signals, words, joint)
+    return odds + inside, (*reasons, said)
+
+
+def _leads(case: Case) -> dict[str, float]:
+    """+1 for columns that come after another of which they are the answer, -1 for those that such an answer follows or
+    that are the rate of another; only columns whose names say nothing."""
+    s, out = case.signals, {}
+    names = [n for n in case.moving if case.words[n].quantity in (None, "position", "velocity")]
+    for name in (n for n in names if not case.words[n].kind):
+        before = after = rate = NOTHING
+        for other in names:
+            if other == name:
+                continue
+            seen = s.follows(other, name)
+            if seen.lag > 0.3 * s.dt and abs(seen.correlation) > abs(before.correlation):
+                before = seen
+            if seen.lag < -0.3 * s.dt and abs(seen.correlation) > abs(after.correlation):
+                after = seen
+            of = s.follows(other, name, source_rate=True)
+            if abs(of.lag) < 0.1 and abs(of.correlation) > abs(rate.correlation):
+                rate = of
+        strongest = max((before, after, rate), key=lambda x: abs(x.correlation))
+        if abs(strongest.correlation) > CLEAR:
+            # a rate leads its position by a quarter period, and is told by its likeness to the derivative
+            is_rate = abs(rate.correlation) > max(0.95, abs(before.correlation), abs(after.correlation))
+            out[name] = -1.0 if is_rate or abs(after.correlation) > abs(before.correlation) else 1.0
+    return out
+
+
+def _inside(signals: Signals, words: Words, joint: Joint) -> tuple[float, str]:
+    """Whether the column stays within the joint's range, in the unit that fits better."""
+    if joint.limits is None or words.unit not in (None, "rad", "deg", "degree", "degrees", "m"):
+        return 0.0, ""
+    low, high = joint.limits
+    margin = 0.1 * (high - low)
+    x = signals.raw[words.name]
+    x = x[np.isfinite(x)]
+    if not len(x):
+        return -1.0, ""
+    shares = [float(np.mean((x * f > low - margin) & (x * f < high + margin))) for f in (1.0, 1.0 / DEGREES)]
+    best = max(shares[:1] if joint.slides else shares)
+    return (0.5, "within its range") if best > 0.98 else (-1.5 * (1.0 - best), "")
+
+
+# --- velocities -------------------------------------------------------------------------------------------------------
+
+
+def _velocities(case: Case, roles: Roles) -> dict[str, Rule]:
+    positions = roles.of("position")
+    return {
+        f"velocity.{joint.name}": lambda w, i=i, p=positions.get(joint.name): _velocity(case, positions, w, i, p)  # type: ignore[misc]
+        for i, joint in enumerate(case.anatomy.joints)
+    }
+
+
+def _velocity(case: Case, positions: Mapping[str, str], words: Words, member: int, position: str | None) -> Odds:
+    if words.quantity not in (None, "velocity") or words.commanded and not words.measured:
+        return NEVER, ()
+    whose, why = case.joints.evidence(words, member)
+    odds, reasons = whose, [why]
+    if words.quantity == "velocity":
+        odds, reasons = odds + 3.0, [*reasons, f"it is called a velocity ({_called(words, 'velocity')})"]
+    seen = case.signals.follows(position, words.name, source_rate=True) if position else NOTHING
+    r = abs(seen.correlation)
+    if r > 0.5 and abs(seen.lag) < 0.15:
+        odds += 4.0 * r * r
+        reasons.append(f"it goes like the rate of {position} (correlation {seen.correlation:.2f})")
+    elif position and seen is not NOTHING and r < 0.3:
+        odds -= 2.0
+    if words.quantity is None and r < 0.9:
+        return NEVER, ()
+    return odds, tuple(reasons)
+
+
+# --- commands ---------------------------------------------------------------------------------------------------------
+
+
+def _commands(case: Case, roles: Roles) -> dict[str, Rule]:
+    return {
+        f"command.{d.name}": lambda w, i=i, d=d: _command(case, roles, w, i, d)  # type: ignore[misc]
+        for i, d in enumerate(case.driven)
+    }
+
+
+def _command(case: Case, roles: Roles, words: Words, member: int, driven: Driven) -> Odds:
+    if words.quantity in ("acceleration", "enabled", "other") or words.measured and not words.commanded:
+        return NEVER, ()
+    whose, why = case.actuators.evidence(words, member)
+    odds, reasons = whose, [why]
+    if words.commanded:
+        odds, reasons = odds + 3.0, [*reasons, f"it is called a command ({_called(words, 'command')})"]
+    if words.quantity is not None and driven.kind is not None:
+        same = words.quantity == driven.kind
+        odds += 1.5 if same else -2.5
+        reasons.append(f"of the {driven.kind} that the actuator takes" if same else "")
+    elif words.quantity is not None and not words.commanded:
+        odds -= 1.0
+    seen, what = answer(case, roles, words.name, driven)
+    r = abs(seen.correlation)
+    if r > 0.5:
+        odds += 4.0 * r * r - (1.5 if seen.lag < -2.0 * case.signals.dt else 0.0)
+        reasons.append(f"{what} follows it {seen.lag * 1e3:.0f} ms later (correlation {seen.correlation:.2f})")
+    elif seen is not NOTHING and r < 0.2:
+        odds -= 1.0
+    if not words.commanded and r < (0.7 if words.kind else CLEAR):
+        return NEVER, ()
+    return odds, tuple(reasons)
+
+
+def answer(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Seen, str]:
+    """How the joint answers a column that may be its command, and the column by which it was seen."""
+    position, velocity = (roles.of(g).get(driven.joint) for g in ("position", "velocity"))
+    seen: list[tuple[Seen, str]] = []
+    s = case.signals
+    if driven.kind in (None, "position") and position:
+        seen.append((s.follows(column, position), position))
+    if driven.kind in (None, "velocity"):
+        if velocity:
+            seen.append((s.follows(column, velocity), velocity))
+        if position:
+            seen.append((s.follows(column, position, answer_rate=True), f"the rate of {position}"))
+    return max(seen, key=lambda x: abs(x[0].correlation), default=(NOTHING, ""))
+
+
+# --- efforts and switches ---------------------------------------------------------------------------------------------
+
+
+def _efforts(case: Case) -> dict[str, Rule]:
+    def rule(words: Words, member: int) -> Odds:
+        # a current is no torque, though it may be proportional to one
+        amps = {"current", "currents", "amps", "amp", "load"} & set(words.every)
+        if words.quantity != "effort" or words.commanded or amps:
+            return NEVER, ()
+        whose, why = case.joints.evidence(words, member)
+        return whose + 2.0, (why, "it is called an effort")
+
+    return {
+        f"effort.{j.name}": lambda w, i=i: rule(w, i)  # type: ignore[misc]
+        for i, j in enumerate(case.anatomy.joints)
+    }
+
+
+def _switches(case: Case) -> dict[str, Rule]:
+    def rule(words: Words, member: int) -> Odds:
+        x = case.signals.raw[words.name]
+        if words.quantity != "enabled" or not np.isin(x[np.isfinite(x)], (0.0, 1.0)).mean() > 0.9:
+            return NEVER, ()
+        whose, why = case.actuators.evidence(words, member)
+        return whose + 2.0, (why, "it is called a switch and is 0 or 1")
+
+    return {
+        f"enabled.{d.name}": lambda w, i=i: rule(w, i)  # type: ignore[misc]
+        for i, d in enumerate(case.driven)
+    }
+
+
+def _called(words: Words, quantity: str) -> str:
+    from residual_mpc.init.words import COMMAND_WORDS, QUANTITY_WORDS
+
+    said: Sequence[str] = [
+        w for w in words.every if QUANTITY_WORDS.get(w) == quantity or quantity == "command" and w in COMMAND_WORDS
+    ]
+    return ", ".join(dict.fromkeys(said)) or "d"

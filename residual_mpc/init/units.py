@@ -1,0 +1,240 @@
+"""In which unit the columns are: the likeliest that all columns of a kind share, by names, ranges and ratios."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import exp, log, pi
+
+import numpy as np
+
+from residual_mpc.init.roles import Case, Roles, answer
+from residual_mpc.init.signals import Seen
+from residual_mpc.init.words import Quantity
+
+RANGE, RANGE_SPREAD = 1.0, 1.5  # rad that a joint usually moves over, and the spread of its logarithm
+SLIDE, SLIDE_SPREAD = 0.1, 1.5  # m
+ANSWER_SPREAD = 0.6  # of the logarithm of an answer over its command: weak servos stop short
+RATE_SPREAD = 0.15  # of a velocity over the rate of its position
+SAID = 6.0  # log odds
+TURNS = 4.0 * pi  # rad that a servo rarely goes beyond
+OWN = 4.0  # log odds from which a column has a unit of its own, apart from its kind
+
+
+@dataclass(frozen=True)
+class Unit:
+    """name: such as `deg`. size: of one, in rad, m or their rates. prior: log odds before anything is seen.
+    words: that say it. counts: whether its values are whole numbers, from a zero that nobody knows."""
+
+    name: str
+    size: float
+    prior: float
+    words: frozenset[str]
+    counts: int = 0
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+COUNTING = _words("ticks tick counts count raw")
+RAD = Unit("rad", 1.0, 2.0, _words("rad radian radians rads"))
+DEG = Unit("deg", pi / 180.0, 1.0, _words("deg degree degrees dps"))
+ANGLES = (
+    RAD,
+    DEG,
+    Unit("mrad", 1e-3, -3.0, _words("mrad")),
+    Unit("turns", 2.0 * pi, -3.0, _words("turns rev revs")),
+    *(Unit(f"counts of 1/{n} turn", 2.0 * pi / n, 0.5 if n == 4096 else -0.5, COUNTING, n) for n in
+      (4096, 1024, 2048, 8192, 16384, 65536)),
+)
+LENGTHS = (Unit("m", 1.0, 2.0, _words("m")), Unit("mm", 1e-3, 1.0, _words("mm")))
+SPEEDS = (
+    Unit("rad/s", 1.0, 2.0, _words("rad radian radians rads")),
+    Unit("deg/s", pi / 180.0, 1.0, _words("deg degree degrees dps")),
+    Unit("rpm", pi / 30.0, 0.5, _words("rpm")),
+    Unit("turns/s", 2.0 * pi, -2.0, _words("turns rev revs")),
+    Unit("0.229 rpm", 0.229 * pi / 30.0, -1.0, COUNTING, 1),
+    Unit("counts/s of 1/4096 turn", 2.0 * pi / 4096, -0.5, COUNTING, 4096),
+)
+RATES = (Unit("m/s", 1.0, 2.0, _words("m")), Unit("mm/s", 1e-3, 1.0, _words("mm")))
+TORQUES = (Unit("N m", 1.0, 0.0, frozenset()),)
+
+
+@dataclass(frozen=True)
+class InUnit:
+    """A column's unit, why, and how sure."""
+
+    unit: Unit
+    why: str
+    sure: float
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """The columns of one driven joint, None where it has none, and their ratios as raw numbers."""
+
+    joint: str
+    slides: bool
+    kind: Quantity
+    columns: Mapping[str, str]  # "position", "velocity", "command" -> column
+    answer: Seen | None  # of what `kind` says, to the command
+    answering: str  # "position" or "velocity"
+    rate: Seen | None  # the velocity over the rate of the position
+
+
+def find_units(case: Case, roles: Roles, kinds: Mapping[str, Quantity]) -> dict[str, InUnit]:
+    """The unit of every column that has a role. kinds: by actuator, what its command is."""
+    found: dict[str, InUnit] = {}
+    for slides in (False, True):
+        chains = [c for c in _chains(case, roles, kinds) if c.slides == slides]
+        if chains:
+            found |= _solve(case, chains)
+    return found
+
+
+def _chains(case: Case, roles: Roles, kinds: Mapping[str, Quantity]) -> list[_Chain]:
+    groups = {g: roles.of(g) for g in ("position", "velocity", "command")}
+    driven = {d.joint: d for d in case.driven if d.name in groups["command"]}
+    chains = []
+    for joint in case.anatomy.joints:
+        d = driven.get(joint.name)
+        columns = {g: groups[g][joint.name] for g in ("position", "velocity") if joint.name in groups[g]}
+        kind: Quantity = "other"
+        seen, answering = None, "position"
+        if d is not None:
+            columns["command"] = groups["command"][d.name]
+            kind = kinds[d.name]
+            if kind in ("position", "velocity"):
+                of, by = answer(case, roles, columns["command"], type(d)(d.name, d.joint, kind))
+                seen = of if abs(of.correlation) > 0.7 and columns["command"] != by else None
+                answering = "velocity" if by == columns.get("velocity") else "position"
+        rate = None
+        if {"position", "velocity"} <= set(columns):
+            of = case.signals.follows(columns["position"], columns["velocity"], source_rate=True)
+            rate = of if abs(of.correlation) > 0.8 else None
+        if columns:
+            chains.append(_Chain(joint.name, joint.slides, kind, columns, seen, answering, rate))
+    return chains
+
+
+def _solve(case: Case, chains: Sequence[_Chain]) -> dict[str, InUnit]:
+    """The three units, of positions, velocities and commands, that all joints share."""
+    slides = chains[0].slides
+    places, rates = (LENGTHS, RATES) if slides else (ANGLES, SPEEDS)
+    commands: dict[Quantity, tuple[Unit, ...]] = {"position": places, "velocity": rates, "effort": TORQUES}
+    found: dict[str, InUnit] = {}
+    for kind in dict.fromkeys(c.kind for c in chains):
+        mine = [c for c in chains if c.kind == kind]
+        sent = commands.get(kind, TORQUES)
+        table = np.array([[_odds(case, c, *each) for each in product(places, rates, sent)] for c in mine])
+        total = table.sum(axis=0) + [p.prior + v.prior + u.prior for p, v, u in product(places, rates, sent)]
+        triples = list(product(places, rates, sent))
+        for k, group in enumerate(("position", "velocity", "command")):
+            having = [c for c in mine if group in c.columns]
+            if not having:
+                continue
+            best, sure = _marginal(total, [t[k] for t in triples])
+            for c in having:
+                own = table[mine.index(c)] + [sum(u.prior for u in t) for t in triples]
+                alone, alone_sure = _marginal(own, [t[k] for t in triples])
+                apart = _best(own, triples, k, alone) - _best(own, triples, k, best)
+                unit = alone if apart > OWN and len(mine) > 1 else best
+                is_sure = alone_sure if unit is not best else sure
+                if not any(case.signals.moves(c.columns[g]) for g in c.columns):
+                    is_sure = min(is_sure, 0.6)
+                why = _why(case, c, group, unit, unit is not best)
+                found[c.columns[group]] = InUnit(unit, why, round(min(0.99, is_sure), 2))
+    return found
+
+
+def _best(odds: np.ndarray, triples: Sequence[tuple[Unit, ...]], k: int, unit: Unit) -> float:
+    return max(float(o) for o, t in zip(odds, triples, strict=True) if t[k] is unit)
+
+
+def _marginal(odds: np.ndarray, units: Sequence[Unit]) -> tuple[Unit, float]:
+    """The likeliest unit and its probability, over all that the others may be."""
+    top = float(odds.max())
+    weight: dict[str, float] = {}
+    for o, u in zip(odds, units, strict=True):
+        weight[u.name] = weight.get(u.name, 0.0) + exp(max(float(o) - top, -60.0))
+    name = max(weight, key=lambda n: weight[n])
+    return next(u for u in units if u.name == name), weight[name] / sum(weight.values())
+
+
+def _odds(case: Case, chain: _Chain, place: Unit, rate: Unit, sent: Unit) -> float:
+    """Log odds of three units by what one joint shows."""
+    odds = 0.0
+    if "position" in chain.columns:
+        odds += _alone(case, chain, chain.columns["position"], place)
+    if "velocity" in chain.columns:
+        odds += _said(case, chain.columns["velocity"], rate)
+    if "command" in chain.columns:
+        command = chain.columns["command"]
+        odds += _alone(case, chain, command, sent) if chain.kind == "position" else _said(case, command, sent)
+    if chain.rate is not None:
+        odds -= 0.5 * (log(abs(chain.rate.slope) * rate.size / place.size) / RATE_SPREAD) ** 2
+    if chain.answer is not None:
+        size = rate.size if chain.answering == "velocity" else place.size
+        odds -= 0.5 * (log(abs(chain.answer.slope) * size / sent.size) / ANSWER_SPREAD) ** 2
+    return max(odds, -60.0)
+
+
+def _alone(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
+    """How likely a place is in a unit, by its name and by where it goes."""
+    x = case.signals.raw[column]
+    x = x[np.isfinite(x)]
+    odds = _said(case, column, unit)
+    if not len(x):
+        return odds
+    low, high = (float(q) * unit.size for q in np.quantile(x, [0.005, 0.995]))
+    usual, spread = (SLIDE, SLIDE_SPREAD) if chain.slides else (RANGE, RANGE_SPREAD)
+    if case.signals.moves(column) and high > low:
+        odds -= 0.5 * (log((high - low) / usual) / spread) ** 2
+    limits = next(j.limits for j in case.anatomy.joints if j.name == chain.joint)
+    if unit.counts:
+        return odds - (5.0 if limits and high - low > 1.1 * (limits[1] - limits[0]) else 0.0)
+    if limits is not None:
+        margin = 0.1 * (limits[1] - limits[0])
+        y = x * unit.size
+        odds -= 10.0 * float(np.mean((y < limits[0] - margin) | (y > limits[1] + margin)))
+    elif not chain.slides and max(-low, high) > TURNS and chain.kind == "position":
+        odds -= 2.0
+    return odds
+
+
+def _said(case: Case, column: str, unit: Unit) -> float:
+    words = case.words[column]
+    odds = 0.0
+    if words.unit is not None:
+        odds += SAID if words.unit in unit.words else 0.0
+    if unit.counts:
+        x = case.signals.raw[column]
+        x = x[np.isfinite(x)]
+        # the grid's straight lines leave whole numbers where the log has them
+        whole = len(x) > 0 and bool(np.mean(np.abs(x - np.rint(x)) < 1e-6) > 0.2) and np.abs(x).max() > 30
+        odds -= 0.0 if whole else 12.0
+    return odds
+
+
+def _why(case: Case, chain: _Chain, group: str, unit: Unit, apart: bool) -> str:
+    column = chain.columns[group]
+    reasons = []
+    if case.words[column].unit in unit.words:
+        reasons.append("the name says so")
+    x = case.signals.raw[column]
+    x = x[np.isfinite(x)]
+    if len(x) and group != "velocity" and chain.kind == "position" or group == "position":
+        reasons.append(f"it goes from {x.min():.4g} to {x.max():.4g}")
+        limits = next(j.limits for j in case.anatomy.joints if j.name == chain.joint)
+        if limits is not None and not unit.counts:
+            size = "" if unit.size == 1.0 else f", the range in {unit.name}"
+            reasons[-1] += f"{size or ', the range'} is {limits[0] / unit.size:.4g} to {limits[1] / unit.size:.4g}"
+    if group == "velocity" and chain.rate is not None:
+        reasons.append(f"it is {abs(chain.rate.slope):.4g} times the rate of {chain.columns['position']}")
+    if group == "command" and chain.answer is not None:
+        reasons.append(f"the answer is {abs(chain.answer.slope):.4g} times it")
+    if apart:
+        reasons.append("unlike the other columns of its kind")
+    return ", ".join(reasons) or "nothing speaks against it"
