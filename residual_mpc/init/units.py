@@ -128,16 +128,17 @@ def _solve(case: Case, chains: Sequence[_Chain]) -> dict[str, InUnit]:
     for kind in dict.fromkeys(c.kind for c in chains):
         mine = [c for c in chains if c.kind == kind]
         sent = commands.get(kind, TORQUES)
-        table = np.array([[_odds(case, c, *each) for each in product(places, rates, sent)] for c in mine])
-        total = table.sum(axis=0) + [p.prior + v.prior + u.prior for p, v, u in product(places, rates, sent)]
         triples = list(product(places, rates, sent))
+        prior = np.array([sum(u.prior for u in triple) for triple in triples])
+        table = np.array([_odds(case, c, places, rates, sent) for c in mine])  # (joints, triples)
+        total = table.sum(axis=0) + prior
         for k, group in enumerate(("position", "velocity", "command")):
             having = [c for c in mine if group in c.columns]
             if not having:
                 continue
             best, sure = _marginal(total, [t[k] for t in triples])
             for c in having:
-                own = table[mine.index(c)] + [sum(u.prior for u in t) for t in triples]
+                own = table[mine.index(c)] + prior
                 alone, alone_sure = _marginal(own, [t[k] for t in triples])
                 apart = _best(own, triples, k, alone) - _best(own, triples, k, best)
                 unit = alone if apart > OWN and len(mine) > 1 else best
@@ -163,22 +164,27 @@ def _marginal(odds: np.ndarray, units: Sequence[Unit]) -> tuple[Unit, float]:
     return next(u for u in units if u.name == name), weight[name] / sum(weight.values())
 
 
-def _odds(case: Case, chain: _Chain, place: Unit, rate: Unit, sent: Unit) -> float:
-    """Log odds of three units by what one joint shows."""
-    odds = 0.0
-    if "position" in chain.columns:
-        odds += _alone(case, chain, chain.columns["position"], place)
-    if "velocity" in chain.columns:
-        odds += _said(case, chain.columns["velocity"], rate)
-    if "command" in chain.columns:
-        command = chain.columns["command"]
-        odds += _alone(case, chain, command, sent) if chain.kind == "position" else _said(case, command, sent)
+def _odds(
+    case: Case, chain: _Chain, places: Sequence[Unit], rates: Sequence[Unit], sent: Sequence[Unit]
+) -> np.ndarray:
+    """(places * rates * sent,) log odds of three units by what one joint shows."""
+    position, velocity, command = (chain.columns.get(g) for g in ("position", "velocity", "command"))
+    odds = np.zeros((len(places), len(rates), len(sent)))
+    place, rate, told = (np.array([u.size for u in units]) for units in (places, rates, sent))
+    if position is not None:
+        odds += np.array([_alone(case, chain, position, u) for u in places])[:, None, None]
+    if velocity is not None:
+        odds += np.array([_said(case, velocity, u) for u in rates])[None, :, None]
+    if command is not None:
+        of = _alone if chain.kind == "position" else lambda case, _, column, unit: _said(case, column, unit)
+        odds += np.array([of(case, chain, command, u) for u in sent])[None, None, :]
     if chain.rate is not None:
-        odds -= 0.5 * (log(abs(chain.rate.slope) * rate.size / place.size) / RATE_SPREAD) ** 2
+        off = np.log(abs(chain.rate.slope) * rate[None, :] / place[:, None])
+        odds -= 0.5 * (off / RATE_SPREAD)[:, :, None] ** 2
     if chain.answer is not None:
-        size = rate.size if chain.answering == "velocity" else place.size
-        odds -= 0.5 * (log(abs(chain.answer.slope) * size / sent.size) / ANSWER_SPREAD) ** 2
-    return max(odds, -60.0)
+        size = rate[None, :, None] if chain.answering == "velocity" else place[:, None, None]
+        odds -= 0.5 * (np.log(abs(chain.answer.slope) * size / told[None, None, :]) / ANSWER_SPREAD) ** 2
+    return np.maximum(odds, -60.0).reshape(-1)
 
 
 def _alone(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
