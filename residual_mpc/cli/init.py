@@ -53,7 +53,9 @@ def init(
         tables = [str(mended)]
     write_atomically(out, text)
     ready = not trial.errors and (not drafted.mends or mended is not None)
-    following = _next(out, tables, ready, bool(drafted.mends) and mended is None)
+    again = ["init", model, *runs, "--out", str(out), "--force", "--mended", "mended"]
+    to_mend = bool(drafted.mends) and mended is None and not trial.errors
+    following = _command(again) if to_mend else _command(["gap" if ready else "check", "--robot", str(out), *tables])
     _say(drafted)
     if as_json:
         emit({"init": _document(drafted, trial, out, following, ready)})
@@ -73,13 +75,10 @@ def _say(drafted: "Draft") -> None:
         click.echo(f"to mend in the log: {mend}", err=True)
 
 
-def _next(out: Path, tables: list[str], ready: bool, to_mend: bool) -> str:
+def _command(words: list[str]) -> str:
     import shlex
 
-    runs = shlex.join(tables)
-    if to_mend:
-        return f"residual-mpc init ... --force --mended DIR, then residual-mpc gap --robot {shlex.quote(str(out))} DIR"
-    return f"residual-mpc {'gap' if ready else 'check'} --robot {shlex.quote(str(out))} {runs}"
+    return shlex.join(["residual-mpc", *words])
 
 
 def _report(drafted: "Draft", trial: "Trial", out: Path, following: str, mended: Path | None) -> None:

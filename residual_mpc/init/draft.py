@@ -13,7 +13,7 @@ from residual_mpc.init.clock import find_clock
 from residual_mpc.init.guess import Guess, Mend
 from residual_mpc.init.planar import find_pose, heading_in_degrees
 from residual_mpc.init.recording import Recording, read_recordings
-from residual_mpc.init.roles import Case, Roles, find_roles
+from residual_mpc.init.roles import Case, Roles, find_roles, where_on
 from residual_mpc.init.servos import find_gains, find_kinds
 from residual_mpc.init.settings_of_runs import Setting, find_settings
 from residual_mpc.init.signals import gather
@@ -82,6 +82,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     roles = roles.plus(pose) if anatomy.base is not None else roles
     _refuse_empty(roles, anatomy, recordings)
 
+    whole, case = case, where_on(case, roles)
     kinds, kind_guesses = find_kinds(case, roles)
     units = find_units(case, roles, kinds)
     turned, offsets = find_signs(case, roles, units, kinds)
@@ -122,7 +123,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
             *gain_guesses,
         ),
         mends,
-        _unmatched(case, roles, recordings, {**_no_pose(anatomy, pose), **left}),
+        _unmatched(whole, roles, recordings, {**_no_pose(anatomy, pose), **left}),
         _missing(case, roles),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import exp, inf
 
@@ -20,6 +20,7 @@ from residual_mpc.models.anatomy import Anatomy, Joint
 ENOUGH = 2.0  # log odds from which a column is taken
 CLOSE = 1.0  # log odds within which another column is as plausible
 CLEAR = 0.85  # correlation
+ORDER = 0.3  # how sure, where nothing but the order of the columns tells joints apart
 DEGREES = 180.0 / np.pi
 NEVER = -inf
 
@@ -90,7 +91,18 @@ def find_roles(case: Case) -> Roles:
     roles = _taken(case, _velocities(case, roles), roles)
     roles = _taken(case, _commands(case, roles), roles)
     roles = _taken(case, _efforts(case), roles)
-    return _taken(case, _switches(case), roles)
+    return _no_surer(case, _taken(case, _switches(case), roles))
+
+
+def where_on(case: Case, roles: Roles) -> Case:
+    """The case where every actuator is switched on: elsewhere no command is followed."""
+    on = np.ones(len(case.signals.run), dtype=bool)
+    for column in roles.of("enabled").values():
+        on &= ~(case.signals.raw[column] < 0.5)
+    if on.all() or not on.any():
+        return case
+    raw = {name: np.where(on, x, np.nan) for name, x in case.signals.raw.items()}
+    return replace(case, signals=Signals(case.signals.dt, raw, case.signals.run))
 
 
 def _driven(actuator: ActuatorFacts) -> Driven:
@@ -122,6 +134,32 @@ def _taken(case: Case, rules: Mapping[str, Rule], roles: Roles) -> Roles:
         sure = min(sure, 1.0 / (1.0 + exp(best_other - odds[i, k]))) if others else sure
         guesses.append(Guess(role, name, reasons or "nothing else fits", round(float(sure), 2), others))
     return roles.plus(Roles(columns, tuple(guesses)))
+
+
+def _no_surer(case: Case, roles: Roles) -> Roles:
+    """Joints told apart by the order of the columns alone are hardly told apart, nor is what goes with them."""
+    joints = [j.name for j in case.anatomy.joints]
+    driven = {d.name: d.joint for d in case.driven}
+    of = {g.what: g for g in roles.guesses}
+
+    def unnamed(guess: Guess) -> bool:
+        name, _, who = guess.what.partition(".")
+        if name not in ("position", "velocity", "command") or len(joints) < 2:
+            return False
+        joint = driven.get(who, who) if name == "command" else who
+        return case.joints.evidence(case.words[guess.value], joints.index(joint))[0] < 1.0
+
+    nobodys = tuple(g.value for g in roles.guesses if g.what.startswith("position.") and unnamed(g))
+    guesses = []
+    for guess in roles.guesses:
+        name, _, who = guess.what.partition(".")
+        if unnamed(guess):
+            position = of.get(f"position.{driven.get(who, who) if name == 'command' else who}")
+            at_most = ORDER if name == "position" or position is None or unnamed(position) else position.sure
+            rivals = tuple(n for n in nobodys if n != guess.value) if name == "position" else guess.rivals
+            guess = replace(guess, sure=min(guess.sure, at_most), rivals=rivals)
+        guesses.append(guess)
+    return Roles(roles.columns, tuple(guesses))
 
 
 def _rivals(odds: np.ndarray, i: int, k: int) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import exp
+from math import exp, log
 
 import numpy as np
 
@@ -20,7 +20,7 @@ SMOOTH = 0.12  # s of the polynomial that velocities and accelerations are taken
 DELAYS = np.arange(0.0, 0.161, 0.02)  # s that a command may be late
 EXPLAINED = 0.3  # share of the torque from which a fitted gain counts
 STOPS_SHORT = 0.05  # rad or m: where nothing can be fitted, a servo that gives the largest torque there
-NEAR_ONE = 0.15
+NEAR_ONE = 0.5  # of a gear's logarithm: nearer to 1 N m per unit, it is taken to be that
 
 
 @dataclass(frozen=True)
@@ -93,12 +93,12 @@ def find_gains(
     places: by joint, (n,) rad or m on the grid, NaN where missing. sent: by actuator, (n,), in its unit.
     """
     actuators, guesses = {}, []
-    motion = _motion(case, places)
+    motion = motion_of(case, places)
     for d in case.driven:
         if d.name not in kinds:
             continue
         joint = next(j for j in case.anatomy.joints if j.name == d.joint)
-        fit = _fit(case, motion, d, sent[d.name], kinds[d.name]) if motion is not None and d.joint in places else None
+        fit = fit_gain(case, motion, d, sent[d.name], kinds[d.name]) if motion is not None and d.joint in places else None
         actuator, guess = _actuator(d, joint.slides, joint.effort, kinds[d.name], fit, motion)
         actuators[d.joint] = actuator
         guesses += guess
@@ -106,7 +106,7 @@ def find_gains(
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class Motion:
     """Samples of a motion: rows (m,) of the grid; q, v, torque (m, joints) with what the model needs for it."""
 
     rows: np.ndarray
@@ -117,7 +117,7 @@ class _Motion:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class Fit:
     """gain: on what the command asks beyond what is there. damping: kv of a position servo. explained: share of the
     torque's variance."""
 
@@ -126,29 +126,39 @@ class _Fit:
     explained: float
 
 
-def _motion(case: Case, places: Mapping[str, FloatArray]) -> _Motion | None:
-    from scipy.signal import savgol_filter
+def motion_of(case: Case, places: Mapping[str, FloatArray]) -> Motion | None:
+    """The motion of the joints that are measured, the others at 0; None where the model has no torques for it.
 
+    places: by joint, (n,) rad or m on the grid.
+    """
     if case.anatomy.torque is None or not places:
         return None
-    dt, n = case.signals.dt, len(case.signals.run)
-    width = max(5, round(SMOOTH / dt) | 1)
-    states = []
-    for order in range(3):
-        columns = [
-            savgol_filter(places[j.name], width, 3, deriv=order, delta=dt) if j.name in places else np.zeros(n)
-            for j in case.anatomy.joints
-        ]
-        states.append(np.stack(columns, axis=1))
+    zero = np.zeros(len(case.signals.run))
+    states = [
+        np.stack([_smooth(case, places.get(j.name, zero), order) for j in case.anatomy.joints], axis=1)
+        for order in range(3)
+    ]
     rows = np.flatnonzero(np.all([np.isfinite(x).all(axis=1) for x in states], axis=0))
     if len(rows) < 50:
         return None
     rows = rows[np.linspace(0, len(rows) - 1, min(MOST, len(rows))).astype(int)]
     q, v, a = (x[rows] for x in states)
-    return _Motion(rows, q, v, a, case.anatomy.torque(q, v, a))
+    return Motion(rows, q, v, a, case.anatomy.torque(q, v, a))
 
 
-def _fit(case: Case, motion: _Motion, driven: Driven, sent: FloatArray, kind: Quantity) -> _Fit | None:
+def _smooth(case: Case, x: FloatArray, order: int) -> FloatArray:
+    """(n,) a signal or its derivative of an order, from local polynomials."""
+    from scipy.signal import savgol_filter
+
+    width = max(5, round(SMOOTH / case.signals.dt) | 1)
+    return np.asarray(savgol_filter(x, width, 3, deriv=order, delta=case.signals.dt, mode="nearest"))
+
+
+def fit_gain(case: Case, motion: Motion, driven: Driven, sent: FloatArray, kind: Quantity) -> Fit | None:
+    """Gain and damping by least squares, with friction and a rotor beside them, all not negative.
+
+    sent: (n,) on the grid.
+    """
     from scipy.optimize import nnls
 
     k = [j.name for j in case.anatomy.joints].index(driven.joint)
@@ -157,8 +167,9 @@ def _fit(case: Case, motion: _Motion, driven: Driven, sent: FloatArray, kind: Qu
     if power <= 0.0:
         return None
     fastest = float(np.quantile(np.abs(v), 0.95)) or 1.0
+    sent = _smooth(case, sent, 0)  # as the motion, so that steps are as blunt here as there
     own = [-np.tanh(v / (0.02 * fastest)), -a]  # dry friction, and the inertia of a rotor
-    best: _Fit | None = None
+    best: Fit | None = None
     for delay in DELAYS if kind != "effort" else DELAYS[:1]:
         rows = np.maximum(motion.rows - round(delay / case.signals.dt), 0)
         u = sent[rows]
@@ -172,12 +183,12 @@ def _fit(case: Case, motion: _Motion, driven: Driven, sent: FloatArray, kind: Qu
         theta = theta / scale
         explained = 1.0 - error**2 / float(torque[there] @ torque[there])
         if best is None or explained > best.explained + 0.005:
-            best = _Fit(float(theta[0]), float(theta[1]) if kind == "position" else 0.0, explained)
+            best = Fit(float(theta[0]), float(theta[1]) if kind == "position" else 0.0, explained)
     return best
 
 
 def _actuator(
-    driven: Driven, slides: bool, effort: float | None, kind: Quantity, fit: _Fit | None, motion: _Motion | None
+    driven: Driven, slides: bool, effort: float | None, kind: Quantity, fit: Fit | None, motion: Motion | None
 ) -> tuple[Actuator, Sequence[Guess]]:
     where = f"actuator.{driven.name}"
     unit = "N/m" if slides else "N m/rad"
@@ -185,7 +196,7 @@ def _actuator(
     said = f"least squares on the model's torques, which explains {max(0.0, fit.explained):.0%} of them" if fit else ""
     sure = round(min(0.8, 0.2 + 0.6 * fit.explained), 2) if fit is not None and good else 0.1
     if kind == "effort":
-        if fit is None or not good or abs(fit.gain - 1.0) < NEAR_ONE:
+        if fit is None or not good or abs(log(fit.gain)) < NEAR_ONE:
             why = "a command of 1 is taken to be 1 N m" + (f"; {said} with {fit.gain:.3g}" if fit and good else "")
             return Actuator("motor"), [Guess(f"{where}.gear", "1", why, 0.8 if good else 0.3)]
         gear = _round(fit.gain)
@@ -194,8 +205,8 @@ def _actuator(
     if kind == "velocity":
         unit = "N s/m" if slides else "N m s/rad"
     if fit is None or not good:
-        k = [] if motion is None else [float(np.abs(motion.torque).max())]
-        largest = effort or max([*k, 0.0]) or 1.0
+        seen = 0.0 if motion is None else float(np.abs(motion.torque).max())
+        largest = seen or effort or 1.0
         gain = _round(largest / STOPS_SHORT)
         why = f"nothing could be fitted; it gives {largest:.3g} {'N' if slides else 'N m'} at {STOPS_SHORT:g} off"
         guess = Guess(f"{where}.{name}", f"{gain:g} {unit}", why, 0.1)

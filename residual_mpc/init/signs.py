@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
 
 from residual_mpc.init.guess import Guess
-from residual_mpc.init.rest import FEW, Rest, at_rest, flips
+from residual_mpc.init.rest import FEW, Rest, at_rest, flips, still
 from residual_mpc.init.roles import Case, Driven, Roles, answer
+from residual_mpc.init.servos import fit_gain, motion_of
 from residual_mpc.init.units import InUnit
 from residual_mpc.init.words import Quantity
 from residual_mpc.logs.run import FloatArray
@@ -43,17 +44,17 @@ def find_signs(
             if zero is not None:
                 turned[column] = zero
     driven = [Driven(d.name, d.joint, kinds[d.name]) for d in case.driven if d.name in roles.of("command")]
-    against = [d for d in driven if _against(case, roles, d)]
-    rest = _rest(case, roles, units, turned)
-    for d in driven:
-        turned |= _of_one(case, roles, rest, d, d in against, turned)
-    turned |= _rates(case, roles, turned)
-    rest = _rest(case, roles, units, turned)  # as it is with the signs put right
+    against = {d.name: _turned_one(case, roles, d, turned) for d in driven if _against(case, roles, d)}
+    turned |= {column: turn for found in against.values() for column, turn in found.items()}
     for d in (d for d in driven if d.kind == "position"):
-        moved, said = _zero(case, roles, rest, d, turned)
+        moved, said = _zero(case, roles, units, d, turned)
         turned |= moved
         guesses += said
-    return turned, tuple(guesses)
+    if not any(t.offset for t in turned.values()):  # gravity is asked where the zeros are known alone
+        turned = _by_gravity(case, roles, units, driven, against, turned)
+    for d in (d for d in driven if d.kind == "effort"):
+        turned |= _by_dynamics(case, roles, units, d, turned)
+    return turned | _rates(case, roles, turned), tuple(guesses)
 
 
 def true_values(
@@ -84,41 +85,87 @@ def _middle(case: Case, column: str, units: Mapping[str, InUnit]) -> Turned | No
 def _against(case: Case, roles: Roles, driven: Driven) -> bool:
     column = roles.of("command")[driven.name]
     seen, by = answer(case, roles, column, driven)
-    return by != column and seen.correlation < -CLEAR and seen.against < 0.5
+    return by != column and seen.correlation < -CLEAR and seen.against < max(0.5, -seen.correlation - 0.3)
 
 
-def _of_one(
-    case: Case, roles: Roles, rest: Rest, driven: Driven, against: bool, so_far: Mapping[str, Turned]
-) -> dict[str, Turned]:
-    """The turned columns of one actuator: position, command, or both."""
+def _turned_one(case: Case, roles: Roles, driven: Driven, so_far: Mapping[str, Turned]) -> dict[str, Turned]:
+    """The position turned, where the two move against each other and nothing tells which of them it is."""
     command, position = roles.of("command")[driven.name], roles.of("position").get(driven.joint)
-    joint = [j.name for j in case.anatomy.joints].index(driven.joint)
-    fits: dict[tuple[int, int], float] = {}
-    if case.anatomy.torque is not None and position and driven.kind in ("position", "effort") and len(rest) >= FEW:
-        fits = flips(case.anatomy.torque, rest, joint, driven)
-    if against:
-        seen, by = answer(case, roles, command, driven)
-        said = f"{by} moves against {command} (correlation {seen.correlation:.2f})"
-        if position is None or command == position:
-            return {command: _turn(so_far, command, said, 0.6)}
-        told = fits and abs(fits[-1, 1] - fits[1, -1]) > BETTER and max(fits[-1, 1], fits[1, -1]) > CLEAR
-        if told and fits[1, -1] > fits[-1, 1]:
-            return {command: _turn(so_far, command, f"{said}, and gravity fits the position as it is", 0.8)}
-        which = "gravity fits the command as it is" if told else "which of the two is turned, nothing here tells"
-        return {position: _turn(so_far, position, f"{said}; {which}", 0.85 if told else 0.6)}
-    if not fits or driven.kind == "effort":
-        worse = bool(fits) and fits[1, -1] > CLEAR and fits[1, 1] < -CLEAR
-        if worse:
-            said = f"at rest {command} holds against gravity with the other sign (correlation {fits[1, 1]:.2f})"
-            return {command: _turn(so_far, command, said, 0.8)}
+    seen, by = answer(case, roles, command, driven)
+    said = f"{by} moves against {command} (correlation {seen.correlation:.2f})"
+    column = command if position in (None, command) else position
+    assert column is not None
+    return {column: _turn(so_far, column, f"{said}; which of the two is turned, nothing here tells", 0.6)}
+
+
+def _by_gravity(
+    case: Case,
+    roles: Roles,
+    units: Mapping[str, InUnit],
+    driven: Sequence[Driven],
+    against: Mapping[str, Mapping[str, Turned]],
+    turned: Mapping[str, Turned],
+) -> dict[str, Turned]:
+    """What is turned, with gravity's word on it where it has one; `against`: by actuator, what was turned already."""
+    out = dict(turned)
+    rest = _rest(case, roles, units, turned)
+    torque = case.anatomy.torque
+    if torque is None or len(rest) < FEW:
+        return out
+    names = [j.name for j in case.anatomy.joints]
+    for d in driven:
+        command, position = roles.of("command")[d.name], roles.of("position").get(d.joint)
+        if position is None or position == command or d.kind != "position":
+            continue
+        fits = flips(torque, rest, names.index(d.joint), d)
+        if not fits:
+            continue
+        both, neither = fits[-1, -1], fits[1, 1]
+        if d.name in against:
+            seen, by = answer(case, roles, command, d)
+            said = f"{by} moves against {command} (correlation {seen.correlation:.2f})"
+            if both > CLEAR and both - neither > BETTER:  # with the position turned back, and the command turned
+                del out[position]
+                out[command] = _turn(out, command, f"{said}, and gravity fits the position as it is", 0.8)
+            elif neither > CLEAR and neither - both > BETTER:
+                why = f"{said}, and gravity fits the command as it is"
+                out[position] = replace(out[position], why=why, sure=0.8)
+        elif both > CLEAR and both - neither > 2.0 * BETTER:
+            said = (
+                f"at rest {d.joint} stands off its command against gravity (correlation {neither:.2f}), and with it"
+                f" where both signs are turned ({both:.2f})"
+            )
+            out |= {c: _turn(out, c, said, 0.6) for c in (position, command)}
+    return out
+
+
+def _by_dynamics(
+    case: Case, roles: Roles, units: Mapping[str, InUnit], driven: Driven, turned: Mapping[str, Turned]
+) -> dict[str, Turned]:
+    """A torque that explains the motion, by the model's inverse dynamics, once it or the motion is turned."""
+    command, position = roles.of("command")[driven.name], roles.of("position").get(driven.joint)
+    if position is None:
         return {}
-    if position and fits[-1, -1] > CLEAR and fits[1, 1] < fits[-1, -1] - 2.0 * BETTER:
-        said = (
-            f"at rest {driven.joint} sags against gravity as the model has it (correlation {fits[1, 1]:.2f}), and with"
-            f" it with both signs turned ({fits[-1, -1]:.2f})"
-        )
-        return {c: _turn(so_far, c, said, 0.7) for c in (position, command)}
-    return {}
+    places = {j: true_values(case, c, units, turned) for j, c in roles.of("position").items()}
+    sent = true_values(case, command, units, turned)
+    shares = {}
+    for sign in (1, -1):
+        motion = motion_of(case, {**places, driven.joint: sign * places[driven.joint]})
+        for way in (1, -1) if motion is not None else ():
+            fit = fit_gain(case, motion, driven, way * sent, "effort")
+            shares[sign, way] = 0.0 if fit is None or fit.gain <= 0.0 else fit.explained
+    if not shares:
+        return {}
+    best = max(shares, key=lambda k: shares[k])
+    if best == (1, 1) or shares[best] < 0.5 or shares[best] - shares[1, 1] < BETTER:
+        return {}
+    said = f"its torque explains {shares[1, 1]:.0%} of the motion as it is, {shares[best]:.0%} with %s turned"
+    found = {}
+    if best[1] < 0:
+        found[command] = _turn(turned, command, said % ("both" if best[0] < 0 else command), 0.7)
+    if best[0] < 0:
+        found[position] = _turn(turned, position, said % ("both" if best[1] < 0 else position), 0.7)
+    return found
 
 
 def _turn(so_far: Mapping[str, Turned], column: str, why: str, sure: float) -> Turned:
@@ -146,20 +193,25 @@ def _rates(case: Case, roles: Roles, turned: Mapping[str, Turned]) -> dict[str, 
 
 
 def _zero(
-    case: Case, roles: Roles, rest: Rest, driven: Driven, turned: Mapping[str, Turned]
+    case: Case, roles: Roles, units: Mapping[str, InUnit], driven: Driven, turned: Mapping[str, Turned]
 ) -> tuple[dict[str, Turned], tuple[Guess, ...]]:
     """What a position stands off its command at rest."""
-    position = roles.of("position").get(driven.joint)
-    if position is None or len(rest) < FEW:
+    command, position = roles.of("command")[driven.name], roles.of("position").get(driven.joint)
+    if position is None or position == command or not case.signals.moves(position):
         return {}, ()
     joint = [j.name for j in case.anatomy.joints].index(driven.joint)
-    off = rest.q[:, joint] - rest.sent[driven.name]
-    offset, spread = float(np.median(off)), float(np.quantile(off, 0.9) - np.quantile(off, 0.1))
-    if not case.signals.moves(position) or abs(offset) < max(SAGS, spread):
+    q, u = (true_values(case, c, units, turned) for c in (position, command))
+    rest = still(case, (q, u))
+    if rest.sum() < FEW:
+        return {}, ()
+    off = (q - u)[rest]
+    low, offset, high = (float(x) for x in np.quantile(off, [0.25, 0.5, 0.75]))
+    spread = high - low
+    if abs(offset) < max(SAGS, spread):
         return {}, ()
     unit = "m" if case.anatomy.joints[joint].slides else "rad"
     quarters = round(offset / QUARTER)
-    said = f"at rest it stands {offset:.3g} {unit} off {roles.of('command')[driven.name]} (within {spread:.2g})"
+    said = f"at rest it stands {offset:.3g} {unit} off {command} (half of the samples within {spread:.2g})"
     if unit == "rad" and quarters and abs(offset - quarters * QUARTER) < NEAR:
         before = turned.get(position, Turned())
         zero = before.offset - quarters * QUARTER

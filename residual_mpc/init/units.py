@@ -145,6 +145,9 @@ def _solve(case: Case, chains: Sequence[_Chain]) -> dict[str, InUnit]:
                 is_sure = alone_sure if unit is not best else sure
                 if not any(case.signals.moves(c.columns[g]) for g in c.columns):
                     is_sure = min(is_sure, 0.6)
+                if group == "command" and c.kind == "effort":
+                    found[c.columns[group]] = InUnit(unit, "the log format's unit; nothing here tells", 0.5)
+                    continue
                 why = _why(case, c, group, unit, unit is not best)
                 found[c.columns[group]] = InUnit(unit, why, round(min(0.99, is_sure), 2))
     return found
