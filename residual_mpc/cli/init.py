@@ -43,7 +43,8 @@ def init(
     if out.is_dir():
         out = out / ROBOT
     if out.exists() and not force:
-        raise BadInput("there is such a file already", str(out), "overwrite it with --force, or name another with --out")
+        remedy = "overwrite it with --force, or name another with --out"
+        raise BadInput("there is such a file already", str(out), remedy)
     drafted = draft(Path(model), runs)
     text = robot_file_text(drafted, out.parent)
     trial = try_robot(text, out.parent, runs, drafted.mends)

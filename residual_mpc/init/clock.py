@@ -65,7 +65,8 @@ def find_clock(recordings: Sequence[Recording]) -> Clock:
     ]
     mends: list[Mend] = []
     if any(best in r.dates for r in recordings):
-        mends.append(Mend(best, 1e-9, 0.0, "the log format wants numbers, in s, and no dates (here as ns since 1970)", 1.0))
+        why = "the log format wants numbers, in s, and these are dates (the factor is for ns since 1970)"
+        mends.append(Mend(best, 1e-9, 0.0, why, 1.0))
     elif unit != "s":
         mends.append(Mend(best, UNITS[unit], 0.0, f"the log format wants s, and these are {unit}: {reason}", sure))
     return Clock(best, UNITS[unit], tuple(guesses), tuple(mends))

@@ -87,7 +87,8 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     units = find_units(case, roles, kinds)
     turned, offsets = find_signs(case, roles, units, kinds)
     mends = (*clock.mends, *_mends(case, roles, units, turned), *heading_in_degrees(signals, roles))
-    actuators, gain_guesses = {}, ()
+    actuators: dict[str, Actuator] = {}
+    gain_guesses: tuple[Guess, ...] = ()
     if not anatomy.actuators:
         places = {j: true_values(case, c, units, turned) for j, c in roles.of("position").items()}
         sent = {a: true_values(case, c, units, turned) for a, c in roles.of("command").items()}
@@ -271,7 +272,7 @@ def _missing(case: Case, roles: Roles) -> tuple[Unmatched, ...]:
         if f"command.{d.name}" in roles.columns:
             continue
         if d.kind is not None:
-            why = "no column fits, and every actuator of the model needs one: log it, or take the actuator out of the model"
+            why = "no column fits, and every actuator of the model needs one: log it, or take it out of the model"
         else:
             why = f"no column fits: the joint {d.name} is taken to swing freely"
         missing.append(Unmatched(f"command.{d.name}", why))

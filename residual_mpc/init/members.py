@@ -53,7 +53,8 @@ def members_of(aliases: Sequence[Sequence[str]], columns: Sequence[Words]) -> Me
     groups: dict[tuple[object, ...], list[Words]] = {}
     for words in columns:
         groups.setdefault((words.commanded, words.measured, words.quantity), []).append(words)
-    numbers, order = {}, {}
+    numbers: dict[str, int] = {}
+    order: dict[str, int] = {}
     for group in groups.values():
         order |= {words.name: i for i, words in enumerate(group)}
         counted = {w.name: int(w.core[0]) for w in group if len(w.core) == 1 and w.core[0].isdigit()}

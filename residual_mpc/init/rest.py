@@ -55,8 +55,8 @@ def still(case: Case, signals: Sequence[FloatArray]) -> np.ndarray:
 
 
 def flips(torque: Torque, rest: Rest, joint: int, driven: Driven) -> dict[tuple[int, int], float]:
-    """How well gravity explains what a position servo holds, if the position is taken with one sign and the command with
-    another: (sign of the position, sign of the command) -> correlation of torque held with torque needed.
+    """How well gravity explains what a position servo holds, if the position is taken with one sign and the command
+    with another: (sign of the position, sign of the command) -> correlation of torque held with torque needed.
 
     Empty where gravity says nothing: few poses, or an axis that it hardly loads.
     """

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from math import exp, inf
+from functools import cached_property, partial
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from residual_mpc.init.assign import NEVER, Odds, Rule, assign
 from residual_mpc.init.guess import Guess
 from residual_mpc.init.members import Members, members_of
 from residual_mpc.init.signals import NOTHING, Seen, Signals
-from residual_mpc.init.words import Quantity, Words
+from residual_mpc.init.words import COMMAND_WORDS, QUANTITY_WORDS, Quantity, Words
 from residual_mpc.logs.audit.facts import ActuatorFacts
 from residual_mpc.models.anatomy import Anatomy, Joint
 
-ENOUGH = 2.0  # log odds from which a column is taken
-CLOSE = 1.0  # log odds within which another column is as plausible
 CLEAR = 0.85  # correlation
 ORDER = 0.3  # how sure, where nothing but the order of the columns tells joints apart
 DEGREES = 180.0 / np.pi
-NEVER = -inf
-
-Odds = tuple[float, tuple[str, ...]]  # log odds that a column has a role, and the reasons
-Rule = Callable[[Words], Odds]
 
 
 @dataclass(frozen=True)
@@ -72,7 +65,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Roles:
-    """columns: log name -> column. guesses: one a role. odds: log name -> log odds."""
+    """columns: log name -> column. guesses: one a role."""
 
     columns: Mapping[str, str]
     guesses: tuple[Guess, ...] = ()
@@ -87,11 +80,11 @@ class Roles:
 
 def find_roles(case: Case) -> Roles:
     """Positions first, then what relates to them: velocities, commands, efforts, switches."""
-    roles = _taken(case, _positions(case), Roles({}))
-    roles = _taken(case, _velocities(case, roles), roles)
-    roles = _taken(case, _commands(case, roles), roles)
-    roles = _taken(case, _efforts(case), roles)
-    return _no_surer(case, _taken(case, _switches(case), roles))
+    roles = _with(case, _positions(case), Roles({}))
+    roles = _with(case, _velocities(case, roles), roles)
+    roles = _with(case, _commands(case, roles), roles)
+    roles = _with(case, _efforts(case), roles)
+    return _no_surer(case, _with(case, _switches(case), roles))
 
 
 def where_on(case: Case, roles: Roles) -> Case:
@@ -110,30 +103,11 @@ def _driven(actuator: ActuatorFacts) -> Driven:
     return Driven(actuator.name, actuator.joint or actuator.name, kinds[actuator.kind])
 
 
-def _taken(case: Case, rules: Mapping[str, Rule], roles: Roles) -> Roles:
-    """`roles` with the best columns for more roles among the columns that are free."""
+def _with(case: Case, rules: Mapping[str, Rule], roles: Roles) -> Roles:
+    """`roles`, and more among the columns that are free."""
     used = set(roles.columns.values())
-    free = [w for n, w in case.words.items() if n not in used]
-    if not rules or not free:
-        return roles
-    found = {role: [rule(words) for words in free] for role, rule in rules.items()}
-    odds = np.array([[max(o, -50.0) for o, _ in row] for row in found.values()])  # (roles, columns)
-    gain = np.maximum(odds - ENOUGH, 0.0)  # to leave a role empty costs nothing
-    columns, guesses = {}, []
-    for i, k in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
-        if odds[i, k] < ENOUGH:
-            continue
-        role, name = list(rules)[i], free[k].name
-        columns[role] = name
-        rivals = _rivals(odds, i, k)
-        # a column that another role needs more is no rival
-        others = tuple(free[r].name for r in rivals)
-        reasons = ", ".join(r for r in found[role][k][1] if r)
-        best_other = max((odds[i, r] for r in range(len(free)) if r != k and r in rivals), default=-inf)
-        sure = 1.0 / (1.0 + exp(-min(odds[i, k] - ENOUGH + 0.5, 5.0)))
-        sure = min(sure, 1.0 / (1.0 + exp(best_other - odds[i, k]))) if others else sure
-        guesses.append(Guess(role, name, reasons or "nothing else fits", round(float(sure), 2), others))
-    return roles.plus(Roles(columns, tuple(guesses)))
+    guesses = assign(rules, (w for n, w in case.words.items() if n not in used))
+    return roles.plus(Roles({g.what: g.value for g in guesses}, guesses))
 
 
 def _no_surer(case: Case, roles: Roles) -> Roles:
@@ -162,13 +136,6 @@ def _no_surer(case: Case, roles: Roles) -> Roles:
     return Roles(roles.columns, tuple(guesses))
 
 
-def _rivals(odds: np.ndarray, i: int, k: int) -> list[int]:
-    """Columns that fit role i about as well as column k, and no other role clearly better."""
-    near = np.flatnonzero(odds[i] > max(ENOUGH, odds[i, k] - CLOSE))
-    others = np.delete(odds, i, axis=0)
-    return [int(r) for r in near if r != k and (not len(others) or others[:, r].max() < odds[i, r] + CLOSE)]
-
-
 # --- positions --------------------------------------------------------------------------------------------------------
 
 
@@ -176,12 +143,12 @@ def _positions(case: Case) -> dict[str, Rule]:
     nameless = any(not w.kind for w in case.words.values())
     leads = _leads(case) if nameless else {}
     return {
-        f"position.{joint.name}": lambda w, i=i, joint=joint: _position(case, leads, w, i, joint)  # type: ignore[misc]
+        f"position.{joint.name}": partial(_position, case, leads, i, joint)
         for i, joint in enumerate(case.anatomy.joints)
     }
 
 
-def _position(case: Case, leads: Mapping[str, float], words: Words, member: int, joint: Joint) -> Odds:
+def _position(case: Case, leads: Mapping[str, float], member: int, joint: Joint, words: Words) -> Odds:
     if words.quantity not in (None, "position") or words.commanded and not words.measured:
         return NEVER, ()
     if not case.signals.moves(words.name) and words.quantity is None and not words.measured:
@@ -247,12 +214,12 @@ def _inside(signals: Signals, words: Words, joint: Joint) -> tuple[float, str]:
 def _velocities(case: Case, roles: Roles) -> dict[str, Rule]:
     positions = roles.of("position")
     return {
-        f"velocity.{joint.name}": lambda w, i=i, p=positions.get(joint.name): _velocity(case, positions, w, i, p)  # type: ignore[misc]
+        f"velocity.{joint.name}": partial(_velocity, case, i, positions.get(joint.name))
         for i, joint in enumerate(case.anatomy.joints)
     }
 
 
-def _velocity(case: Case, positions: Mapping[str, str], words: Words, member: int, position: str | None) -> Odds:
+def _velocity(case: Case, member: int, position: str | None, words: Words) -> Odds:
     if words.quantity not in (None, "velocity") or words.commanded and not words.measured:
         return NEVER, ()
     whose, why = case.joints.evidence(words, member)
@@ -276,12 +243,12 @@ def _velocity(case: Case, positions: Mapping[str, str], words: Words, member: in
 
 def _commands(case: Case, roles: Roles) -> dict[str, Rule]:
     return {
-        f"command.{d.name}": lambda w, i=i, d=d: _command(case, roles, w, i, d)  # type: ignore[misc]
+        f"command.{d.name}": partial(_command, case, roles, i, d)
         for i, d in enumerate(case.driven)
     }
 
 
-def _command(case: Case, roles: Roles, words: Words, member: int, driven: Driven) -> Odds:
+def _command(case: Case, roles: Roles, member: int, driven: Driven, words: Words) -> Odds:
     if words.quantity in ("acceleration", "enabled", "other") or words.measured and not words.commanded:
         return NEVER, ()
     whose, why = case.actuators.evidence(words, member)
@@ -325,37 +292,31 @@ def answer(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Seen,
 
 
 def _efforts(case: Case) -> dict[str, Rule]:
-    def rule(words: Words, member: int) -> Odds:
-        # a current is no torque, though it may be proportional to one
-        amps = {"current", "currents", "amps", "amp", "load"} & set(words.every)
-        if words.quantity != "effort" or words.commanded or amps:
-            return NEVER, ()
-        whose, why = case.joints.evidence(words, member)
-        return whose + 2.0, (why, "it is called an effort")
+    return {f"effort.{j.name}": partial(_effort, case, i) for i, j in enumerate(case.anatomy.joints)}
 
-    return {
-        f"effort.{j.name}": lambda w, i=i: rule(w, i)  # type: ignore[misc]
-        for i, j in enumerate(case.anatomy.joints)
-    }
+
+def _effort(case: Case, member: int, words: Words) -> Odds:
+    # a current is no torque, though it may be proportional to one
+    amps = {"current", "currents", "amps", "amp", "load"} & set(words.every)
+    if words.quantity != "effort" or words.commanded or amps:
+        return NEVER, ()
+    whose, why = case.joints.evidence(words, member)
+    return whose + 2.0, (why, "it is called an effort")
 
 
 def _switches(case: Case) -> dict[str, Rule]:
-    def rule(words: Words, member: int) -> Odds:
-        x = case.signals.raw[words.name]
-        if words.quantity != "enabled" or not np.isin(x[np.isfinite(x)], (0.0, 1.0)).mean() > 0.9:
-            return NEVER, ()
-        whose, why = case.actuators.evidence(words, member)
-        return whose + 2.0, (why, "it is called a switch and is 0 or 1")
+    return {f"enabled.{d.name}": partial(_switch, case, i) for i, d in enumerate(case.driven)}
 
-    return {
-        f"enabled.{d.name}": lambda w, i=i: rule(w, i)  # type: ignore[misc]
-        for i, d in enumerate(case.driven)
-    }
+
+def _switch(case: Case, member: int, words: Words) -> Odds:
+    x = case.signals.raw[words.name]
+    if words.quantity != "enabled" or not np.isin(x[np.isfinite(x)], (0.0, 1.0)).mean() > 0.9:
+        return NEVER, ()
+    whose, why = case.actuators.evidence(words, member)
+    return whose + 2.0, (why, "it is called a switch and is 0 or 1")
 
 
 def _called(words: Words, quantity: str) -> str:
-    from residual_mpc.init.words import COMMAND_WORDS, QUANTITY_WORDS
-
     said: Sequence[str] = [
         w for w in words.every if QUANTITY_WORDS.get(w) == quantity or quantity == "command" and w in COMMAND_WORDS
     ]

@@ -73,7 +73,8 @@ def _kind(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Quanti
         worth = 6.0 * of.correlation**2 - 3.0 * max(0.0, of.lag) if of.lag > -2.0 * s.dt else 0.0
         if worth > best.get(kind, 1.0):
             best[kind] = worth
-            reasons[kind].append(f"{name} follows {column} {of.lag * 1e3:.0f} ms later (correlation {of.correlation:.2f})")
+            late = f"{of.lag * 1e3:.0f} ms later (correlation {of.correlation:.2f})"
+            reasons[kind].append(f"{name} follows {column} {late}")
     for kind, worth in best.items():
         odds[kind] += worth
     if best and max(best.values()) < 3.0 or not best:
@@ -92,13 +93,16 @@ def find_gains(
 
     places: by joint, (n,) rad or m on the grid, NaN where missing. sent: by actuator, (n,), in its unit.
     """
-    actuators, guesses = {}, []
+    actuators: dict[str, Actuator] = {}
+    guesses: list[Guess] = []
     motion = motion_of(case, places)
     for d in case.driven:
         if d.name not in kinds:
             continue
         joint = next(j for j in case.anatomy.joints if j.name == d.joint)
-        fit = fit_gain(case, motion, d, sent[d.name], kinds[d.name]) if motion is not None and d.joint in places else None
+        fit = None
+        if motion is not None and d.joint in places:
+            fit = fit_gain(case, motion, d, sent[d.name], kinds[d.name])
         actuator, guess = _actuator(d, joint.slides, joint.effort, kinds[d.name], fit, motion)
         actuators[d.joint] = actuator
         guesses += guess
@@ -216,7 +220,8 @@ def _actuator(
     if kind == "velocity":
         return Actuator("velocity", kv=gain), guesses
     if damping > 0.0:
-        guesses.append(Guess(f"{where}.kv", f"{damping:g} {'N s/m' if slides else 'N m s/rad'}", said, round(sure / 2, 2)))
+        rate = "N s/m" if slides else "N m s/rad"
+        guesses.append(Guess(f"{where}.kv", f"{damping:g} {rate}", said, round(sure / 2, 2)))
     return Actuator("position", kp=gain, kv=damping), guesses
 
 

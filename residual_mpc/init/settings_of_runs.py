@@ -25,7 +25,7 @@ class Setting:
 def find_settings(
     model: Path, anatomy: Anatomy, recordings: Sequence[Recording]
 ) -> tuple[tuple[Setting, ...], tuple[Guess, ...]]:
-    """A variant for each model file beside `model` whose stem begins the names of some runs, if `model`'s begins others'.
+    """A variant for each model file beside `model` whose stem begins the names of runs, if `model`'s begins some too.
 
     Such files name the same joints and actuators, and every run is then of one of them.
     """

@@ -151,11 +151,11 @@ def _by_dynamics(
     shares = {}
     for sign in (1, -1):
         motion = motion_of(case, {**places, driven.joint: sign * places[driven.joint]})
-        for way in (1, -1) if motion is not None else ():
+        if motion is None:
+            return {}
+        for way in (1, -1):
             fit = fit_gain(case, motion, driven, way * sent, "effort")
             shares[sign, way] = 0.0 if fit is None or fit.gain <= 0.0 else fit.explained
-    if not shares:
-        return {}
     best = max(shares, key=lambda k: shares[k])
     if best == (1, 1) or shares[best] < 0.5 or shares[best] - shares[1, 1] < BETTER:
         return {}
@@ -215,7 +215,7 @@ def _zero(
     if unit == "rad" and quarters and abs(offset - quarters * QUARTER) < NEAR:
         before = turned.get(position, Turned())
         zero = before.offset - quarters * QUARTER
-        reasons = f"{said}: {quarters} quarter turns between two zeros; which of the two the model has, nothing here tells"
+        reasons = f"{said}: {quarters} quarter turns between two zeros; which is the model's, nothing here tells"
         return {position: Turned(before.sign, zero, f"{before.why}; {reasons}" if before.why else reasons, 0.6)}, ()
     why = f"{said}; left as it is, since sag, friction or a bias does this and the diagnosis tells them apart"
     return {}, (Guess(f"offset of {position}", f"{offset:.3g} {unit}", why, 0.7),)

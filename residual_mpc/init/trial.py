@@ -43,7 +43,8 @@ def try_robot(text: str, folder: Path, paths: Sequence[str | Path], mends: Seque
             result = read_runs(tables, robot)
             check_columns(result.runs, [model] * len(result.runs))
         except BadInput as fault:
-            return Trial((Finding("error", "table", "", fault.where.replace(scratch, ""), None, fault.what, fault.remedy),))
+            where = fault.where.replace(scratch, "")
+            return Trial((Finding("error", "table", "", where, None, fault.what, fault.remedy),))
         findings = (*result.findings, *audit(result.runs, facts_of(model)))
     return Trial(tuple(f for f in findings if f.severity != "info"))
 
@@ -56,7 +57,8 @@ def _load(text: str, here: Path | None, folder: Path) -> RobotFile:
         with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=here, suffix=".toml", delete=False) as part:
             part.write(text)
     except OSError as fault:
-        raise BadInput(f"cannot be written: {fault.strerror}", str(folder), "choose another folder with --out") from fault
+        what = f"cannot be written: {fault.strerror}"
+        raise BadInput(what, str(folder), "choose another folder with --out") from fault
     try:
         return read_robot_file(part.name)
     finally:

@@ -18,7 +18,7 @@ MEASURED_WORDS = frozenset(
     "actual measured meas present state states observation observations obs feedback fb sensor sensed real".split()
 )
 QUANTITY_WORDS: Mapping[str, Quantity] = {
-    word: quantity
+    word: quantity  # type: ignore[misc]
     for quantity, words in (
         ("position", "position positions pos q qpos angle angles ang theta encoder enc ticks counts displacement"),
         ("velocity", "velocity velocities vel speed speeds dq qd qdot qvel omega rate dtheta thetadot rpm dps w"),
@@ -32,11 +32,13 @@ QUANTITY_WORDS: Mapping[str, Quantity] = {
         ),
     )
     for word in words.split()
-}  # type: ignore[assignment]
+}
 UNIT_WORDS = frozenset(
     "deg degree degrees dps rad radian radians rads rpm ticks tick counts count raw mm turns rev revs mrad".split()
 )
-GENERIC_WORDS = frozenset("joint joints jnt motor motors servo servos actuator actuators axis robot dof data value".split())
+GENERIC_WORDS = frozenset(
+    "joint joints jnt motor motors servo servos actuator actuators axis robot dof data value".split()
+)
 RUN_WORDS = frozenset("run runs episode episodes trial trials rollout rollouts experiment trajectory traj".split())
 TIME_WORDS = frozenset(
     "t time times timestamp timestamps stamp stamps clock sec secs seconds second nsec nsecs nanosec nanoseconds"
