@@ -11,7 +11,7 @@ import numpy as np
 from residual_mpc.errors import BadInput
 from residual_mpc.init.clock import find_clock
 from residual_mpc.init.guess import Guess, Mend
-from residual_mpc.init.planar import find_pose, heading_in_degrees
+from residual_mpc.init.planar import find_pose, heading_in_degrees, pose_role
 from residual_mpc.init.recording import Recording, read_recordings
 from residual_mpc.init.roles import Case, Roles, find_roles, where_on
 from residual_mpc.init.servos import find_gains, find_kinds
@@ -76,10 +76,9 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     clock = find_clock(recordings)
     signals = gather(recordings, clock)
     words = {name: read_words(name) for name in signals.names}
-    case = Case(anatomy, signals, words)
-    roles = _served(case, _shared_switch(case, find_roles(case)))
-    pose, left = find_pose(words, signals, roles.columns.values())
-    roles = roles.plus(pose) if anatomy.base is not None else roles
+    pose, left = find_pose(words, signals) if anatomy.base is not None else (Roles({}), {})
+    case = Case(anatomy, signals, {n: w for n, w in words.items() if n not in pose.columns.values()})
+    roles = _served(case, _shared_switch(case, find_roles(case))).plus(pose)
     _refuse_empty(roles, anatomy, recordings)
 
     whole, case = case, where_on(case, roles)
@@ -124,7 +123,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
             *gain_guesses,
         ),
         mends,
-        _unmatched(whole, roles, recordings, {**_no_pose(anatomy, pose), **left}),
+        _unmatched(whole, roles, recordings, {**_no_pose(anatomy, words), **left}),
         _missing(case, roles),
     )
 
@@ -234,11 +233,12 @@ def _run_guess(recordings: Sequence[Recording]) -> tuple[Guess, ...]:
     return (Guess("run", column, f"its name, and it tells {count} runs apart", 0.99 if column == "run" else 0.8),)
 
 
-def _no_pose(anatomy: Anatomy, pose: Roles) -> dict[str, str]:
+def _no_pose(anatomy: Anatomy, words: Mapping[str, Words]) -> dict[str, str]:
+    """Why columns that may be a pose are left by a model that cannot drive."""
     if anatomy.base is not None:
         return {}
     why = "it may be {}, and the model is fixed to the world: give its chassis a <freejoint/> and the world a ground"
-    return {column: why.format(name) for name, column in pose.columns.items()}
+    return {name: why.format(role) for name, w in words.items() if (role := pose_role(w)) is not None}
 
 
 def _unmatched(

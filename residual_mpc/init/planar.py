@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from math import pi
 
 import numpy as np
@@ -22,13 +22,11 @@ IN_ITS_FRAME = "is in the robot's own frame by ROS's convention; the log format 
 QUATERNION = "the log format wants the heading itself: with a quaternion it is 2 * atan2(z, w) on level ground"
 
 
-def find_pose(words: Mapping[str, Words], signals: Signals, taken: Iterable[str]) -> tuple[Roles, dict[str, str]]:
+def find_pose(words: Mapping[str, Words], signals: Signals) -> tuple[Roles, dict[str, str]]:
     """Roles of pose.* and twist.*, and why columns that look like them were left."""
     found: dict[str, list[tuple[float, str]]] = {}
     left: dict[str, str] = {}
     for name in words:
-        if name in set(taken):
-            continue
         role, score, why = _role(words[name])
         if why:
             left[name] = why
@@ -56,6 +54,11 @@ def heading_in_degrees(signals: Signals, roles: Roles) -> tuple[Mend, ...]:
         why = f"a heading of {largest:.4g} is in degrees" + (", as the name says" if said else "")
         return (Mend(column, pi / 180.0, 0.0, why, 0.98 if said else 0.8),)
     return ()
+
+
+def pose_role(words: Words) -> str | None:
+    """The role of pose.* or twist.* that a column's name is like, None where it is like none."""
+    return _role(words)[0]
 
 
 def _role(words: Words) -> tuple[str | None, float, str]:

@@ -14,6 +14,7 @@ from residual_mpc.init.members import Members, members_of
 from residual_mpc.init.signals import NOTHING, Seen, Signals
 from residual_mpc.init.words import COMMAND_WORDS, QUANTITY_WORDS, Quantity, Words
 from residual_mpc.logs.audit.facts import ActuatorFacts
+from residual_mpc.logs.columns import PER_BODY, group
 from residual_mpc.models.anatomy import Anatomy, Joint
 
 CLEAR = 0.85  # correlation
@@ -151,6 +152,8 @@ def _positions(case: Case) -> dict[str, Rule]:
 def _position(case: Case, leads: Mapping[str, float], member: int, joint: Joint, words: Words) -> Odds:
     if words.quantity not in (None, "position") or words.commanded and not words.measured:
         return NEVER, ()
+    if group(words.name) in PER_BODY:
+        return NEVER, ()
     if not case.signals.moves(words.name) and words.quantity is None and not words.measured:
         return NEVER, ()
     whose, why = case.joints.evidence(words, member)
@@ -265,7 +268,7 @@ def _command(case: Case, roles: Roles, member: int, driven: Driven, words: Words
     r = abs(seen.correlation)
     if r > 0.5:
         odds += 4.0 * r * r - (1.5 if seen.lag < -2.0 * case.signals.dt else 0.0)
-        reasons.append(f"{what} follows it {seen.lag * 1e3:.0f} ms later (correlation {seen.correlation:.2f})")
+        reasons.append(f"{what} {seen.words('it')}")
     elif seen is not NOTHING and r < 0.2:
         odds -= 1.0
     if not words.commanded and r < (0.7 if words.kind else CLEAR):
@@ -282,9 +285,9 @@ def answer(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Seen,
         seen.append((s.follows(column, position), position))
     if driven.kind in (None, "velocity"):
         if velocity:
-            seen.append((s.follows(column, velocity), velocity))
+            seen.append((s.follows(column, velocity, levels=True), velocity))
         if position:
-            seen.append((s.follows(column, position, answer_rate=True), f"the rate of {position}"))
+            seen.append((s.follows(column, position, answer_rate=True, levels=True), f"the rate of {position}"))
     return max(seen, key=lambda x: abs(x[0].correlation), default=(NOTHING, ""))
 
 

@@ -64,17 +64,17 @@ def _kind(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Quanti
     seen: list[tuple[Quantity, str, Seen]] = []
     if position and position != column:
         seen.append(("position", position, s.follows(column, position)))
-        seen.append(("velocity", f"the rate of {position}", s.follows(column, position, answer_rate=True)))
+        rate = s.follows(column, position, answer_rate=True, levels=True)
+        seen.append(("velocity", f"the rate of {position}", rate))
     if velocity and velocity != column:
-        seen.append(("velocity", velocity, s.follows(column, velocity)))
+        seen.append(("velocity", velocity, s.follows(column, velocity, levels=True)))
     best: dict[Quantity, float] = {}
     for kind, name, of in seen:
         # an answer comes after its command, and the sooner the likelier: a swing is like its own rate, later
         worth = 6.0 * of.correlation**2 - 3.0 * max(0.0, of.lag) if of.lag > -2.0 * s.dt else 0.0
         if worth > best.get(kind, 1.0):
             best[kind] = worth
-            late = f"{of.lag * 1e3:.0f} ms later (correlation {of.correlation:.2f})"
-            reasons[kind].append(f"{name} follows {column} {late}")
+            reasons[kind].append(f"{name} {of.words(column)}")
     for kind, worth in best.items():
         odds[kind] += worth
     if best and max(best.values()) < 3.0 or not best:

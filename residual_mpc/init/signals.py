@@ -37,6 +37,11 @@ class Seen:
     slope: float
     against: float = 0.0
 
+    def words(self, source: str) -> str:
+        """What it says of an answer, such as `follows it 85 ms later (correlation 0.83)`."""
+        how = f"follows {source} {self.lag * 1e3:.0f} ms later" if abs(self.lag) < REACH else f"goes with {source}"
+        return f"{how} (correlation {self.correlation:.2f})"
+
 
 NOTHING = Seen(0.0, 0.0, 0.0)
 MARGIN = 0.15  # correlation by which the other sign has to be ahead
@@ -53,7 +58,7 @@ class Signals:
     dt: float
     raw: Mapping[str, FloatArray]
     run: np.ndarray
-    _spectra: dict[tuple[str, bool], tuple[np.ndarray, float]] = field(default_factory=dict, repr=False)
+    _spectra: dict[tuple[str, bool, bool], tuple[np.ndarray, float]] = field(default_factory=dict, repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -62,10 +67,6 @@ class Signals:
     @cached_property
     def size(self) -> int:
         return 1 << int(np.ceil(np.log2(len(self.run) + 1)))
-
-    def about_mean(self, name: str) -> FloatArray:
-        """(n,) about each run's mean, its outermost hundredths cut, 0 where missing."""
-        return self._tamed(self.raw[name])
 
     def rate(self, name: str) -> FloatArray:
         """(n,) the derivative by the time, 1/s, NaN in the pauses and at the runs' ends."""
@@ -78,15 +79,14 @@ class Signals:
         x = self.raw[name]
         return bool(np.isfinite(x).any() and np.nanmax(x) - np.nanmin(x) > STILL * max(1e-12, np.nanmax(np.abs(x))))
 
-    def follows(self, source: str, answer: str, source_rate: bool = False, answer_rate: bool = False) -> Seen:
-        """How one column (or its rate) follows another (or its rate), over lags of up to REACH either way."""
-        u, power_u = self._spectrum(source, source_rate)
-        y, power_y = self._spectrum(answer, answer_rate)
+    def follows(
+        self, source: str, answer: str, source_rate: bool = False, answer_rate: bool = False, levels: bool = False
+    ) -> Seen:
+        """How one column (or its rate) follows another (or its rate), over lags of up to REACH either way; about each
+        run's mean (positions, whose zero may differ), or with `levels` about the mean of all runs (speeds)."""
+        u, power_u = self._spectrum(source, source_rate, levels)
+        y, power_y = self._spectrum(answer, answer_rate, levels)
         return self._seen(u, power_u, y, power_y)
-
-    def follows_values(self, source: FloatArray, answer: FloatArray) -> Seen:
-        """The same for signals (n,) that are no columns."""
-        return self._seen(*self._transformed(self._tamed(source)), *self._transformed(self._tamed(answer)))
 
     def _seen(self, u: np.ndarray, power_u: float, y: np.ndarray, power_y: float) -> Seen:
         if power_u <= 0.0 or power_y <= 0.0:
@@ -110,22 +110,26 @@ class Signals:
             lag += 0.5 * (left - right) / bend if bend < 0.0 else 0.0
         return Seen(lag * self.dt, sign * min(1.0, sizes[sign]), float(product[k] / power_u), min(1.0, sizes[-sign]))
 
-    def _spectrum(self, name: str, rate: bool) -> tuple[np.ndarray, float]:
-        key = (name, rate)
+    def _spectrum(self, name: str, rate: bool, levels: bool) -> tuple[np.ndarray, float]:
+        key = (name, rate, levels)
         if key not in self._spectra:
-            x = self._tamed(self.rate(name)) if rate else self.about_mean(name)
+            x = self._tamed(self.rate(name) if rate else self.raw[name], levels)
             self._spectra[key] = self._transformed(x if self.moves(name) else np.zeros(len(x)))
         return self._spectra[key]
 
     def _transformed(self, x: FloatArray) -> tuple[np.ndarray, float]:
         return np.fft.rfft(x, self.size), float(x @ x)
 
-    def _tamed(self, x: FloatArray) -> FloatArray:
+    def _tamed(self, x: FloatArray, levels: bool) -> FloatArray:
+        """(n,) about the mean, its outermost hundredths cut, 0 where missing."""
         there = np.isfinite(x)
         out = np.zeros(len(x))
         if not there.any():
             return out
         out[there] = np.clip(x[there], *np.quantile(x[there], [0.002, 0.998]))
+        if levels:
+            out[there] -= out[there].mean()
+            return out
         count = np.bincount(self.run[there], minlength=int(self.run.max()) + 1)
         mean = np.bincount(self.run[there], out[there], minlength=len(count)) / np.maximum(count, 1)
         out[there] -= mean[self.run[there]]

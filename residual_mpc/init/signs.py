@@ -159,12 +159,12 @@ def _by_dynamics(
     best = max(shares, key=lambda k: shares[k])
     if best == (1, 1) or shares[best] < 0.5 or shares[best] - shares[1, 1] < BETTER:
         return {}
-    said = f"its torque explains {shares[1, 1]:.0%} of the motion as it is, {shares[best]:.0%} with %s turned"
+    said = f"the torque explains {shares[1, 1]:.0%} of the motion as it is, and {shares[best]:.0%} with this turned"
     found = {}
     if best[1] < 0:
-        found[command] = _turn(turned, command, said % ("both" if best[0] < 0 else command), 0.7)
+        found[command] = _turn(turned, command, said, 0.7)
     if best[0] < 0:
-        found[position] = _turn(turned, position, said % ("both" if best[1] < 0 else position), 0.7)
+        found[position] = _turn(turned, position, said, 0.7)
     return found
 
 

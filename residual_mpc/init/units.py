@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import exp, log, pi
+from math import log, pi
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from residual_mpc.init.words import Quantity
 
 RANGE, RANGE_SPREAD = 1.0, 1.5  # rad that a joint usually moves over, and the spread of its logarithm
 SLIDE, SLIDE_SPREAD = 0.1, 1.5  # m
+SPEED, SLIDING_SPEED, SPEED_SPREAD = 3.0, 0.2, 1.5  # rad/s, m/s: the fastest of a usual log
 ANSWER_SPREAD = 0.6  # of the logarithm of an answer over its command: weak servos stop short
 RATE_SPREAD = 0.15  # of a velocity over the rate of its position
 SAID = 6.0  # log odds
@@ -85,7 +86,7 @@ class _Chain:
 
 
 def find_units(case: Case, roles: Roles, kinds: Mapping[str, Quantity]) -> dict[str, InUnit]:
-    """The unit of every column that has a role. kinds: by actuator, what its command is."""
+    """The unit of every column that has a role, the likeliest together. kinds: by actuator, what its command is."""
     found: dict[str, InUnit] = {}
     for slides in (False, True):
         chains = [c for c in _chains(case, roles, kinds) if c.slides == slides]
@@ -136,13 +137,14 @@ def _solve(case: Case, chains: Sequence[_Chain]) -> dict[str, InUnit]:
             having = [c for c in mine if group in c.columns]
             if not having:
                 continue
-            best, sure = _marginal(total, [t[k] for t in triples])
+            best = triples[int(total.argmax())][k]
+            sure = _share(total, [t[k] for t in triples], best)
             for c in having:
                 own = table[mine.index(c)] + prior
-                alone, alone_sure = _marginal(own, [t[k] for t in triples])
+                alone = triples[int(own.argmax())][k]
                 apart = _best(own, triples, k, alone) - _best(own, triples, k, best)
                 unit = alone if apart > OWN and len(mine) > 1 else best
-                is_sure = alone_sure if unit is not best else sure
+                is_sure = _share(own, [t[k] for t in triples], unit) if unit is not best else sure
                 if not any(case.signals.moves(c.columns[g]) for g in c.columns):
                     is_sure = min(is_sure, 0.6)
                 if group == "command" and c.kind == "effort":
@@ -157,14 +159,11 @@ def _best(odds: np.ndarray, triples: Sequence[tuple[Unit, ...]], k: int, unit: U
     return max(float(o) for o, t in zip(odds, triples, strict=True) if t[k] is unit)
 
 
-def _marginal(odds: np.ndarray, units: Sequence[Unit]) -> tuple[Unit, float]:
-    """The likeliest unit and its probability, over all that the others may be."""
-    top = float(odds.max())
-    weight: dict[str, float] = {}
-    for o, u in zip(odds, units, strict=True):
-        weight[u.name] = weight.get(u.name, 0.0) + exp(max(float(o) - top, -60.0))
-    name = max(weight, key=lambda n: weight[n])
-    return next(u for u in units if u.name == name), weight[name] / sum(weight.values())
+def _share(odds: np.ndarray, units: Sequence[Unit], unit: Unit) -> float:
+    """The probability of a unit, over all that the others may be."""
+    weight = np.exp(np.maximum(odds - odds.max(), -60.0))
+    mine = np.array([u is unit for u in units])
+    return float(weight[mine].sum() / weight.sum())
 
 
 def _odds(
@@ -177,9 +176,9 @@ def _odds(
     if position is not None:
         odds += np.array([_alone(case, chain, position, u) for u in places])[:, None, None]
     if velocity is not None:
-        odds += np.array([_said(case, velocity, u) for u in rates])[None, :, None]
+        odds += np.array([_speed(case, chain, velocity, u) for u in rates])[None, :, None]
     if command is not None:
-        of = _alone if chain.kind == "position" else lambda case, _, column, unit: _said(case, column, unit)
+        of = _alone if chain.kind == "position" else _speed if chain.kind == "velocity" else _torque
         odds += np.array([of(case, chain, command, u) for u in sent])[None, None, :]
     if chain.rate is not None:
         off = np.log(abs(chain.rate.slope) * rate[None, :] / place[:, None])
@@ -211,6 +210,21 @@ def _alone(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
     elif not chain.slides and max(-low, high) > TURNS and chain.kind == "position":
         odds -= 2.0
     return odds
+
+
+def _speed(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
+    """How likely a speed is in a unit, by its name and its size."""
+    x = np.abs(case.signals.raw[column])
+    x = x[np.isfinite(x)]
+    odds = _said(case, column, unit)
+    largest = float(np.quantile(x, 0.99)) * unit.size if len(x) else 0.0
+    if largest > 0.0 and case.signals.moves(column):
+        odds -= 0.5 * (log(largest / (SLIDING_SPEED if chain.slides else SPEED)) / SPEED_SPREAD) ** 2
+    return odds
+
+
+def _torque(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
+    return _said(case, column, unit)
 
 
 def _said(case: Case, column: str, unit: Unit) -> float:
