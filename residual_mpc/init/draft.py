@@ -200,7 +200,7 @@ def _mends(
 
 
 def _unit_guesses(units: Mapping[str, InUnit]) -> list[Guess]:
-    return [Guess(f"unit of {column}", u.unit.name, u.why, u.sure) for column, u in units.items()]
+    return [Guess(f"unit of {column}", u.unit.name, u.why, u.sure, u.rivals) for column, u in units.items()]
 
 
 def _payload_site(anatomy: Anatomy) -> tuple[str | None, tuple[Guess, ...]]:

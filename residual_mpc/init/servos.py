@@ -15,7 +15,7 @@ from residual_mpc.init.words import Quantity
 from residual_mpc.logs.run import FloatArray
 from residual_mpc.models.actuators import Actuator
 
-MOST = 3000  # samples that the gains are fitted to
+MOST = 1200  # samples that the gains are fitted to
 SMOOTH = 0.12  # s of the polynomial that velocities and accelerations are taken from
 DELAYS = np.arange(0.0, 0.161, 0.02)  # s that a command may be late
 EXPLAINED = 0.3  # share of the torque from which a fitted gain counts

@@ -20,6 +20,7 @@ ANSWER_SPREAD = 0.6  # of the logarithm of an answer over its command: weak serv
 RATE_SPREAD = 0.15  # of a velocity over the rate of its position
 SAID = 6.0  # log odds
 TURNS = 4.0 * pi  # rad that a servo rarely goes beyond
+SURE, RIVAL = 0.8, 0.15  # probability from which a column is converted, and from which another unit is said
 OWN = 4.0  # log odds from which a column has a unit of its own, apart from its kind
 
 
@@ -65,11 +66,12 @@ TORQUES = (Unit("N m", 1.0, 0.0, frozenset()),)
 
 @dataclass(frozen=True)
 class InUnit:
-    """A column's unit, why, and how sure."""
+    """A column's unit, why, how sure, and others that are plausible."""
 
     unit: Unit
     why: str
     sure: float
+    rivals: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -130,40 +132,59 @@ def _solve(case: Case, chains: Sequence[_Chain]) -> dict[str, InUnit]:
         mine = [c for c in chains if c.kind == kind]
         sent = commands.get(kind, TORQUES)
         triples = list(product(places, rates, sent))
-        prior = np.array([sum(u.prior for u in triple) for triple in triples])
+        prior = np.array([sum(u.prior for u in triple) + _alike(*triple, kind) for triple in triples])
         table = np.array([_odds(case, c, places, rates, sent) for c in mine])  # (joints, triples)
         total = table.sum(axis=0) + prior
         for k, group in enumerate(("position", "velocity", "command")):
-            having = [c for c in mine if group in c.columns]
-            if not having:
-                continue
-            best = triples[int(total.argmax())][k]
-            sure = _share(total, [t[k] for t in triples], best)
-            for c in having:
-                own = table[mine.index(c)] + prior
-                alone = triples[int(own.argmax())][k]
-                apart = _best(own, triples, k, alone) - _best(own, triples, k, best)
-                unit = alone if apart > OWN and len(mine) > 1 else best
-                is_sure = _share(own, [t[k] for t in triples], unit) if unit is not best else sure
-                if not any(case.signals.moves(c.columns[g]) for g in c.columns):
-                    is_sure = min(is_sure, 0.6)
-                if group == "command" and c.kind == "effort":
-                    found[c.columns[group]] = InUnit(unit, "the log format's unit; nothing here tells", 0.5)
+            units = [t[k] for t in triples]
+            best = units[int(total.argmax())]
+            for row, c in enumerate(mine):
+                if group not in c.columns:
                     continue
-                why = _why(case, c, group, unit, unit is not best)
-                found[c.columns[group]] = InUnit(unit, why, round(min(0.99, is_sure), 2))
+                own = table[row] + prior
+                alone = units[int(own.argmax())]
+                apart = len(mine) > 1 and _best(own, units, alone) - _best(own, units, best) > OWN
+                unit = alone if apart else best
+                shares = _shares(own if apart else total, units)
+                why = _why(case, c, group, unit, apart)
+                found[c.columns[group]] = _decided(unit, shares, units, why, _tells(case, c, group))
     return found
 
 
-def _best(odds: np.ndarray, triples: Sequence[tuple[Unit, ...]], k: int, unit: Unit) -> float:
-    return max(float(o) for o, t in zip(odds, triples, strict=True) if t[k] is unit)
+def _alike(place: Unit, rate: Unit, sent: Unit, kind: Quantity) -> float:
+    """Log odds of units going together: who logs positions in degrees commands them so, and logs their rates so."""
+    odds = 1.0 if rate.name.split("/s")[0] == place.name else 0.0
+    return odds + (1.5 if sent is (rate if kind == "velocity" else place) else 0.0)
 
 
-def _share(odds: np.ndarray, units: Sequence[Unit], unit: Unit) -> float:
-    """The probability of a unit, over all that the others may be."""
+def _tells(case: Case, chain: _Chain, group: str) -> float:
+    """How sure one can be at most of the unit of a column: of a torque, or of what never moves, hardly."""
+    if group == "command" and chain.kind == "effort":
+        return 0.5
+    return 0.99 if any(case.signals.moves(column) for column in chain.columns.values()) else 0.6
+
+
+def _decided(unit: Unit, shares: Mapping[str, float], units: Sequence[Unit], why: str, at_most: float) -> InUnit:
+    """The unit, unless it is not the log format's and doubtful: a column is then left as it is."""
+    doubtful = unit.size != 1.0 and shares[unit.name] < SURE
+    taken = units[0] if doubtful else unit  # the first is the log format's
+    rivals = tuple(n for n, share in shares.items() if n != taken.name and share > RIVAL)
+    likelier = f"left as it is, though {unit.name} is likelier ({shares[unit.name]:.0%}), for want of proof: {why}"
+    reason = likelier if doubtful else why
+    return InUnit(taken, reason, round(min(at_most, shares[taken.name]), 2), rivals)
+
+
+def _best(odds: np.ndarray, units: Sequence[Unit], unit: Unit) -> float:
+    return float(odds[[u is unit for u in units]].max())
+
+
+def _shares(odds: np.ndarray, units: Sequence[Unit]) -> dict[str, float]:
+    """The probability of each unit, over all that the others may be."""
     weight = np.exp(np.maximum(odds - odds.max(), -60.0))
-    mine = np.array([u is unit for u in units])
-    return float(weight[mine].sum() / weight.sum())
+    shares: dict[str, float] = {}
+    for u, w in zip(units, weight.tolist(), strict=True):
+        shares[u.name] = shares.get(u.name, 0.0) + w / float(weight.sum())
+    return shares
 
 
 def _odds(
@@ -260,4 +281,6 @@ def _why(case: Case, chain: _Chain, group: str, unit: Unit, apart: bool) -> str:
         reasons.append(f"the answer is {abs(chain.answer.slope):.4g} times it")
     if apart:
         reasons.append("unlike the other columns of its kind")
+    if group == "command" and chain.kind == "effort":
+        return "the log format's; nothing here tells"
     return ", ".join(reasons) or "nothing speaks against it"
