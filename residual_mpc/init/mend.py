@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from residual_mpc.errors import BadInput
 from residual_mpc.init.guess import Mend
@@ -30,17 +32,25 @@ def write_mended(paths: Sequence[str | Path], mends: Sequence[Mend], folder: Pat
             raise BadInput(f"two tables are called {target.stem}", str(folder), "rename one of them")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for source, target in zip(sources, targets, strict=True):
-            header = read_header(source)
-            columns = dict(read_table(header, header.names).columns)
-            for mend in mends:
-                if mend.column in columns:
-                    old = columns[mend.column]
-                    values = numbers_or_none(old)
-                    values = dates_as_numbers(old, mend.column) if values is None else values
-                    if values is not None:
-                        columns[mend.column] = pa.array(mend.factor * values + mend.offset, from_pandas=True)
-            pq.write_table(pa.table(columns), target)
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:  # all of them or none
+            parts = [Path(scratch) / target.name for target in targets]
+            for source, part in zip(sources, parts, strict=True):
+                pq.write_table(pa.table(_mended(source, mends)), part)
+            for part, target in zip(parts, targets, strict=True):
+                part.replace(target)
     except OSError as fault:
         raise BadInput(f"it cannot be written ({fault.strerror})", str(folder), "choose another folder") from fault
     return tuple(targets)
+
+
+def _mended(source: Path, mends: Sequence[Mend]) -> dict[str, Any]:
+    import pyarrow as pa
+
+    header = read_header(source)
+    columns = dict(read_table(header, header.names).columns)
+    for mend in (m for m in mends if m.column in columns):
+        values = numbers_or_none(columns[mend.column])
+        values = dates_as_numbers(columns[mend.column], mend.column) if values is None else values
+        if values is not None:
+            columns[mend.column] = pa.array(mend.factor * values + mend.offset, from_pandas=True)
+    return columns

@@ -20,7 +20,7 @@ def robot_file_text(draft: Draft, folder: Path) -> str:
     """The TOML of a draft, for a file in `folder`."""
     lines = ["# Drafted by `residual-mpc init`: everything here is a guess, with its reason and how sure it is."]
     if draft.mends:
-        lines.append("# What no robot file can say, and the log has to (`--mended DIR` writes it so):")
+        lines.append("# What no robot file can say, so that the log has to be written so (`--mended DIR` does it):")
         lines += [line for mend in draft.mends for line in _comment(str(mend), "#   ")]
     guesses = {g.what: g for g in draft.guesses}
     said: set[str] = set()
