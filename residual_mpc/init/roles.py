@@ -254,6 +254,8 @@ def _commands(case: Case, roles: Roles) -> dict[str, Rule]:
 def _command(case: Case, roles: Roles, member: int, driven: Driven, words: Words) -> Odds:
     if words.quantity in ("acceleration", "enabled", "other") or words.measured and not words.commanded:
         return NEVER, ()
+    if not np.isfinite(case.signals.raw[words.name]).any():
+        return NEVER, ()
     whose, why = case.actuators.evidence(words, member)
     odds, reasons = whose, [why]
     if words.commanded:
@@ -313,7 +315,8 @@ def _switches(case: Case) -> dict[str, Rule]:
 
 def _switch(case: Case, member: int, words: Words) -> Odds:
     x = case.signals.raw[words.name]
-    if words.quantity != "enabled" or not np.isin(x[np.isfinite(x)], (0.0, 1.0)).mean() > 0.9:
+    x = x[np.isfinite(x)]
+    if words.quantity != "enabled" or not len(x) or np.isin(x, (0.0, 1.0)).mean() < 0.9:
         return NEVER, ()
     whose, why = case.actuators.evidence(words, member)
     return whose + 2.0, (why, "it is called a switch and is 0 or 1")

@@ -269,7 +269,7 @@ def _why(case: Case, chain: _Chain, group: str, unit: Unit, apart: bool) -> str:
         reasons.append("the name says so")
     x = case.signals.raw[column]
     x = x[np.isfinite(x)]
-    if len(x) and group != "velocity" and chain.kind == "position" or group == "position":
+    if len(x) and (group == "position" or group == "command" and chain.kind == "position"):
         reasons.append(f"it goes from {x.min():.4g} to {x.max():.4g}")
         limits = next(j.limits for j in case.anatomy.joints if j.name == chain.joint)
         if limits is not None and not unit.counts:

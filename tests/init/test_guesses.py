@@ -198,3 +198,15 @@ def test_models_named_like_runs_are_variants(tmp_path: Path, recorded: pd.DataFr
         write(tmp_path, recorded, f"{name}_1.csv")
     found = draft(tmp_path / "soft.xml", [tmp_path])
     assert {s.runs: s.model.name for s in found.settings} == {"soft*": "soft.xml", "stiff*": "stiff.xml"}
+
+
+@pytest.mark.parametrize("column", ["command.elbow", "position.elbow", "velocity.elbow", "enabled.elbow"])
+def test_a_column_without_a_value_hinders_nothing(model: Path, recorded: pd.DataFrame, column: str) -> None:
+    found = drafted(model, recorded.assign(**{column: np.nan}))
+    rest = set(recorded.columns) - {column}
+    assert {n for n in rest if columns_of(found).get(n) == n} == rest
+    assert ("command.elbow" in {m.name for m in found.missing}) == (column == "command.elbow")
+
+
+def test_a_handful_of_samples_is_enough_for_the_names(model: Path, recorded: pd.DataFrame) -> None:
+    assert columns_of(drafted(model, recorded.head(3))) == {c: c for c in recorded}
