@@ -96,7 +96,7 @@ def where_on(case: Case, roles: Roles) -> Case:
     if on.all() or not on.any():
         return case
     raw = {name: np.where(on, x, np.nan) for name, x in case.signals.raw.items()}
-    return replace(case, signals=Signals(case.signals.dt, raw, case.signals.run))
+    return replace(case, signals=Signals(case.signals.dt, raw, case.signals.run, case.signals.whole))
 
 
 def _driven(actuator: ActuatorFacts) -> Driven:

@@ -53,11 +53,13 @@ class Signals:
     dt: s between samples of the grid.
     raw: by column, (n,) over all runs one after the other with a pause of REACH between them, NaN in the pauses.
     run: (n,) number of the run, -1 in the pauses.
+    whole: columns that hold whole numbers alone, as encoders count.
     """
 
     dt: float
     raw: Mapping[str, FloatArray]
     run: np.ndarray
+    whole: frozenset[str] = frozenset()
     _spectra: dict[tuple[str, bool, bool], tuple[np.ndarray, float]] = field(default_factory=dict, repr=False)
 
     @property
@@ -160,7 +162,12 @@ def gather(recordings: Sequence[Recording], clock: Clock) -> Signals:
         for name in names:
             pieces[name] += [_on(grid, t, recording.columns[name][rows] if name in recording.columns else None), pause]
         runs += [np.full(len(grid), number), np.full(len(pause), -1)]
-    return Signals(dt, {name: np.concatenate(p) for name, p in pieces.items()}, np.concatenate(runs))
+    whole = frozenset(name for name in names if all(_whole(r.columns.get(name)) for r in recordings))
+    return Signals(dt, {name: np.concatenate(p) for name, p in pieces.items()}, np.concatenate(runs), whole)
+
+
+def _whole(values: FloatArray | None) -> bool:
+    return values is None or bool(np.all(np.rint(values[np.isfinite(values)]) == values[np.isfinite(values)]))
 
 
 def _stamped(recording: Recording, clock: Clock) -> tuple[FloatArray, np.ndarray, Recording] | None:

@@ -46,8 +46,8 @@ DEG = Unit("deg", pi / 180.0, 1.0, _words("deg degree degrees dps"))
 ANGLES = (
     RAD,
     DEG,
-    Unit("mrad", 1e-3, -3.0, _words("mrad")),
-    Unit("turns", 2.0 * pi, -3.0, _words("turns rev revs")),
+    Unit("mrad", 1e-3, -6.0, _words("mrad")),
+    Unit("turns", 2.0 * pi, -5.0, _words("turns rev revs")),
     *(Unit(f"counts of 1/{n} turn", 2.0 * pi / n, 0.5 if n == 4096 else -0.5, COUNTING, n) for n in
       (4096, 1024, 2048, 8192, 16384, 65536)),
 )
@@ -256,8 +256,7 @@ def _said(case: Case, column: str, unit: Unit) -> float:
     if unit.counts:
         x = case.signals.raw[column]
         x = x[np.isfinite(x)]
-        # the grid's straight lines leave whole numbers where the log has them
-        whole = len(x) > 0 and bool(np.mean(np.abs(x - np.rint(x)) < 1e-6) > 0.2) and np.abs(x).max() > 30
+        whole = column in case.signals.whole and len(x) > 0 and np.abs(x).max() > 30
         odds -= 0.0 if whole else 12.0
     return odds
 
