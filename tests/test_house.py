@@ -57,8 +57,9 @@ def test_help_imports_nothing_heavy():
     assert result.stdout.splitlines()[-1] == "HEAVY []"
 
 
-@pytest.mark.parametrize("group", ["residual_mpc.robots", "residual_mpc.scenarios", "residual_mpc.blind_families"])
-def test_entry_points_resolve(group):
+@pytest.mark.parametrize("what", ["robots", "anatomies", "scenarios", "blind_families"])
+def test_entry_points_resolve(what):
+    group = f"residual_mpc.{what}"
     ours = [point for point in entry_points(group=group) if point.dist and point.dist.name == "residual-mpc"]
     assert ours, f"no entry point in {group}: install the project (`pip install -e .`)"
     for point in ours:

@@ -33,7 +33,8 @@ def build(robot: RobotFile) -> "MujocoRobot":
         raise BadInput("no model is named", robot.name, 'add model = "my_robot.xml" (MJCF or URDF) to the robot file')
     model = compile_model(str(robot.model), robot.actuators)
     base = find_base(model, robot.pose_body, str(robot.model))
-    _refuse_unsupported(model, str(robot.model))
+    _refuse_undriven(model, str(robot.model))
+    refuse_unsupported(model, str(robot.model))
     site = _payload_site(model, robot)
     loops = find_loops(model, str(robot.model))
     source = (str(robot.model), robot.actuators)
@@ -98,9 +99,7 @@ def limited(model: "mujoco.MjModel") -> "mujoco.MjModel":
     return model
 
 
-def _refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
-    import mujoco
-
+def _refuse_undriven(model: "mujoco.MjModel", path: str) -> None:
     if model.nu == 0:
         raise BadInput(
             "the model has no actuator",
@@ -108,6 +107,12 @@ def _refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
             "add one <position>, <velocity> or <motor> per driven joint, or a table such as "
             '[actuator.elbow] with kind = "position" and kp = 20.0 to the robot file (a URDF has none)',
         )
+
+
+def refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
+    """Raises BadInput for ball joints, actuators that act on no joint, and joints and actuators without a name."""
+    import mujoco
+
     for j in range(model.njnt):
         if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_BALL):
             raise BadInput(

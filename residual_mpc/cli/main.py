@@ -13,6 +13,7 @@ class _Lazy(click.Group):
 
     commands_in = {
         "check": ("residual_mpc.cli.check", "check", "Audit the runs and say what to mend before anything is fitted."),
+        "init": ("residual_mpc.cli.init", "init", "Write a robot file for a model and a log; every guess is said."),
         "gap": ("residual_mpc.cli.gap", "gap", "Measure the gap between the model and the runs."),
         "diagnose": (
             "residual_mpc.cli.diagnose",

@@ -1,0 +1,128 @@
+"""`residual-mpc init`: a robot file from a model and a log, with every guess said."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from residual_mpc.cli.common import emit, json_option, seed_option, write_atomically
+from residual_mpc.errors import BadInput
+
+if TYPE_CHECKING:
+    from residual_mpc.init.draft import Draft
+    from residual_mpc.init.trial import Trial
+
+ROBOT = "robot.toml"
+
+
+@click.command()
+@click.argument("model")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...")
+@click.option("--out", type=click.Path(path_type=Path), default=Path(ROBOT), show_default=True, help="Robot file.")
+@click.option("--force", is_flag=True, help="Overwrite the robot file if it is there.")
+@click.option(
+    "--mended",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Also write the runs with their units, signs and zeros put right, for what no robot file can say.",
+)
+@json_option
+@seed_option
+def init(
+    model: str, runs: tuple[str, ...], out: Path, force: bool, mended: Path | None, as_json: bool, seed: int
+) -> None:
+    """Write a robot file for an MJCF or URDF file and a log, guessing the names, and say what was guessed.
+
+    RUN... are files, folders or patterns, CSV or Parquet, with columns of any name.
+    """
+    from residual_mpc.init.draft import draft
+    from residual_mpc.init.mend import write_mended
+    from residual_mpc.init.trial import try_robot
+    from residual_mpc.init.write import robot_file_text
+
+    if out.is_dir():
+        out = out / ROBOT
+    if out.exists() and not force:
+        remedy = "overwrite it with --force, or name another with --out"
+        raise BadInput("there is such a file already", str(out), remedy)
+    drafted = draft(Path(model), runs)
+    text = robot_file_text(drafted, out.parent)
+    trial = try_robot(text, out.parent, runs, drafted.mends)
+    tables = list(runs)
+    if mended is not None and drafted.mends:
+        write_mended(runs, drafted.mends, mended)
+        tables = [str(mended)]
+    write_atomically(out, text)
+    ready = not trial.errors and (not drafted.mends or mended is not None)
+    again = ["init", model, *runs, "--out", str(out), "--force", "--mended", "mended"]
+    to_mend = bool(drafted.mends) and mended is None and not trial.errors
+    following = _command(again) if to_mend else _command(["gap" if ready else "check", "--robot", str(out), *tables])
+    _say(drafted)
+    if as_json:
+        emit({"init": _document(drafted, trial, out, following, ready)})
+    else:
+        _report(drafted, trial, out, following, mended)
+
+
+def _say(drafted: "Draft") -> None:
+    """One line on stderr for everything guessed, to be mended, and left."""
+    for guess in drafted.guesses:
+        click.echo(f"guess: {guess}", err=True)
+    for item in drafted.missing:
+        click.echo(f"without a column: {item.name}: {item.why}", err=True)
+    for item in drafted.unmatched:
+        click.echo(f"not used: {item.name}: {item.why}", err=True)
+    for mend in drafted.mends:
+        click.echo(f"to mend in the log: {mend}", err=True)
+
+
+def _command(words: list[str]) -> str:
+    import shlex
+
+    return shlex.join(["residual-mpc", *words])
+
+
+def _report(drafted: "Draft", trial: "Trial", out: Path, following: str, mended: Path | None) -> None:
+    for finding in trial.findings:
+        where = ", ".join(x for x in (finding.run, finding.column) if x)
+        remedy = f" -> {finding.remedy}" if finding.remedy else ""
+        click.echo(f"{finding.severity}: {where + ': ' if where else ''}{finding.message}{remedy}")
+    rivals = sum(bool(g.rivals) for g in drafted.guesses)
+    count = f"{len(drafted.guesses)} guesses, {_of(rivals)}"
+    click.echo(f"{out}: {count}")
+    if mended is not None:
+        click.echo(f"{mended}: the runs, mended" if drafted.mends else "nothing to mend: --mended wrote nothing")
+    if trial.errors:
+        click.echo(f"the runs cannot be used yet: {len(trial.errors)} to mend, listed above")
+    elif drafted.mends and mended is None:
+        click.echo(f"usable once {len(drafted.mends)} columns of the log are mended")
+    else:
+        click.echo("usable")
+    click.echo(f"next: {following}")
+
+
+def _of(rivals: int) -> str:
+    return "each without a rival" if not rivals else f"{rivals} of them with a rival about as plausible"
+
+
+def _document(drafted: "Draft", trial: "Trial", out: Path, following: str, ready: bool) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    guesses = [
+        {"what": g.what, "value": g.value, "why": g.why, "sure": g.sure, "rivals": list(g.rivals)}
+        for g in drafted.guesses
+    ]
+    mends = [
+        {"column": m.column, "factor": m.factor, "offset": m.offset, "why": m.why, "sure": m.sure}
+        for m in drafted.mends
+    ]
+    return {
+        "robot": str(out),
+        "guesses": guesses,
+        "unmatched": [asdict(u) for u in drafted.unmatched],
+        "missing": [asdict(u) for u in drafted.missing],
+        "mends": mends,
+        "findings": [asdict(f) for f in trial.findings],
+        "usable": ready,
+        "next": following,
+    }

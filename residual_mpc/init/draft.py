@@ -1,0 +1,282 @@
+"""A robot file drafted from a model file and runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from residual_mpc.errors import BadInput
+from residual_mpc.init.clock import find_clock
+from residual_mpc.init.guess import Guess, Mend
+from residual_mpc.init.planar import find_pose, heading_in_degrees, pose_role
+from residual_mpc.init.recording import Recording, read_recordings
+from residual_mpc.init.roles import Case, Roles, find_roles, where_on
+from residual_mpc.init.servos import find_gains, find_kinds
+from residual_mpc.init.settings_of_runs import Setting, find_settings
+from residual_mpc.init.signals import gather
+from residual_mpc.init.signs import Turned, find_signs, true_values
+from residual_mpc.init.units import InUnit, find_units
+from residual_mpc.init.words import Words, read_words
+from residual_mpc.logs.columns import group, is_measured
+from residual_mpc.models.actuators import Actuator
+from residual_mpc.models.anatomy import Anatomy, read_anatomy
+
+TOOLS = ("payload", "tool", "tcp", "load", "ee", "eef", "effector", "gripper", "gripperframe", "flange", "hand", "tip")
+
+
+@dataclass(frozen=True)
+class Unmatched:
+    """A column that nothing was found for, or a name of the log format for which no column was; and why."""
+
+    name: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What a robot file should say, and what none can say.
+
+    Attributes:
+        name, plant, model: as in the robot file.
+        log: log name -> column, where they differ.
+        actuators: by joint, for a model without any.
+        payload_site, pose_body, tunable: as in the robot file.
+        settings: variants, each with a model of its own.
+        guesses: everything guessed, in the order of the file.
+        mends: columns that have to be written anew.
+        unmatched: columns that are not used. missing: names without a column.
+    """
+
+    name: str
+    plant: str
+    model: Path
+    log: Mapping[str, str]
+    actuators: Mapping[str, Actuator]
+    payload_site: str | None
+    pose_body: str | None
+    tunable: tuple[str, ...]
+    settings: tuple[Setting, ...]
+    guesses: tuple[Guess, ...]
+    mends: tuple[Mend, ...]
+    unmatched: tuple[Unmatched, ...]
+    missing: tuple[Unmatched, ...]
+
+
+def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
+    """Guess what the robot file of a model and its runs should say.
+
+    Raises BadInput for a model that does not compile, runs that cannot be read, runs without a time, and runs of which
+    no column can be a command, or none a measurement.
+    """
+    anatomy = read_anatomy(model)
+    recordings = read_recordings(paths)
+    clock = find_clock(recordings)
+    signals = gather(recordings, clock)
+    words = {name: read_words(name) for name in signals.names}
+    pose, left = find_pose(words, signals) if anatomy.base is not None else (Roles({}), {})
+    case = Case(anatomy, signals, {n: w for n, w in words.items() if n not in pose.columns.values()})
+    roles = _served(case, _shared_switch(case, find_roles(case))).plus(pose)
+    _refuse_empty(roles, anatomy, recordings)
+
+    whole, case = case, where_on(case, roles)
+    kinds, kind_guesses = find_kinds(case, roles)
+    units = find_units(case, roles, kinds)
+    turned, offsets = find_signs(case, roles, units, kinds)
+    mends = (*clock.mends, *_mends(case, roles, units, turned), *heading_in_degrees(signals, roles))
+    actuators: dict[str, Actuator] = {}
+    gain_guesses: tuple[Guess, ...] = ()
+    if not anatomy.actuators:
+        places = {j: true_values(case, c, units, turned) for j, c in roles.of("position").items()}
+        sent = {a: true_values(case, c, units, turned) for a, c in roles.of("command").items()}
+        gains = find_gains(case, places, sent, kinds)
+        actuators, gain_guesses = dict(gains.actuators), gains.guesses
+    tunable = tuple(
+        name for name in ("kp", "kv") if any(getattr(a, name) > 0.0 for a in actuators.values())
+    )
+    settings, setting_guesses = find_settings(model, anatomy, recordings)
+    site, site_guess = _payload_site(anatomy)
+    run_guess = _run_guess(recordings)
+    return Draft(
+        model.stem,
+        anatomy.plant,
+        model,
+        _log(roles, clock.column, recordings),
+        actuators,
+        site,
+        anatomy.base,
+        tuple(f"actuator.*.{name}" for name in tunable),
+        settings,
+        (
+            *site_guess,
+            *_base_guess(anatomy),
+            *_tunable_guess(tunable),
+            *setting_guesses,
+            *clock.guesses,
+            *run_guess,
+            *roles.guesses,
+            *_unit_guesses(units),
+            *offsets,
+            *kind_guesses,
+            *gain_guesses,
+        ),
+        mends,
+        _unmatched(whole, roles, recordings, {**_no_pose(anatomy, words), **left}),
+        _missing(case, roles),
+    )
+
+
+def _served(case: Case, roles: Roles) -> Roles:
+    """Velocity actuators without a command column are driven by the velocity that was measured."""
+    velocities = roles.of("velocity")
+    lacking = [d for d in case.driven if d.kind == "velocity" and f"command.{d.name}" not in roles.columns]
+    lacking = [d for d in lacking if d.joint in velocities]
+    why = "there is no command for it; the measured velocity drives the model, and is not compared"
+    columns = {f"command.{d.name}": velocities[d.joint] for d in lacking}
+    return roles.plus(Roles(columns, tuple(Guess(name, c, why, 0.7) for name, c in columns.items())))
+
+
+def _shared_switch(case: Case, roles: Roles) -> Roles:
+    """One switch in the table is the switch of all actuators."""
+    switches = [
+        n for n, w in case.words.items()
+        if w.quantity == "enabled" and not w.core and np.isin(case.signals.raw[n], (0.0, 1.0)).any()
+    ]
+    if len(switches) != 1 or len(case.driven) < 2 or roles.of("enabled"):
+        return roles
+    driven = [d for d in case.driven if f"command.{d.name}" in roles.columns]
+    guesses = tuple(Guess(f"enabled.{d.name}", switches[0], "one switch for all actuators", 0.7) for d in driven)
+    return roles.plus(Roles({f"enabled.{d.name}": switches[0] for d in driven}, guesses))
+
+
+def _refuse_empty(roles: Roles, anatomy: Anatomy, recordings: Sequence[Recording]) -> None:
+    columns = list(dict.fromkeys(n for r in recordings for n in r.columns))
+    listed = ", ".join(columns[:30]) + (", ..." if len(columns) > 30 else "")
+    wanted = {
+        "command": [a.name for a in anatomy.actuators] or [j.name for j in anatomy.joints],
+        "measurement": [j.name for j in anatomy.joints],
+    }
+    served = set(roles.of("command").values())
+    there = {
+        "command": bool(roles.of("command")),
+        "measurement": any(is_measured(n) and c not in served for n, c in roles.columns.items()),
+    }
+    for what, names in wanted.items():
+        if not there[what]:
+            raise BadInput(
+                f"no column fits a {what} of {', '.join(names[:10])}; the columns are {listed}",
+                str(recordings[0].source),
+                "log what was sent and what was measured, or write the robot file by hand with a [log] table",
+            )
+
+
+def _log(roles: Roles, clock: str, recordings: Sequence[Recording]) -> dict[str, str]:
+    named = {"t": clock, **roles.columns}
+    run_column = next((r.run_column for r in recordings if r.run_column), None)
+    if run_column is not None:
+        named["run"] = run_column
+    return {name: column for name, column in named.items() if name != column}
+
+
+def _mends(
+    case: Case, roles: Roles, units: Mapping[str, InUnit], turned: Mapping[str, Turned]
+) -> list[Mend]:
+    """Unit, sign and zero of each column, as one formula."""
+    mends = []
+    for column in dict.fromkeys(roles.columns.values()):
+        unit, turn = units.get(column), turned.get(column, Turned())
+        size = 1.0 if unit is None else unit.unit.size
+        factor = turn.sign * size
+        if factor == 1.0 and turn.offset == 0.0:
+            continue
+        reasons = [turn.why] if turn.why else []
+        if unit is not None and size != 1.0:
+            reasons.insert(0, f"it is in {unit.unit.name} ({unit.why})")
+        sure = min(turn.sure, unit.sure if unit is not None and size != 1.0 else 1.0)
+        mends.append(Mend(column, factor, turn.offset, "; ".join(reasons), sure))
+    return mends
+
+
+def _unit_guesses(units: Mapping[str, InUnit]) -> list[Guess]:
+    return [Guess(f"unit of {column}", u.unit.name, u.why, u.sure, u.rivals) for column, u in units.items()]
+
+
+def _payload_site(anatomy: Anatomy) -> tuple[str | None, tuple[Guess, ...]]:
+    for tool in TOOLS:
+        for site in reversed(anatomy.sites):
+            if tool in read_words(site).every:
+                return site, (Guess("payload_site", site, "its name is that of a tool", 0.7),)
+    return None, ()
+
+
+def _base_guess(anatomy: Anatomy) -> tuple[Guess, ...]:
+    if anatomy.base is None:
+        return ()
+    return (Guess("pose_body", anatomy.base, "it has the free joint", 0.95),)
+
+
+def _tunable_guess(tunable: Sequence[str]) -> tuple[Guess, ...]:
+    if not tunable:
+        return ()
+    names = ", ".join(f"actuator.*.{name}" for name in tunable)
+    why = "the gains below are guesses: free in every hypothesis until you know better"
+    return (Guess("tunable", names, why, 0.6),)
+
+
+def _run_guess(recordings: Sequence[Recording]) -> tuple[Guess, ...]:
+    column = next((r.run_column for r in recordings if r.run_column), None)
+    if column is None:
+        return ()
+    count = sum(r.run_column is not None for r in recordings)
+    return (Guess("run", column, f"its name, and it tells {count} runs apart", 0.99 if column == "run" else 0.8),)
+
+
+def _no_pose(anatomy: Anatomy, words: Mapping[str, Words]) -> dict[str, str]:
+    """Why columns that may be a pose are left by a model that cannot drive."""
+    if anatomy.base is not None:
+        return {}
+    why = "it may be {}, and the model is fixed to the world: give its chassis a <freejoint/> and the world a ground"
+    return {name: why.format(role) for name, w in words.items() if (role := pose_role(w)) is not None}
+
+
+def _unmatched(
+    case: Case, roles: Roles, recordings: Sequence[Recording], left: Mapping[str, str]
+) -> tuple[Unmatched, ...]:
+    used = set(roles.columns.values())
+    texts = dict.fromkeys(t for r in recordings for t in r.texts if t != r.run_column)
+    return (
+        *(Unmatched(n, left.get(n) or _why_left(case, w)) for n, w in case.words.items() if n not in used),
+        *(Unmatched(n, "it holds no numbers") for n in texts),
+    )
+
+
+def _why_left(case: Case, words: Words) -> str:
+    if not case.signals.moves(words.name):
+        return "it never changes, and its name fits nothing that is left"
+    if words.quantity == "effort":
+        return "a current or a torque; nothing depends on efforts yet"
+    if words.quantity in ("other", "acceleration"):
+        return "its name is that of a quantity which the log format does not have"
+    if group(words.name) is not None:
+        return "the model has no such joint or actuator"
+    return "neither its name nor its data fit a joint or an actuator that is left"
+
+
+def _missing(case: Case, roles: Roles) -> tuple[Unmatched, ...]:
+    """Commands without which `gap` refuses the runs, and joints that nothing measures."""
+    missing = []
+    joints = {j for g in ("position", "velocity") for j in roles.of(g)}
+    for d in case.driven:
+        if f"command.{d.name}" in roles.columns:
+            continue
+        if d.kind is not None:
+            why = "no column fits, and every actuator of the model needs one: log it, or take it out of the model"
+        else:
+            why = f"no column fits: the joint {d.name} is taken to swing freely"
+        missing.append(Unmatched(f"command.{d.name}", why))
+    for j in case.anatomy.joints:
+        if j.name not in joints:
+            missing.append(Unmatched(f"position.{j.name}", "no column fits: it starts each window at 0"))
+    return tuple(missing)
