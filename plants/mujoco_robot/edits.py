@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plants.mujoco_robot.base import hinges_and_slides
+from plants.mujoco_robot.lengths import Lengths
 from plants.mujoco_robot.masses import add_point_mass, principal, quat_to_matrix
 from plants.mujoco_robot.wheels import Wheels
 from residual_mpc.models.settings import Settings
@@ -25,14 +26,18 @@ def edit_batch(
     settings: Settings,
     payload: tuple[int, np.ndarray],
     wheels: Wheels | None = None,
+    lengths: Lengths | None = None,
 ) -> None:
-    """Write payload, link masses, armature, constant frictions, wheels and retuned parameters into the batch (one row
-    a simulation).
+    """Write payload, link masses and lengths, armature, constant frictions, wheels and retuned parameters into the batch
+    (one row a simulation).
     """
     changed = _tune(batch, model, settings)
     effects = settings.effects
     if wheels is not None:
         changed |= wheels.edit(batch, model, effects)
+    if lengths is not None and "link_length" in effects:
+        lengths.edit(batch, effects["link_length"]["offset"])
+        changed = True
     if "armature" in effects:
         batch.expand("dof_armature")[:] += _on_dofs(model, effects["armature"]["inertia"])
         changed = True

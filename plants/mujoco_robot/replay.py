@@ -81,7 +81,7 @@ def _replay(
     if robot.differing and drive.setting is not None:
         for field in robot.differing:
             batch.expand(field)[:] = np.stack([getattr(m, field) for m in robot.settings])[drive.setting]
-    edit_batch(batch, model, settings, robot.payload, robot.wheels)
+    edit_batch(batch, model, settings, robot.payload, robot.wheels, robot.lengths)
     batch.reset()
     q, v = batch.bind("qpos"), batch.bind("qvel")
     rolling = None if robot.base is None else robot.base.write(q, v, start)

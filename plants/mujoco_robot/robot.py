@@ -9,6 +9,7 @@ import numpy as np
 
 from plants.mujoco_robot.base import PLANAR, Base, hinges_and_slides
 from plants.mujoco_robot.edits import tunable_values
+from plants.mujoco_robot.lengths import Lengths
 from plants.mujoco_robot.loops import Loops
 from plants.mujoco_robot.replay import replay
 from plants.mujoco_robot.variants import merge
@@ -123,6 +124,11 @@ class MujocoRobot:
         """Of a robot that drives."""
         return None if self.base is None else find_wheels(self.model, self.base)
 
+    @cached_property
+    def lengths(self) -> Lengths | None:
+        """Of an open chain on a fixed base: elsewhere another length opens a loop, or moves a wheel off the ground."""
+        return Lengths(self.model) if self.base is None and self.loops is None else None
+
     @property
     def step(self) -> float:
         return float(self.model.opt.timestep)
@@ -154,6 +160,8 @@ class MujocoRobot:
     def _body_slots(self, effect: str) -> tuple[str, ...]:
         if effect in ON_WHEELS and self.wheels is not None:
             return (self.name,)
+        if effect == "link_length" and self.lengths is not None:
+            return tuple(self.links[b - 1] for b in self.lengths.links)
         return self.links if effect == "link_mass" else ()
 
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
@@ -166,6 +174,10 @@ class MujocoRobot:
         }
         if effect == "link_mass" and parameter == "mass":
             least["link_mass"] = -0.9 * self.model.body_mass[1:]
+        if effect == "link_length" and self.lengths is not None:
+            lengths = np.array([length for _, length in self.lengths.lines.values()])
+            reach = float(lengths.min() if slot is None else lengths[self.slots(effect).index(slot)])
+            return -0.9 * reach, 2.0 * reach
         if effect not in least:
             return -np.inf, np.inf
         low = least[effect].reshape(len(self.slots(effect)), -1)[:, 0]

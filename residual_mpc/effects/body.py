@@ -95,6 +95,16 @@ LINK_MASS = Effect(
     null_target=False,
 )
 
+LINK_LENGTH = Effect(
+    name="link_length",
+    stage="body",
+    port="model",
+    target="body",
+    parameters=(Parameter("offset", "m", 0.0, -math.inf, math.inf, (0.1,), "length"),),
+    summary="a link longer or shorter than modelled",
+    null_target=False,
+)
+
 ARMATURE = Effect(
     name="armature",
     stage="body",
