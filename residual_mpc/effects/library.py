@@ -18,6 +18,7 @@ LIBRARY: tuple[Effect, ...] = (
     body.PAYLOAD,
     body.LINK_MASS,
     body.ARMATURE,
+    body.JOINT_COMPLIANCE,
     body.LINK_LENGTH,
     contact.WHEEL_RADIUS,
     contact.WHEEL_RADIUS_MISMATCH,
