@@ -149,7 +149,7 @@ PLANT: dict[str, Plant] = {
 SERIAL: dict[str, Plant] = PLANT | {
     "backlash": _joint("play", "gap", lambda s, d, r, j: 0.2 * s),
     "joint_compliance": _compliance,
-    "link_length": _joint("longer", "offset", lambda s, d, r, j: float(d.sign * s * r.truth.arm.length[j])),
+    "link_length": _joint("longer", "offset", lambda s, d, r, j: float(0.8 * d.sign * s * r.truth.arm.length[j])),
 }
 # share of full strength that is typical of a strong case: a tenth of it is a faint background
 TYPICAL = dict.fromkeys(SERIAL, 0.2) | {"voltage_sag": 0.3, "payload": 0.1, "link_mass": 0.3}
