@@ -8,13 +8,14 @@ import numpy as np
 from plants.mujoco_robot.base import unwrapped
 from plants.mujoco_robot.edits import edit_batch
 from plants.mujoco_robot.gears import (
+    WARM,
     Feedback,
+    begin,
     by_gears,
     edit_gears,
     feedback,
     link_servos,
     on_link_side,
-    settle,
 )
 from residual_mpc.effects.actuator import sag_step
 from residual_mpc.effects.body import coulomb_level, load_level, stribeck_level
@@ -108,7 +109,10 @@ def _replay(
     if robot.loops is not None:
         robot.loops.close(q, v)
     servo = np.array([kind == "position" for kind in robot.command_kinds])
-    u = command_chain(settings.effects, drive.command, drive.lead, drive.dt, ~servo)
+    warm = round(WARM / drive.dt) if robot.gears is not None else 0
+    warm = warm if warm <= drive.lead else 0  # what is cut short would begin with a jolt of its own
+    u = command_chain(settings.effects, drive.command, drive.lead - warm, drive.dt, ~servo)
+    before, u = u, u[:, warm:]
     if model.na:  # an actuator with a filter starts where its first command holds it
         batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     servos = feedback(batch, robot)
@@ -116,7 +120,9 @@ def _replay(
     if robot.gears is not None:
         for update in between:
             update(0, v[:, robot.dofs], np.zeros((settings.rows, model.nu)))
-        settle(batch, robot, settings, u[:, 0], servos)
+        begin(batch, robot, settings, before, warm, servos)
+        if model.na:
+            batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     if stepped:
         out = _step_by_step(batch, robot, settings, drive, u, between, wanted, servos)
     else:

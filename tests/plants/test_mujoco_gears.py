@@ -190,6 +190,28 @@ def test_the_link_starts_on_the_side_that_gravity_pushes_it_to(tmp_path: Path) -
         assert np.abs(came - angle).max() < 2e-4
 
 
+@pytest.mark.parametrize("sensor", ["link", "motor"])
+def test_a_start_in_motion_is_known_from_the_commands_before(tmp_path: Path, sensor: str) -> None:
+    """Windows cut out of a long swing with jumps, in which the spring still rings from the last one."""
+    gear, rng, step = spring(sensor=sensor), np.random.default_rng(0), 0.001
+    t = 0.02 * np.arange(300)
+    u = sum(rng.uniform(0.1, 0.3) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (0.4, 0.9, 1.7))
+    u = np.repeat(u + np.repeat(rng.uniform(-0.3, 0.3, 15), 20), 20)
+    states = gear.driven(gear.at_rest(u[0]), u, step)
+    robot = robot_of(tmp_path, gear.xml % (step, "implicitfast"), position_sensor=sensor)
+    side, at, lead, steps = 1 if sensor == "link" else 0, 1000 + 410 * np.arange(10), 700, 500
+    start = {"position.shoulder": states[at, side], "velocity.shoulder": states[at, 2 + side]}
+    truth = np.stack([states[a : a + steps + 1, side] for a in at])
+    soft = settings_of(robot, *[{("joint_compliance", None, "stiffness"): K}] * len(at))
+    off = {}
+    for known in (lead, 1):
+        command = np.stack([u[a - known : a + steps] for a in at])[:, :, None]
+        drive = Drive(step, known, command, None, np.zeros(len(at)))
+        came = robot.replay(start, drive, soft, ("position.shoulder",))["position.shoulder"]
+        off[known] = np.sqrt(np.mean((came - truth) ** 2))
+    assert off[lead] < 0.003 and off[lead] < 0.6 * off[1], off
+
+
 def test_a_merged_robots_settings_are_split_alike(tmp_path: Path) -> None:
     xml = arm_xml()
     (tmp_path / "b").mkdir()
