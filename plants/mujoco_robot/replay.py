@@ -7,16 +7,8 @@ import numpy as np
 
 from plants.mujoco_robot.base import unwrapped
 from plants.mujoco_robot.edits import edit_batch
-from plants.mujoco_robot.gears import (
-    WARM,
-    Feedback,
-    begin,
-    by_gears,
-    edit_gears,
-    feedback,
-    link_servos,
-    on_link_side,
-)
+from plants.mujoco_robot.gear_start import WARM, begin
+from plants.mujoco_robot.gears import Feedback, by_gears, edit_gears, feedback, link_servos, on_link_side
 from residual_mpc.effects.actuator import sag_step
 from residual_mpc.effects.body import coulomb_level, load_level, stribeck_level
 from residual_mpc.effects.chain import command_chain
