@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.blind_families.arm_effects import PLANT, TYPICAL, ArmRobot, Draw, draw_effect, target_of
+from plants.blind_families.arm_effects import PLANT, SERIAL, TYPICAL, ArmRobot, Draw, draw_effect, target_of
 from plants.blind_families.arm_files import write_clean, write_robot, write_runs
 from plants.blind_families.arm_runs import play
 from plants.blind_families.arm_setting import Setting, draw_setting, ratio
@@ -34,6 +34,8 @@ def arm_clash(effects: tuple[str, ...]) -> bool:
         {"command_delay", "sensor_delay", "actuator_lag"},
         {"coulomb_friction", "stribeck_friction", "load_dependent_friction"},
         {"payload", "link_mass", "armature"},
+        {"payload", "link_mass", "link_length"},
+        {"joint_compliance", "backlash"},
         {"actuator_gain", "voltage_sag", "saturation"},
     )
     return any(len(group & set(effects)) > 1 for group in groups)
@@ -73,7 +75,7 @@ class ArmBench:
         return target_of(draw)
 
     def plant(self, robot: ArmRobot, draw: Draw, strength: float) -> tuple[ArmRobot, dict[str, float]]:
-        return PLANT[draw.effect](robot, draw, strength)
+        return SERIAL[draw.effect](robot, draw, strength)
 
     def ratio(self, robot: ArmRobot) -> float:
         return ratio(robot, self.setting)
@@ -135,7 +137,7 @@ def _bench(level: Level, rng: np.random.Generator) -> ArmBench | None:
     if level.confounded:
         effects: tuple[str, ...] = (str(rng.choice(["command_delay", "sensor_delay"])),)
     else:
-        effects = choose(sorted(PLANT), level, arm_clash, rng)
+        effects = choose(sorted(SERIAL), level, arm_clash, rng)
     setting = draw_setting(level, rng)
     # stretches with the motor off would tell the members of the group apart
     return None if setting is None or (level.confounded and setting.drops) else ArmBench(setting, effects)

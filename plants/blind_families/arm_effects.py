@@ -101,6 +101,15 @@ def _link_mass(robot: ArmRobot, draw: Draw, s: float) -> tuple[ArmRobot, dict[st
     return replace(robot, truth=truth), {"mass": mass, "com": com}
 
 
+def _compliance(robot: ArmRobot, draw: Draw, s: float) -> tuple[ArmRobot, dict[str, float]]:
+    """At full strength the link swings at about 8 rad/s on the spring."""
+    j = draw.joint or 0
+    stiffness = float(60.0 * robot.inertia[j] / s)
+    usual = max(float(robot.torque_rms[j]) / stiffness, 1e-3)
+    truth = _put(replace(robot, truth=_put(robot, draw, "stiffness", stiffness)), draw, "wound", usual)
+    return replace(robot, truth=truth), {"stiffness": stiffness}
+
+
 def _sensor(field: str, parameter: str, law: Callable[[float, Draw], float]) -> Any:
     def plant(robot: ArmRobot, draw: Draw, s: float) -> tuple[ArmRobot, dict[str, float]]:
         values = np.array(getattr(robot.sensor, field), dtype=float)
@@ -136,15 +145,21 @@ PLANT: dict[str, Plant] = {
     "sensor_bias": _sensor("bias", "bias", lambda s, d: d.sign * 0.3 * s),
     "sensor_outliers": _sensor("outliers", "rate", lambda s, d: 0.06 * s),
 }
+# effects of serial arms alone
+SERIAL: dict[str, Plant] = PLANT | {
+    "backlash": _joint("play", "gap", lambda s, d, r, j: 0.2 * s),
+    "joint_compliance": _compliance,
+    "link_length": _joint("longer", "offset", lambda s, d, r, j: float(0.8 * d.sign * s * r.truth.arm.length[j])),
+}
 # share of full strength that is typical of a strong case: a tenth of it is a faint background
-TYPICAL = dict.fromkeys(PLANT, 0.2) | {"voltage_sag": 0.3, "payload": 0.1, "link_mass": 0.3}
+TYPICAL = dict.fromkeys(SERIAL, 0.2) | {"voltage_sag": 0.3, "payload": 0.1, "link_mass": 0.3}
 _WHOLE = ("voltage_sag", "payload")  # effects of the robot
 _OFTEN_ALL = ("command_delay", "sensor_delay", "actuator_lag", "sensor_outliers")
 
 
 def draw_effect(effect: str, joints: int, rng: np.random.Generator) -> Draw:
     """Joint, sign and shape of ``effect``."""
-    joint: int | None = int(rng.integers(joints))
+    joint: int | None = int(rng.integers(joints - 1 if effect == "link_length" else joints))
     if effect in _WHOLE or (effect in _OFTEN_ALL and rng.random() < 0.7):
         joint = None
     return Draw(effect, joint, float(rng.choice([-1, 1])), float(rng.random()))
@@ -155,7 +170,7 @@ def target_of(draw: Draw) -> str | None:
     if draw.joint is None:
         return None
     number = draw.joint + 1
-    if draw.effect == "link_mass":
+    if draw.effect in ("link_mass", "link_length"):
         return f"link{number}"
     if draw.effect in ("sensor_delay", "sensor_bias", "sensor_outliers"):
         return f"position.j{number}"

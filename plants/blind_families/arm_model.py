@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from plants.blind_families.arm_gear import GearLaw
 from plants.blind_families.arm_truth import STEP, ArmTruth, Rigid
 
 Array = NDArray[np.float64]
@@ -41,7 +42,7 @@ class Arm:
 
     def rigid(self, truth: ArmTruth) -> Rigid:
         """See ``arm_truth.NominalArm``: an open chain, so that every joint has a motor."""
-        return Rigid(compiled(truth, self), np.arange(len(self.axes)), lambda q, v: None)
+        return Rigid(compiled(truth, self), np.arange(len(self.axes)), lambda q, v: None, gear_law(truth, self))
 
     def write_model(self, folder: Path) -> list[str]:
         """See ``arm_truth.NominalArm``."""
@@ -127,6 +128,21 @@ def mjcf(arm: Arm, actuators: bool = True) -> str:
     return "\n".join([*lines, "</mujoco>"]) + "\n"
 
 
+def apart(truth: ArmTruth) -> list[int]:
+    """The joints whose motor and link are no rigid whole."""
+    return np.flatnonzero(np.isfinite(truth.stiffness) | (truth.play > 0)).tolist()
+
+
+def gear_law(truth: ArmTruth, arm: Arm) -> GearLaw | None:
+    """What lies between the motors and the links of the joints that are apart."""
+    g = np.array(apart(truth), dtype=int)
+    if not len(g):
+        return None
+    rotor = (arm.armature + truth.armature)[g]
+    link = inertia_at(arm, arm.home)[g] - arm.armature[g]
+    return GearLaw(g, truth.stiffness[g], truth.wound[g], truth.play[g], rotor, link, arm.damping[g])
+
+
 def compiled(truth: ArmTruth, arm: Arm) -> mujoco.MjModel:
     """The rigid bodies, masses changed, actuators taken out, at the fine step."""
     spec = mujoco.MjSpec.from_string(mjcf(arm, actuators=False))
@@ -134,6 +150,10 @@ def compiled(truth: ArmTruth, arm: Arm) -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     for i, joint in enumerate(arm.joints):
         spec.joint(joint).armature = arm.armature[i] + truth.armature[i]
+        if i in apart(truth):  # the rotor and what brakes it are computed elsewhere
+            spec.joint(joint).armature, spec.joint(joint).damping[0] = 0.0, 0.0
+        if truth.longer[i]:
+            spec.body(f"link{i + 2}").pos = [arm.length[i] + truth.longer[i], 0, 0]
         body = spec.body(f"link{i + 1}")
         if truth.link_mass[i] or truth.link_com[i]:
             # the added mass is two lumps around the centre; moving the centre moves the whole capsule's mass

@@ -18,6 +18,8 @@ import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
 
+from plants.blind_families.arm_gear import GearLaw, Rotors
+
 Array = NDArray[np.float64]
 STEP = 0.0005  # s
 _PRESLIDING = 4e-4  # rad, how far bristles bend before they slip
@@ -85,6 +87,7 @@ class NominalArm(Protocol):
 class Rigid:
     """The rigid bodies of a truth, masses changed, actuators taken out, at the fine step.
 
+    gears: what lies between motors and links that are no rigid whole; None where all are.
     motors (n,): place of each motor's joint in positions and velocities; close puts the joints without a motor where
     closed chains hold them, in place, given positions and velocities (s, all joints) of the motors.
     """
@@ -92,6 +95,7 @@ class Rigid:
     model: mujoco.MjModel
     motors: NDArray[np.int64]
     close: Callable[[Array, Array], None]
+    gears: GearLaw | None = None
 
 
 @dataclass(frozen=True)
@@ -115,6 +119,10 @@ class ArmTruth:
     payload: float  # kg, at the tool
     link_mass: Array  # kg, added
     link_com: Array  # m, the centre moved along the link
+    longer: Array  # m, how much farther along the link the next joint sits
+    stiffness: Array  # N m/rad between motor and link
+    wound: Array  # rad by which that spring is usually wound
+    play: Array  # rad between motor and link
     # causes that no library names
     cogging: Array  # N m
     cogging_teeth: int
@@ -146,6 +154,10 @@ def ideal(arm: NominalArm) -> ArmTruth:
         zero,
         zero,
         zero,
+        np.full(n, np.inf),
+        one,
+        zero,
+        zero,
         12,
         zero,
         zero,
@@ -168,6 +180,7 @@ class Stepper:
         self.all_q[:, self.motors], self.all_v[:, self.motors] = q, v
         rigid.close(self.all_q, self.all_v)
         self.before = v.copy()
+        self.rotors = None if rigid.gears is None else Rotors(rigid.gears, q, v)
         self.bristle = np.zeros((s, n))
         whole = np.floor(truth.delay / STEP + 1e-9).astype(int)
         self.whole, self.part = whole, truth.delay / STEP - whole
@@ -196,6 +209,9 @@ class Stepper:
         # the leapfrog's velocity lives half a step back: carry it to the positions' instant
         v = now + 0.5 * (now - self.before)
         self.before = now
+        link = q, v
+        if self.rotors is not None:  # from here on q and v are the motors' side
+            q, v = self.rotors.seen(q, v)
         torque = self._servo(u, q, v)
         torque *= p.gain
         if p.sag:
@@ -217,7 +233,7 @@ class Stepper:
         for row in p.gusts:
             shape = np.sin(np.pi * np.clip((self.seconds - row[0]) / (row[1] - row[0]), 0.0, 1.0))
             total += shape[:, None] * row[2:]
-        self.force[:, self.motors] = total
+        self.force[:, self.motors] = total if self.rotors is None else self.rotors.step(total, *link, STEP)
         self.batch.step()
         self.seconds += STEP
 

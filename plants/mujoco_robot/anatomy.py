@@ -21,7 +21,7 @@ def anatomy(path: Path) -> Anatomy:
     """
     import mujoco
 
-    model = compile_model(str(path))
+    _, model = compile_model(str(path))
     refuse_unsupported(model, str(path))
     numbers = hinges_and_slides(model).tolist()
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_FREE)]

@@ -31,38 +31,31 @@ def build(robot: RobotFile) -> "MujocoRobot":
 
     if robot.model is None:
         raise BadInput("no model is named", robot.name, 'add model = "my_robot.xml" (MJCF or URDF) to the robot file')
-    model = compile_model(str(robot.model), robot.actuators)
+    spec, model = compile_model(str(robot.model), robot.actuators)
     base = find_base(model, robot.pose_body, str(robot.model))
     _refuse_undriven(model, str(robot.model))
     refuse_unsupported(model, str(robot.model))
     site = _payload_site(model, robot)
     loops = find_loops(model, str(robot.model))
-    source = (str(robot.model), robot.actuators)
-    return MujocoRobot(
-        robot.name, model, site, robot.servo_feedback, robot.position_sensor, base, loops, source=source
-    )
+    return MujocoRobot(robot.name, model, site, robot.servo_feedback, robot.position_sensor, base, loops, spec)
 
 
-def compile_model(path: str, actuators: Mapping[str, Actuator] | None = None) -> "mujoco.MjModel":
-    """The compiled model with a finite, never active force range on every actuator that had none; `actuators` join by
-    the name of the joint that they drive."""
-    return limited(compiled_spec(path, actuators)[1])
-
-
-def compiled_spec(
+def compile_model(
     path: str, actuators: Mapping[str, Actuator] | None = None
 ) -> "tuple[mujoco.MjSpec, mujoco.MjModel]":
-    """The model as it can be edited, and compiled. Raises BadInput where MuJoCo does not compile it."""
+    """What the file says, and the compiled model with a finite, never active force range on every actuator that had
+    none; `actuators` join by the name of the joint that they drive."""
     import mujoco
 
     try:
         spec = mujoco.MjSpec.from_file(path)
         if actuators:
             _add(spec, actuators, path)
-        return spec, spec.compile()
+        model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"MuJoCo does not compile this model: {reason}", path, "mend the model file") from error
+    return spec, limited(model)
 
 
 def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) -> None:

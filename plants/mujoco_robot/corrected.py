@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plants.mujoco_robot.edits import edit_batch
+from plants.mujoco_robot.gear_start import begin
+from plants.mujoco_robot.gears import by_gears, edit_gears, feedback, on_link_side
 from plants.mujoco_robot.replay import between_steps, changing
 from residual_mpc.effects.actuator import lag_step
 from residual_mpc.effects.command import dead_zone_step
@@ -49,11 +51,17 @@ class CorrectedMujoco:
         whole = round(period / robot.step)
         if whole < 1 or abs(whole * robot.step - period) > 1e-9 * period + 1e-12:
             raise ValueError(f"a period of {period:g} s is no whole number of the model's steps of {robot.step:g} s")
-        self.robot, self.rows, self.period, self._whole = robot, rows, period, whole
         self._settings = settings.take(np.zeros(rows, dtype=int))
-        effects, dt, nu = self._settings.effects, robot.step, robot.model.nu
+        self._dt, dt = robot.step, robot.step  # of the robot as it was, where motors and links are told apart
+        robot, _ = next(by_gears(robot, self._settings))
+        self.robot, self.rows, self.period, self._whole = robot, rows, period, whole
+        effects, nu = self._settings.effects, robot.model.nu
+        self._finer = 1 if robot.gears is None else robot.gears.substeps
         self._batch = Batch(robot.model, rows)
-        edit_batch(self._batch, robot.model, self._settings, robot.payload, robot.wheels)
+        edit_batch(self._batch, robot, self._settings)
+        if robot.gears is not None:
+            edit_gears(self._batch, robot, self._settings)
+        self._servos = feedback(self._batch, robot)
         self._clock = np.zeros(rows)
         nothing = np.zeros((rows, 0, nu))
         drive = Drive(dt, 0, nothing, None, self._clock, None)
@@ -137,9 +145,13 @@ class CorrectedMujoco:
         self._line[:] = held
         self._lagged[:] = held
         self._force[:] = 0.0
+        if robot.gears is not None:
+            for update in self._between:
+                update(self._k, v[:, robot.dofs], self._force)
+            begin(b, robot, self._settings, self._zoned(held)[:, None], 0, self._servos)
         if robot.model.na:
             b.bind("act")[:] = held[:, robot.model.actuator_actadr >= 0]
-        self._clock[:] = -self._k * robot.step  # the updates between the steps add the steps since the beginning
+        self._clock[:] = -self._k * self._dt  # the updates between the steps add the steps since the beginning
         self._sensors.begin(self._truth())
 
     def step(self, command: Any) -> Mapping[str, np.ndarray]:
@@ -151,14 +163,14 @@ class CorrectedMujoco:
                 self._step_once(self._actuated(held))
         else:
             u = np.stack([self._actuated(held) for _ in range(self._whole)], axis=1)  # (rows, steps, nu)
-            self._batch.rollout(self._whole, u, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
+            u = np.repeat(u, self._finer, axis=1)
+            self._batch.rollout(self._finer * self._whole, u, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
             self._k += self._whole
         self._sensors.push(self._truth())
         return self._sensors.read()
 
     def _actuated(self, held: np.ndarray) -> np.ndarray:
         """What the actuators see in the next step of the model, (rows, nu): delay, dead zone, lag."""
-        dt = self.robot.step
         self._line[1:] = self._line[:-1]
         self._line[0] = held
         u = held
@@ -166,23 +178,31 @@ class CorrectedMujoco:
             rows, columns = np.ogrid[: self.rows, : self.robot.model.nu]
             u = (1.0 - self._part) * self._line[self._late, rows, columns]
             u += self._part * self._line[self._late + 1, rows, columns]
-        if self._on_command is not None:
-            u, _ = dead_zone_step(NUMPY, {"width": self._on_command}, (), u, dt)
+        u = self._zoned(u)
         if self._lag is not None:
-            u, self._lagged[:] = lag_step(NUMPY, self._lag, self._lagged, u, dt)
+            u, self._lagged[:] = lag_step(NUMPY, self._lag, self._lagged, u, self._dt)
         return np.asarray(u)
+
+    def _zoned(self, u: np.ndarray) -> np.ndarray:
+        """After the dead zones that act on commands."""
+        if self._on_command is None:
+            return u
+        return np.asarray(dead_zone_step(NUMPY, {"width": self._on_command}, (), u, self._dt)[0])
 
     def _step_once(self, u: np.ndarray) -> None:
         robot, b = self.robot, self._batch
         q, ctrl = b.bind("qpos"), b.bind("ctrl")
         ctrl[:] = u
         if self._on_error is not None:
-            length = robot.model.actuator_gear[:, 0] * q[:, robot.places[robot.driven]]
-            error, _ = dead_zone_step(NUMPY, {"width": self._on_error}, (), u - length, robot.step)
+            seen = q[:, robot.places[robot.driven]] if self._servos is None else self._servos.seen(robot, q)
+            length = robot.model.actuator_gear[:, 0] * seen
+            error, _ = dead_zone_step(NUMPY, {"width": self._on_error}, (), u - length, self._dt)
             ctrl[:] = np.where(error == u - length, u, length + error)
         for update in self._between:
             update(self._k, b.bind("qvel")[:, robot.dofs], self._force)
-        b.step()
+        if self._servos is not None:
+            self._servos.correct(ctrl, robot, q, b.bind("qvel"))
+        b.step(nstep=self._finer)
         self._force[:] = self._engines_force
         self._k += 1
 
@@ -223,6 +243,9 @@ class CorrectedMujoco:
     def _truth(self) -> dict[str, np.ndarray]:
         """Every channel as it is, (rows,)."""
         robot, q, v = self.robot, self._batch.bind("qpos"), self._batch.bind("qvel")
+        if robot.gears is not None:
+            q, v = q.copy(), v.copy()
+            on_link_side(robot, {"qpos": q, "qvel": v})
         out = {}
         for channel in robot.channels:
             kind, name = channel.split(".", 1)

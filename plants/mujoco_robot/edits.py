@@ -10,47 +10,39 @@ import numpy as np
 
 from plants.mujoco_robot.base import hinges_and_slides
 from plants.mujoco_robot.masses import add_point_mass, principal, quat_to_matrix
-from plants.mujoco_robot.wheels import Wheels
 from residual_mpc.models.settings import Settings
 
 if TYPE_CHECKING:
     import mujoco
 
+    from plants.mujoco_robot.robot import MujocoRobot
+
 TUNABLE_JOINT = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}
 
 
-def edit_batch(
-    batch: Any,
-    model: "mujoco.MjModel",
-    settings: Settings,
-    payload: tuple[int, np.ndarray],
-    wheels: Wheels | None = None,
-) -> None:
-    """Write payload, link masses, armature, constant frictions, wheels and retuned parameters into the batch (one row
-    a simulation).
+def edit_batch(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
+    """Write payload, link masses and lengths, armature, constant frictions, wheels and retuned parameters into the
+    batch (one row a simulation).
     """
+    model, dofs = robot.model, robot.dofs
     changed = _tune(batch, model, settings)
     effects = settings.effects
-    if wheels is not None:
-        changed |= wheels.edit(batch, model, effects)
+    if robot.wheels is not None:
+        changed |= robot.wheels.edit(batch, model, effects)
+    if robot.lengths is not None and "link_length" in effects:
+        robot.lengths.edit(batch, effects["link_length"]["offset"])
+        changed = True
     if "armature" in effects:
-        batch.expand("dof_armature")[:] += _on_dofs(model, effects["armature"]["inertia"])
+        batch.expand("dof_armature")[:, dofs] += effects["armature"]["inertia"]
         changed = True
     if "viscous_friction" in effects:
-        batch.expand("dof_damping")[:] += _on_dofs(model, effects["viscous_friction"]["coefficient"])
+        batch.expand("dof_damping")[:, dofs] += effects["viscous_friction"]["coefficient"]
     masses = [e for e in ("link_mass", "payload") if e in effects]
     if masses:
-        _edit_masses(batch, model, effects, masses, payload)
+        _edit_masses(batch, model, effects, masses, robot.payload)
         changed = True
     if changed:
         batch.set_const()
-
-
-def _on_dofs(model: "mujoco.MjModel", per_joint: np.ndarray) -> np.ndarray:
-    """(n, nv) from (n, joints); hinge and slide joints have one degree of freedom each."""
-    out = np.zeros((per_joint.shape[0], model.nv))
-    out[:, model.jnt_dofadr[hinges_and_slides(model)]] = per_joint
-    return out
 
 
 def _edit_masses(

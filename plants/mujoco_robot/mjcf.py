@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.compile import NO_LIMIT, compiled_spec, limited
+from plants.mujoco_robot.compile import NO_LIMIT, limited
 from plants.mujoco_robot.edits import edit_batch
+from plants.mujoco_robot.gears import ON_GEARS
 from plants.mujoco_robot.replay import between_steps
 from plants.mujoco_robot.wheels import ON_WHEELS
 from residual_mpc.errors import BadInput
@@ -26,6 +27,7 @@ NOT_HELD = {
     "dead_zone": "no actuator of MuJoCo ignores small commands",
     "stribeck_friction": "MuJoCo's dry friction does not change with the speed",
     "load_dependent_friction": "MuJoCo's dry friction does not change with the load",
+    **dict.fromkeys(ON_GEARS, "it takes a joint more behind the motor, which the stepped simulator has"),
     **dict.fromkeys(ON_WHEELS, "wheels are bodies and shapes, which are not rewritten here"),
     "sensor_delay": "what a sensor reports belongs to whoever reads it",
     "sensor_bias": "what a sensor reports belongs to whoever reads it",
@@ -43,19 +45,20 @@ SECONDS, DRIVES = 1.0, 4  # of the comparison with the replay
 def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
     """See WritesMjcf. Raises BadInput for a robot that has no model file of its own or several settings, or where the
     effects change what an MJCF is not rewritten for here."""
-    if robot.source is None or robot.settings:
-        why = "its model has no file of its own" if robot.source is None else "its variants are several models"
+    if robot.spec is None or robot.settings:
+        why = "its model has no file of its own" if robot.spec is None else "its variants are several models"
         raise BadInput(f"{robot.name!r} is not written as an MJCF: {why}", "--to mjcf", "export each model file alone")
     left_out = tuple(f"{e}: {NOT_HELD[e]}" for e in settings.effects if e in NOT_HELD)
     held = Settings(1, {e: p for e, p in settings.effects.items() if e not in NOT_HELD}, settings.tuned)
-    spec, plain = compiled_spec(*robot.source)
+    spec, plain = robot.spec.copy(), robot.model
     _write_numbers(spec, robot, held)
     _write_memory(spec, held)
-    meshes = Path(spec.modelfiledir or Path(robot.source[0]).parent, spec.meshdir or ".")
-    if plain.nmesh or plain.ntex or plain.nhfield:
-        spec.meshdir = spec.texturedir = os.path.relpath(meshes, folder)
     spec.compile()
+    if plain.nmesh or plain.ntex or plain.nhfield:  # seen from where the file will lie
+        meshes = Path(spec.modelfiledir, spec.meshdir)
+        spec.meshdir = spec.texturedir = os.path.relpath(meshes, folder)
     text = spec.to_xml()
+    spec.meshdir, spec.texturedir = robot.spec.meshdir, robot.spec.texturedir
     apart, points = _apart(robot, held, spec)
     return Mjcf(text, left_out, apart, points)
 
@@ -66,7 +69,7 @@ def _write_numbers(spec: "mujoco.MjSpec", robot: "MujocoRobot", settings: Settin
 
     model, nu = robot.model, robot.model.nu
     batch = Batch(model, 1, nthread=1)
-    edit_batch(batch, model, settings, robot.payload, robot.wheels)
+    edit_batch(batch, robot, settings)
     drive = Drive(robot.step, 0, np.zeros((1, 0, nu)), None, np.zeros(1), None)
     for update in between_steps(batch, robot, settings, drive):
         update(0, np.zeros((1, len(robot.joints))), np.zeros((1, nu)))

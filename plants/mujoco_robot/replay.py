@@ -7,6 +7,8 @@ import numpy as np
 
 from plants.mujoco_robot.base import unwrapped
 from plants.mujoco_robot.edits import edit_batch
+from plants.mujoco_robot.gear_start import WARM, begin
+from plants.mujoco_robot.gears import Feedback, by_gears, edit_gears, feedback, link_servos, on_link_side
 from residual_mpc.effects.actuator import sag_step
 from residual_mpc.effects.body import coulomb_level, load_level, stribeck_level
 from residual_mpc.effects.chain import command_chain
@@ -34,11 +36,14 @@ def replay(
     Rows whose actuators or frictions change from step to step are stepped one by one, the others rolled out at once:
     between two steps of a small model, Python costs more than MuJoCo.
     """
-    slow = changing(robot, settings, wanted)
-    if slow.all() or not slow.any():
-        return _replay(robot, start, drive, settings, wanted, bool(slow.any()))
+    parts = []
+    for apart, rows in by_gears(robot, settings):
+        slow = changing(apart, settings, wanted)[rows]
+        parts += [(apart, some, stepped) for stepped in (True, False) if len(some := rows[slow == stepped])]
+    if len(parts) == 1:
+        return _replay(parts[0][0], start, drive, settings, wanted, parts[0][2])
     out = {c: np.empty((settings.rows, drive.steps + 1)) for c in wanted}
-    for rows, stepped in ((np.flatnonzero(slow), True), (np.flatnonzero(~slow), False)):
+    for apart, rows, stepped in parts:
         part = Drive(
             drive.dt,
             drive.lead,
@@ -47,7 +52,7 @@ def replay(
             drive.clock[rows],
             None if drive.setting is None else drive.setting[rows],
         )
-        found = _replay(robot, {k: v[rows] for k, v in start.items()}, part, settings.take(rows), wanted, stepped)
+        found = _replay(apart, {k: v[rows] for k, v in start.items()}, part, settings.take(rows), wanted, stepped)
         for c in wanted:
             out[c][rows] = found[c]
     return out
@@ -55,7 +60,7 @@ def replay(
 
 def changing(robot: "MujocoRobot", settings: Settings, wanted: tuple[str, ...]) -> np.ndarray:
     """(B,) bool: rows that need a word between the steps."""
-    if any(c.startswith("output.") for c in wanted):
+    if any(c.startswith("output.") for c in wanted) or len(link_servos(robot)):
         return np.ones(settings.rows, dtype=bool)
     slow = np.zeros(settings.rows, dtype=bool)
     effects = settings.effects
@@ -83,8 +88,10 @@ def _replay(
     batch = Batch(model, settings.rows, nthread=1 if settings.rows * model.nv < FEW else 0)
     if robot.differing and drive.setting is not None:
         for field in robot.differing:
-            batch.expand(field)[:] = np.stack([getattr(m, field) for m in robot.settings])[drive.setting]
-    edit_batch(batch, model, settings, robot.payload, robot.wheels)
+            batch.expand(field)[:] = np.stack([getattr(r.model, field) for r in robot.settings])[drive.setting]
+    edit_batch(batch, robot, settings)
+    if robot.gears is not None:
+        edit_gears(batch, robot, settings)
     batch.reset()
     q, v = batch.bind("qpos"), batch.bind("qvel")
     rolling = None if robot.base is None else robot.base.write(q, v, start)
@@ -97,19 +104,30 @@ def _replay(
     if robot.loops is not None:
         robot.loops.close(q, v)
     servo = np.array([kind == "position" for kind in robot.command_kinds])
-    u = command_chain(settings.effects, drive.command, drive.lead, drive.dt, ~servo)
+    warm = round(WARM / drive.dt) if robot.gears is not None else 0
+    warm = warm if warm <= drive.lead else 0  # what is cut short would begin with a jolt of its own
+    u = command_chain(settings.effects, drive.command, drive.lead - warm, drive.dt, ~servo)
+    before, u = u, u[:, warm:]
     if model.na:  # an actuator with a filter starts where its first command holds it
         batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
+    servos = feedback(batch, robot)
     between = between_steps(batch, robot, settings, drive)
+    if robot.gears is not None:
+        for update in between:
+            update(0, v[:, robot.dofs], np.zeros((settings.rows, model.nu)))
+        begin(batch, robot, settings, before, warm, servos)
+        if model.na:
+            batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     if stepped:
-        out = _step_by_step(batch, robot, settings, drive, u, between, wanted)
+        out = _step_by_step(batch, robot, settings, drive, u, between, wanted, servos)
     else:
         out = _roll_out(batch, robot, drive, u, between, wanted)
     if "pose.theta" in out:
         out["pose.theta"] = unwrapped(out["pose.theta"], start["pose.theta"])
     for channel, nodes in out.items():
-        if channel.split(".")[0] in ("pose", "twist"):
-            nodes[:, 0] = start[channel]  # what went through a quaternion comes back to the last digit but one
+        kind = channel.split(".")[0]
+        if kind in ("pose", "twist") or (robot.gears is not None and kind in ("position", "velocity")):
+            nodes[:, 0] = start[channel]  # what went through a quaternion or a sum comes back to the last digit but one
     return out
 
 
@@ -124,14 +142,17 @@ def _roll_out(
     if drive.enabled is not None:
         cuts += (1 + np.flatnonzero((np.diff(drive.enabled, axis=1) != 0).any(axis=(0, 2)))).tolist()
     control = int(mujoco.mjtState.mjSTATE_CTRL)
+    finer = 1 if robot.gears is None else robot.gears.substeps
     parts = {"qpos": [batch.bind("qpos")[:, None].copy()], "qvel": [batch.bind("qvel")[:, None].copy()]}
     for k, end in zip(cuts, [*cuts[1:], steps], strict=True):
         for update in between:
             update(k, batch.bind("qvel")[:, robot.dofs], np.zeros((rows, model.nu)))
-        found = batch.rollout(end - k, np.ascontiguousarray(u[:, k:end]), control, ("qpos", "qvel"))
+        held = np.ascontiguousarray(u[:, k:end]) if finer == 1 else np.repeat(u[:, k:end], finer, axis=1)
+        found = batch.rollout(finer * (end - k), held, control, ("qpos", "qvel"))
         for field, part in parts.items():
-            part.append(found[field])
+            part.append(found[field][:, finer - 1 :: finer])
     whole = {field: np.concatenate(part, axis=1) for field, part in parts.items()}
+    on_link_side(robot, whole)
     out = {}
     for channel in wanted:
         kind, name = channel.split(".", 1)
@@ -152,6 +173,7 @@ def _step_by_step(
     u: np.ndarray,
     between: list[Any],
     wanted: tuple[str, ...],
+    servos: Feedback | None,
 ) -> dict[str, np.ndarray]:
     model, effects = robot.model, settings.effects
     rows, steps = settings.rows, drive.steps
@@ -164,16 +186,19 @@ def _step_by_step(
     zone = effects.get("dead_zone")
     width = None if zone is None or not servo.any() else np.where(servo, zone["width"], 0.0)
     gear, driven = model.actuator_gear[:, 0], robot.places[robot.driven]
+    finer = 1 if robot.gears is None else robot.gears.substeps
     for k in range(steps):
         record.state(k, q, v)
         ctrl[:] = u[:, k]
         if width is not None:
-            length = gear * q[:, driven]
+            length = gear * (q[:, driven] if servos is None else servos.seen(robot, q))
             error, _ = dead_zone_step(NUMPY, {"width": width}, (), u[:, k] - length, drive.dt)
             ctrl[:] = np.where(error == u[:, k] - length, u[:, k], length + error)
         for update in between:
             update(k, v[:, robot.dofs], force)
-        batch.step()
+        if servos is not None:
+            servos.correct(ctrl, robot, q, v)
+        batch.step(nstep=finer)
         record.force(k, force)
     record.state(steps, q, v)
     return record.result()
@@ -290,8 +315,12 @@ class _Recorder:
             for kind in names
         }
         self._out = np.empty((steps + 1, len(wanted), rows))
+        self._robot = robot
 
     def state(self, k: int, q: np.ndarray, v: np.ndarray) -> None:
+        if self._robot.gears is not None:
+            q, v = q.copy(), v.copy()
+            on_link_side(self._robot, {"qpos": q, "qvel": v})
         for i, column in self._columns["position"]:
             self._out[k, i] = q[:, column]
         for i, column in self._columns["velocity"]:

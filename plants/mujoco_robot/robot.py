@@ -10,13 +10,14 @@ import numpy as np
 
 from plants.mujoco_robot.base import PLANAR, Base, hinges_and_slides
 from plants.mujoco_robot.edits import tunable_values
+from plants.mujoco_robot.gears import ON_GEARS, Gears, split, splittable
+from plants.mujoco_robot.lengths import Lengths
 from plants.mujoco_robot.loops import Loops
 from plants.mujoco_robot.replay import replay
 from plants.mujoco_robot.variants import merge
 from plants.mujoco_robot.wheels import ON_WHEELS, Wheels, find_wheels
 from residual_mpc.effects.library import PLUGGED
 from residual_mpc.effects.plugged import hosted
-from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.simulating import Mjcf
@@ -30,6 +31,9 @@ ON_ACTUATORS = frozenset({"command_delay", "dead_zone", "actuator_lag", "actuato
 ON_JOINTS = frozenset(
     {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction", "armature"}
 )
+PLAY = 0.25  # of what a wheel may have: 0.008 to 0.13 rad between an arm's motor and link
+MOST_PLAY = 0.6  # rad
+SOFTEST = 20.0  # rad^2/s^2: a spring in units of the inertia that it carries, on which an arm would hang like a rope
 POSITION, VELOCITY, TORQUE = "position", "velocity", "torque"
 
 
@@ -44,9 +48,10 @@ class MujocoRobot:
     position_sensor: str
     base: Base | None = None  # of a robot that drives
     loops: Loops | None = None  # of a robot with closed chains
-    settings: "tuple[mujoco.MjModel, ...]" = ()  # where several settings were merged: the model of each
+    spec: "mujoco.MjSpec | None" = None  # what the model was compiled from, for effects that change its structure
+    gears: Gears | None = None  # of a robot whose motors and links were told apart
+    settings: "tuple[MujocoRobot, ...]" = ()  # where several settings were merged: the robot in each
     differing: tuple[str, ...] = ()  # the model fields in which they differ
-    source: tuple[str, Mapping[str, Actuator]] | None = None  # the model's file, and the actuators added to it
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
@@ -59,7 +64,8 @@ class MujocoRobot:
 
     @cached_property
     def _numbers(self) -> np.ndarray:
-        return hinges_and_slides(self.model)
+        every = hinges_and_slides(self.model)
+        return every if self.gears is None else np.setdiff1d(every, self.gears.numbers)
 
     @cached_property
     def places(self) -> np.ndarray:
@@ -144,6 +150,29 @@ class MujocoRobot:
         """Of a robot that drives."""
         return None if self.base is None else find_wheels(self.model, self.base)
 
+    @cached_property
+    def geared(self) -> tuple[str, ...]:
+        """Joints between whose motor and link there may be a spring or play."""
+        return splittable(self) if self.gears is None else self.gears.names
+
+    def split(self, joints: tuple[str, ...]) -> "MujocoRobot":
+        """This robot with motor and link of these joints apart; made once."""
+        if joints not in self._split:
+            parts = [split(part, joints) for part in self.settings or (self,)]
+            whole = merge(parts) if self.settings else parts[0]
+            assert whole is not None, "settings that were merged differ in numbers alone"
+            self._split[joints] = whole
+        return self._split[joints]
+
+    @cached_property
+    def _split(self) -> "dict[tuple[str, ...], MujocoRobot]":
+        return {}
+
+    @cached_property
+    def lengths(self) -> Lengths | None:
+        """Of an open chain on a fixed base: elsewhere another length opens a loop, or moves a wheel off the ground."""
+        return Lengths(self.model) if self.base is None and self.loops is None else None
+
     @property
     def step(self) -> float:
         return float(self.model.opt.timestep)
@@ -157,6 +186,8 @@ class MujocoRobot:
             return self.actuators
         if effect in ON_JOINTS:
             return self.joints
+        if effect in ON_GEARS:
+            return self.geared
         if effect in ("payload", "sensor_outliers"):
             return (self.name,)
         return self._sensor_slots(effect) if effect.startswith("sensor_") else self._body_slots(effect)
@@ -175,6 +206,8 @@ class MujocoRobot:
     def _body_slots(self, effect: str) -> tuple[str, ...]:
         if effect in ON_WHEELS and self.wheels is not None:
             return (self.name,)
+        if effect == "link_length" and self.lengths is not None:
+            return tuple(self.links[b - 1] for b in self.lengths.links)
         if effect == "link_mass":
             return self.links
         return hosted(PLUGGED, effect, {"command": self.actuators, "friction": self.joints})
@@ -189,6 +222,15 @@ class MujocoRobot:
         }
         if effect == "link_mass" and parameter == "mass":
             least["link_mass"] = -0.9 * self.model.body_mass[1:]
+        if effect == "backlash":
+            return -np.inf, MOST_PLAY
+        if effect == "joint_compliance":
+            inertia = [self.reference("inertia", j) for j in (self.geared if slot is None else (slot,))]
+            return SOFTEST * max(inertia), np.inf
+        if effect == "link_length" and self.lengths is not None:
+            lengths = np.array([length for _, length in self.lengths.lines.values()])
+            reach = float(lengths.min() if slot is None else lengths[self.slots(effect).index(slot)])
+            return -0.9 * reach, 2.0 * reach
         if effect not in least:
             return -np.inf, np.inf
         low = least[effect].reshape(len(self.slots(effect)), -1)[:, 0]
@@ -202,6 +244,8 @@ class MujocoRobot:
         if kind == "mass":
             body = self.payload[0] if slot is None or slot not in self.links else self.links.index(slot) + 1
             return float(max(m.body_mass[body], 0.1 * m.body_mass[1:].sum() / (m.nbody - 1)))
+        if kind == "play":
+            return PLAY
         if kind == "length":
             return float(max(np.linalg.norm(m.body_pos[1:], axis=1).mean(), 1e-3))
         return 1.0

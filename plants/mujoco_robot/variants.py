@@ -23,6 +23,8 @@ def merge(robots: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
             and other.links == first.links
             and other.command_kinds == first.command_kinds
             and other.actuator_joints == first.actuator_joints
+            and other.servo_feedback == first.servo_feedback
+            and other.position_sensor == first.position_sensor
             and _same_base(other.base, first.base)
             and other.passive == first.passive
             and other.payload[0] == first.payload[0]
@@ -32,7 +34,7 @@ def merge(robots: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
         if not same:
             return None
     fields = _differing(robots)
-    return None if fields is None else replace(first, settings=tuple(r.model for r in robots), differing=fields)
+    return None if fields is None else replace(first, settings=tuple(robots), differing=fields)
 
 
 def _same_base(one: "Base | None", other: "Base | None") -> bool:

@@ -49,6 +49,9 @@ SENSOR = ("sensor_delay", "sensor_bias", "sensor_outliers")  # the estimator's p
 LEFT_OUT = {
     "saturation": "a limit of torque shows in how fast the arm gathers speed, and this step has no inertia",
     "armature": "this step has no inertia",
+    "link_length": "this step closes the five-bar with the lengths that the arm is built with",
+    "joint_compliance": "this step has no motor side of a gear that could part from the link",
+    "backlash": "this step has no motor side of a gear that could part from the link",
 }
 UNIT = {"position": "rad", "sent": "rad", "lag": "rad", "speed": "rad/s", "offset": "m", "clock": "s"}
 

@@ -22,6 +22,7 @@ TABLE: tuple[tuple[frozenset[str], str, str], ...] = (
         "send steps and a chirp",
     ),
     (frozenset({"coulomb_friction", "backlash"}), "", "send a chirp"),
+    (frozenset({"payload", "joint_compliance"}), "", "log stretches with the motor off (enabled.* = 0)"),
     (frozenset({"viscous_friction", "command_delay"}), "", "send a chirp"),
     (frozenset({"viscous_friction", "actuator_lag"}), "", "send a chirp"),
     (frozenset({"payload", "armature"}), "", "send steps, and hold the arm at several heights"),

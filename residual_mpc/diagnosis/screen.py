@@ -158,8 +158,10 @@ def _between(problem: Problem, knob: Knob, value: float, alpha: float) -> float:
     low, high = problem.space.bounds(knob)
     if BY_NAME[knob.effect].parameter(knob.parameter).shape:
         return value
-    if not np.isfinite(null):  # a limit: infinity does nothing; a little of it is a limit near the peak
-        return float(np.clip(value, low, high))
+    if not np.isfinite(null):  # infinity does nothing
+        # a little of a limit is a limit near the peak, a little of a spring is a stiffer one
+        limit = BY_NAME[knob.effect].parameter(knob.parameter).threshold
+        return float(np.clip(value if limit else value / alpha, low, high))
     return float(np.clip(null + alpha * (value - null), low, high))
 
 
@@ -171,7 +173,7 @@ def _room(problem: Problem, probe: Values) -> tuple[float, float]:
             continue
         null, (a, b) = problem.space.null(knob), problem.space.bounds(knob)
         if not np.isfinite(null):
-            return 0.2, 1.0
+            return (0.2, 1.0) if BY_NAME[knob.effect].parameter(knob.parameter).threshold else (0.1, 3.0)
         step = value - null
         if abs(step) < 1e-12:
             continue

@@ -46,7 +46,7 @@ class Space:
         if kind == "one":
             return 1.0
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
-        if kind in ("inertia", "mass", "length"):
+        if kind in ("inertia", "mass", "length", "play"):
             return float(np.median([self.robot.reference(kind, s) for s in slots]))
         return float(np.median([self.references.get((kind, s), 1.0) for s in slots]))
 

@@ -16,6 +16,8 @@ WHY = {
     "backlash": "the motion hardly reverses",
     "stribeck_friction": "no slow motion in which the friction would rise",
     "load_dependent_friction": "the torque hardly varies",
+    "joint_compliance": "the torque that the gear carries hardly varies",
+    "link_length": "the joints before it hardly move, or carry little",
     "track_width": "the robot hardly turns",
     "lateral_slip": "the robot hardly turns while it drives",
     "longitudinal_slip": "the robot hardly accelerates",

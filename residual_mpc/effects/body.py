@@ -103,3 +103,23 @@ ARMATURE = Effect(
     parameters=(Parameter("inertia", "kg m^2", 0.0, -math.inf, math.inf, (0.3, 1.5), "inertia"),),
     summary="rotor inertia seen through the gear",
 )
+
+JOINT_COMPLIANCE = Effect(
+    name="joint_compliance",
+    stage="body",
+    port="model",
+    target="joint",
+    # in units of the inertia: springs on which the link swings at 25 and 80 rad/s
+    parameters=(Parameter("stiffness", "N m/rad", math.inf, 0.0, math.inf, (600.0, 6000.0), "inertia"),),
+    summary="a spring between motor and link",
+)
+
+LINK_LENGTH = Effect(
+    name="link_length",
+    stage="body",
+    port="model",
+    target="body",
+    parameters=(Parameter("offset", "m", 0.0, -math.inf, math.inf, (0.1,), "length"),),
+    summary="a link longer or shorter than modelled",
+    null_target=False,
+)

@@ -11,6 +11,7 @@ from residual_mpc.effects.ops import Array, Ops
 Stage = Literal["command", "actuator", "body", "contact", "sensor"]
 Port = Literal["command", "output", "friction", "ground", "sensor", "model"]
 TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
+Reference = Literal["one", "command", "output", "torque", "torque/speed", "inertia", "mass", "length", "play"]
 Values = Mapping[str, Array]  # parameter name -> value, an array that broadcasts over the signal
 
 STAGES: tuple[Stage, ...] = ("command", "actuator", "body", "contact", "sensor")
@@ -22,7 +23,8 @@ class Parameter:
 
     `probes` are values worth a first look, in units of the reference named by `reference`, which the robot
     measures on the runs at hand ("one" is the parameter's own unit; "command" the range of the target's command,
-    "output" the peak and "torque" the root mean square of the actuator's output that the nominal model predicts).
+    "output" the peak and "torque" the root mean square of the actuator's output that the nominal model predicts;
+    "inertia", "mass", "length" and "play" are the robot's own).
     """
 
     name: str
@@ -31,7 +33,7 @@ class Parameter:
     lower: float
     upper: float
     probes: tuple[float, ...]
-    reference: Literal["one", "command", "output", "torque", "torque/speed", "inertia", "mass", "length"] = "one"
+    reference: Reference = "one"
     threshold: bool = False  # acts by comparison, so that derivatives say little: the fit also scans it
     shape: bool = False  # says how the effect acts, not how much: more of the effect does not change it
 

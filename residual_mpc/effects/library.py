@@ -20,6 +20,8 @@ BUILT_IN: tuple[Effect, ...] = (
     body.PAYLOAD,
     body.LINK_MASS,
     body.ARMATURE,
+    body.JOINT_COMPLIANCE,
+    body.LINK_LENGTH,
     contact.WHEEL_RADIUS,
     contact.WHEEL_RADIUS_MISMATCH,
     contact.TRACK_WIDTH,

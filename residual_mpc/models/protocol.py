@@ -87,7 +87,8 @@ class Robot(Protocol):
         ...
 
     def reference(self, kind: str, slot: str | None) -> float:
-        """A typical "inertia", "mass" or "length" of the target, for scaling; 1.0 where it has none."""
+        """A typical "inertia", "mass" or "length" of the target, for scaling; 1.0 where it has none. "play": how many
+        times a wheel's play (0.03 to 0.5 rad) its own may be."""
         ...
 
     def nominal(self) -> Mapping[str, float]:

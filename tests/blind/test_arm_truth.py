@@ -125,3 +125,36 @@ def test_the_same_seed_gives_the_same_arm_and_runs(tmp_path):
     assert answers[0] == answers[1]
     a, b = (sorted((tmp_path / n / "case").iterdir()) for n in "ab")
     assert [p.read_bytes() for p in a] == [p.read_bytes() for p in b]
+
+
+def test_a_link_waits_until_its_motor_has_crossed_the_play():
+    arm = one_joint()
+    loose, torque, seconds = replace(ideal(arm), play=np.full(1, 0.04)), 0.5, 0.05
+    crossing = np.sqrt(0.04 * arm.armature[0] / torque)  # s: half the play under the rotor's own acceleration
+    assert abs(pushed(loose, torque, 0.9 * crossing)[0]) == 0.0
+    assert pushed(loose, torque, crossing + seconds)[0] > 1e-3
+    together = pushed(ideal(arm), torque, 1.0)[1]
+    assert pushed(loose, torque, 1.0)[1] == pytest.approx(together, rel=0.05)  # what both carry is the same in the end
+
+
+def test_a_spring_rings_at_its_own_frequency_and_carries_the_link():
+    soft = replace(ideal(one_joint()), stiffness=np.full(1, 20.0), wound=np.full(1, 10.0))
+    stepper = Stepper(soft, np.zeros((1, 1)), np.zeros((1, 1)), np.full((1, 1), 0.5), np.zeros(1))
+    wound = []
+    for _ in range(round(4.0 / STEP)):
+        stepper.step(np.full((1, 1), 0.5), np.ones((1, 1)))
+        wound.append(float(stepper.rotors.angle[0, 0] - stepper.q[0, 0]))
+    rotor, link = stepper.rotors.law.rotor[0], stepper.rotors.law.link[0]
+    carried = 0.5 * link / (rotor + link) / 20.0  # rad, once it rings no more
+    assert wound[-1] == pytest.approx(carried, rel=0.02)
+    rising = [i for i in range(1, len(wound)) if wound[i - 1] < carried <= wound[i]]
+    period = 2 * np.pi * np.sqrt(rotor * link / (rotor + link) / 20.0)
+    assert (rising[1] - rising[0]) * STEP == pytest.approx(period, rel=0.02)
+
+
+def test_a_longer_link_holds_the_next_joint_farther_out():
+    arm = draw_arm(np.random.default_rng(4))
+    plain, longer = (compiled(replace(ideal(arm), longer=x * np.eye(len(arm.axes))[0]), arm) for x in (0.0, 0.07))
+    np.testing.assert_allclose((longer.body_pos - plain.body_pos)[2], [0.07, 0.0, 0.0], atol=1e-12)
+    assert np.abs(np.delete(longer.body_pos - plain.body_pos, 2, axis=0)).max() == 0.0
+    np.testing.assert_array_equal(longer.body_inertia, plain.body_inertia)

@@ -18,3 +18,8 @@ def test_an_effect_with_a_stand_in_is_never_withheld():
     assert not may_be_withheld("actuator_lag", ("wheeled", "encoders"))
     assert not may_be_withheld("wheel_radius", ("wheeled", "no_encoders"))
     assert may_be_withheld("track_width", ("wheeled", "no_encoders"))
+
+
+def test_what_others_remove_of_an_arms_gears_is_not_measured():
+    assert not may_be_withheld("backlash", ("arm", "drops"))
+    assert may_be_withheld("backlash", ("wheeled", "encoders"))

@@ -18,7 +18,8 @@ from residual_mpc.export.agreement import Sampling, agreement, sample
 from residual_mpc.export.write import write_model
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.robot_file import RobotFile, read_robot_file
-from residual_mpc.models.settings import Knob
+from residual_mpc.models.settings import Knob, Settings
+from residual_mpc.models.stepping import StepOptions
 from residual_mpc.residual.mlp import Mlp
 from residual_mpc.residual.record import Residual, to_json
 
@@ -78,6 +79,10 @@ def test_what_the_step_has_not_is_said():
     m = augment(robot, {**effects, Knob("viscous_friction", None, "coefficient"): 0.1}, None, Build(DT))
     said = {s.split(":")[0] for s in m.stepped.left_out}
     assert said == {"saturation", "armature", "viscous_friction [b]", "viscous_friction [e]"}
+    structural = {"joint_compliance": "stiffness", "backlash": "gap", "link_length": "offset"}
+    settings = Settings(1, {e: {p: np.full((1, 6), 0.1)} for e, p in structural.items()})
+    left_out = robot.one_step(settings, StepOptions(DT)).left_out
+    assert {s.split(":")[0] for s in left_out} == set(structural) and not any("not part" in s for s in left_out)
     with pytest.raises(BadInput, match="several rows|one set|lacks"):
         augment(robot, {Knob("payload", "elbow", "mass"): 1.0}, None, Build(DT))
 

@@ -38,6 +38,8 @@ CHANGING = {
     "actuator_lag": {"time_constant": 0.03},
 }
 
+GEARED = {"joint_compliance": {"stiffness": 80.0}, "backlash": {"gap": 0.02}, "link_length": {"offset": 0.05}}
+
 
 def written(folder: Path, effects: dict[str, dict[str, float]], actuators: str = SERVOS) -> Path:
     """A model.json beside its robot file."""
@@ -79,7 +81,11 @@ def played(simulator: Simulator, u: np.ndarray, start: dict[str, np.ndarray]) ->
 
 
 @pytest.mark.parametrize("actuators", [SERVOS, MIXED], ids=["servos", "motor and speed"])
-@pytest.mark.parametrize("effects", [{}, CONSTANT, {**CONSTANT, **CHANGING}], ids=["none", "constant", "changing"])
+@pytest.mark.parametrize(
+    "effects",
+    [{}, CONSTANT, {**CONSTANT, **CHANGING}, {**CONSTANT, **GEARED}, {**CHANGING, **GEARED}],
+    ids=["none", "constant", "changing", "geared", "geared and changing"],
+)
 def test_stepping_is_the_replay_of_the_diagnosis(tmp_path: Path, effects: dict, actuators: str) -> None:
     path = written(tmp_path, effects, actuators)
     robot, u, rows = arm(tmp_path), commands(3), 3

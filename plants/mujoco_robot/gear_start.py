@@ -1,0 +1,133 @@
+"""Where motor and link are at a window's start, of which only one side is logged."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from plants.mujoco_robot.gears import FAR, Feedback, Gears, of_gears, on_link_side
+from residual_mpc.models.settings import Settings
+
+if TYPE_CHECKING:
+    from plants.mujoco_robot.robot import MujocoRobot
+
+NUDGE = 1e-4  # rad
+SOLVES = 3
+WARM = 0.6  # s of commands before a window, replayed to know how motor and link swing against each other
+
+
+def begin(
+    batch: Any, robot: "MujocoRobot", settings: Settings, u: np.ndarray, warm: int, servos: Feedback | None
+) -> None:
+    """Put motor and link where they are at a window's start, given their logged side; in place.
+
+    How far the link is ahead is not measured. The rule (see `settle`) says where it is but for its fast motion, and
+    that is taken from a replay of the commands before the window, u[:, :warm] (B, warm + K, nu): what lies between this
+    replay's end and the rule's word on that end, and its rate.
+    """
+    gears = robot.gears
+    assert gears is not None
+    q, v = batch.bind("qpos"), batch.bind("qvel")
+    start = q.copy(), v.copy()
+    fast, rate = np.zeros((settings.rows, len(gears.joints))), np.zeros((settings.rows, len(gears.joints)))
+    if warm and "torque" not in robot.command_kinds:  # torques alone, without a servo, would lead anywhere
+        _lead(batch, robot, settings, u[:, :warm], servos)
+        end = q.copy(), v.copy()
+        on_link_side(robot, {"qpos": q, "qvel": v})
+        _unwind(q, v, gears)
+        settle(batch, robot, settings, u[:, warm], servos)
+        fast = np.nan_to_num(end[0][:, gears.places] - q[:, gears.places])
+        rate = np.nan_to_num(end[1][:, gears.dofs])
+        q[:], v[:] = start
+    settle(batch, robot, settings, u[:, warm], servos, fast)
+    v[:, gears.dofs] = rate
+    if robot.position_sensor == "link":
+        v[:, robot.dofs[gears.joints]] -= rate
+
+
+def _lead(
+    batch: Any, robot: "MujocoRobot", settings: Settings, u: np.ndarray, servos: Feedback | None
+) -> None:
+    """Replay commands (B, K, nu) that end at the window's start, from where the servos would have held the robot."""
+    import mujoco
+
+    gears, model = robot.gears, robot.model
+    assert gears is not None
+    q, v = batch.bind("qpos"), batch.bind("qvel")
+    gear, driven = model.actuator_gear[:, 0], robot.driven
+    v[:] = 0.0
+    for i, kind in enumerate(robot.command_kinds):
+        at = robot.places[driven[i]]
+        if kind == "position":
+            q[:, at] = u[:, 0, i] / gear[i]
+        else:  # it came from where its speeds have led it away
+            q[:, at] -= u[:, :, i].sum(axis=1) * gears.substeps * model.opt.timestep / gear[i]
+    settle(batch, robot, settings, u[:, 0], servos)
+    if servos is None:
+        held = np.repeat(u, gears.substeps, axis=1)
+        batch.rollout(held.shape[1], np.ascontiguousarray(held), int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
+        return
+    control = batch.bind("ctrl")
+    for k in range(u.shape[1]):
+        control[:] = u[:, k]
+        servos.correct(control, robot, q, v)
+        batch.step(nstep=gears.substeps)
+
+
+def _unwind(q: np.ndarray, v: np.ndarray, gears: Gears) -> None:
+    """Motor and link in one place, at one speed; in place."""
+    q[:, gears.places], v[:, gears.dofs] = 0.0, 0.0
+
+
+def settle(
+    batch: Any,
+    robot: "MujocoRobot",
+    settings: Settings,
+    command: np.ndarray,
+    servos: Feedback | None,
+    fast: np.ndarray | float = 0.0,
+) -> None:
+    """Part motor and link, which are in one place, by as much as lets both gather speed alike; in place.
+
+    Under the command (B, nu), gravity and friction: the spring bears what the link needs, as it does but for its own
+    fast oscillation (Spong 1987, the slow manifold), and within its play the link lies on the side that the load pushes
+    it to. Their logged side stays where it is. fast (B, g) rad is added, as far as the play has room.
+    """
+    gears = robot.gears
+    assert gears is not None
+    q, v, control = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
+    stiffness, gap = of_gears(robot, settings)
+    loose = ~np.isfinite(stiffness)
+    half = np.where(loose, 0.5 * gap, np.inf)
+    motor, count = robot.places[gears.joints], len(gears.joints)
+    measured, acceleration = q[:, motor].copy(), batch.bind("qacc")
+    stops, dead = batch.expand("jnt_range"), batch.expand("tendon_lengthspring")
+    kept = stops[:, gears.numbers].copy(), dead[:, gears.springs].copy()
+    stops[:, gears.numbers], dead[:, gears.springs] = (-FAR, FAR), 0.0
+
+    def place(ahead: np.ndarray) -> None:
+        q[:, gears.places] = ahead
+        q[:, motor] = measured - ahead if robot.position_sensor == "link" else measured
+
+    def apart(ahead: np.ndarray) -> np.ndarray:
+        """(B, g) rad/s^2 at which the link leaves the motor."""
+        place(ahead)
+        control[:] = command
+        if servos is not None:
+            servos.correct(control, robot, q, v)
+        batch.forward()
+        return np.asarray(acceleration[:, gears.dofs]).copy()
+
+    ahead = np.zeros_like(half)
+    first = apart(ahead)
+    slope = np.stack([(apart(ahead + NUDGE * row) - first) / NUDGE for row in np.eye(count)], axis=-1)
+    diagonal = np.arange(count)
+    slope[:, diagonal, diagonal] = np.minimum(slope[:, diagonal, diagonal], -1.0)  # without a servo nothing pulls back
+    away = first
+    for _ in range(SOLVES):
+        leaning = loose & (((ahead >= half) & (away > 0)) | ((ahead <= -half) & (away < 0)))
+        system = np.where(leaning[:, :, None], np.eye(count), slope)
+        step = np.linalg.solve(system, np.where(leaning, 0.0, away)[:, :, None])[:, :, 0]
+        ahead = np.clip(ahead - step, -half, half)
+        away = apart(ahead)
+    stops[:, gears.numbers], dead[:, gears.springs] = kept
+    place(np.where(loose, np.clip(ahead + fast, -half, half), ahead + 0.5 * gap * np.sign(ahead) + fast))

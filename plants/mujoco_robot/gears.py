@@ -1,0 +1,239 @@
+"""Joints whose motor and link are told apart: a spring or play between the two, as a joint more in the same body.
+
+The user's joint becomes the motor's side of the gear, seen at the link's scale: it keeps the actuator, the armature and
+the frictions. A second joint about the same axis, behind it, is how far the link is ahead of the motor; the link's
+angle is the sum of both. Since both sit in one body, the equations are those of two inertias, whatever hangs on the
+link: M = [[rotor + link, link], [link, link]]. A joint's own range holds the link.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from residual_mpc.models.settings import Settings, is_null
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from plants.mujoco_robot.robot import MujocoRobot
+
+ON_GEARS = ("joint_compliance", "backlash")
+DAMPING_RATIO = 0.05  # of a compliance's own oscillation: steel and grease
+SLOWED = 2.0  # 1/s: how fast grease slows a link that floats in its play
+LEAST_ROTOR = 0.02  # of the link's inertia: a rotor without any inertia has no equation of motion
+FAR = 1e6  # rad: a stop that is never reached
+STOP_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
+STOP_STEPS = 2.0  # time constant of a stop, steps: the stiffest that MuJoCo takes
+FINER = 4  # steps in one of RK4, which evaluates the model as often
+
+
+@dataclass(frozen=True, eq=False)
+class Gears:
+    """The joints of a robot that are split; g of them.
+
+    names: every joint of the robot that could be split. joints (g,): places of these in the robot's `joints`.
+    numbers, places, dofs (g,): of the added joints in the model, in qpos and in qvel. springs (g,): numbers of the
+    tendons that hold motor and link together. rotor, link (g,) kg m^2: the inertias on either side, as modelled.
+    substeps: steps of this model in one of the robot's.
+    """
+
+    names: tuple[str, ...]
+    joints: np.ndarray
+    numbers: np.ndarray
+    places: np.ndarray
+    dofs: np.ndarray
+    springs: np.ndarray
+    rotor: np.ndarray
+    link: np.ndarray
+    substeps: int
+
+
+def splittable(robot: "MujocoRobot") -> tuple[str, ...]:
+    """Joints that a motor drives and that are alone in their body.
+
+    None of a robot with closed chains, whose loops would have to be closed through the springs, nor of one that drives,
+    whose wheels' speeds at the start follow from the ground and not from the motor.
+    """
+    m = robot.model
+    if robot.spec is None or robot.base is not None or robot.loops is not None:
+        return ()
+    driven = set(robot.driven.tolist())
+    body = m.jnt_bodyid[[m.joint(j).id for j in robot.joints]]
+    return tuple(j for i, j in enumerate(robot.joints) if i in driven and m.body_jntnum[body[i]] == 1)
+
+
+def by_gears(robot: "MujocoRobot", settings: Settings) -> Iterator[tuple["MujocoRobot", np.ndarray]]:
+    """The robot with its gears split as rows of the settings need it, and those rows (n,)."""
+    names = robot.geared if robot.gears is None else ()
+    split = np.zeros((settings.rows, len(names)), dtype=bool)
+    for effect in ON_GEARS:
+        if names and effect in settings.effects:
+            split |= ~is_null(effect, settings.effects[effect])
+    if not split.any():
+        yield robot, np.arange(settings.rows)
+        return
+    for pattern in np.unique(split, axis=0):
+        chosen = tuple(j for j, apart in zip(names, pattern, strict=True) if apart)
+        yield robot.split(chosen) if chosen else robot, np.flatnonzero((split == pattern).all(axis=1))
+
+
+def split(robot: "MujocoRobot", joints: tuple[str, ...]) -> "MujocoRobot":
+    """The robot with motor and link of these joints apart."""
+    import mujoco
+
+    from plants.mujoco_robot.compile import limited
+
+    assert robot.spec is not None
+    plain, spec = robot.model, robot.spec.copy()
+    for key in list(spec.keys):  # a posture of the robot as it was
+        spec.delete(key)
+    dof = np.array([int(plain.joint(j).dofadr[0]) for j in joints])
+    link = np.maximum(plain.dof_M0[dof] - plain.dof_armature[dof], 1e-9)
+    rotor = np.maximum(plain.dof_armature[dof], LEAST_ROTOR * link)
+    coarse = int(plain.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
+    if coarse:  # which has no implicit damping, and a stiff spring or stop needs it
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        spec.option.timestep = plain.opt.timestep / FINER
+    for name, inertia in zip(joints, rotor.tolist(), strict=True):
+        motor = spec.joint(name)
+        motor.armature = inertia
+        behind = motor.parent.add_joint(name=_behind(name), type=motor.type, axis=motor.axis, pos=motor.pos)
+        if motor.frame is not None:
+            behind.set_frame(motor.frame)
+        spring = spec.add_tendon(name=_behind(name), springlength=(0.0, 0.0), limited=False)
+        spring.wrap_joint(_behind(name), 1.0)
+        number = plain.joint(name).id
+        if plain.jnt_limited[number]:
+            low, high = plain.jnt_range[number].tolist()
+            stop = spec.add_tendon(name=f"{name} stop", limited=True, range=(low, high), springlength=(0.0, 0.0))
+            stop.solref_limit, stop.solimp_limit = plain.jnt_solref[number], plain.jnt_solimp[number]
+            stop.margin = float(plain.jnt_margin[number])
+            stop.wrap_joint(name, 1.0)
+            stop.wrap_joint(_behind(name), 1.0)
+            motor.limited = False
+    model = limited(spec.compile())
+    numbers = np.array([model.joint(_behind(j)).id for j in joints])
+    gears = Gears(
+        robot.geared,
+        np.array([robot.joints.index(j) for j in joints]),
+        numbers,
+        model.jnt_qposadr[numbers],
+        model.jnt_dofadr[numbers],
+        np.array([model.tendon(_behind(j)).id for j in joints]),
+        rotor,
+        link,
+        FINER if coarse else 1,
+    )
+    _bare(model, gears)
+    return replace(robot, model=model, gears=gears, spec=None)
+
+
+def _behind(joint: str) -> str:
+    return f"{joint} behind its gear"
+
+
+def _bare(model: "mujoco.MjModel", gears: Gears) -> None:
+    """Take from the added joints what the model's defaults give to every joint."""
+    for field in ("dof_damping", "dof_dampingpoly", "dof_armature", "dof_frictionloss"):
+        getattr(model, field)[gears.dofs] = 0.0
+    for field in ("jnt_stiffness", "jnt_stiffnesspoly", "jnt_margin"):
+        getattr(model, field)[gears.numbers] = 0.0
+    model.jnt_actfrclimited[gears.numbers] = 0
+    model.jnt_limited[gears.numbers] = 1
+    model.jnt_range[gears.numbers] = (-FAR, FAR)
+    model.jnt_solref[gears.numbers] = (STOP_STEPS * model.opt.timestep, 1.0)
+    model.jnt_solimp[gears.numbers] = STOP_SOLIMP
+
+
+def edit_gears(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
+    """Write springs and stops into the batch of a split robot.
+
+    A spring in a joint that also has play begins at the play's ends. Its damping is that of DAMPING_RATIO, and never
+    less than makes the integrator's step implicit in the spring, so that any stiffness is stable.
+    """
+    gears, model = robot.gears, robot.model
+    assert gears is not None
+    stiffness, gap = of_gears(robot, settings)
+    firm = np.isfinite(stiffness)
+    k = np.where(firm, stiffness, 0.0)
+    batch.expand("tendon_stiffness")[:, gears.springs] = k
+    dead = np.where(firm, 0.5 * gap, 0.0)
+    batch.expand("tendon_lengthspring")[:, gears.springs] = np.stack([-dead, dead], axis=-1)
+    reduced = gears.rotor * gears.link / (gears.rotor + gears.link)
+    spring = np.maximum(2.0 * DAMPING_RATIO * np.sqrt(k * reduced), k * model.opt.timestep)
+    batch.expand("dof_damping")[:, gears.dofs] = np.where(firm, spring, SLOWED * reduced)
+    reach = np.where(firm, FAR, 0.5 * gap)
+    batch.expand("jnt_range")[:, gears.numbers] = np.stack([-reach, reach], axis=-1)
+    if "armature" in settings.effects or any(name.endswith(".armature") for name in settings.tuned):
+        motor = robot.dofs[gears.joints]
+        armature = batch.expand("dof_armature")
+        armature[:, motor] = np.maximum(armature[:, motor], LEAST_ROTOR * gears.link)
+        batch.set_const()
+
+
+def of_gears(robot: "MujocoRobot", settings: Settings) -> tuple[np.ndarray, np.ndarray]:
+    """(B, g) stiffness N m/rad, infinite where there is no spring, and play rad."""
+    gears = robot.gears
+    assert gears is not None
+    names = robot.geared
+    at = [names.index(robot.joints[j]) for j in gears.joints.tolist()]
+    none = np.full((settings.rows, len(names)), np.inf)
+    stiffness: np.ndarray = settings.effects.get("joint_compliance", {}).get("stiffness", none)
+    gap: np.ndarray = settings.effects.get("backlash", {}).get("gap", np.zeros_like(none))
+    return stiffness[:, at], gap[:, at]
+
+
+@dataclass(frozen=True, eq=False)
+class Feedback:
+    """Position servos that see the link, though they drive the motor.
+
+    actuators (s,) numbers; gears (s,) places in Gears; ratio (B, s) damping over stiffness, s.
+    """
+
+    actuators: np.ndarray
+    gears: np.ndarray
+    ratio: np.ndarray
+
+    def seen(self, robot: "MujocoRobot", q: np.ndarray) -> np.ndarray:
+        """(B, nu) positions of the actuators' joints, as their servos see them."""
+        assert robot.gears is not None
+        out = q[:, robot.places[robot.driven]].copy()
+        out[:, self.actuators] += q[:, robot.gears.places[self.gears]]
+        return out
+
+    def correct(self, control: np.ndarray, robot: "MujocoRobot", q: np.ndarray, v: np.ndarray) -> None:
+        """Take what the link is ahead of the motor from the commands (B, nu), in place: kp (u - q link) - kv v link."""
+        assert robot.gears is not None
+        gear = robot.model.actuator_gear[self.actuators, 0]
+        ahead, rate = q[:, robot.gears.places[self.gears]], v[:, robot.gears.dofs[self.gears]]
+        control[:, self.actuators] -= gear * (ahead + self.ratio * rate)
+
+
+def link_servos(robot: "MujocoRobot") -> np.ndarray:
+    """(s,) numbers of the position servos at split joints that see the link."""
+    if robot.gears is None or robot.servo_feedback != "link":
+        return np.zeros(0, dtype=int)
+    kinds = np.array([kind == "position" for kind in robot.command_kinds])
+    return np.flatnonzero(kinds & np.isin(robot.driven, robot.gears.joints))
+
+
+def feedback(batch: Any, robot: "MujocoRobot") -> Feedback | None:
+    """The feedback of link_servos; None where there is none. To be asked before any actuator is switched off."""
+    servos = link_servos(robot)
+    if robot.gears is None or not len(servos):
+        return None
+    bias = batch.expand("actuator_biasprm")[:, servos]
+    order = {j: i for i, j in enumerate(robot.gears.joints.tolist())}
+    at = np.array([order[j] for j in robot.driven[servos].tolist()])
+    return Feedback(servos, at, bias[:, :, 2] / bias[:, :, 1])
+
+
+def on_link_side(robot: "MujocoRobot", whole: Mapping[str, np.ndarray]) -> None:
+    """Make the motors' entries in whole["qpos"], whole["qvel"] (..., n) those of the logged side, in place."""
+    gears = robot.gears
+    if gears is None or robot.position_sensor != "link":
+        return
+    whole["qpos"][..., robot.places[gears.joints]] += whole["qpos"][..., gears.places]
+    whole["qvel"][..., robot.dofs[gears.joints]] += whole["qvel"][..., gears.dofs]

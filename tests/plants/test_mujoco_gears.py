@@ -1,0 +1,244 @@
+"""Springs and play between motor and link, against two inertias integrated elsewhere and against another MJCF."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from oracles.arms import MIXED, SERVOS, arm_xml, random_drive, random_start, robot_of, settings_of
+from oracles.two_masses import Gear
+
+from plants.mujoco_robot.gears import DAMPING_RATIO
+from residual_mpc.errors import BadInput
+from residual_mpc.models.protocol import Drive
+from residual_mpc.models.settings import Settings
+
+CHANNELS = ("position.j1", "position.j2", "velocity.j1", "velocity.j2")
+STEP, K = 0.0005, 40.0  # s, N m/rad
+Hypothesis = dict[tuple[str, str | None, str], float]
+
+
+def spring(feedback: str = "motor", sensor: str = "link") -> Gear:
+    bare = Gear(K, 0.0, feedback=feedback, sensor=sensor)
+    link = bare.inertia + bare.mass * bare.length**2
+    return replace(bare, damping=2 * DAMPING_RATIO * np.sqrt(K * bare.rotor * link / (bare.rotor + link)))
+
+
+def swing(
+    gear: Gear, folder: Path, hypothesis: Hypothesis, step: float = STEP, integrator: str = "implicitfast"
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What is logged over a second of commands that jump, from rest: the truth, the robot's replay, the plain's."""
+    rng, hold = np.random.default_rng(0), round(0.1 / step)
+    u = np.repeat(rng.uniform(-0.6, 0.6, 10), hold)
+    start = gear.at_rest(u[0])
+    if gear.play:
+        start[0] += np.sign(start[0]) * 0.5 * gear.play  # the motor is ahead of a link that it holds up
+        start = gear.driven(start, np.full(round(2.0 / step), u[0]), step)[-1]
+    truth = gear.logged(gear.driven(start, u, step))
+    keys = {"servo_feedback": gear.feedback, "position_sensor": gear.sensor}
+    robot = robot_of(folder, gear.xml % (step, integrator), **keys)
+    drive = Drive(step, 1, np.concatenate([u[:1], u])[None, :, None], None, np.zeros(1))
+    begin = {"position.shoulder": truth[:1], "velocity.shoulder": np.zeros(1)}
+    wanted = ("position.shoulder",)
+    settings = settings_of(robot, hypothesis)
+    found = [robot.replay(begin, drive, s, wanted)["position.shoulder"][0] for s in (settings, Settings(1))]
+    return truth, found[0], found[1]
+
+
+@pytest.mark.parametrize(
+    ("feedback", "sensor", "step", "integrator", "near"),
+    [
+        ("motor", "link", STEP, "implicitfast", 0.003),
+        ("motor", "motor", STEP, "Euler", 0.006),
+        ("motor", "link", 4 * STEP, "RK4", 0.003),  # stepped four times as finely once it is split
+        ("link", "link", STEP, "implicitfast", 0.02),  # its servo shakes the spring, and each step is late for it
+    ],
+)
+def test_a_spring_makes_two_inertias(
+    tmp_path: Path, feedback: str, sensor: str, step: float, integrator: str, near: float
+) -> None:
+    hypothesis: Hypothesis = {("joint_compliance", None, "stiffness"): K}
+    truth, came, plain = swing(spring(feedback, sensor), tmp_path, hypothesis, step, integrator)
+    assert np.abs(plain - truth).max() > 0.08
+    assert np.abs(came - truth)[: round(0.05 / step)].max() < 1e-6  # a spring that is wound up is not let go
+    assert np.abs(came - truth).max() < near
+
+
+@pytest.mark.parametrize("sensor", ["link", "motor"])
+def test_play_makes_two_inertias_and_two_stops(tmp_path: Path, sensor: str) -> None:
+    gear = Gear(4000.0, 4.0, play=0.08, sensor=sensor)
+    truth, came, plain = swing(gear, tmp_path, {("backlash", None, "gap"): 0.08})
+    assert np.abs(plain - truth).max() > 0.05 and np.sqrt(np.mean((plain - truth) ** 2)) > 0.03
+    assert np.sqrt(np.mean((came - truth) ** 2)) < 0.006
+
+
+def test_a_spring_behind_play(tmp_path: Path) -> None:
+    gear = replace(spring(), play=0.08)
+    both: Hypothesis = {("joint_compliance", None, "stiffness"): K, ("backlash", None, "gap"): 0.08}
+    truth, came, plain = swing(gear, tmp_path, both)
+    assert np.sqrt(np.mean((plain - truth) ** 2)) > 0.05
+    assert np.sqrt(np.mean((came - truth) ** 2)) < 0.01
+
+
+ARM = arm_xml().replace(' frictionloss="0.02" range="-90 90"', "").replace("0.002", str(STEP))
+
+
+def rotor_apart(stiffness: float) -> mujoco.MjModel:
+    """The arm with the second joint's rotor as a body of its own, bound to the link by a tendon."""
+    plain, spec = mujoco.MjModel.from_xml_string(ARM), mujoco.MjSpec.from_string(ARM)
+    link = spec.joint("j2")
+    rotor = spec.body("upper").add_body(name="rotor", pos=spec.body("lower").pos, mass=1e-7, inertia=[1e-9] * 3)
+    rotor.explicitinertial = True
+    rotor.add_joint(name="rotor", axis=link.axis, armature=0.005, damping=[0.05, 0, 0])
+    link.armature, link.damping = 0.0, [0.0, 0.0, 0.0]
+    spec.actuator("j2").target = "rotor"
+    inertia = float(plain.dof_M0[1] - plain.dof_armature[1])
+    damping = 2 * DAMPING_RATIO * np.sqrt(stiffness * 0.005 * inertia / (0.005 + inertia))
+    bound = spec.add_tendon(
+        name="gear", stiffness=[stiffness, 0, 0], damping=[damping, 0, 0], springlength=(0.0, 0.0)
+    )
+    bound.wrap_joint("rotor", -1.0)
+    bound.wrap_joint("j2", 1.0)
+    return spec.compile()
+
+
+def test_it_is_the_mjcf_with_the_rotor_as_a_body(tmp_path: Path) -> None:
+    """Whatever hangs on the link: in an arm of two joints, from rest."""
+    robot, truth = robot_of(tmp_path, ARM), rotor_apart(15.0)
+    u = np.repeat(np.random.default_rng(0).uniform(-0.6, 0.6, (8, 2)), 200, axis=0)
+    data, q = mujoco.MjData(truth), []
+    for k, command in enumerate([*np.repeat(u[:1], 8000, axis=0), *u]):
+        data.ctrl[:] = command
+        if k >= 8000:
+            q.append([data.qpos[truth.joint(j).id] for j in ("j1", "j2")])
+        mujoco.mj_step(truth, data)
+    wanted = np.array(q)
+    start = {f"position.j{i + 1}": wanted[:1, i] for i in (0, 1)} | {f"velocity.j{i}": np.zeros(1) for i in (1, 2)}
+    drive = Drive(STEP, 1, np.concatenate([u[:1], u])[None], None, np.zeros(1))
+    soft = settings_of(robot, {("joint_compliance", "j2", "stiffness"): 15.0})
+    came, plain = (robot.replay(start, drive, s, CHANNELS) for s in (soft, Settings(1)))
+    for i, joint in enumerate(("j1", "j2")):
+        assert np.abs(plain[f"position.{joint}"][0, :-1] - wanted[:, i]).max() > 0.015
+        assert np.abs(came[f"position.{joint}"][0, :-1] - wanted[:, i]).max() < 2e-3
+
+
+def test_rows_without_them_keep_their_bits(tmp_path: Path) -> None:
+    """Beside rows that have them, alone or with what changes between the steps; and such a row is itself alone."""
+    robot = robot_of(tmp_path, arm_xml())
+    others: list[Hypothesis] = [
+        {("joint_compliance", "j1", "stiffness"): 50.0},
+        {("backlash", "j2", "gap"): 0.05, ("payload", None, "mass"): 0.1, ("link_length", "upper", "offset"): 0.02},
+        {("joint_compliance", None, "stiffness"): 30.0, ("voltage_sag", None, "rate"): 0.05},
+        {("backlash", "j1", "gap"): 0.04, ("joint_compliance", "j2", "stiffness"): 20.0},
+        {("joint_compliance", "j1", "stiffness"): 25.0, ("stribeck_friction", "j1", "static"): 0.2},
+    ]
+    hypotheses: list[Hypothesis] = [{}, *others, {("voltage_sag", None, "rate"): 0.05}]
+    rows = len(hypotheses)
+    drive, start = random_drive(robot, rows, 100), random_start(robot, rows)
+    whole = robot.replay(start, drive, settings_of(robot, *hypotheses), CHANNELS)
+    for row, hypothesis in enumerate(hypotheses):
+        at = slice(row, row + 1)
+        mine = replace(drive, command=drive.command[at], clock=drive.clock[at])
+        alone = robot.replay({k: x[at] for k, x in start.items()}, mine, settings_of(robot, hypothesis), CHANNELS)
+        for channel in CHANNELS:
+            assert np.isfinite(whole[channel]).all()
+            np.testing.assert_array_equal(whole[channel][row], alone[channel][0])
+
+
+@pytest.mark.parametrize("actuators", [SERVOS, MIXED])
+def test_stiffer_and_tighter_gears_come_near_to_none(tmp_path: Path, actuators: str) -> None:
+    robot = robot_of(tmp_path, arm_xml(actuators))
+    drive, start = random_drive(robot, 2, 200), random_start(robot, 2)
+    plain = robot.replay(start, drive, Settings(2), CHANNELS)["position.j1"]
+    # motor and stop are not integrated as one, which costs a few mrad at steps of 2 ms
+    for effect, parameter, values, near in (
+        ("joint_compliance", "stiffness", (1e2, 1e3, 1e5), 1e-3),
+        ("backlash", "gap", (0.1, 0.01, 1e-4), 6e-3),
+    ):
+        off = []
+        for value in values:
+            settings = settings_of(robot, *[{(effect, None, parameter): value}] * 2)
+            off.append(np.abs(robot.replay(start, drive, settings, CHANNELS)["position.j1"] - plain).max())
+        assert off[0] > 2 * off[1] > 2 * off[2] and off[2] < near, (effect, off)
+
+
+def test_a_joints_range_holds_its_link(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, arm_xml().replace('range="-90 90"', 'range="-20 20"'))
+    drive, start = random_drive(robot, 1, 200), {c: np.zeros(1) for c in CHANNELS}
+    drive = replace(drive, command=np.full_like(drive.command, 1.5))
+    soft = settings_of(robot, {("joint_compliance", "j2", "stiffness"): 8.0})
+    link = [robot.replay(start, drive, s, ("position.j2",))["position.j2"][0] for s in (soft, Settings(1))]
+    assert np.rad2deg(link[0][-1]) == pytest.approx(np.rad2deg(link[1][-1]), abs=1.0)  # the motor goes on, to 70 deg
+
+
+def test_the_link_starts_on_the_side_that_gravity_pushes_it_to(tmp_path: Path) -> None:
+    """A servo at rest that holds its link up: the link stays where it was logged, and the motor is ahead of it."""
+    gear = Gear(K, 0.0)
+    robot = robot_of(tmp_path, gear.xml % (0.001, "implicitfast"))
+    for command, play in ((0.8, 0.1), (-0.8, 0.1)):
+        pull = gear.mass * 9.81 * gear.length
+        angle = command * 0.85
+        for _ in range(50):  # the servo at angle + play / 2 bears the weight
+            angle = command - 0.5 * play * np.sign(command) - pull * np.sin(angle) / gear.kp
+        drive = Drive(0.001, 1, np.full((1, 301, 1), command), None, np.zeros(1))
+        start = {"position.shoulder": np.array([angle]), "velocity.shoulder": np.zeros(1)}
+        loose = settings_of(robot, {("backlash", None, "gap"): play})
+        came = robot.replay(start, drive, loose, ("position.shoulder",))["position.shoulder"][0]
+        assert np.abs(came - angle).max() < 2e-4
+
+
+@pytest.mark.parametrize("sensor", ["link", "motor"])
+def test_a_start_in_motion_is_known_from_the_commands_before(tmp_path: Path, sensor: str) -> None:
+    """Windows cut out of a long swing with jumps, in which the spring still rings from the last one."""
+    gear, rng, step = spring(sensor=sensor), np.random.default_rng(0), 0.001
+    t = 0.02 * np.arange(300)
+    u = sum(rng.uniform(0.1, 0.3) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (0.4, 0.9, 1.7))
+    u = np.repeat(u + np.repeat(rng.uniform(-0.3, 0.3, 15), 20), 20)
+    states = gear.driven(gear.at_rest(u[0]), u, step)
+    robot = robot_of(tmp_path, gear.xml % (step, "implicitfast"), position_sensor=sensor)
+    side, at, lead, steps = 1 if sensor == "link" else 0, 1000 + 410 * np.arange(10), 700, 500
+    start = {"position.shoulder": states[at, side], "velocity.shoulder": states[at, 2 + side]}
+    truth = np.stack([states[a : a + steps + 1, side] for a in at])
+    soft = settings_of(robot, *[{("joint_compliance", None, "stiffness"): K}] * len(at))
+    off = {}
+    for known in (lead, 1):
+        command = np.stack([u[a - known : a + steps] for a in at])[:, :, None]
+        drive = Drive(step, known, command, None, np.zeros(len(at)))
+        came = robot.replay(start, drive, soft, ("position.shoulder",))["position.shoulder"]
+        off[known] = np.sqrt(np.mean((came - truth) ** 2))
+    assert off[lead] < 0.003 and off[lead] < 0.6 * off[1], off
+
+
+def test_a_merged_robots_settings_are_split_alike(tmp_path: Path) -> None:
+    xml = arm_xml()
+    (tmp_path / "b").mkdir()
+    one, other = robot_of(tmp_path, xml), robot_of(tmp_path / "b", xml.replace('kp="20"', 'kp="35"'))
+    whole = one.merged([other])
+    assert whole is not None
+    drive, start = random_drive(one, 2, 100), random_start(one, 2)
+    settings = settings_of(one, *[{("joint_compliance", "j2", "stiffness"): 20.0}] * 2)
+    came = whole.replay(start, replace(drive, setting=np.array([0, 1])), settings, CHANNELS)
+    for row, robot in enumerate((one, other)):
+        alone = robot.replay(start, drive, settings, CHANNELS)
+        np.testing.assert_array_equal(came["position.j2"][row], alone["position.j2"][row])
+    sensed = robot_of(tmp_path, xml, position_sensor="motor")
+    assert one.merged([sensed]) is None
+
+
+def test_who_cannot_have_them(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, arm_xml())
+    assert robot.slots("backlash") == robot.slots("joint_compliance") == ("j1", "j2")
+    assert robot.bounds("backlash", "gap", None)[1] < 1.0 and robot.bounds("joint_compliance", "stiffness", "j1")[0] > 0
+    two = arm_xml().replace('<joint name="j2"', '<joint name="roll" axis="1 0 0"/><joint name="j2"')
+    assert robot_of(tmp_path, two).slots("backlash") == ("j1",)  # the others share a body
+    undriven = arm_xml('<motor name="j1" joint="j1"/>')
+    assert robot_of(tmp_path, undriven).slots("backlash") == ("j1",)
+    closed = arm_xml().replace("<actuator>", '<equality><joint joint1="j1" joint2="j2"/></equality><actuator>')
+    try:
+        loop = robot_of(tmp_path, closed)
+    except BadInput:
+        return
+    assert loop.slots("backlash") == () == loop.slots("link_length")
