@@ -176,7 +176,7 @@ def test_without_a_network_the_step_is_the_arms_own_period(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["export", str(file), "--to", "casadi"])
     said = capsys.readouterr()
-    assert "not in the step: armature" in said.err and "largest difference" in said.out
+    assert "left out: armature" in said.err and "largest difference" in said.out
     assert json.loads((tmp_path / "export_casadi" / "export.json").read_text())["dt"] == DT
 
 
