@@ -14,6 +14,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import process_time
 
@@ -112,11 +113,18 @@ def score(learner: Learner, case: Case, seed: int) -> tuple[float, float]:
     return float(np.nanmean(np.linalg.norm(off, axis=1))), took
 
 
+CASES: dict[str, tuple[str, Callable[[int], Case], int]] = {
+    "wheeled": ("wheeled robot, C", wheeled_case, 4),
+    "arm": ("arm, B", arm_case, 5),
+}
+
+
 @click.command()
 @click.option("--seeds", type=click.IntRange(min=1), default=5, show_default=True, help="Robots, and weights to begin.")
-def learners(seeds: int) -> None:
+@click.option("--robot", "robots", multiple=True, type=click.Choice(list(CASES)), help="Repeatable; both where absent.")
+def learners(seeds: int, robots: tuple[str, ...]) -> None:
     """Print the held-out H2 norms, mean and standard deviation over robots, and seconds."""
-    for robot, make, digits in (("wheeled robot, C", wheeled_case, 4), ("arm, B", arm_case, 5)):
+    for robot, make, digits in (CASES[r] for r in robots or CASES):
         cases = [make(s) for s in range(seeds)]
         spoilt = [with_outliers(c, np.random.default_rng(s)) for s, c in enumerate(cases)]
         click.echo(f"\n{robot}: {seeds} robots\n")
