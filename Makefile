@@ -32,7 +32,6 @@ slow: $(VENV)/.installed-test
 bench: $(VENV)/.installed-test
 	$(BIN)/python -m benchmarks.diagnosis
 	$(BIN)/python -m benchmarks.control
-	$(BIN)/python -m benchmarks.control_arm
 	$(BIN)/python -m benchmarks.learning
 	$(BIN)/python -m benchmarks.jitter
 
