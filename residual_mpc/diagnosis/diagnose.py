@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from residual_mpc.diagnosis.causes import causes_of, most_sure
+from residual_mpc.diagnosis.conditions import moved, notes, setup
+from residual_mpc.diagnosis.contenders import alternatives, candidates, rival_sets
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import Fit, fit_all
@@ -16,15 +18,7 @@ from residual_mpc.diagnosis.how_far import Shrink, expected_errors, folds_of, fo
 from residual_mpc.diagnosis.learner import learn, remove
 from residual_mpc.diagnosis.next_experiment import next_experiment
 from residual_mpc.diagnosis.problem import Problem, build_problem, reweigh, start_sensitivity
-from residual_mpc.diagnosis.records import (
-    Alternative,
-    Candidate,
-    Diagnosis,
-    GapFigures,
-    Moved,
-    Setup,
-    Verdict,
-)
+from residual_mpc.diagnosis.records import Diagnosis, GapFigures, Verdict
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
 from residual_mpc.diagnosis.screen import shorten
@@ -37,7 +31,7 @@ from residual_mpc.diagnosis.where import locate
 from residual_mpc.diagnosis.witness import contradicted
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import TUNE, Settings, Term
+from residual_mpc.models.settings import Settings, Term
 
 Progress = Callable[[str, float], None]
 POLISH, POLISH_TOLERANCE = 24, 1e-6  # steps and relative gain at which the last fit ends
@@ -277,13 +271,13 @@ def _judge(
         stages=stages,
         where=locate(raw, scales, errors["before"]),
         causes=causes,
-        candidates=_candidates(rivalry, base, final, sure) if helps else (),
+        candidates=candidates(rivalry, base, final, sure) if helps else (),
         groups=groups,
-        rivals=_rival_sets(rivalry) if helps else (),
-        alternatives=_alternatives(rivalry, groups, final),
-        setup=_setup(raw, dispersion(final, blocks_of(problem.data))),
+        rivals=rival_sets(rivalry) if helps else (),
+        alternatives=alternatives(rivalry, groups, final),
+        setup=setup(raw, dispersion(final, blocks_of(problem.data))),
         not_testable=untestable,
-        moved=_moved(base, final) if helps else (),
+        moved=moved(base, final) if helps else (),
         unexplained=share,
         learned_shrink=learned,
         steps=steps,
@@ -291,7 +285,7 @@ def _judge(
         outlier_channels={c: s for c, s in outliers.shares.items() if s > 0} if with_outliers else {},
         next_experiment=next_experiment(groups, wheeled="left" in raw.blocks[0].robot.actuators),
         values=final.values if helps else base.values,
-        notes=_notes(raw, held, outliers, with_outliers, vetoed, final),
+        notes=notes(raw, held, outliers, with_outliers, vetoed, final),
     )
     return Made(diagnosis, raw, scales, errors["before"], errors["after"], test)
 
@@ -336,87 +330,3 @@ def _staged(
         steps.append((tuple(order), float(np.sqrt(subsets[frozenset(order)]))))
     flagged = max(start**2 - subsets[frozenset()], 0.0) if subsets else start**2 - everywhere["after"] ** 2
     return tuple(steps), stage_shares(drops, everywhere["after"], floor, flagged)
-
-
-def _candidates(rivalry: Rivalry, base: Fit, final: Fit, sure: float) -> tuple[Candidate, ...]:
-    """Every term that was seriously compared, with its probability and what the fit with it leaves."""
-    costs: dict[Term, float] = dict.fromkeys(final.terms, final.cost)
-    for r in rivalry.rivals:
-        for t in r.came:
-            costs.setdefault(t, r.fit.cost * final.cost / max(rivalry.fit.cost, 1e-12))
-    for t in rivalry.shares:  # what a group's first member took the place of
-        costs.setdefault(t, final.cost)
-    out = [
-        Candidate(t, sure * rivalry.shares.get(t, 0.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
-        for t, c in costs.items()
-    ]
-    return tuple(sorted(out, key=lambda c: -c.probability))
-
-
-def _rival_sets(rivalry: Rivalry) -> tuple[tuple[tuple[Term, ...], float], ...]:
-    weights = [(rivalry.fit.terms, 1.0)]
-    weights += [(r.fit.terms, float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))) for r in rivalry.rivals]
-    total = sum(w for _, w in weights)
-    ranked = sorted(((t, w / total) for t, w in weights), key=lambda tw: -tw[1])
-    return tuple(ranked[:6])
-
-
-def _alternatives(
-    rivalry: Rivalry, groups: tuple[tuple[tuple[Term, ...], ...], ...], final: Fit
-) -> tuple[Alternative, ...]:
-    """The other members of the groups, each with the values of the whole in which it stands."""
-    out: dict[tuple[Term, ...], Alternative] = {}
-    for group in groups:
-        for member in group:
-            fit = rivalry.standing_for(member)
-            if fit is not None and not all(t in final.terms for t in member):
-                out[member] = Alternative(member, fit.values)
-    return tuple(out.values())
-
-
-def _setup(data: Dataset, spread: float) -> Setup:
-    runs, actuators = data.runs, data.blocks[0].robot.actuators
-    sent = {a: np.concatenate([r.columns[f"command.{a}"] for r in runs]) for a in actuators}
-    first = {c: [s.y[0] for (_, name), s in data.signals.items() if name == c and len(s.y)] for c in data.channels}
-    return Setup(
-        period=float(np.median([r.period for r in runs])),
-        commands={a: (float(np.nanmin(u)), float(np.nanmax(u))) for a, u in sent.items()},
-        sigma={c: float(s) for c, s in zip(data.channels, data.sigma, strict=True)},
-        start={c: float(np.median(v)) for c, v in first.items() if v},
-        switches=any(b.drive.enabled is not None for b in data.blocks),
-        dispersion=max(float(spread), 1.0),
-    )
-
-
-def _moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
-    return tuple(Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE)
-
-
-def _notes(
-    raw: Dataset, held: np.ndarray, outliers: Outliers, with_outliers: bool, vetoed: tuple[Term, ...], final: Fit
-) -> tuple[str, ...]:
-    notes = []
-    if vetoed:
-        notes.append(
-            f"{', '.join(map(str, vetoed))} would close the gap, but the wheels' encoders read what it would have to "
-            "make up for: the cause lies before them."
-        )
-    if not held.any():
-        notes.append("The runs are too short to keep windows back: every figure is on windows that the fit has seen.")
-    if raw.skipped:
-        notes.append(
-            f"{raw.skipped} windows were skipped: a measured channel has no sample within 0.25 s of their start."
-        )
-    if outliers.count and not with_outliers:
-        notes.append(f"{outliers.count} samples jump away; they are left out of the fit, not of the gap.")
-    for knob, rests in zip(final.knobs, final.held, strict=True):
-        if rests and (knob.effect == TUNE or knob.term in final.terms):
-            what = knob.parameter if knob.effect == TUNE else f"{knob.parameter} of {knob.term}"
-            notes.append(
-                f"{what} rests on the end of what is tried, {final.values[knob]:.3g}: its "
-                "interval says nothing, and something else may be the cause."
-            )
-    notes.append(
-        "Effects outside the library cannot be named; intervals hold for the named effects being the true ones."
-    )
-    return tuple(notes)

@@ -1,0 +1,45 @@
+"""The explanations that were compared, as the document lists them: candidates, whole sets, alternatives."""
+
+import numpy as np
+
+from residual_mpc.diagnosis.fit import Fit
+from residual_mpc.diagnosis.records import Alternative, Candidate
+from residual_mpc.diagnosis.rivals import Rivalry
+from residual_mpc.models.settings import Term
+
+
+def candidates(rivalry: Rivalry, base: Fit, final: Fit, sure: float) -> tuple[Candidate, ...]:
+    """Every term that was seriously compared, with its probability and what the fit with it leaves."""
+    costs: dict[Term, float] = dict.fromkeys(final.terms, final.cost)
+    for r in rivalry.rivals:
+        for t in r.came:
+            costs.setdefault(t, r.fit.cost * final.cost / max(rivalry.fit.cost, 1e-12))
+    for t in rivalry.shares:  # what a group's first member took the place of
+        costs.setdefault(t, final.cost)
+    out = [
+        Candidate(t, sure * rivalry.shares.get(t, 0.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
+        for t, c in costs.items()
+    ]
+    return tuple(sorted(out, key=lambda c: -c.probability))
+
+
+def rival_sets(rivalry: Rivalry) -> tuple[tuple[tuple[Term, ...], float], ...]:
+    """The best few sets as wholes, the chosen one among them, with the share of the likelihood that each holds."""
+    weights = [(rivalry.fit.terms, 1.0)]
+    weights += [(r.fit.terms, float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))) for r in rivalry.rivals]
+    total = sum(w for _, w in weights)
+    ranked = sorted(((t, w / total) for t, w in weights), key=lambda tw: -tw[1])
+    return tuple(ranked[:6])
+
+
+def alternatives(
+    rivalry: Rivalry, groups: tuple[tuple[tuple[Term, ...], ...], ...], final: Fit
+) -> tuple[Alternative, ...]:
+    """The other members of the groups, each with the values of the whole in which it stands."""
+    out: dict[tuple[Term, ...], Alternative] = {}
+    for group in groups:
+        for member in group:
+            fit = rivalry.standing_for(member)
+            if fit is not None and not all(t in final.terms for t in member):
+                out[member] = Alternative(member, fit.values)
+    return tuple(out.values())
