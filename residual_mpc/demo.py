@@ -68,9 +68,7 @@ def draw(family: str, level: str, seed: int | None, out: Path | None) -> Case:
 
     if seed is not None and not 0 <= seed < FIRST_TEST_SEED:
         raise BadInput(f"the seed is {seed}", "--seed", f"seeds for looking are 0 to {FIRST_TEST_SEED - 1}")
-    fresh = np.random.default_rng().integers(
-        FIRST_TEST_SEED, size=TRIES
-    )  # a demo that is different each time
+    fresh = np.random.default_rng().integers(FIRST_TEST_SEED, size=TRIES)  # a demo that is different each time
     why = ""
     for number in [int(s) for s in fresh] if seed is None else [seed]:
         click.echo(f"drawing a robot (seed {number})", err=True)
@@ -137,11 +135,7 @@ def _planted(planted: Planted, answer: Answer, claim: Claim) -> str:
     parts = []
     for parameter, value in planted.parameters.items():
         estimate = None if name is None else claim.estimates[name].get(parameter)
-        seen = (
-            ""
-            if estimate is None
-            else f" (found {estimate.value:.4g}, {estimate.low:.4g} to {estimate.high:.4g})"
-        )
+        seen = "" if estimate is None else f" (found {estimate.value:.4g}, {estimate.low:.4g} to {estimate.high:.4g})"
         parts.append(f"{parameter} {value:.4g}{seen}")
     return f"{_named(planted.effect, planted.target)}: {', '.join(parts)}"
 

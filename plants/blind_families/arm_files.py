@@ -19,16 +19,11 @@ def write_robot(setting: Setting, noise: bool, folder: Path) -> None:
     lines = ['name = "arm"', *arm.write_model(folder)]
     if noise:
         lines.append("[noise]")
-        lines += [
-            f'"position.{joint}" = {sigma:.3g}'
-            for joint, sigma in zip(arm.joints, setting.sigma, strict=True)
-        ]
+        lines += [f'"position.{joint}" = {sigma:.3g}' for joint, sigma in zip(arm.joints, setting.sigma, strict=True)]
     (folder / "robot.toml").write_text("\n".join(lines) + "\n")
 
 
-def write_clean(
-    robot: ArmRobot, happened: Happened, setting: Setting, rng: np.random.Generator, folder: Path
-) -> None:
+def write_clean(robot: ArmRobot, happened: Happened, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
     """The same runs without noise and outliers: what the planted effects' best fit is measured on."""
     folder.mkdir(exist_ok=True)
     write_robot(setting, True, folder)
@@ -37,9 +32,7 @@ def write_clean(
     write_runs(replace(robot, sensor=calm), happened, silent, rng, folder)
 
 
-def write_runs(
-    robot: ArmRobot, happened: Happened, setting: Setting, rng: np.random.Generator, folder: Path
-) -> None:
+def write_runs(robot: ArmRobot, happened: Happened, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
     """The runs, noise and all."""
     arm, course, rough = setting.robot.truth.arm, setting.course, setting.rough
     t = course.t
@@ -58,9 +51,7 @@ def write_runs(
         table |= channels
         if setting.velocities:
             for j, joint in enumerate(arm.joints):
-                table[f"velocity.{joint}"] = speed[r, :, j] + setting.speed_sigma * rng.standard_normal(
-                    len(t)
-                )
+                table[f"velocity.{joint}"] = speed[r, :, j] + setting.speed_sigma * rng.standard_normal(len(t))
         if setting.drops and not course.on[r].all():
             for j, joint in enumerate(arm.joints):
                 table[f"enabled.{joint}"] = course.on[r, :, j].astype(int)

@@ -62,18 +62,14 @@ def draw_arm(rng: np.random.Generator) -> Arm:
     radius = 0.12 * length
     home = rng.uniform(-0.6, 0.6, n)
     kind = ("position", "position", "position", "velocity", "torque")[rng.integers(5)]
-    bare = Arm(
-        tuple(axes), length, mass, radius, np.full(n, 1e-6), np.zeros(n), kind, np.ones(n), np.ones(n), home
-    )
+    bare = Arm(tuple(axes), length, mass, radius, np.full(n, 1e-6), np.zeros(n), kind, np.ones(n), np.ones(n), home)
     inertia = inertia_at(bare, home)
     armature = inertia * rng.uniform(0.5, 2.0, n) + 0.002
     inertia = inertia + armature
     damping = inertia * rng.uniform(0.5, 1.5, n)
     w = rng.uniform(9, 14)
     if kind == "velocity":
-        return Arm(
-            tuple(axes), length, mass, radius, armature, damping, kind, np.zeros(n), inertia * w * 1.5, home
-        )
+        return Arm(tuple(axes), length, mass, radius, armature, damping, kind, np.zeros(n), inertia * w * 1.5, home)
     kp, kv = inertia * w**2, 2 * rng.uniform(0.8, 1.0) * inertia * w
     return Arm(tuple(axes), length, mass, radius, armature, damping, kind, kp, kv, home)
 

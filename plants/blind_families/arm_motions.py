@@ -22,9 +22,7 @@ def multisine(t: Array, joints: int, rng: np.random.Generator) -> Array:
     out = np.zeros((len(t), joints))
     for j in range(joints):
         for f in rng.uniform(0.1, 1.3, 5):
-            out[:, j] += (
-                rng.uniform(0.5, 1.0) / (1 + f) * np.sin(2 * np.pi * f * t + rng.uniform(0, 2 * np.pi))
-            )
+            out[:, j] += rng.uniform(0.5, 1.0) / (1 + f) * np.sin(2 * np.pi * f * t + rng.uniform(0, 2 * np.pi))
     return 0.45 * out / np.abs(out).max(axis=0) * _ease(t)
 
 

@@ -20,9 +20,7 @@ class Course:
     t: Array  # (k,) s, on the grid of STEP
     reference: Array  # (r, k, n) rad
     on: Array  # (r, k, n) 1 where the actuators are on
-    correction: (
-        float  # 1/s, slow outer loop that pulls the joints onto the reference; 0 in position mode means none
-    )
+    correction: float  # 1/s, slow outer loop that pulls the joints onto the reference; 0 in position mode means none
 
 
 @dataclass(frozen=True)
@@ -103,9 +101,7 @@ def _controller(
     # a gentle joint controller around the torque that holds the start posture; damping is kept under what the
     # held samples allow
     inertia = arm.kp / 200.0
-    trim = np.clip(
-        trim + dt * 40.0 * inertia * (reference - q) * on, -3.0 * np.abs(hold) - 1, 3.0 * np.abs(hold) + 1
-    )
+    trim = np.clip(trim + dt * 40.0 * inertia * (reference - q) * on, -3.0 * np.abs(hold) - 1, 3.0 * np.abs(hold) + 1)
     return hold + trim + inertia * (64.0 * (reference - q) + 14.0 * (ahead - rate)), trim
 
 

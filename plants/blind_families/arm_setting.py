@@ -76,9 +76,7 @@ def ratio(robot: ArmRobot, setting: Setting) -> float:
     sigma = np.sqrt(setting.sigma**2 + setting.resolution**2 / 12)
     # the slope of a quadratic through five samples; where speeds are logged, the middle value of one
     period = float(np.median(np.diff(course.t)))
-    slope = (
-        0.7 * _SPEED_NOISE * np.ones_like(sigma) if setting.velocities else sigma / (period * np.sqrt(10.0))
-    )
+    slope = 0.7 * _SPEED_NOISE * np.ones_like(sigma) if setting.velocities else sigma / (period * np.sqrt(10.0))
     return gap_ratio(setting.robot.truth.arm, course, seen, speed, happened.command, sigma, slope)
 
 

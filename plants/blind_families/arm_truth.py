@@ -279,13 +279,9 @@ class Stepper:
         rate = np.abs(v) / _PRESLIDING
         after = (z + STEP * v) / (1.0 + STEP * rate)  # implicit: bristles are stiff
         self.bristle = after
-        return (
-            level / _PRESLIDING * after + np.sqrt(level / _PRESLIDING * p.arm.armature) * (after - z) / STEP
-        )
+        return level / _PRESLIDING * after + np.sqrt(level / _PRESLIDING * p.arm.armature) * (after - z) / STEP
 
 
 def inside(truth: ArmTruth) -> bool:
     """Whether the constants are ones that a robot can have."""
-    return bool(
-        np.all(truth.arm.mass + truth.link_mass > 0) and np.all(truth.gain > 0) and np.all(truth.limit > 0)
-    )
+    return bool(np.all(truth.arm.mass + truth.link_mass > 0) and np.all(truth.gain > 0) and np.all(truth.limit > 0))

@@ -158,9 +158,7 @@ def _plant_all(bench: Bench[R, D], rng: np.random.Generator) -> list[tuple[D, fl
     return planted
 
 
-def _plant_one(
-    bench: Bench[R, D], effect: str, draw: D, wanted: float, start: float
-) -> tuple[float, Planted] | None:
+def _plant_one(bench: Bench[R, D], effect: str, draw: D, wanted: float, start: float) -> tuple[float, Planted] | None:
     """The strength that gives the wanted ratio and the effect at it."""
     if effect == "sensor_outliers":
         strength, ratio = float(np.clip(wanted / 15, 0.15, 1.0)), wanted
@@ -174,9 +172,7 @@ def _plant_one(
     return strength, Planted(effect, bench.target(draw), parameters, ratio)
 
 
-def _plant_background(
-    bench: Bench[R, D], level: Level, rng: np.random.Generator
-) -> tuple[R, tuple[Planted, ...]]:
+def _plant_background(bench: Bench[R, D], level: Level, rng: np.random.Generator) -> tuple[R, tuple[Planted, ...]]:
     """The robot with the faint effects of the level, each about its share of a strong one."""
     robot, background = bench.robot, []
     for effect in bench.faint if level.background else ():

@@ -24,9 +24,7 @@ class Roughness:
 
 def draw_roughness(rng: np.random.Generator) -> Roughness:
     """The roughness of one case."""
-    return Roughness(
-        rng.uniform(0.02, 0.12), rng.uniform(0.2, 0.6), rng.uniform(0.3, 1.0), rng.uniform(0.5, 1.5)
-    )
+    return Roughness(rng.uniform(0.02, 0.12), rng.uniform(0.2, 0.6), rng.uniform(0.3, 1.0), rng.uniform(0.5, 1.5))
 
 
 def stamps(seconds: float, rate: float, rough: Roughness, rng: np.random.Generator) -> Array:
@@ -50,9 +48,7 @@ def quantised(values: Array, step: float) -> Array:
     return np.round(values / step) * step if step > 0 else values
 
 
-def with_dropouts(
-    channels: dict[str, Array], t: Array, per_ten_seconds: float, rng: np.random.Generator
-) -> None:
+def with_dropouts(channels: dict[str, Array], t: Array, per_ten_seconds: float, rng: np.random.Generator) -> None:
     """Blank stretches of 0.1 to 0.5 s in all ``channels`` at once, in place, never in the first second."""
     if t[-1] < 3.0:
         return

@@ -58,9 +58,7 @@ def planar_ratio(
     return float(np.sqrt(np.sum(weight * squares) / np.sum(weight * floors)))
 
 
-def tuned(
-    ratio_of: Callable[[float], float], wanted: float, start: float = 0.3, tries: int = 6
-) -> tuple[float, float]:
+def tuned(ratio_of: Callable[[float], float], wanted: float, start: float = 0.3, tries: int = 6) -> tuple[float, float]:
     """Strength in (0, 1] at which ``ratio_of(strength)`` is about ``wanted``, and the ratio reached.
 
     A secant in logarithms: ratios grow with a strength to about the first power.
@@ -68,9 +66,7 @@ def tuned(
     strength, best = start, (start, 0.0)
     for _ in range(tries):
         ratio = ratio_of(strength)
-        if best[1] == 0.0 or abs(np.log(max(ratio, 1e-6) / wanted)) < abs(
-            np.log(max(best[1], 1e-6) / wanted)
-        ):
+        if best[1] == 0.0 or abs(np.log(max(ratio, 1e-6) / wanted)) < abs(np.log(max(best[1], 1e-6) / wanted)):
             best = (strength, ratio)
         if 0.8 < ratio / wanted < 1.25:
             break

@@ -48,9 +48,7 @@ def _pair(draw: Draw, null: float, value: float) -> tuple[float, float]:
     )
 
 
-def _per_wheel(
-    field: str, parameter: str, null: float, law: Callable[[float, Draw, WheeledTruth], float]
-) -> Any:
+def _per_wheel(field: str, parameter: str, null: float, law: Callable[[float, Draw, WheeledTruth], float]) -> Any:
     def plant(rover: Rover, draw: Draw, s: float) -> tuple[Rover, dict[str, float]]:
         value = law(s, draw, rover.truth)
         changes: dict[str, Any] = {field: _pair(draw, null, value)}

@@ -15,9 +15,7 @@ REST = 0.5  # s of standing still at the start of every run
 def _multisine(t: Array, amplitude: float, rng: np.random.Generator, low: float, high: float) -> Array:
     f = rng.uniform(low, high, 5)
     a = rng.uniform(0.5, 1.0, 5)
-    wave = (a[:, None] * np.sin(2 * np.pi * f[:, None] * t + rng.uniform(0, 2 * np.pi, 5)[:, None])).sum(
-        axis=0
-    )
+    wave = (a[:, None] * np.sin(2 * np.pi * f[:, None] * t + rng.uniform(0, 2 * np.pi, 5)[:, None])).sum(axis=0)
     return amplitude * wave / np.max(np.abs(wave))
 
 
@@ -33,9 +31,7 @@ def _holds(t: Array, values: Callable[[], float], rng: np.random.Generator, low:
 def rich(t: Array, v: float, w: float, rng: np.random.Generator) -> tuple[Array, Array]:
     """Both signs of the speed, times a multisine of the yaw rate."""
     sign = np.sign(np.sin(2 * np.pi * t / rng.uniform(6, 9)) + 1e-9)
-    return v * sign * (0.75 + 0.25 * np.sin(2 * np.pi * t / rng.uniform(2.5, 4))), _multisine(
-        t, w, rng, 0.1, 0.7
-    )
+    return v * sign * (0.75 + 0.25 * np.sin(2 * np.pi * t / rng.uniform(2.5, 4))), _multisine(t, w, rng, 0.1, 0.7)
 
 
 def waves(t: Array, v: float, w: float, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -40,9 +40,7 @@ def build(robot: RobotFile) -> "MujocoRobot":
     return MujocoRobot(robot.name, model, site, robot.servo_feedback, robot.position_sensor, base, loops, spec)
 
 
-def compile_model(
-    path: str, actuators: Mapping[str, Actuator] | None = None
-) -> "tuple[mujoco.MjSpec, mujoco.MjModel]":
+def compile_model(path: str, actuators: Mapping[str, Actuator] | None = None) -> "tuple[mujoco.MjSpec, mujoco.MjModel]":
     """What the file says, and the compiled model with a finite, never active force range on every actuator that had
     none; `actuators` join by the name of the joint that they drive."""
     import mujoco

@@ -44,9 +44,7 @@ def begin(
         v[:, robot.dofs[gears.joints]] -= rate
 
 
-def _lead(
-    batch: Any, robot: "MujocoRobot", settings: Settings, u: np.ndarray, servos: Feedback | None
-) -> None:
+def _lead(batch: Any, robot: "MujocoRobot", settings: Settings, u: np.ndarray, servos: Feedback | None) -> None:
     """Replay commands (B, K, nu) that end at the window's start, from where the servos would have held the robot."""
     import mujoco
 

@@ -41,10 +41,10 @@ def with_best_fit(answer: Answer, clean: Path, case: Path) -> Answer:
 def best_fit(effects: Sequence[Planted], clean: Path, case: Path) -> dict[str, float]:
     """Least squares from the drawn values, over all windows of the runs in ``clean``, each channel weighed by its
     noise in ``case``: without noise of its own, a channel would outweigh all others."""
-    from residual_mpc.diagnosis.diagnose import thin
     from residual_mpc.diagnosis.fit import fit_all
     from residual_mpc.diagnosis.problem import build_problem
     from residual_mpc.diagnosis.space import build_space
+    from residual_mpc.diagnosis.thinning import thin
     from residual_mpc.models.settings import Knob
 
     fitted = [p for p in effects if p.effect != _FLAGGED]

@@ -144,9 +144,7 @@ def _kept(name: str, job: tuple[object, ...], folder: Path, answers: Path) -> En
 def _apart(folder: Path, answers: Path) -> None:
     inner, outer = answers.resolve(), folder.resolve()
     if inner == outer or outer in inner.parents:
-        raise BadInput(
-            "the answers would lie inside the suite", str(answers), "Keep them in a folder of their own"
-        )
+        raise BadInput("the answers would lie inside the suite", str(answers), "Keep them in a folder of their own")
 
 
 def default_answers(folder: Path) -> Path:

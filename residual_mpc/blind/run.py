@@ -44,9 +44,7 @@ class RunSettings:
         if self.timeout <= 0:
             raise BadInput(f"the time limit is {self.timeout} s", "--timeout", "Give seconds above 0")
         if self.engine not in ENGINES:
-            raise BadInput(
-                f"no engine is called {self.engine!r}", "--engine", f"Known engines: {', '.join(ENGINES)}"
-            )
+            raise BadInput(f"no engine is called {self.engine!r}", "--engine", f"Known engines: {', '.join(ENGINES)}")
 
 
 @dataclass(frozen=True)
@@ -69,14 +67,10 @@ def run_suite(folder: Path, results: Path, settings: RunSettings) -> RunSummary:
     begin = time.monotonic()
     outcomes = _spread(suite, todo, results, command, settings)
     good = sum(outcomes)
-    return RunSummary(
-        len(suite.cases), good, len(todo) - good, len(suite.cases) - len(todo), time.monotonic() - begin
-    )
+    return RunSummary(len(suite.cases), good, len(todo) - good, len(suite.cases) - len(todo), time.monotonic() - begin)
 
 
-def _spread(
-    suite: Suite, todo: list[Entry], results: Path, command: list[str], settings: RunSettings
-) -> list[bool]:
+def _spread(suite: Suite, todo: list[Entry], results: Path, command: list[str], settings: RunSettings) -> list[bool]:
     """Whether each case was diagnosed, in order, on all workers."""
     from joblib import Parallel, delayed, parallel_config
 
@@ -97,9 +91,7 @@ def _spread(
             "Install it with `pip install 'residual-mpc[dask]'`",
         ) from None
     workers = settings.jobs if settings.jobs > 0 else os.cpu_count()
-    cluster = settings.address or LocalCluster(
-        n_workers=workers, threads_per_worker=1, dashboard_address=None
-    )
+    cluster = settings.address or LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
     with Client(cluster), parallel_config(backend="dask"):
         return list(Parallel()(calls))
 
@@ -136,9 +128,7 @@ def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], ti
     return status == "done"
 
 
-def _call(
-    call: list[str], work: Path, environment: dict[str, str], timeout: float
-) -> tuple[str, int | None, str]:
+def _call(call: list[str], work: Path, environment: dict[str, str], timeout: float) -> tuple[str, int | None, str]:
     """(status, exit status, end of stderr) of one process."""
     try:
         process = subprocess.Popen(

@@ -29,9 +29,7 @@ class Sealed:
     @property
     def commitment(self) -> str:
         """The public hash, hex."""
-        text = json.dumps(
-            {"answer": self.answer.document(), "data": self.data}, sort_keys=True, separators=(",", ":")
-        )
+        text = json.dumps({"answer": self.answer.document(), "data": self.data}, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(bytes.fromhex(self.salt) + text.encode()).hexdigest()
 
 
@@ -62,9 +60,7 @@ def read_sealed(path: Path) -> Sealed:
         document: dict[str, Any] = json.loads(path.read_text())
         return Sealed(answer_from(document["answer"]), str(document["data"]), str(document["salt"]))
     except FileNotFoundError:
-        raise BadInput(
-            "the answer is missing", str(path), "Pass the folder that `blind make` kept apart"
-        ) from None
+        raise BadInput("the answer is missing", str(path), "Pass the folder that `blind make` kept apart") from None
     except (ValueError, KeyError, TypeError) as error:
         raise BadInput(f"this is no sealed answer ({error!r})", str(path), "Make the suite again") from None
 

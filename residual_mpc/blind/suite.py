@@ -60,9 +60,7 @@ def read_suite(folder: Path) -> Suite:
     remedy = "Make one with `residual-mpc blind make --out FOLDER`"
     try:
         document = json.loads(path.read_text())
-        cases = tuple(
-            Entry(c["name"], c["family"], c["commitment"], tuple(c["without"])) for c in document["cases"]
-        )
+        cases = tuple(Entry(c["name"], c["family"], c["commitment"], tuple(c["without"])) for c in document["cases"])
         suite = Suite(folder, document["seeds"], document["version"], cases)
     except FileNotFoundError:
         raise BadInput("no suite of blind cases here", str(folder), remedy) from None

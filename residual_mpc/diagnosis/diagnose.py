@@ -17,35 +17,35 @@ from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_
 from residual_mpc.diagnosis.how_far import Shrink, expected_errors, folds_of, foretold, shrink_of
 from residual_mpc.diagnosis.learner import learn, remove
 from residual_mpc.diagnosis.next_experiment import next_experiment
-from residual_mpc.diagnosis.problem import Problem, build_problem, reweigh, start_sensitivity
+from residual_mpc.diagnosis.problem import Problem, build_problem, part_of, reweigh, start_sensitivity
 from residual_mpc.diagnosis.records import Diagnosis, GapFigures, Verdict
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
-from residual_mpc.diagnosis.screen import shorten
 from residual_mpc.diagnosis.search import SearchSettings, search, without
 from residual_mpc.diagnosis.space import Space, build_space
 from residual_mpc.diagnosis.spikes import Outliers, find_outliers
-from residual_mpc.diagnosis.stages import shapley, squared_gaps, stage_shares
+from residual_mpc.diagnosis.stages import staged
 from residual_mpc.diagnosis.testable import not_testable
+from residual_mpc.diagnosis.thinning import evenly, floor_draws, thin, well_begun
 from residual_mpc.diagnosis.where import locate
 from residual_mpc.diagnosis.witness import contradicted
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import Settings, Term
+from residual_mpc.models.settings import Settings, Term, Values
 
 Progress = Callable[[str, float], None]
 POLISH, POLISH_TOLERANCE = 24, 1e-6  # steps and relative gain at which the last fit ends
-FLOOR_DRAWS = 24  # the floor hangs on a few windows with poorly measured starts: three draws scatter by a fifth
+LAST = 2  # of these steps that are on all windows, where there are too many for all
 LUCK = 4.0  # standard deviations of a perfect model's squared gap that chance is allowed
-POOR_START = 25.0  # times the median of the windows' squared noise
-FEWEST = 32  # windows that a search looks at, however small the steps
 
 
 @dataclass(frozen=True)
 class Options:
-    """horizon s; only, without: effect names; held_out: what is kept back (None: chosen); search_steps: simulation
-    steps that one hypothesis may cost in the search (windows are thinned evenly to that); search: see SearchSettings.
+    """horizon s; only, without: effect names; held_out: what is kept back (None: chosen); search: see SearchSettings.
 
+    search_steps: simulation steps that one hypothesis may cost in the search (windows are thinned evenly to that);
+    final_steps: likewise in the last fit but for its last steps, and in the shares of the stages; a perfect model may
+    cost 24 times that.
     floor_margin: a gap within this factor of the noise floor is no gap; on development seeds perfect wheeled robots
     came within 1.1.
     """
@@ -55,6 +55,7 @@ class Options:
     without: tuple[str, ...] = ()
     held_out: tuple[KeptBack, ...] | None = None
     search_steps: int = 16_000
+    final_steps: int = 100_000
     floor_margin: float = 1.25
     search: SearchSettings = field(default_factory=SearchSettings)
 
@@ -110,9 +111,9 @@ def diagnose(
 
     progress("fitting on all windows", 0.75)
     problem = problem_like(fitting, space, found.problem)
-    final, base = fit_all(problem, [rivalry.fit.values, found.base.values], POLISH, POLISH_TOLERANCE)
+    final, base = polish(problem, [rivalry.fit.values, found.base.values], options.final_steps)
     before_fit = raw.take(~held)
-    final, vetoed = _heed_witnesses(problem, final)
+    final, vetoed = _heed_witnesses(problem, final, options)
     with_outliers = _wanted(outliers, options) and (
         outliers.frequent or _weigh(before_fit, fitting, scales, space.settings([final.values]), rng, options)
     )
@@ -132,32 +133,21 @@ def diagnose(
     )  # fmt: skip
 
 
+def polish(problem: Problem, starts: list[Values], steps: int) -> list[Fit]:
+    """Fit to the end: on `steps` simulation steps' worth of windows, evenly spread, and the last steps on all."""
+    few = evenly(problem.data, steps)
+    if few.all():
+        return fit_all(problem, starts, POLISH, POLISH_TOLERANCE)
+    near = fit_all(part_of(problem, few), starts, POLISH, POLISH_TOLERANCE)
+    return fit_all(problem, [f.values for f in near], LAST, POLISH_TOLERANCE)
+
+
 def problem_like(data: Dataset, space: Space, like: Problem) -> Problem:
     """The problem on other windows with the weights of one that is there."""
     return reweigh(data, space, start_sensitivity(data, space, {}), 1.0 / like.weight)
 
 
-def thin(data: Dataset, steps: int) -> Dataset:
-    """Less to replay, so that one hypothesis costs at most about `steps` simulation steps: windows cut to their first
-    half, and evenly fewer of them."""
-    cost = max(b.drive.steps for b in data.blocks)
-    if data.count * cost <= steps:
-        return data
-    if data.count * cost > 2 * steps:
-        data, cost = shorten(data, 0.5), (cost + 1) // 2
-    keep = np.zeros(data.count, dtype=bool)
-    keep[np.unique(np.linspace(0, data.count - 1, max(FEWEST, steps // cost)).round().astype(int))] = True
-    return data.take(keep)
-
-
-def well_begun(data: Dataset, scales: Scales, rng: np.random.Generator) -> Dataset:
-    """Without the windows whose start is so poorly measured (dropouts, few samples) that noise alone explains them."""
-    noise = per_window(data, scales, noise_errors(data, Settings(1), rng, 1)[0])
-    keep = ~(noise > POOR_START * np.nanmedian(noise))
-    return data.take(keep) if keep.sum() >= min(FEWEST, data.count) // 2 else data
-
-
-def _heed_witnesses(problem: Problem, final: Fit) -> tuple[Fit, tuple[Term, ...]]:
+def _heed_witnesses(problem: Problem, final: Fit, options: Options) -> tuple[Fit, tuple[Term, ...]]:
     """The fit without the effects that the encoders contradict, and those."""
     if not final.terms:
         return final, ()
@@ -170,7 +160,7 @@ def _heed_witnesses(problem: Problem, final: Fit) -> tuple[Fit, tuple[Term, ...]
     left = final.values
     for t in vetoed:
         left = without(left, t)
-    return fit_all(problem, [left], POLISH, POLISH_TOLERANCE)[0], vetoed
+    return polish(problem, [left], options.final_steps)[0], vetoed
 
 
 def _wanted(outliers: Outliers, options: Options) -> bool:
@@ -213,7 +203,7 @@ def _judge(
     after_p = predict(after_data, rows)[2]
     errors = {"nominal": raw.y - nominal_p, "before": raw.y - base_p, "after": after_data.y - after_p}
     test = held if held.any() else np.ones(raw.count, dtype=bool)
-    floors = noise_errors(after_data, space.settings([final.values]), rng, FLOOR_DRAWS)
+    floors = noise_errors(after_data, space.settings([final.values]), rng, floor_draws(after_data, options.final_steps))
     draws = np.square([gap_of(after_data, scales, e, test).total for e in floors])
     floor = float(np.sqrt(draws.mean()))
     draws_everywhere = np.square([gap_of(after_data, scales, e).total for e in floors])
@@ -242,8 +232,8 @@ def _judge(
     learned = _learned_shrink(after_data if helps else raw, scales, held, errors["after"], after_p)
     sure = most_sure(verdict, share)
     causes = causes_of(final, problem, rivalry, outliers, with_outliers, share, sure) if helps else ()
-    subsets = squared_gaps(after_data, scales, space, final.values, final.terms) if helps and final.terms else {}
-    steps, stages = _staged(raw, scales, test, errors["before"], everywhere, subsets, final, floor_everywhere, helps)
+    gaps = everywhere["before"], everywhere["after"], floor_everywhere
+    steps, stages = staged(after_data, scales, space, final if helps else None, gaps, options.final_steps)
     channel_floor = np.sqrt(np.mean([gap_of(after_data, scales, e, test).channels ** 2 for e in floors], axis=0))
     figures = GapFigures(
         nominal=g["nominal"].total,
@@ -305,28 +295,3 @@ def _learned_shrink(data: Dataset, scales: Scales, held: np.ndarray, error: np.n
     left = remove(learner, test, scales, error[held], predicted[held])
     before, after = gap_of(test, scales, error[held]).total, gap_of(test, scales, left).total
     return float(max(1.0 - after / before, 0.0)) if before > 0 else 0.0
-
-
-def _staged(
-    raw: Dataset,
-    scales: Scales,
-    test: np.ndarray,
-    before: np.ndarray,
-    everywhere: dict[str, float],
-    subsets: dict[frozenset[Term], float],
-    final: Fit,
-    floor: float,
-    helps: bool,
-) -> tuple[tuple[tuple[tuple[Term, ...], float], ...], tuple[tuple[str, float], ...]]:
-    """The gap after each effect is added (largest first), and the stages' shares; over all windows."""
-    start = everywhere["before"]
-    if not helps:
-        noise = min(floor, start) ** 2 / max(start**2, 1e-30)
-        return (((), start),), (("unexplained", 1.0 - noise), ("noise", noise))
-    drops = shapley(subsets, final.terms) if subsets else {}
-    steps: list[tuple[tuple[Term, ...], float]] = [((), start)]
-    for n in range(1, len(final.terms) + 1):
-        order = sorted(final.terms, key=lambda t: -drops[t])[:n]
-        steps.append((tuple(order), float(np.sqrt(subsets[frozenset(order)]))))
-    flagged = max(start**2 - subsets[frozenset()], 0.0) if subsets else start**2 - everywhere["after"] ** 2
-    return tuple(steps), stage_shares(drops, everywhere["after"], floor, flagged)

@@ -54,9 +54,13 @@ def folds_of(data: Dataset) -> np.ndarray:
 def expected_errors(data: Dataset, space: Space, fit: Fit) -> np.ndarray:
     """(W, M, C) measured - predicted, each window predicted by the fit that has not seen its fold."""
     folds = folds_of(data)
-    values = [_inside(space, v) for v in fold_values(fit, folds)]
-    predicted = predict(data, space.settings(values))
-    return np.asarray(data.y - predicted[folds, np.arange(data.count)])
+    error = np.empty_like(data.y)
+    for k, values in enumerate(fold_values(fit, folds)):
+        mine = folds == k
+        if mine.any():
+            unseen = data.take(mine)
+            error[mine] = unseen.y - predict(unseen, space.settings([_inside(space, values)]))[0]
+    return error
 
 
 def shrink_of(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> Shrink:

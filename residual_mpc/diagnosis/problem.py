@@ -7,7 +7,7 @@ root: generalised least squares with the start as a nuisance.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,6 +63,13 @@ def reweigh(data: Dataset, space: Space, sensitivity: np.ndarray, sigma: np.ndar
     scaled = sensitivity.reshape(w, -1, len(sigma), k) * weight[None, None, :, None]
     basis, s, _ = np.linalg.svd(scaled.reshape(w, n, k), full_matrices=False)
     return Problem(data, space, sensitivity, weight, basis, 1.0 - 1.0 / np.sqrt(1.0 + s**2))
+
+
+def part_of(problem: Problem, keep: np.ndarray) -> Problem:
+    """The problem on the windows where the mask (W,) is true, with the same weights."""
+    sensitivity = problem.sensitivity[keep]
+    small = reweigh(problem.data.take(keep), problem.space, sensitivity, 1.0 / problem.weight)
+    return small if problem.count is None else replace(small, count=problem.count[keep])
 
 
 def start_sensitivity(data: Dataset, space: Space, values: Values) -> np.ndarray:

@@ -1,21 +1,57 @@
 """Which stage of the chain the gap comes from: each named effect's share of the squared gap, averaged over orders."""
 
+from collections.abc import Sequence
 from itertools import combinations
 from math import factorial
 
+import numpy as np
+
 from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.fit import Fit
 from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.space import Space
+from residual_mpc.diagnosis.thinning import evenly
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
 
+Chain = tuple[tuple[tuple[Term, ...], float], ...]
+Shares = tuple[tuple[str, float], ...]
+
+
+def staged(
+    data: Dataset, scales: Scales, space: Space, final: Fit | None, gaps: tuple[float, float, float], steps: int
+) -> tuple[Chain, Shares]:
+    """The gap on these windows after each effect is added (largest first), and the stages' shares of its square.
+
+    final: None where no effect helps. gaps: before, after and of a perfect model, of the windows as they were logged.
+    Each effect's share, which takes every subset of the effects, comes from `steps` simulation steps' worth of windows.
+    """
+    start, after, floor = gaps
+    if final is None:
+        noise = min(floor, start) ** 2 / max(start**2, 1e-30)
+        return (((), start),), (("unexplained", 1.0 - noise), ("noise", noise))
+    if not final.terms:  # samples that jump away are all there is
+        return (((), start),), stage_shares({}, after, floor, start**2 - after**2)
+    few = evenly(data, steps)
+    subsets = [frozenset(c) for n in range(len(final.terms) + 1) for c in combinations(final.terms, n)]
+    part = squared_gaps(data.take(few), scales, space, final.values, subsets)
+    drops = shapley(part, final.terms)
+    order = sorted(final.terms, key=lambda t: -drops[t])
+    chain = [frozenset(order[:n]) for n in range(len(order) + 1)]
+    whole = part if few.all() else squared_gaps(data, scales, space, final.values, chain)
+    fallen = part[chain[0]] - part[chain[-1]]
+    scale = (whole[chain[0]] - whole[chain[-1]]) / fallen if fallen > 0.0 else 1.0  # exactly 1 where all were taken
+    flagged = max(start**2 - whole[chain[0]], 0.0)
+    shares = stage_shares({t: scale * d for t, d in drops.items()}, after, floor, flagged)
+    added = [(tuple(order[:n]), float(np.sqrt(whole[chain[n]]))) for n in range(1, len(order) + 1)]
+    return (((), start), *added), shares
+
 
 def squared_gaps(
-    data: Dataset, scales: Scales, space: Space, values: Values, terms: tuple[Term, ...]
+    data: Dataset, scales: Scales, space: Space, values: Values, subsets: Sequence[frozenset[Term]]
 ) -> dict[frozenset[Term], float]:
-    """Squared gap of every subset of the terms, the others at null."""
-    subsets = [frozenset(c) for n in range(len(terms) + 1) for c in combinations(terms, n)]
+    """Squared gap of each set of terms, the others at null."""
     rows = [{k: v for k, v in values.items() if k.effect == TUNE or k.term in s} for s in subsets]
     predicted = predict(data, space.settings(rows))
     return {s: gap_of(data, scales, data.y - p).total ** 2 for s, p in zip(subsets, predicted, strict=True)}

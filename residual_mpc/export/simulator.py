@@ -19,9 +19,7 @@ from residual_mpc.models.stepping import Stepping
 USUAL_PERIOD = 0.02  # s
 
 
-def corrected_simulator(
-    model: Path, robot: str | None = None, rows: int = 1, period: float | None = None
-) -> Simulator:
+def corrected_simulator(model: Path, robot: str | None = None, rows: int = 1, period: float | None = None) -> Simulator:
     """The simulator of a diagnosis.json or model.json, effects included; see residual_mpc.models.simulating.Simulator.
 
     Args:
@@ -119,4 +117,3 @@ class SteppedSimulator:
 
 def _sensors_alone(settings: Settings) -> Settings:
     return Settings(settings.rows, {e: p for e, p in settings.effects.items() if e.startswith("sensor_")})
-

@@ -93,9 +93,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
         sent = {a: true_values(case, c, units, turned) for a, c in roles.of("command").items()}
         gains = find_gains(case, places, sent, kinds)
         actuators, gain_guesses = dict(gains.actuators), gains.guesses
-    tunable = tuple(
-        name for name in ("kp", "kv") if any(getattr(a, name) > 0.0 for a in actuators.values())
-    )
+    tunable = tuple(name for name in ("kp", "kv") if any(getattr(a, name) > 0.0 for a in actuators.values()))
     settings, setting_guesses = find_settings(model, anatomy, recordings)
     site, site_guess = _payload_site(anatomy)
     run_guess = _run_guess(recordings)
@@ -141,7 +139,8 @@ def _served(case: Case, roles: Roles) -> Roles:
 def _shared_switch(case: Case, roles: Roles) -> Roles:
     """One switch in the table is the switch of all actuators."""
     switches = [
-        n for n, w in case.words.items()
+        n
+        for n, w in case.words.items()
         if w.quantity == "enabled" and not w.core and np.isin(case.signals.raw[n], (0.0, 1.0)).any()
     ]
     if len(switches) != 1 or len(case.driven) < 2 or roles.of("enabled"):
@@ -180,9 +179,7 @@ def _log(roles: Roles, clock: str, recordings: Sequence[Recording]) -> dict[str,
     return {name: column for name, column in named.items() if name != column}
 
 
-def _mends(
-    case: Case, roles: Roles, units: Mapping[str, InUnit], turned: Mapping[str, Turned]
-) -> list[Mend]:
+def _mends(case: Case, roles: Roles, units: Mapping[str, InUnit], turned: Mapping[str, Turned]) -> list[Mend]:
     """Unit, sign and zero of each column, as one formula."""
     mends = []
     for column in dict.fromkeys(roles.columns.values()):

@@ -245,10 +245,7 @@ def _velocity(case: Case, member: int, position: str | None, words: Words) -> Od
 
 
 def _commands(case: Case, roles: Roles) -> dict[str, Rule]:
-    return {
-        f"command.{d.name}": partial(_command, case, roles, i, d)
-        for i, d in enumerate(case.driven)
-    }
+    return {f"command.{d.name}": partial(_command, case, roles, i, d) for i, d in enumerate(case.driven)}
 
 
 def _command(case: Case, roles: Roles, member: int, driven: Driven, words: Words) -> Odds:

@@ -57,9 +57,7 @@ def find_signs(
     return turned | _rates(case, roles, turned), tuple(guesses)
 
 
-def true_values(
-    case: Case, column: str, units: Mapping[str, InUnit], turned: Mapping[str, Turned]
-) -> FloatArray:
+def true_values(case: Case, column: str, units: Mapping[str, InUnit], turned: Mapping[str, Turned]) -> FloatArray:
     """(n,) a column on the grid as it is understood."""
     how = turned.get(column, Turned())
     size = units[column].unit.size if column in units else 1.0

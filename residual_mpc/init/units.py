@@ -48,8 +48,10 @@ ANGLES = (
     DEG,
     Unit("mrad", 1e-3, -6.0, _words("mrad")),
     Unit("turns", 2.0 * pi, -5.0, _words("turns rev revs")),
-    *(Unit(f"counts of 1/{n} turn", 2.0 * pi / n, 0.5 if n == 4096 else -0.5, COUNTING, n) for n in
-      (4096, 1024, 2048, 8192, 16384, 65536)),
+    *(
+        Unit(f"counts of 1/{n} turn", 2.0 * pi / n, 0.5 if n == 4096 else -0.5, COUNTING, n)
+        for n in (4096, 1024, 2048, 8192, 16384, 65536)
+    ),
 )
 LENGTHS = (Unit("m", 1.0, 2.0, _words("m")), Unit("mm", 1e-3, 1.0, _words("mm")))
 SPEEDS = (
@@ -187,9 +189,7 @@ def _shares(odds: np.ndarray, units: Sequence[Unit]) -> dict[str, float]:
     return shares
 
 
-def _odds(
-    case: Case, chain: _Chain, places: Sequence[Unit], rates: Sequence[Unit], sent: Sequence[Unit]
-) -> np.ndarray:
+def _odds(case: Case, chain: _Chain, places: Sequence[Unit], rates: Sequence[Unit], sent: Sequence[Unit]) -> np.ndarray:
     """(places * rates * sent,) log odds of three units by what one joint shows."""
     position, velocity, command = (chain.columns.get(g) for g in ("position", "velocity", "command"))
     odds = np.zeros((len(places), len(rates), len(sent)))

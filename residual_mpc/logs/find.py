@@ -61,7 +61,5 @@ def _tables_of(folder: Path) -> list[Path]:
         raise BadInput(f"the folder cannot be read ({fault.strerror})", str(folder)) from fault
     files = [f for f in files if not f.name.startswith(".")]
     if not files:
-        raise BadInput(
-            "this folder holds no table", str(folder), f"runs are files ending in {', '.join(SUFFIXES)}"
-        )
+        raise BadInput("this folder holds no table", str(folder), f"runs are files ending in {', '.join(SUFFIXES)}")
     return files

@@ -71,7 +71,8 @@ def check_log(robot: RobotFile, tables: Sequence[Sequence[str]]) -> None:
             # a table that uses the log's own name already needs no renaming
             if column not in known and (name not in known or name in log.values()):
                 raise BadInput(
-                    f'"{name}" = "{column}" in [log]: no table has a column {column!r}', robot.source,
+                    f'"{name}" = "{column}" in [log]: no table has a column {column!r}',
+                    robot.source,
                     did_you_mean(column, known),
                 )
 

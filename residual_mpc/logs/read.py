@@ -45,9 +45,7 @@ class _Piece:
     warnings: tuple[str, ...]
 
 
-def read_runs(
-    paths: Sequence[Path | str], robot: RobotFile, memory_limit: float = MEMORY_LIMIT
-) -> ReadResult:
+def read_runs(paths: Sequence[Path | str], robot: RobotFile, memory_limit: float = MEMORY_LIMIT) -> ReadResult:
     """Read runs from CSV or Parquet files, folders of them, or glob patterns.
 
     Args:
@@ -69,9 +67,7 @@ def read_runs(
     return ReadResult(tuple(runs), tuple(_gathered(findings, len(runs))))
 
 
-def _within(
-    headers: Sequence[Header], robot: RobotFile, limit: float
-) -> list[tuple[Header, tuple[str, ...]]]:
+def _within(headers: Sequence[Header], robot: RobotFile, limit: float) -> list[tuple[Header, tuple[str, ...]]]:
     """Each table with the columns to read: all, or where memory would not do, those that are needed."""
     if sum(header.size for header in headers) <= limit:
         return [(header, header.names) for header in headers]
@@ -80,8 +76,7 @@ def _within(
     if size > limit:
         largest = max(headers, key=lambda header: header.size)
         raise BadInput(
-            f"the tables would take about {size / 2**30:.3g} GiB of memory,"
-            f" at most {limit / 2**30:.3g} GiB was wanted",
+            f"the tables would take about {size / 2**30:.3g} GiB of memory, at most {limit / 2**30:.3g} GiB was wanted",
             str(largest.path),
             "give fewer runs, cut this one into several files, thin its rows,"
             " or keep only the columns that the robot needs (Parquet is smallest)",
@@ -156,19 +151,24 @@ def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Fin
     findings += [Finding("warning", kind, name, "t", None, text) for kind, text in order.warnings]
     columns = {
         key: order.apply(piece.cells[column][piece.rows])
-        for key, column in layout.columns.items() if group(key) is not None
+        for key, column in layout.columns.items()
+        if group(key) is not None
     }
     _check_clashes(layout, piece, order, where)
     _check_values(columns, layout, where)
-    extra_columns = {
-        key: order.apply(piece.cells[key][piece.rows]) for key in layout.extra if key in piece.cells
-    }
+    extra_columns = {key: order.apply(piece.cells[key][piece.rows]) for key in layout.extra if key in piece.cells}
     start = _first_command(columns)
     if start:
-        findings.append(Finding(
-            "warning", "no command yet", name, "", 0,
-            f"{start} rows ({order.t[start] - order.t[0]:.3g} s) before the first command were left out",
-        ))
+        findings.append(
+            Finding(
+                "warning",
+                "no command yet",
+                name,
+                "",
+                0,
+                f"{start} rows ({order.t[start] - order.t[0]:.3g} s) before the first command were left out",
+            )
+        )
     if start > len(order.t) - 2:
         what = "fewer than two rows are left once every actuator has had a command"
         raise BadInput(what, where, "leave the run out")
@@ -189,19 +189,23 @@ def _check_columns(layout: Layout, where: str, robot: RobotFile) -> None:
     listed = ", ".join(here[:30]) + (", ..." if len(here) > 30 else "")
     if "t" not in layout.columns:
         raise BadInput(
-            f"there is no column 't' (time stamps in s); the columns are {listed}", where,
+            f"there is no column 't' (time stamps in s); the columns are {listed}",
+            where,
             'name it in the robot file, under [log]: "t" = "the column\'s name"',
         )
     for wanted, example, found in (
         ("command", "command.<actuator>", [n for n in layout.columns if group(n) == "command"]),
-        ("measured", "position.<joint>, velocity.<joint>, pose.x",
-         [n for n in layout.columns if is_measured(n) and n not in layout.served_as_command]),
+        (
+            "measured",
+            "position.<joint>, velocity.<joint>, pose.x",
+            [n for n in layout.columns if is_measured(n) and n not in layout.served_as_command],
+        ),
     ):
         if not found:
             raise BadInput(
-                f"there is no {wanted} column ({example}); the columns are {listed}", where,
-                'rename columns in the robot file, under [log]: "'
-                + example.split(",")[0] + '" = "the column\'s name"',
+                f"there is no {wanted} column ({example}); the columns are {listed}",
+                where,
+                'rename columns in the robot file, under [log]: "' + example.split(",")[0] + '" = "the column\'s name"',
             )
 
 
@@ -210,7 +214,8 @@ def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str) ->
         finite = np.isfinite(values)
         if group(name) == "command" and not finite.any():
             raise BadInput(
-                f"the column {layout.columns[name]!r} has no value, a command was wanted", where,
+                f"the column {layout.columns[name]!r} has no value, a command was wanted",
+                where,
                 "remove the column if the actuator was not driven, or write what was sent",
             )
         if group(name) == "enabled" and not np.isin(values[finite], (0.0, 1.0)).all():

@@ -67,7 +67,8 @@ def order_rows(stamps: FloatArray, where: str) -> Order:
     if len(np.unique(t)) < 2:
         raise BadInput(
             f"the run has {'one time stamp' if len(t) else 'no time stamp'}, at least two were wanted",
-            where, "leave the run out, or check the columns 't' and 'run'",
+            where,
+            "leave the run out, or check the columns 't' and 'run'",
         )
     late = _out_of_order(t)
     if late.size:
@@ -114,9 +115,11 @@ def _check_unit(t: FloatArray, where: str) -> None:
         factor, unit = next(p for p in ((1e9, "ns"), (1e6, "us"), (1e3, "ms")) if period >= 1e-3 * p[0])
         raise BadInput(
             f"the median time between rows is {period:g} s, as in {unit}; below {LONGEST:g} s was wanted",
-            where, f"divide 't' by {factor:g}; a log that is truly so slow cannot be compared with a model",
+            where,
+            f"divide 't' by {factor:g}; a log that is truly so slow cannot be compared with a model",
         )
     raise BadInput(
-        f"the median time between rows is {period:g} s; at least {SHORTEST:g} s was wanted", where,
+        f"the median time between rows is {period:g} s; at least {SHORTEST:g} s was wanted",
+        where,
         "write 't' in seconds",
     )

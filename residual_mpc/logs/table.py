@@ -120,7 +120,8 @@ def _csv_header(path: Path, size: int, zipped: bool) -> Header:
         line = lines[blank].decode("utf-8")
     except UnicodeDecodeError as fault:
         raise BadInput(
-            "this is neither UTF-8 text nor Parquet; a CSV or Parquet table was wanted", str(path),
+            "this is neither UTF-8 text nor Parquet; a CSV or Parquet table was wanted",
+            str(path),
             "save the table as UTF-8",
         ) from fault
     if not line.isprintable() and not line.replace("\t", "").isprintable():
@@ -188,9 +189,7 @@ def _parse(header: Header, columns: Sequence[str], decimal: str) -> tuple[Any, l
     return _arrow_csv(header, columns, decimal, note), ragged
 
 
-def _arrow_csv(
-    header: Header, columns: Sequence[str], decimal: str, note: Callable[[Any], str] | None
-) -> Any:
+def _arrow_csv(header: Header, columns: Sequence[str], decimal: str, note: Callable[[Any], str] | None) -> Any:
     import pyarrow as pa
     import pyarrow.csv as pc
 
@@ -199,21 +198,26 @@ def _arrow_csv(
             stream,
             # one thread where rows are noted: only then does Arrow know their numbers
             read_options=pc.ReadOptions(
-                column_names=list(header.names), skip_rows=header.skip, use_threads=note is None,
+                column_names=list(header.names),
+                skip_rows=header.skip,
+                use_threads=note is None,
                 block_size=HEADER_LIMIT,
             ),
             parse_options=pc.ParseOptions(delimiter=header.separator, invalid_row_handler=note),
             convert_options=pc.ConvertOptions(
-                include_columns=list(columns), null_values=list(MISSING), strings_can_be_null=True,
-                decimal_point=decimal, timestamp_parsers=[],
+                include_columns=list(columns),
+                null_values=list(MISSING),
+                strings_can_be_null=True,
+                decimal_point=decimal,
+                timestamp_parsers=[],
             ),
         )
 
 
 def _is_text(header: Header) -> bool:
     try:
-        opened = gzip.open(header.path, "rt", encoding="utf-8") if header.zipped else open(
-            header.path, encoding="utf-8"
+        opened = (
+            gzip.open(header.path, "rt", encoding="utf-8") if header.zipped else open(header.path, encoding="utf-8")
         )
         with opened as file:
             while file.read(1 << 20):

@@ -77,9 +77,7 @@ def test_dry_friction_holds_below_its_level_and_takes_that_much_above():
 
 
 def test_stribeck_friction_breaks_away_at_its_static_level_and_then_lets_go():
-    truth = replace(
-        ideal(one_joint()), static=np.full(1, 0.3), kinetic=np.full(1, 0.1), stribeck=np.full(1, 0.1)
-    )
+    truth = replace(ideal(one_joint()), static=np.full(1, 0.3), kinetic=np.full(1, 0.1), stribeck=np.full(1, 0.1))
     assert abs(pushed(truth, 0.27, 1.0, rise=0.5)[0]) < 2e-3
     inertia = 1.0 / pushed(ideal(one_joint()), 1.0, 1.0)[1]
     early, late = pushed(truth, 0.5, 0.4)[1], pushed(truth, 0.5, 0.8)[1]

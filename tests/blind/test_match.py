@@ -10,9 +10,7 @@ def test_the_true_set_is_right_and_anything_else_is_not():
     truth = answer(("track_width", None), ("command_delay", None))
     assert match(truth, claim("effects", ("command_delay", None), ("track_width", None))).right
     assert not match(truth, claim("effects", ("command_delay", None))).right
-    assert not match(
-        truth, claim("effects", ("command_delay", None), ("track_width", None), ("slope", None))
-    ).right
+    assert not match(truth, claim("effects", ("command_delay", None), ("track_width", None), ("slope", None))).right
     assert not match(truth, claim("unknown")).right
 
 

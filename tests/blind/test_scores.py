@@ -45,9 +45,7 @@ def test_a_case_without_a_diagnosis_is_wrong_and_a_false_alarm_where_there_was_n
 
 def test_parameters_are_scored_against_their_distance_from_null():
     truth = answer(("track_width", None, {"scale": 1.2}))
-    said = claim(
-        "effects", ("track_width", None), parameters={"scale": {"value": 1.22, "ci95": [1.21, 1.23]}}
-    )
+    said = claim("effects", ("track_width", None), parameters={"scale": {"value": 1.22, "ci95": [1.21, 1.23]}})
     (found,) = _parameters(truth, said)
     assert found.relative_error == pytest.approx(0.1) and found.covered is False
     fitted = answer(("track_width", None, {"scale": 1.2}), notes={"best_fit": {"track_width.scale": 1.215}})

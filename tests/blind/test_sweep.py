@@ -35,9 +35,7 @@ def small_case(family, level, seed, folder):
     (folder / "case" / "run1.csv").write_text("t\n0\n")
     effects = () if level == "none" else (Planted("slope", None, {"rate": 0.1}, 5.0),)
     withheld = ("slope",) if level == "withheld" else ()
-    return Answer(
-        f"{family}-{level}-{seed}", family, level, seed, effects, withheld=withheld, notes={"c": CANARY}
-    )
+    return Answer(f"{family}-{level}-{seed}", family, level, seed, effects, withheld=withheld, notes={"c": CANARY})
 
 
 @pytest.fixture
@@ -122,9 +120,7 @@ def test_test_seeds_are_counted_when_they_are_opened(tmp_path, monkeypatch):
     make_suite(settings, tmp_path / "suite", tmp_path / "answers")
     run_suite(tmp_path / "suite", tmp_path / "results", RunSettings(stub("unknown"), jobs=1))
     for _ in range(2):
-        scores = score_suite(
-            tmp_path / "suite", tmp_path / "answers", {"m": tmp_path / "results"}, tmp_path / "l"
-        )
+        scores = score_suite(tmp_path / "suite", tmp_path / "answers", {"m": tmp_path / "results"}, tmp_path / "l")
     assert len(scores.openings) == 2 and scores.openings[0].cases == 1
 
 
@@ -195,9 +191,7 @@ def test_the_command_line_makes_runs_and_scores(suite):
 
 def test_the_engine_dask_runs_a_local_cluster(suite):
     pytest.importorskip("distributed")
-    summary = run_suite(
-        suite / "suite", suite / "results", RunSettings(stub("no_gap"), jobs=2, engine="dask")
-    )
+    summary = run_suite(suite / "suite", suite / "results", RunSettings(stub("no_gap"), jobs=2, engine="dask"))
     assert (summary.diagnosed, summary.failed) == (6, 0)
 
 

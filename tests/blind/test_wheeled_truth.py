@@ -44,9 +44,7 @@ def test_without_an_effect_nothing_is_left_of_the_gap():
 def test_a_delay_shifts_the_motion_by_a_time_off_the_grid():
     truth, parameters = planted("command_delay", 0.3337)
     late = drive(truth, 5.0, 5.0).pose(T)[-1, 0]
-    assert drive(IDEAL, 5.0, 5.0).pose(T)[-1, 0] - late == pytest.approx(
-        R * 5.0 * parameters["delay"], rel=1e-6
-    )
+    assert drive(IDEAL, 5.0, 5.0).pose(T)[-1, 0] - late == pytest.approx(R * 5.0 * parameters["delay"], rel=1e-6)
 
 
 def test_a_lag_loses_the_way_of_its_time_constant():
@@ -78,9 +76,7 @@ def test_saturation_bites_above_its_limit_alone():
 def test_a_dead_zone_swallows_small_commands_alone():
     truth, parameters = planted("dead_zone", 0.5)
     assert drive(truth, 0.9 * parameters["width"], 0.0).wheel[-1, 0] == 0.0
-    assert drive(truth, 1.1 * parameters["width"], 0.0).wheel[-1, 0] == pytest.approx(
-        1.1 * parameters["width"]
-    )
+    assert drive(truth, 1.1 * parameters["width"], 0.0).wheel[-1, 0] == pytest.approx(1.1 * parameters["width"])
 
 
 @pytest.mark.parametrize("direction", [1, -1])
@@ -90,8 +86,7 @@ def test_sideways_slip_drifts_outwards(direction):
     path = drive(truth, 4.0 * direction - 1.0, 4.0 * direction + 1.0)
     step = path.t[-1] - path.t[-2]
     sideways = (
-        -math.sin(path.theta[-1]) * (path.x[-1] - path.x[-2])
-        + math.cos(path.theta[-1]) * (path.y[-1] - path.y[-2])
+        -math.sin(path.theta[-1]) * (path.x[-1] - path.x[-2]) + math.cos(path.theta[-1]) * (path.y[-1] - path.y[-2])
     ) / step
     assert sideways == pytest.approx(-parameters["coefficient"] * v * w, rel=0.05)
 

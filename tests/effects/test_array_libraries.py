@@ -147,9 +147,7 @@ def test_casadi_agrees_with_numpy(name: str) -> None:
 def test_a_smoothed_sign_is_for_optimisers() -> None:
     casadi = pytest.importorskip("casadi")
     w = np.linspace(-1.0, 1.0, 9)
-    np.testing.assert_allclose(
-        np.asarray(casadi_ops(0.1).sign(casadi.DM(w))).ravel(), np.tanh(w / 0.1), atol=1e-15
-    )
+    np.testing.assert_allclose(np.asarray(casadi_ops(0.1).sign(casadi.DM(w))).ravel(), np.tanh(w / 0.1), atol=1e-15)
     np.testing.assert_array_equal(np.asarray(casadi_ops().sign(casadi.DM(w))).ravel(), np.sign(w))
 
 

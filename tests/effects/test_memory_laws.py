@@ -41,9 +41,7 @@ def stepped_delay(delay: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
 def test_a_whole_sequence_is_delayed_as_step_by_step(dt: float) -> None:
     u = RNG.standard_normal((4, 120, 2))
     delay = np.array([[0.0, 0.05], [0.0173, LONGEST_DELAY], [dt, 3 * dt], [0.2999, 1e-9]])
-    np.testing.assert_allclose(
-        delayed_sequence(delay, u, dt), stepped_delay(delay, u, dt), rtol=0, atol=1e-12
-    )
+    np.testing.assert_allclose(delayed_sequence(delay, u, dt), stepped_delay(delay, u, dt), rtol=0, atol=1e-12)
 
 
 def test_a_delay_of_whole_steps_shifts() -> None:
@@ -61,9 +59,7 @@ def test_a_ramp_is_late_by_the_delay() -> None:
 
 def test_a_delay_longer_than_the_sequence_shows_its_beginning_alone() -> None:
     u = RNG.standard_normal((1, 10, 1))
-    np.testing.assert_array_equal(
-        delayed_sequence(np.array([[0.25]]), u, 0.01), np.full((1, 10, 1), u[0, 0, 0])
-    )
+    np.testing.assert_array_equal(delayed_sequence(np.array([[0.25]]), u, 0.01), np.full((1, 10, 1), u[0, 0, 0]))
 
 
 @pytest.mark.parametrize("tau", [0.004, 0.05, 0.6])
@@ -143,10 +139,7 @@ def test_thresholds() -> None:
     )
     held = saturation_step(NUMPY, {"limit": np.array(0.5)}, (), u, np.zeros(1), 0.01)[0]
     np.testing.assert_array_equal(held, [-0.5, -0.5, 0, 0.49, 0.5, 0.5])
-    sag = [
-        sag_step(NUMPY, {"rate": np.array(0.1)}, (), np.array(2.0), np.array(c), 0.01)[0]
-        for c in (0.0, 5.0, 20.0)
-    ]
+    sag = [sag_step(NUMPY, {"rate": np.array(0.1)}, (), np.array(2.0), np.array(c), 0.01)[0] for c in (0.0, 5.0, 20.0)]
     np.testing.assert_allclose(sag, [2.0, 1.0, 0.0])  # never below zero
 
 

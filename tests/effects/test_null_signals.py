@@ -51,9 +51,7 @@ def test_an_output_passes(name: str) -> None:
 def test_a_friction_brakes_nothing(name: str) -> None:
     effect = BY_NAME[name]
     assert effect.step is not None
-    np.testing.assert_array_equal(
-        effect.step(NUMPY, null_of(effect), SIGNALS[0], SIGNALS[1]) + SIGNALS[2], SIGNALS[2]
-    )
+    np.testing.assert_array_equal(effect.step(NUMPY, null_of(effect), SIGNALS[0], SIGNALS[1]) + SIGNALS[2], SIGNALS[2])
 
 
 @pytest.mark.parametrize("name", of_port("ground"))

@@ -18,12 +18,12 @@ Names = Callable[[str, str, int], str]  # group, joint, its number -> the column
 NAMES: dict[str, Names] = {
     "the log format's": lambda g, j, i: f"{g}.{j}",
     "lerobot": lambda g, j, i: {"command": f"action.{j}.pos"}.get(g, f"observation.state.{j}.{g[:3]}"),
-    "numbers from 0": lambda g, j, i: {"command": "target_q_", "position": "actual_q_", "velocity": "actual_qd_"}[g]
-    + str(i),
-    "numbers from 1": lambda g, j, i: {"command": "goal_position", "position": "present_position"}.get(
-        g, "present_velocity"
-    )
-    + str(i + 1),
+    "numbers from 0": lambda g, j, i: (
+        {"command": "target_q_", "position": "actual_q_", "velocity": "actual_qd_"}[g] + str(i)
+    ),
+    "numbers from 1": lambda g, j, i: (
+        {"command": "goal_position", "position": "present_position"}.get(g, "present_velocity") + str(i + 1)
+    ),
     "franka": lambda g, j, i: {"command": "q_d", "position": "q", "velocity": "dq"}[g] + f"[{i}]",
     "short": lambda g, j, i: j[:3] + {"command": "Cmd", "position": "Pos", "velocity": "Vel"}[g],
     "bare": lambda g, j, i: j + {"command": "_ref", "position": "", "velocity": "_speed"}[g],

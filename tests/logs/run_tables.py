@@ -28,7 +28,10 @@ def table(rows: int = 50, dt: float = 0.02) -> dict[str, FloatArray]:
     """A wheeled robot's run by its columns, each (rows,)."""
     t = dt * np.arange(rows)
     return {
-        "t": t, "command.left": np.sin(3.0 * t), "command.right": np.cos(2.0 * t), "pose.x": 0.1 * t,
+        "t": t,
+        "command.left": np.sin(3.0 * t),
+        "command.right": np.cos(2.0 * t),
+        "pose.x": 0.1 * t,
         "pose.theta": 0.3 * np.sin(t),
     }
 
@@ -65,7 +68,8 @@ def wheel_run(rng: np.random.Generator, name: str = "run", seconds: float = 30.0
     left, right = (v - 0.25 * w) / 0.1, (v + 0.25 * w) / 0.1
     theta = np.cumsum(w) * 0.05
     columns = {
-        "command.left": left, "command.right": right,
+        "command.left": left,
+        "command.right": right,
         "velocity.left": left + 0.02 * rng.standard_normal(len(t)),
         "velocity.right": right + 0.02 * rng.standard_normal(len(t)),
         "pose.x": np.cumsum(v * np.cos(theta)) * 0.05 + 0.002 * rng.standard_normal(len(t)),

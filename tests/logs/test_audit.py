@@ -108,8 +108,12 @@ DEG = 180.0 / np.pi
         (scaled(-1.0, "velocity.b"), "error", "sign", "velocity.b"),
         (scaled(1.3, "velocity.b"), "warning", "velocity scale", "velocity.b"),
         (swapped("position.a", "position.b"), "error", "swapped channels", "position.a"),
-        (both(swapped("position.a", "position.c"), swapped("velocity.a", "velocity.c")),
-         "error", "swapped channels", "position.a"),
+        (
+            both(swapped("position.a", "position.c"), swapped("velocity.a", "velocity.c")),
+            "error",
+            "swapped channels",
+            "position.a",
+        ),
         (wrapped("position.a", 2.0 * np.pi), "warning", "wrapped angle", "position.a"),
         (wrapped("position.a", 360.0), "error", "degrees", "position.a"),
         (late("velocity.a", 5), "info", "channels out of step", "velocity.a"),
@@ -119,12 +123,9 @@ DEG = 180.0 / np.pi
         (lambda c: c.update({"command.d": c.pop("command.a")}), "warning", "missing command", "command.a"),
         (lambda c: c.update({"velocity.a": np.full(1000, np.nan)}), "info", "empty column", "velocity.a"),
         (lambda c: c["position.a"].__setitem__(slice(50, 950, 60), 1.9), "warning", "spikes", "position.a"),
-        (lambda c: c.update({"position.a": np.repeat(c["position.a"][::4], 4)}),
-         "info", "slow sensor", "position.a"),
-        (lambda c: c["position.a"].__setitem__(np.arange(1000) % 3 > 0, np.nan),
-         "info", "slow sensor", "position.a"),
-        (lambda c: c.update({"command.a": np.clip(c["command.a"], -0.4, 0.4)}),
-         "info", "clipped command", "command.a"),
+        (lambda c: c.update({"position.a": np.repeat(c["position.a"][::4], 4)}), "info", "slow sensor", "position.a"),
+        (lambda c: c["position.a"].__setitem__(np.arange(1000) % 3 > 0, np.nan), "info", "slow sensor", "position.a"),
+        (lambda c: c.update({"command.a": np.clip(c["command.a"], -0.4, 0.4)}), "info", "clipped command", "command.a"),
         (lambda c: c.update({"enabled.a": np.repeat([1.0, 0.0], 500)}), "info", "motor off", "enabled.a"),
     ],
 )
@@ -139,16 +140,18 @@ def test_a_planted_fault_of_an_arm_is_found(fault: Fault, severity: str, kind: s
         (scaled(DEG, "command.left"), "error", "degrees", "command.left"),
         (scaled(30.0 / np.pi, "velocity.left"), "warning", "rpm", "velocity.left"),
         (scaled(-1.0, "pose.theta"), "warning", "sign", "pose.theta"),
-        (both(swapped("command.left", "command.right"), swapped("velocity.left", "velocity.right")),
-         "warning", "sign", "pose.theta"),
+        (
+            both(swapped("command.left", "command.right"), swapped("velocity.left", "velocity.right")),
+            "warning",
+            "sign",
+            "pose.theta",
+        ),
         (scaled(-1.0, "command.left", "command.right"), "warning", "sign", "command.left"),
         (wrapped("pose.theta", 2.0 * np.pi), "info", "wrapped angle", "pose.theta"),
         (wrapped("pose.theta", 360.0), "error", "degrees", "pose.theta"),
     ],
 )
-def test_a_planted_fault_of_a_wheeled_robot_is_found(
-    fault: Fault, severity: str, kind: str, column: str
-) -> None:
+def test_a_planted_fault_of_a_wheeled_robot_is_found(fault: Fault, severity: str, kind: str, column: str) -> None:
     assert (kind, column) in kinds(audit(with_fault(wheels(), fault), WHEELS), severity)
 
 
@@ -186,9 +189,7 @@ ROBOTS = {
         tuple(ActuatorFacts(j, j, "position") for j in SERVOS),
         tuple(f"{kind}.{j}" for kind in ("position", "velocity") for j in SERVOS),
     ),
-    "xl330": RobotFacts(
-        (ActuatorFacts("servo", "shaft", "position"),), ("position.shaft", "velocity.shaft")
-    ),
+    "xl330": RobotFacts((ActuatorFacts("servo", "shaft", "position"),), ("position.shaft", "velocity.shaft")),
 }
 
 

@@ -21,12 +21,23 @@ from residual_mpc.logs.signals import fresh_samples, noise_sigma, resolution, sp
 from residual_mpc.models.robot_file import RobotFile
 
 CELLS = (
-    "", "nan", "inf", "-1e308", "1e9", "x", '"', "1,5", "\xe9", "0x10", "1_000", "2024-01-01", "true", " ",
+    "",
+    "nan",
+    "inf",
+    "-1e308",
+    "1e9",
+    "x",
+    '"',
+    "1,5",
+    "\xe9",
+    "0x10",
+    "1_000",
+    "2024-01-01",
+    "true",
+    " ",
     "\0",
 )
-HEADERS = (
-    "", "t", "run", "pose.theta", "pose.x", "command.left", "enabled.left", "velocity.left", "t.", "pose."
-)
+HEADERS = ("", "t", "run", "pose.theta", "pose.x", "command.left", "enabled.left", "velocity.left", "t.", "pose.")
 CHANGES = ("cell", "header", "drop", "double", "swap", "cut", "add", "reverse")
 ODD_COLUMNS: tuple[Callable[[int], object], ...] = (
     lambda n: np.full(n, np.nan),

@@ -25,9 +25,9 @@ def text(rows: int = 50) -> str:
 def test_csv_and_parquet_are_the_same_run(tmp_path: Path) -> None:
     columns = {name: np.round(values, 6) for name, values in table().items()}
     columns["pose.x"][[3, 7]] = np.nan
-    first, = read_runs([write_csv(tmp_path / "a.csv", columns)], ROBOT).runs
+    (first,) = read_runs([write_csv(tmp_path / "a.csv", columns)], ROBOT).runs
     pd.DataFrame(columns).to_parquet(tmp_path / "b.parquet")
-    second, = read_runs([tmp_path / "b.parquet"], ROBOT).runs
+    (second,) = read_runs([tmp_path / "b.parquet"], ROBOT).runs
     assert (first.name, second.name) == ("a", "b")
     assert list(first.columns) == list(second.columns) == [name for name in columns if name != "t"]
     np.testing.assert_array_equal(first.t, second.t)
@@ -53,8 +53,8 @@ def test_csv_and_parquet_are_the_same_run(tmp_path: Path) -> None:
 def test_dress_does_not_matter(tmp_path: Path, dress: Callable[[str], bytes]) -> None:
     (tmp_path / "a.csv").write_text(text())
     (tmp_path / "b.csv").write_bytes(dress(text()))
-    plain, = read_runs([tmp_path / "a.csv"], ROBOT).runs
-    other, = read_runs([tmp_path / "b.csv"], ROBOT).runs
+    (plain,) = read_runs([tmp_path / "a.csv"], ROBOT).runs
+    (other,) = read_runs([tmp_path / "b.csv"], ROBOT).runs
     np.testing.assert_array_equal(plain.t, other.t)
     np.testing.assert_array_equal(plain.columns["pose.x"], other.columns["pose.x"])
 
@@ -73,10 +73,10 @@ def test_dress_does_not_matter(tmp_path: Path, dress: Callable[[str], bytes]) ->
         (lambda s: s.replace("0.04,1", "0.04,one"), "data row 3 of the column 'command.left' holds 'one'"),
         (lambda s: s.replace("0.04,1", "0.04,inf"), "holds inf"),
         (lambda s: s.replace("0.04,1", "0.04,3.4e38"), "holds 3.4e+38"),
-        (lambda s: s.replace("0.04,1", "0.04,\"1,5\""), "holds '1,5'"),
+        (lambda s: s.replace("0.04,1", '0.04,"1,5"'), "holds '1,5'"),
         (lambda s: s.replace("0.04,1", "0.04,1,5"), "data row 3 has 5 cells"),
         (lambda s: s.replace("0.04,1,", "0.04,"), "data row 3 has 3 cells"),
-        (lambda s: s.replace("0.04,1", "0.04,\"1"), "quote is not closed"),
+        (lambda s: s.replace("0.04,1", '0.04,"1'), "quote is not closed"),
         (lambda s: s.replace(",1,", ",,"), "has no value"),
         (lambda s: s.replace("0.04,", "0.40,"), "data row 4 is stamped 0.06 s"),
         (lambda s: s + "".join(s.splitlines(keepends=True)[1:]), "a column 'run'"),
@@ -127,11 +127,17 @@ def test_the_column_run_tells_runs_apart(tmp_path: Path) -> None:
 
 
 def test_log_names_columns(tmp_path: Path) -> None:
-    columns = {"stamp": table()["t"], "velocity.left": np.ones(50), "velocity.right": np.ones(50),
-               "elbow": np.arange(50.0), "position.b": np.zeros(50), "note": np.ones(50)}
+    columns = {
+        "stamp": table()["t"],
+        "velocity.left": np.ones(50),
+        "velocity.right": np.ones(50),
+        "elbow": np.arange(50.0),
+        "position.b": np.zeros(50),
+        "note": np.ones(50),
+    }
     log = {"t": "stamp", "command.left": "velocity.left", "position.a": "position.b", "position.b": "elbow"}
     path = write_csv(tmp_path / "a.csv", columns)
-    run, = read_runs([path], RobotFile("r", "p", log=log)).runs
+    (run,) = read_runs([path], RobotFile("r", "p", log=log)).runs
     assert run.served_as_command == {"velocity.left"}
     assert set(run.measured) == {"velocity.right", "position.a", "position.b"}
     np.testing.assert_array_equal(run.columns["position.b"], columns["elbow"])
@@ -155,7 +161,7 @@ def test_small_faults_are_mended_and_said(tmp_path: Path) -> None:
     columns["t"][[100, 101]] = columns["t"][[101, 100]]
     columns["command.left"][:5] = np.nan
     result = read_runs([write_csv(tmp_path / "a.csv", columns)], ROBOT)
-    run, = result.runs
+    (run,) = result.runs
     assert len(run.t) == 494 and np.all(np.diff(run.t) > 0.0) and np.isfinite(run.columns["command.left"][0])
     assert {f.kind for f in result.findings} == {"missing stamps", "stamps out of order", "no command yet"}
 
@@ -165,7 +171,7 @@ def test_rows_of_one_stamp_share_out_their_columns(tmp_path: Path) -> None:
     columns["pose.x"][::2] = np.nan  # as an export of separate topics writes it
     columns["command.left"][1::2] = np.nan
     result = read_runs([write_csv(tmp_path / "a.csv", columns)], ROBOT)
-    run, = result.runs
+    (run,) = result.runs
     np.testing.assert_allclose(run.columns["pose.x"], table()["pose.x"], atol=1e-6)
     np.testing.assert_allclose(run.columns["command.left"], table()["command.left"], atol=1e-6)
     assert [f.kind for f in result.findings] == ["repeated stamps"]
@@ -174,7 +180,7 @@ def test_rows_of_one_stamp_share_out_their_columns(tmp_path: Path) -> None:
 def test_a_value_is_held_until_the_next(tmp_path: Path) -> None:
     columns = table(6)
     columns["command.left"] = np.array([1.0, np.nan, np.nan, 2.0, np.nan, 3.0])
-    run, = read_runs([write_csv(tmp_path / "a.csv", columns)], ROBOT).runs
+    (run,) = read_runs([write_csv(tmp_path / "a.csv", columns)], ROBOT).runs
     np.testing.assert_array_equal(held(run, "command.left"), [1.0, 1.0, 1.0, 2.0, 2.0, 3.0])
     assert np.isnan(run.columns["command.left"][1])
 

@@ -95,9 +95,7 @@ def test_motion_is_no_spike(motion: str, sigma: float, rng: np.random.Generator)
     assert spikes(T, y, noise_sigma(T, y)).sum() <= 1
 
 
-@pytest.mark.parametrize(
-    ("motion", "found"), [("still", 0.97), ("sine", 0.97), ("triangle", 0.95), ("steps", 0.8)]
-)
+@pytest.mark.parametrize(("motion", "found"), [("still", 0.97), ("sine", 0.97), ("triangle", 0.95), ("steps", 0.8)])
 @pytest.mark.parametrize("rate", [0.005, 0.03, 0.08])
 def test_spikes_are_found(motion: str, found: float, rate: float, rng: np.random.Generator) -> None:
     y = MOTIONS[motion] + 0.002 * rng.standard_normal(len(T))

@@ -33,9 +33,7 @@ model = "heavy.xml"
 [variant.parameters]
 load = 2.5
 """
-VALUES = (
-    "nan", "[]", "{}", "[{}]", '""', '"x"', "1e400", "2020-01-01", "true", "[[1]]", "-1", "[1, 'a']"
-)
+VALUES = ("nan", "[]", "{}", "[{}]", '""', '"x"', "1e400", "2020-01-01", "true", "[[1]]", "-1", "[1, 'a']")
 
 
 @pytest.fixture
@@ -92,7 +90,7 @@ def test_a_name_is_a_robot_of_that_name() -> None:
         ('"position.j1" = 0.001', '"command.j1" = 0.001', "measured channel"),
         ('"position.j1" = "elbow"', '"postion.j1" = "elbow"', "Did you mean 'position'?"),
         ('"position.j1" = "elbow"', '"pose.z" = "elbow"', "no name of the log format"),
-        ('pose.theta = 0.005', 'pose.theta = 0.005\n"pose.theta" = 0.1', "stands twice"),
+        ("pose.theta = 0.005", 'pose.theta = 0.005\n"pose.theta" = 0.1', "stands twice"),
         ('runs = "heavy_*"', "", "'runs' is missing"),
         ("[[variant]]", "[variant]", "[[variant]]"),
         ("[log]", "[log", "not valid TOML"),

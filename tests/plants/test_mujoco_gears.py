@@ -97,9 +97,7 @@ def rotor_apart(stiffness: float) -> mujoco.MjModel:
     spec.actuator("j2").target = "rotor"
     inertia = float(plain.dof_M0[1] - plain.dof_armature[1])
     damping = 2 * DAMPING_RATIO * np.sqrt(stiffness * 0.005 * inertia / (0.005 + inertia))
-    bound = spec.add_tendon(
-        name="gear", stiffness=[stiffness, 0, 0], damping=[damping, 0, 0], springlength=(0.0, 0.0)
-    )
+    bound = spec.add_tendon(name="gear", stiffness=[stiffness, 0, 0], damping=[damping, 0, 0], springlength=(0.0, 0.0))
     bound.wrap_joint("rotor", -1.0)
     bound.wrap_joint("j2", 1.0)
     return spec.compile()

@@ -131,9 +131,7 @@ def _effects() -> dict[str, Any]:
             }
         ],
         "candidates": _candidates(),
-        "confounded": [
-            [{"effect": "command_delay", "target": None}, {"effect": "sensor_delay", "target": None}]
-        ],
+        "confounded": [[{"effect": "command_delay", "target": None}, {"effect": "sensor_delay", "target": None}]],
         "unexplained": {"share": 0.012, "learned_residual_shrink": 0.01},
         "next_experiment": {
             "parts": ["command_delay", "sensor_delay"],

@@ -36,10 +36,7 @@ def test_drawing_follows_the_page_and_has_its_own_ids():
 def test_a_big_drawing_becomes_a_picture_with_its_words(monkeypatch):
     monkeypatch.setattr(inline_module, "LARGEST_SVG", 1000)
     image = str(traces(evidence("effects").panels[0], "a"))
-    assert (
-        image.startswith('<img class="paper" src="data:image/png;base64,')
-        and 'alt="pose.theta of run' in image
-    )
+    assert image.startswith('<img class="paper" src="data:image/png;base64,') and 'alt="pose.theta of run' in image
 
 
 def test_no_setting_of_matplotlib_stays_behind():

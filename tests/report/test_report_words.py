@@ -106,6 +106,4 @@ def test_a_group_in_words():
         {"effect": "backlash", "target": "j1"},
         [{"effect": "payload", "target": None}, {"effect": "armature"}],
     ]
-    assert group_sentence(group) == (
-        "On these runs backlash (j1) and payload with armature cannot be told apart."
-    )
+    assert group_sentence(group) == ("On these runs backlash (j1) and payload with armature cannot be told apart.")

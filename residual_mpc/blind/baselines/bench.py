@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.diagnose import thin
 from residual_mpc.diagnosis.fit import Fit
 from residual_mpc.diagnosis.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.problem import Problem, build_problem
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.space import Space, build_space
+from residual_mpc.diagnosis.thinning import thin
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
@@ -59,9 +59,7 @@ def bench_of(
     fitting = whole.take(~held) if not held.all() else whole
     space = build_space(fitting, tunable, (), without)
     few, rest = thin(fitting, _FIT_STEPS), whole.take(held)
-    return Bench(
-        build_problem(few, space, few.sigma), build_problem(rest, space, rest.sigma), space, whole, held
-    )
+    return Bench(build_problem(few, space, few.sigma), build_problem(rest, space, rest.sigma), space, whole, held)
 
 
 def cost_on(problem: Problem, values: Values) -> float:

@@ -104,9 +104,7 @@ def _places(answer: Answer, effect: str) -> frozenset[str]:
     names: tuple[str, ...] = tuple(answer.notes.get("names", ()))  # of actuators that are not numbered
     if effect in _SENSOR:
         if answer.family == "wheeled":
-            return frozenset(
-                {"pose.theta"} if effect == "sensor_bias" else {"pose.x", "pose.y", "pose.theta"}
-            )
+            return frozenset({"pose.theta"} if effect == "sensor_bias" else {"pose.x", "pose.y", "pose.theta"})
         return frozenset(f"position.{name}" for name in names or (f"j{i + 1}" for i in range(joints)))
     if answer.family == "wheeled":
         return frozenset({"left", "right"})
@@ -119,8 +117,6 @@ def _places(answer: Answer, effect: str) -> frozenset[str]:
 def counterpart(planted: Planted, answer: Answer, claim: Claim) -> Name | None:
     """The named effect that stands for ``planted`` by the same name and place, if any."""
     for name in claim.named:
-        if name[0] == planted.effect and where(answer, *name) == where(
-            answer, planted.effect, planted.target
-        ):
+        if name[0] == planted.effect and where(answer, *name) == where(answer, planted.effect, planted.target):
             return name
     return None

@@ -43,9 +43,7 @@ def reliability_plot(summary: Summary) -> str:
     axes.plot([0, 1], [0, 1], color="#a0aec0", lw=1, zorder=0)
     for b in summary.bins:
         axes.scatter(b.stated, b.seen, s=12 + 4 * b.count**0.6, color=_COLOURS[0])
-        axes.annotate(
-            str(b.count), (b.stated, b.seen), textcoords="offset points", xytext=(6, -8), fontsize=7
-        )
+        axes.annotate(str(b.count), (b.stated, b.seen), textcoords="offset points", xytext=(6, -8), fontsize=7)
     axes.set(xlim=(-0.03, 1.05), ylim=(-0.05, 1.05), xlabel="stated probability", ylabel="share true")
     return _svg(figure)
 
@@ -60,9 +58,7 @@ def shrink_plot(summary: Summary) -> str:
             continue
         low, high = c.expected_interval or (c.expected_shrink, c.expected_shrink)
         axes.plot([low, high], [c.shrink, c.shrink], color="#90cdf4", lw=0.8, zorder=1)
-        axes.scatter(
-            c.expected_shrink, c.shrink, s=9, color=_COLOURS[0] if o.match.right else _COLOURS[1], zorder=2
-        )
+        axes.scatter(c.expected_shrink, c.shrink, s=9, color=_COLOURS[0] if o.match.right else _COLOURS[1], zorder=2)
     axes.set(xlim=(-0.05, 1.02), ylim=(-0.05, 1.02), xlabel="expected shrink", ylabel="achieved shrink")
     return _svg(figure)
 

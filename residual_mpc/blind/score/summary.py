@@ -90,18 +90,10 @@ def summarise(method: str, outcomes: Sequence[Outcome]) -> Summary:
     planted = [o for o in every if o.answer.effects and not o.answer.withheld]
     empty = [o for o in every if not o.answer.effects and not o.answer.unknown]
     parameters = [p for o in every for p in o.parameters]
-    stated = [
-        (p, _is_true(o, effect)) for o in every for effect, p in _probabilities(o) if not _is_faint(o, effect)
-    ]
-    shrinks = [
-        o.claim
-        for o in every
-        if o.claim and o.claim.shrink is not None and o.claim.expected_shrink is not None
-    ]
+    stated = [(p, _is_true(o, effect)) for o in every for effect, p in _probabilities(o) if not _is_faint(o, effect)]
+    shrinks = [o.claim for o in every if o.claim and o.claim.shrink is not None and o.claim.expected_shrink is not None]
     distances = [
-        abs(c.shrink - c.expected_shrink)
-        for c in shrinks
-        if c.shrink is not None and c.expected_shrink is not None
+        abs(c.shrink - c.expected_shrink) for c in shrinks if c.shrink is not None and c.expected_shrink is not None
     ]
     times = [o.seconds for o in every if o.seconds is not None]
     sizes = [o.match.group_size for o in planted if o.match.right]

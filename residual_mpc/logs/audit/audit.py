@@ -15,9 +15,7 @@ from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run
 
 Check = Callable[[Sequence[Run], RobotFacts], list[Finding]]
-CHECKS: tuple[Check, ...] = (
-    check_stamps, check_channels, check_values, check_pairing, check_rates, check_driving
-)
+CHECKS: tuple[Check, ...] = (check_stamps, check_channels, check_values, check_pairing, check_rates, check_driving)
 RANK = {"error": 0, "warning": 1, "info": 2}
 
 

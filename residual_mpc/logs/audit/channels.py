@@ -43,19 +43,29 @@ def _absent_commands(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         column = f"command.{actuator.name}"
         given = [name for r in runs for name in r.columns if group(name) == "command"]
         none_left = all(a.name not in r.actuators for r in runs if r.name in lacking for a in robot.actuators)
-        findings.append(Finding(
-            "error" if none_left else "warning", "missing command", run, column, None,
-            f"there is no column {column!r} {words}",
-            f"name it in [log] of the robot file; {did_you_mean(column, dict.fromkeys(given))}",
-        ))
+        findings.append(
+            Finding(
+                "error" if none_left else "warning",
+                "missing command",
+                run,
+                column,
+                None,
+                f"there is no column {column!r} {words}",
+                f"name it in [log] of the robot file; {did_you_mean(column, dict.fromkeys(given))}",
+            )
+        )
     return findings
 
 
 def _strange_commands(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
     known = [actuator.name for actuator in robot.actuators]
     return _strange(
-        runs, known, lambda run: (f"command.{name}" for name in run.actuators), "unknown actuator",
-        "the robot has no such actuator; the column is not used", "command.",
+        runs,
+        known,
+        lambda run: (f"command.{name}" for name in run.actuators),
+        "unknown actuator",
+        "the robot has no such actuator; the column is not used",
+        "command.",
     )
 
 
@@ -64,14 +74,24 @@ def _channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
     blind = [run.name for run in runs if not set(run.measured) & set(robot.channels)]
     if blind:
         run, words = _where(blind, runs)
-        findings.append(Finding(
-            "error", "nothing to compare", run, "", None,
-            f"no measured column {words} is one that the model predicts ({', '.join(robot.channels[:12])})",
-            "rename columns in [log] of the robot file, or leave these runs out",
-        ))
+        findings.append(
+            Finding(
+                "error",
+                "nothing to compare",
+                run,
+                "",
+                None,
+                f"no measured column {words} is one that the model predicts ({', '.join(robot.channels[:12])})",
+                "rename columns in [log] of the robot file, or leave these runs out",
+            )
+        )
     findings += _strange(
-        runs, robot.channels, lambda run: (n for n in run.measured if group(n) != "effort"),
-        "unknown channel", "the robot's model does not predict it; the column is not compared", "",
+        runs,
+        robot.channels,
+        lambda run: (n for n in run.measured if group(n) != "effort"),
+        "unknown channel",
+        "the robot's model does not predict it; the column is not compared",
+        "",
     )
     for name in dict.fromkeys(n for run in runs for n in run.columns):
         empty = [r.name for r in runs if name in r.columns and not np.isfinite(r.columns[name]).any()]
@@ -82,8 +102,12 @@ def _channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
 
 
 def _strange(
-    runs: Sequence[Run], known: Sequence[str], names: Callable[[Run], Iterable[str]], kind: str,
-    message: str, prefix: str,
+    runs: Sequence[Run],
+    known: Sequence[str],
+    names: Callable[[Run], Iterable[str]],
+    kind: str,
+    message: str,
+    prefix: str,
 ) -> list[Finding]:
     full = [prefix + name for name in known]
     seen: dict[str, list[str]] = {}
@@ -112,11 +136,17 @@ def _stuck(run: Run, robot: RobotFacts) -> list[Finding]:
         sent = held(run, command)
         span = float(np.quantile(sent, 0.95) - np.quantile(sent, 0.05))
         if len(y) > 10 and span > max(MOVED, 5.0 * resolution(y)) and np.ptp(y) == 0.0:
-            findings.append(Finding(
-                "warning", "stuck sensor", run.name, position, None,
-                f"{position} is {y[0]:.4g} throughout, while its command spans {span:.3g}",
-                "leave the column out if the sensor or its connection failed",
-            ))
+            findings.append(
+                Finding(
+                    "warning",
+                    "stuck sensor",
+                    run.name,
+                    position,
+                    None,
+                    f"{position} is {y[0]:.4g} throughout, while its command spans {span:.3g}",
+                    "leave the column out if the sensor or its connection failed",
+                )
+            )
     return findings
 
 
@@ -127,10 +157,16 @@ def _switched_off(runs: Sequence[Run]) -> list[Finding]:
         some = {run: time for run, time in off.items() if time > 0.0}
         if some:
             run, words = _where(list(some), runs)
-            findings.append(Finding(
-                "info", "motor off", run, name, None,
-                f"{member(name)} is switched off for {sum(some.values()):.3g} s {words}",
-            ))
+            findings.append(
+                Finding(
+                    "info",
+                    "motor off",
+                    run,
+                    name,
+                    None,
+                    f"{member(name)} is switched off for {sum(some.values()):.3g} s {words}",
+                )
+            )
     return findings
 
 

@@ -49,18 +49,22 @@ def _turning(name: str, runs: Sequence[Run], dt: float) -> list[Finding]:
         return []
     least, most = float(seen.correlation.min()), float(seen.correlation.max())
     if least < -CLEAR and most < 0.5 or least < -0.4 and most < 0.0:
-        return [Finding(
-            "warning", "sign", "", name, None,
-            f"the robot turns against its wheels (correlation {least:.2f}):"
-            f" left and right are swapped, or {name} counts clockwise",
-            "swap the wheels in [log] of the robot file, or write the angle counter-clockwise",
-        )]
+        return [
+            Finding(
+                "warning",
+                "sign",
+                "",
+                name,
+                None,
+                f"the robot turns against its wheels (correlation {least:.2f}):"
+                f" left and right are swapped, or {name} counts clockwise",
+                "swap the wheels in [log] of the robot file, or write the angle counter-clockwise",
+            )
+        ]
     return _odd_runs(name, runs, [follow([u], [y], dt, REACH) for u, y in zip(turns, yaw, strict=True)], dt)
 
 
-def _odd_runs(
-    name: str, runs: Sequence[Run], each: Sequence[Follow | None], dt: float
-) -> list[Finding]:
+def _odd_runs(name: str, runs: Sequence[Run], each: Sequence[Follow | None], dt: float) -> list[Finding]:
     """Runs whose clock, or whose correlation, is not that of the others."""
     good = [f.lag for f in each if f is not None and f.correlation.max() > 0.8]
     if len(good) < 5:
@@ -114,19 +118,31 @@ def _heading(runs: Sequence[Run], dt: float) -> list[Finding]:
     # a wheeled robot moves where it points: nearly all of its speed lies along its heading
     share, share_degrees = float(forward @ forward) / power, float(in_degrees @ in_degrees) / power
     if share < 0.7 and share_degrees > 0.9:
-        return [Finding(
-            "error", "degrees", "", "pose.theta", None,
-            f"only {share:.0%} of the motion is along the heading, {share_degrees:.0%} with it in degrees",
-            "multiply pose.theta by pi / 180",
-        )]
+        return [
+            Finding(
+                "error",
+                "degrees",
+                "",
+                "pose.theta",
+                None,
+                f"only {share:.0%} of the motion is along the heading, {share_degrees:.0%} with it in degrees",
+                "multiply pose.theta by pi / 180",
+            )
+        ]
     norm = np.sqrt((forward @ forward) * (wheels @ wheels))
     cosine = float(forward @ wheels / norm) if norm > 0.0 else 0.0
     if share > 0.8 and cosine < -0.5:
-        return [Finding(
-            "warning", "sign", "", "command.left", None,
-            f"the robot moves backwards when its wheels turn forwards (correlation {cosine:.2f})",
-            "write the wheel speeds with the other sign, or turn pose.theta by pi",
-        )]
+        return [
+            Finding(
+                "warning",
+                "sign",
+                "",
+                "command.left",
+                None,
+                f"the robot moves backwards when its wheels turn forwards (correlation {cosine:.2f})",
+                "write the wheel speeds with the other sign, or turn pose.theta by pi",
+            )
+        ]
     return []
 
 

@@ -96,9 +96,7 @@ def tame(
     return [np.where(on, x - mean, 0.0) for (x, on), mean in zip(out, about, strict=True)]
 
 
-def follow(
-    sources: Sequence[FloatArray], answers: Sequence[FloatArray], dt: float, reach: float
-) -> Follow | None:
+def follow(sources: Sequence[FloatArray], answers: Sequence[FloatArray], dt: float, reach: float) -> Follow | None:
     """How answers follow sources, both about their means, over shifts of up to `reach` either way.
 
     Args:

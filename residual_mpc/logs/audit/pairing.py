@@ -38,9 +38,7 @@ def check_pairing(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         if seen is None or actuator.name in swapped:
             continue
         # a wrong unit or sign explains the rest, so that the first of these checks to speak is the last
-        findings += (
-            _units(actuator, name, seen) or _sign(actuator, name, seen) or _delay(actuator, name, seen, dt)
-        )
+        findings += _units(actuator, name, seen) or _sign(actuator, name, seen) or _delay(actuator, name, seen, dt)
     return findings
 
 
@@ -75,9 +73,7 @@ def _answers(actuator: ActuatorFacts, name: str, runs: Sequence[Run], dt: float)
 def _sources(actuator: ActuatorFacts, runs: Sequence[Run], dt: float) -> list[FloatArray]:
     column = f"command.{actuator.name}"
     signals = [
-        command_on_grid(run, column, dt)
-        if column in run.columns
-        else on_grid(run, np.full(len(run.t), np.nan), dt)
+        command_on_grid(run, column, dt) if column in run.columns else on_grid(run, np.full(len(run.t), np.nan), dt)
         for run in runs
     ]
     return tame(signals, _on(actuator, runs, dt), each=actuator.kind == "position")
@@ -88,8 +84,11 @@ def _on(actuator: ActuatorFacts, runs: Sequence[Run], dt: float) -> list[FloatAr
 
 
 def _swaps(
-    pairs: Sequence[tuple[ActuatorFacts, str]], sources: dict[str, list[FloatArray]],
-    answers: dict[str, list[FloatArray]], own: dict[str, Follow | None], dt: float,
+    pairs: Sequence[tuple[ActuatorFacts, str]],
+    sources: dict[str, list[FloatArray]],
+    answers: dict[str, list[FloatArray]],
+    own: dict[str, Follow | None],
+    dt: float,
 ) -> tuple[list[Finding], set[str]]:
     """Two joints of which each follows the other's command, and neither its own."""
     findings: list[Finding] = []
@@ -105,13 +104,18 @@ def _swaps(
             if a.kind != b.kind or strength < (SURE if neither > FAINT else MODERATE):
                 continue
             swapped |= {a.name, b.name}
-            findings.append(Finding(
-                "error" if strength > 0.98 and neither < FAINT else "warning",
-                "swapped channels", "", a_column, None,
-                f"{a_column} follows command.{b.name} and {b_column} follows command.{a.name} (correlation"
-                f" {strength:.2f}), neither its own ({neither:.2f}): swapped columns",
-                f'in [log] of the robot file: "{a_column}" = "{b_column}" and "{b_column}" = "{a_column}"',
-            ))
+            findings.append(
+                Finding(
+                    "error" if strength > 0.98 and neither < FAINT else "warning",
+                    "swapped channels",
+                    "",
+                    a_column,
+                    None,
+                    f"{a_column} follows command.{b.name} and {b_column} follows command.{a.name} (correlation"
+                    f" {strength:.2f}), neither its own ({neither:.2f}): swapped columns",
+                    f'in [log] of the robot file: "{a_column}" = "{b_column}" and "{b_column}" = "{a_column}"',
+                )
+            )
     return findings, swapped
 
 
@@ -142,11 +146,17 @@ def _sign(actuator: ActuatorFacts, name: str, seen: Follow) -> list[Finding]:
         return []
     slope = float(seen.slope[after][int(np.argmin(seen.correlation[after]))])
     sure = least < -0.95 and -2.0 < slope < -0.5 and most < 0.3
-    return [Finding(
-        "error" if sure else "warning", "sign", "", name, None,
-        f"{name} moves against command.{actuator.name} (correlation {least:.2f}): a sign is flipped",
-        "write one of the two with the other sign, or turn the joint's axis in the model",
-    )]
+    return [
+        Finding(
+            "error" if sure else "warning",
+            "sign",
+            "",
+            name,
+            None,
+            f"{name} moves against command.{actuator.name} (correlation {least:.2f}): a sign is flipped",
+            "write one of the two with the other sign, or turn the joint's axis in the model",
+        )
+    ]
 
 
 def _delay(actuator: ActuatorFacts, name: str, seen: Follow, dt: float) -> list[Finding]:
@@ -154,15 +164,27 @@ def _delay(actuator: ActuatorFacts, name: str, seen: Follow, dt: float) -> list[
     if seen.correlation[k] < CLEAR or k in (0, len(seen.lags) - 1):
         return []
     if lag < -1.5 * dt and seen.correlation[k] > SURE:
-        return [Finding(
-            "warning", "answer before command", "", name, None,
-            f"{name} moves {-lag * 1e3:.0f} ms before command.{actuator.name}",
-            "check the two clocks, and that the command column is what was sent, not what was measured",
-        )]
+        return [
+            Finding(
+                "warning",
+                "answer before command",
+                "",
+                name,
+                None,
+                f"{name} moves {-lag * 1e3:.0f} ms before command.{actuator.name}",
+                "check the two clocks, and that the command column is what was sent, not what was measured",
+            )
+        ]
     if lag > 2.0 * dt:
-        return [Finding(
-            "info", "late answer", "", name, None,
-            f"{name} follows command.{actuator.name} about {lag * 1e3:.0f} ms later"
-            " (delay, lag and inertia together)",
-        )]
+        return [
+            Finding(
+                "info",
+                "late answer",
+                "",
+                name,
+                None,
+                f"{name} follows command.{actuator.name} about {lag * 1e3:.0f} ms later"
+                " (delay, lag and inertia together)",
+            )
+        ]
     return []

@@ -35,9 +35,7 @@ def check_rates(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
 
 
 def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Finding]:
-    moving = [
-        run for run in runs if np.nanstd(run.columns[name]) > 3.0 * noise_sigma(run.t, run.columns[name])
-    ]
+    moving = [run for run in runs if np.nanstd(run.columns[name]) > 3.0 * noise_sigma(run.t, run.columns[name])]
     if not moving:
         return []
     # both through the same filter, so that differentiated rounding does not drown the motion
@@ -51,31 +49,56 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
     if abs(strength) < SURE:
         return []
     if strength < 0.0:
-        return [Finding(
-            "error", "sign", "", name, None, f"{name} is the rate of {rate_of} with the other sign",
-            f"multiply {name} by -1",
-        )]
+        return [
+            Finding(
+                "error",
+                "sign",
+                "",
+                name,
+                None,
+                f"{name} is the rate of {rate_of} with the other sign",
+                f"multiply {name} by -1",
+            )
+        ]
     for column, factor in ((name, slope / DEGREES), (rate_of, 1.0 / (slope * DEGREES))):
         if 0.8 < factor < 1.25:
-            return [Finding(
-                "error", "degrees", "", column, None,
-                f"{name} is {slope:.4g} times the rate of {rate_of}: {column} is in degrees",
-                f"multiply {column} by pi / 180",
-            )]
+            return [
+                Finding(
+                    "error",
+                    "degrees",
+                    "",
+                    column,
+                    None,
+                    f"{name} is {slope:.4g} times the rate of {rate_of}: {column} is in degrees",
+                    f"multiply {column} by pi / 180",
+                )
+            ]
     findings = []
     if abs(slope - 1.0) > OFF:
-        findings.append(Finding(
-            "warning", "velocity scale", "", name, None,
-            f"{name} is {slope:.3g} times the rate of {rate_of} (correlation {strength:.2f})",
-            "check the unit of both, and the gear between their sensors",
-        ))
+        findings.append(
+            Finding(
+                "warning",
+                "velocity scale",
+                "",
+                name,
+                None,
+                f"{name} is {slope:.3g} times the rate of {rate_of} (correlation {strength:.2f})",
+                "check the unit of both, and the gear between their sensors",
+            )
+        )
     if abs(lag) > 1.5 * dt:
         word = "behind" if lag > 0.0 else "ahead of"
-        findings.append(Finding(
-            "info", "channels out of step", "", name, None,
-            f"{name} is {abs(lag) * 1e3:.0f} ms {word} the rate of {rate_of}",
-            "a filter in the sensor, or two clocks",
-        ))
+        findings.append(
+            Finding(
+                "info",
+                "channels out of step",
+                "",
+                name,
+                None,
+                f"{name} is {abs(lag) * 1e3:.0f} ms {word} the rate of {rate_of}",
+                "a filter in the sensor, or two clocks",
+            )
+        )
     return findings
 
 

@@ -24,24 +24,42 @@ def check_stamps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
     uneven = [run.name for run in runs if _jitter(run) > JITTER]
     if uneven:
         worst = max(runs, key=_jitter)
-        findings.append(Finding(
-            "info", "jitter", uneven[0] if len(uneven) == 1 else "", "t", None,
-            f"in {len(uneven)} of {len(runs)} runs the time between samples varies by more than {JITTER:.0%}"
-            f" of its median (by {_jitter(worst):.0%} in {worst.name}); the stamps are used as they are",
-        ))
+        findings.append(
+            Finding(
+                "info",
+                "jitter",
+                uneven[0] if len(uneven) == 1 else "",
+                "t",
+                None,
+                f"in {len(uneven)} of {len(runs)} runs the time between samples varies by more than {JITTER:.0%}"
+                f" of its median (by {_jitter(worst):.0%} in {worst.name}); the stamps are used as they are",
+            )
+        )
     periods = np.array([run.period for run in runs])
     if periods.max() > 1.5 * periods.min():
-        findings.append(Finding(
-            "info", "rates differ", "", "t", None,
-            f"the runs were sampled at {1.0 / periods.max():.3g} to {1.0 / periods.min():.3g} Hz",
-        ))
+        findings.append(
+            Finding(
+                "info",
+                "rates differ",
+                "",
+                "t",
+                None,
+                f"the runs were sampled at {1.0 / periods.max():.3g} to {1.0 / periods.min():.3g} Hz",
+            )
+        )
     if periods.max() > SLOW:
         slowest = runs[int(periods.argmax())]
-        findings.append(Finding(
-            "warning", "slow rate", slowest.name, "t", None,
-            f"samples are {slowest.period:.3g} s apart; whatever the robot does in between cannot be seen",
-            "log faster, or check that 't' is in seconds",
-        ))
+        findings.append(
+            Finding(
+                "warning",
+                "slow rate",
+                slowest.name,
+                "t",
+                None,
+                f"samples are {slowest.period:.3g} s apart; whatever the robot does in between cannot be seen",
+                "log faster, or check that 't' is in seconds",
+            )
+        )
     return findings
 
 
@@ -52,11 +70,17 @@ def _gaps(run: Run) -> list[Finding]:
         return []
     k = int(wide[0])
     more = f", and {wide.size - 1} more gaps" if wide.size > 1 else ""
-    return [Finding(
-        "warning", "gap in time", run.name, "t", k,
-        f"no sample for {step[k]:.3g} s from t = {run.t[k]:.6g} s{more} ({step[wide].sum():.3g} s in all)",
-        "the last command is held across it; cut the run there if the log lost commands",
-    )]
+    return [
+        Finding(
+            "warning",
+            "gap in time",
+            run.name,
+            "t",
+            k,
+            f"no sample for {step[k]:.3g} s from t = {run.t[k]:.6g} s{more} ({step[wide].sum():.3g} s in all)",
+            "the last command is held across it; cut the run there if the log lost commands",
+        )
+    ]
 
 
 def _jitter(run: Run) -> float:

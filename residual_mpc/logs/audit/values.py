@@ -82,19 +82,31 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
     for run in runs:
         far = float(np.nanquantile(np.abs(run.columns[name]), 0.9))
         if _turns(name, robot) and reach > 0.0 and far > 5.0 * reach and far > TURN:
-            return [Finding(
-                "error", "degrees", run.name, name, None,
-                f"{name} reaches {far:.4g}, the range is {low:.4g} to {high:.4g} rad: these are degrees",
-                "multiply position, velocity and command by pi / 180",
-            )]
+            return [
+                Finding(
+                    "error",
+                    "degrees",
+                    run.name,
+                    name,
+                    None,
+                    f"{name} reaches {far:.4g}, the range is {low:.4g} to {high:.4g} rad: these are degrees",
+                    "multiply position, velocity and command by pi / 180",
+                )
+            ]
         margin = 0.2 * (high - low)
         outside = np.flatnonzero((run.columns[name] < low - margin) | (run.columns[name] > high + margin))
         if len(outside) > 0.05 * np.count_nonzero(np.isfinite(run.columns[name])):
-            return [Finding(
-                "warning", "beyond the range", run.name, name, int(outside[0]),
-                f"{name} is {run.columns[name][outside[0]]:.4g}, the range is {low:.4g} to {high:.4g}",
-                "check the unit, the sign and the zero of this column",
-            )]
+            return [
+                Finding(
+                    "warning",
+                    "beyond the range",
+                    run.name,
+                    name,
+                    int(outside[0]),
+                    f"{name} is {run.columns[name][outside[0]]:.4g}, the range is {low:.4g} to {high:.4g}",
+                    "check the unit, the sign and the zero of this column",
+                )
+            ]
     return []
 
 

@@ -71,9 +71,7 @@ def inline(figure: "Figure", name: str, alt: str) -> "Markup":
 
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": name}):
-        figure.savefig(
-            buffer, format="svg", metadata={"Date": None}
-        )  # without a date: the same data, the same page
+        figure.savefig(buffer, format="svg", metadata={"Date": None})  # without a date: the same data, the same page
     svg = buffer.getvalue()
     if len(svg.encode()) > LARGEST_SVG:
         return Markup('<img class="paper" src="data:image/png;base64,{}" alt="{}">').format(_png(figure), alt)

@@ -48,9 +48,7 @@ PHRASES = {
     "voltage_sag": Phrase("actuator", "{who} loses {rate} of its strength each second", shares=("rate",)),
     "backlash": Phrase("actuator", "{who} has {gap} of play", "every gear", "the gear of {}"),
     "coulomb_friction": Phrase("body", "dry friction of {torque} brakes {who}", "every joint"),
-    "viscous_friction": Phrase(
-        "body", "friction of {coefficient} grows with the speed of {who}", "every joint"
-    ),
+    "viscous_friction": Phrase("body", "friction of {coefficient} grows with the speed of {who}", "every joint"),
     "stribeck_friction": Phrase(
         "body", "friction in {who} falls from {static} at rest to {kinetic} in motion", "every joint"
     ),
@@ -74,9 +72,7 @@ PHRASES = {
     "lateral_slip": Phrase("contact", "the robot slips outwards in turns (coefficient {coefficient})"),
     "longitudinal_slip": Phrase("contact", "the wheels slip as they accelerate (coefficient {coefficient})"),
     "slope": Phrase("contact", "the robot drifts steadily at {rate}"),
-    "sensor_delay": Phrase(
-        "sensor", "{who} arrive {delay} late", "the measurements", "the measurements of {}"
-    ),
+    "sensor_delay": Phrase("sensor", "{who} arrive {delay} late", "the measurements", "the measurements of {}"),
     "sensor_bias": Phrase("sensor", "{who} reads {bias} too high", "every channel"),
     "sensor_mounting": Phrase(
         "sensor", "the tracked point sits at ({x}, {y}) on the robot, not where the model has it"

@@ -17,8 +17,7 @@ def effects_of(member: Member) -> list[Mapping[str, Any]]:
 def member_name(member: Member) -> str:
     """ "backlash (elbow) with stribeck friction (elbow)"."""
     return " with ".join(
-        name(effect) + (f" ({effect['target']})" if effect.get("target") else "")
-        for effect in effects_of(member)
+        name(effect) + (f" ({effect['target']})" if effect.get("target") else "") for effect in effects_of(member)
     )
 
 

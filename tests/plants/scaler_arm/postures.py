@@ -22,8 +22,8 @@ def literal_frames(q: np.ndarray, passive: np.ndarray, arm: Arm = SCALER) -> dic
     angle = dict(zip(("shoulder", "a", "f", "wrist1", "wrist2", "wrist3", "b", "e"), (*q, *passive), strict=True))
     frames = {"body": np.eye(4)}
     for joint in arm.joints:
-        frames[joint.name] = frames[joint.parent] @ transform(joint.frame) @ transform(
-            Frame(rpy=(0.0, 0.0, angle[joint.name]))
+        frames[joint.name] = (
+            frames[joint.parent] @ transform(joint.frame) @ transform(Frame(rpy=(0.0, 0.0, angle[joint.name])))
         )
     frames["gripper"] = frames["wrist3"] @ transform(arm.gripper)
     return frames

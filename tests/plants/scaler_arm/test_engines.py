@@ -93,9 +93,7 @@ def test_both_engines_fall_alike_as_the_step_shrinks() -> None:
         return np.array([reading[f"position.{m}"] for m in MOTORS])
 
     exact = fallen(MujocoArm(bare, Options(friction=False, motors=False)), 1600)
-    off = [
-        np.abs(fallen(PybulletArm(bare, friction=False, motors=False), n) - exact).max() for n in (40, 80, 160)
-    ]
+    off = [np.abs(fallen(PybulletArm(bare, friction=False, motors=False), n) - exact).max() for n in (40, 80, 160)]
     assert np.abs(exact - HOME).max() > 0.1
     assert 1.8 < off[0] / off[1] < 2.2 and 1.8 < off[1] / off[2] < 2.2
 

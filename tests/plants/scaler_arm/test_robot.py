@@ -52,9 +52,7 @@ def test_a_model_file_of_a_closed_chain_is_a_robot_too(tmp_path: Path) -> None:
     assert theirs.passive == PASSIVE and theirs.states == ours.states
     rows, steps = 3, 100
     q = anywhere(10, seed=13)[4 : 4 + rows]
-    start = {f"position.{m}": q[:, i] for i, m in enumerate(MOTORS)} | {
-        f"velocity.{m}": np.zeros(rows) for m in MOTORS
-    }
+    start = {f"position.{m}": q[:, i] for i, m in enumerate(MOTORS)} | {f"velocity.{m}": np.zeros(rows) for m in MOTORS}
     command = np.repeat(np.array(HOME)[None, None], rows, axis=0).repeat(steps, axis=1)
     drive = Drive(ours.step, 0, command, None, np.zeros(rows))
     wanted = (*(f"position.{m}" for m in MOTORS), *(f"position.{j}" for j in PASSIVE))
