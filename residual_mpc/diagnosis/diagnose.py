@@ -137,9 +137,9 @@ def polish(problem: Problem, starts: list[Values], steps: int) -> list[Fit]:
     """Fit to the end: on `steps` simulation steps' worth of windows, evenly spread, and the last steps on all."""
     few = evenly(problem.data, steps)
     if few.all():
-        return fit_all(problem, starts, POLISH, POLISH_TOLERANCE)
-    near = fit_all(part_of(problem, few), starts, POLISH, POLISH_TOLERANCE)
-    return fit_all(problem, [f.values for f in near], LAST, POLISH_TOLERANCE)
+        return fit_all(problem, starts, POLISH, POLISH_TOLERANCE, secants=0)
+    near = fit_all(part_of(problem, few), starts, POLISH, POLISH_TOLERANCE, secants=0)
+    return fit_all(problem, [f.values for f in near], LAST, POLISH_TOLERANCE, secants=0)
 
 
 def problem_like(data: Dataset, space: Space, like: Problem) -> Problem:

@@ -15,6 +15,9 @@ from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 STEP = 0.15  # derivative step in units of a knob's scale: wide, since sampled commands make delays and dead zones rough
 MOST = 8
+SECANTS = 2
+RACE_FROM = 2  # steps before any fit is left behind
+REMAINING = 4.0  # times the last drop in cost that a fit may still fall: steps that each gain 0.8 of the one before
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,14 @@ class Fit:
         return np.einsum("wn,wn->w", self.r, self.r)
 
 
+@dataclass(frozen=True)
+class Race:
+    """Of many fits only those matter that end within `margin` of the cheapest, or of `mark` where that is cheaper."""
+
+    margin: float
+    mark: float = np.inf
+
+
 @dataclass
 class _Run:
     """The moving state of one fit."""
@@ -49,8 +60,11 @@ class _Run:
     r: np.ndarray
     cost: float
     jacobian: np.ndarray | None = None
+    stale: int = SECANTS + 1  # steps since the Jacobian was measured, more than SECANTS before it ever was
     damping: float = 1e-2
+    gained: float = np.inf  # the last drop in cost
     done: bool = False
+    behind: bool = False  # left where it is, without hope of coming first
     failures: int = 0
     width: float = 0.3  # of the scan of thresholds, relative
 
@@ -58,20 +72,42 @@ class _Run:
         return {k: float(v) for k, v in zip(self.knobs, x * self.scale, strict=True)}
 
 
-def fit_all(problem: Problem, starts: Sequence[Values], most: int = MOST, tolerance: float = 3e-4) -> list[Fit]:
-    """Fit each start's own knobs; the result keeps the order. Memory grows with len(starts) * knobs * samples."""
+def fit_all(
+    problem: Problem,
+    starts: Sequence[Values],
+    most: int = MOST,
+    tolerance: float = 3e-4,
+    race: "Race | None" = None,
+    secants: int = SECANTS,
+    rough: bool = False,
+) -> list[Fit]:
+    """Fit each start's own knobs; the result keeps the order. Memory grows with len(starts) * knobs * samples.
+
+    race: which fits are left where they are once they cannot come first. secants: steps on a Jacobian that is
+    updated by what the steps showed (see `_advance`); it is measured at the end, save for what was left behind, and
+    unless it is wanted `rough`.
+    """
     if not starts:
         return []
     residuals = problem.residuals(starts)
     runs = [_begin(problem, s, r) for s, r in zip(starts, residuals, strict=True)]
-    for _ in range(most):
+    for step in range(most):
         active = [run for run in runs if not run.done and run.knobs]
         if not active:
             break
-        _derive(problem, [run for run in active if run.jacobian is None])
+        _derive(problem, [run for run in active if run.stale > secants])
         _advance(problem, active, tolerance)
-    _derive(problem, [run for run in runs if run.jacobian is None])
+        if race is not None and step + 1 >= RACE_FROM:
+            _leave_behind(active, min([r.cost for r in runs] + [race.mark]) + race.margin)
+    _derive(problem, [r for r in runs if r.jacobian is None or (r.stale and not r.behind and not rough)])
     return [_finish(run) for run in runs]
+
+
+def _leave_behind(runs: list[_Run], reach: float) -> None:
+    """Stop the fits that lie beyond reach by more than they are likely still to fall."""
+    for run in runs:
+        if run.cost - REMAINING * run.gained > reach:
+            run.done = run.behind = True
 
 
 def _begin(problem: Problem, start: Values, r: np.ndarray) -> _Run:
@@ -100,6 +136,7 @@ def _derive(problem: Problem, runs: list[_Run]) -> None:
         n = len(run.knobs)
         columns = [(moved[at + i] - run.r) / steps[at + i] for i in range(n)]
         run.jacobian = np.stack(columns, axis=-1) if n else np.zeros((*run.r.shape, 0))
+        run.stale = 0
         at += n
 
 
@@ -112,15 +149,23 @@ def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:
     results = problem.residuals([run.values(x) for run, _, x in trials])
     costs = np.einsum("hwn,hwn->h", results, results)
     for run in runs:
+        assert run.jacobian is not None
         mine = [i for i, (owner, _, _) in enumerate(trials) if owner is run]
         best = mine[int(np.argmin(costs[mine]))]
         if costs[best] < run.cost:
-            gained = run.cost - float(costs[best])
-            run.done = gained < tolerance * run.cost
-            _, damping, run.x = trials[best]
-            run.r, run.cost, run.jacobian = results[best].copy(), float(costs[best]), None
+            run.gained = run.cost - float(costs[best])
+            run.done = run.gained < tolerance * run.cost
+            _, damping, x = trials[best]
+            step = x - run.x
+            # Broyden's rank-one update: the Jacobian that predicts what this step did (Nocedal and Wright, eq. 11.17)
+            missed = results[best] - run.r - run.jacobian @ step
+            run.jacobian = run.jacobian + missed[..., None] * (step / max(float(step @ step), 1e-30))
+            run.x, run.r, run.cost = x, results[best].copy(), float(costs[best])
+            run.stale += 1
             run.damping = float(np.clip(damping, 1e-7, 1e6))
             run.failures = 0
+        elif run.stale:
+            run.stale = SECANTS + 1  # a Jacobian that was only updated misleads: it is measured before the next step
         else:
             run.damping *= 100.0
             run.failures += 1

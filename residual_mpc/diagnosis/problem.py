@@ -65,11 +65,16 @@ def reweigh(data: Dataset, space: Space, sensitivity: np.ndarray, sigma: np.ndar
     return Problem(data, space, sensitivity, weight, basis, 1.0 - 1.0 / np.sqrt(1.0 + s**2))
 
 
-def part_of(problem: Problem, keep: np.ndarray) -> Problem:
-    """The problem on the windows where the mask (W,) is true, with the same weights."""
-    sensitivity = problem.sensitivity[keep]
-    small = reweigh(problem.data.take(keep), problem.space, sensitivity, 1.0 / problem.weight)
-    return small if problem.count is None else replace(small, count=problem.count[keep])
+def part_of(problem: Problem, keep: np.ndarray, times: np.ndarray | None = None) -> Problem:
+    """The problem on the windows where the mask (W,) is true, with the same weights; `times`: how many windows of the
+    problem each one that is kept stands for (None: itself alone)."""
+    small = reweigh(problem.data.take(keep), problem.space, problem.sensitivity[keep], 1.0 / problem.weight)
+    if problem.count is None and times is None:
+        return small
+    one = np.ones(small.data.count)
+    return replace(
+        small, count=(one if problem.count is None else problem.count[keep]) * (one if times is None else times)
+    )
 
 
 def start_sensitivity(data: Dataset, space: Space, values: Values) -> np.ndarray:

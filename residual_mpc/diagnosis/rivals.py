@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible
+from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import screen, smaller
-from residual_mpc.diagnosis.search import ALIKE, Found, compatible, without
+from residual_mpc.diagnosis.search import ALIKE, HOPELESS, Found, compatible, without
 from residual_mpc.effects.library import ORDER
 from residual_mpc.models.settings import TUNE, Term, Values
 
@@ -15,7 +15,6 @@ PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-
 PER_KNOB = 2.0
 RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the screening
 LOOKED_AT = 8
-HOPELESS = 150.0  # likelihood ratio of a rough fit beyond which a rival is not fitted to the end
 # without encoders these scale the same two rims, so that one pair of them does what another pair does
 RIM_SCALES = ("actuator_gain", "wheel_radius", "wheel_radius_mismatch")
 
@@ -119,7 +118,8 @@ def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: floa
     chosen = float(np.sum(small.residuals([fit.values])[0] ** 2))
     rough = fit_all(small, starts, 3)
     near = [weight * (r.cost - chosen) < HOPELESS * phi for r in rough]
-    ends = iter(fit_all(problem, [r.values for r, n in zip(rough, near, strict=True) if n]))
+    race = Race(HOPELESS * phi, fit.cost)
+    ends = iter(fit_all(problem, [r.values for r, n in zip(rough, near, strict=True) if n], race=race))
     as_they_are = iter(fit_all(problem, [r.values for r, n in zip(rough, near, strict=True) if not n], 0))
     return [next(ends if n else as_they_are) for n in near]
 

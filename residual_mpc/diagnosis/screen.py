@@ -3,13 +3,14 @@
 The screening looks at part of the windows, each only for its first half: it has to order candidates, not to fit them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.fit import Fit, on_problem
-from residual_mpc.diagnosis.problem import Problem, reweigh
+from residual_mpc.diagnosis.problem import Problem, part_of, reweigh
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -19,6 +20,7 @@ LATE = 0.1  # of what is left in the windows' first halves: with less the screen
 SHORTEST = 0.6  # s: windows of this length are not cut again
 FEWEST = 12  # windows
 STEPS = 6_000  # simulation steps that one probe may cost
+MANY = 700_000  # that all probes may cost before the worse half of them is looked at less closely
 
 
 @dataclass(frozen=True)
@@ -36,20 +38,50 @@ class Lead:
 
 
 def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list[Lead]:
-    """The best lead of each probe, largest gain first; probes of the same term stay apart."""
+    """The best lead of each probe, largest gain first; probes of the same term stay apart.
+
+    Where there are many probes (an arm of many joints), all of them are tried on a third of the windows, and only the
+    better half of them on the others as well: better by either of the two gains.
+    """
     small, weight = smaller(problem, current)
     if small is not problem:
         current = on_problem(small, current)
     probes = [(term, p) for term in candidates for p in small.space.probes(term)]
+    if len(probes) * _steps(small) <= MANY:
+        return sorted(_leads(small, current, probes, weight), key=_gain)
+    third = drawn(current.per_window, max(FEWEST, small.data.count // 3))
+    quick = part_of(small, third > 0, third[third > 0])
+    leads = _leads(quick, on_problem(quick, current), probes, weight)
+    half = len(leads) // 2
+    good = {id(lead) for key in (_gain, _compared) for lead in sorted(leads, key=key)[:half]}
+    again = [p for p, lead in zip(probes, leads, strict=True) if id(lead) in good]
+    leads = [lead for lead in leads if id(lead) not in good] + _leads(small, current, again, weight)
+    return sorted(leads, key=_gain)
+
+
+def _leads(problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float) -> list[Lead]:
     basis = _absorbed(current)
     leads: list[Lead] = []
     for a in range(0, len(probes), ROWS):
         part = probes[a : a + ROWS]
-        moved = small.residuals([{**current.values, **p} for _, p in part])
+        moved = problem.residuals([{**current.values, **p} for _, p in part])
         leads += [
-            _lead(small, current, basis, term, p, r.ravel(), weight) for (term, p), r in zip(part, moved, strict=True)
+            _lead(problem, current, basis, term, p, r.ravel(), weight) for (term, p), r in zip(part, moved, strict=True)
         ]
-    return sorted(leads, key=lambda lead: -lead.gain)
+    return leads
+
+
+def _gain(lead: Lead) -> float:
+    return -lead.gain
+
+
+def _compared(lead: Lead) -> float:
+    return -lead.compared
+
+
+def _steps(problem: Problem) -> int:
+    """Simulation steps of one hypothesis."""
+    return problem.data.count * max(b.drive.steps for b in problem.data.blocks)
 
 
 def smaller(problem: Problem, current: Fit) -> tuple[Problem, float]:

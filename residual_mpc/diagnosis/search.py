@@ -8,7 +8,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible
+from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.problem import Problem, reweigh
@@ -90,6 +90,9 @@ def build_ruler(data: Dataset, space: Space, scales: Scales, base: Fit, rng: np.
     return Ruler(data, space, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
 
 
+HOPELESS = 150.0  # likelihood ratio beyond which a set is not fitted to the end
+ROUGH = 3  # steps of a fit that has to rank
+PROMISING = 3  # one in so many probes of the best set is tried on the beam's other sets as well
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
 
@@ -114,7 +117,7 @@ def search(
     seen = {frozenset(base.terms)}
     while len(beam[0].terms) < settings.largest:
         here = judge(problem, beam[0], noise)
-        beam = refit(here, beam)
+        beam = refit(here, beam[:1]) + refit(here, beam[1:], ROUGH)  # from the others one only looks on
         report(f"{len(beam[0].terms)} effects named; looking for the next")
         children = simplest_first(additions(here, beam, blocks, settings), blocks)
         # the cheapest set may only polish what nobody would see: the next one may be the cause
@@ -160,22 +163,29 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     """
     starts: list[Values] = []
     promised = 0.0
+    eligible = problem.space.candidates
     for place, parent in enumerate(beam):
-        candidates = tuple(c for c in problem.space.candidates if compatible(c, parent.terms))
+        candidates = tuple(c for c in eligible if compatible(c, parent.terms))
         leads = screen(problem, parent, candidates)
         # precise encoders may shout down what moves the pose: half of the places go by what the gap compares
         ranked = mixed(leads, sorted(leads, key=lambda lead: -lead.compared))
+        if place == 0 and len(beam) > 1:
+            near = {lead.term for lead in ranked[: len(ranked) // PROMISING]}.union(parent.terms)
+            eligible = tuple(c for c in eligible if c in near)
         starts += [{**parent.values, **lead.start} for lead in ranked[: settings.shortlist // (1 + place)]]
         promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
     if GENEROUS * promised < settings.beyond_doubt:
         return []
-    small, _ = smaller(problem, beam[0])
-    rough = fit_all(small, starts, 3)
+    small, weight = smaller(problem, beam[0])
+    rough = fit_all(small, starts, ROUGH, rough=True)
     mask = compared_mask(small)
     by_cost = distinct(sorted(rough, key=lambda f: f.cost))
     by_gap = distinct(sorted(rough, key=lambda f: float(np.sum(f.r.ravel()[mask] ** 2))))
     finalists = mixed(by_cost, by_gap)[: settings.finalists + (2 if len(beam) > 1 else 0)]
-    fits = [f for f in fit_all(problem, [f.values for f in finalists]) if is_sensible(f)]
+    margin = HOPELESS * dispersion(beam[0], blocks)
+    closer = fit_all(small, [f.values for f in finalists], race=Race(margin / weight), rough=True)
+    fits = fit_all(problem, [f.values for f in closer], ROUGH, race=Race(margin))
+    fits = [f for f in fits if is_sensible(f)]
     return distinct(sorted(fits, key=lambda f: f.cost))
 
 
@@ -258,7 +268,8 @@ def prune(
     while len(current.terms) > 1:
         here = judge(problem, current, noise)
         full = refit(here, [current])[0]
-        fewer = fit_all(here, [without(full.values, t) for t in full.terms])
+        race = Race(HOPELESS * dispersion(full, blocks))
+        fewer = fit_all(here, [without(full.values, t) for t in full.terms], race=race)
         weakest = min(fewer, key=lambda f: f.cost)
         if convincing(problem, ruler, weakest, full, base, blocks, settings):
             return full
