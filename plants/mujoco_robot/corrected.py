@@ -50,7 +50,9 @@ class CorrectedMujoco:
             raise ValueError(f"{own} acts on commands and is an effect of your own: it is replayed, not stepped")
         whole = round(period / robot.step)
         if whole < 1 or abs(whole * robot.step - period) > 1e-9 * period + 1e-12:
-            raise ValueError(f"a period of {period:g} s is no whole number of the model's steps of {robot.step:g} s")
+            raise ValueError(
+                f"a period of {period:g} s is no whole number of the model's steps of {robot.step:g} s: give a multiple"
+            )
         self._settings = settings.take(np.zeros(rows, dtype=int))
         self._dt, dt = robot.step, robot.step  # of the robot as it was, where motors and links are told apart
         robot, _ = next(by_gears(robot, self._settings))

@@ -69,4 +69,3 @@ def _step_of(file: Path) -> float | None:
 
     learned = residual_in(file)
     return None if learned is None else learned.step
-
