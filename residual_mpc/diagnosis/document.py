@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -107,12 +108,33 @@ def read_model(path: Path) -> tuple[str, Values, bool]:
             f"give a diagnosis.json ({SCHEMA}) or a model.json ({MODEL_SCHEMA})",
         )
     try:
-        values = {Knob(v["effect"], v["target"], v["parameter"]): float(v["value"]) for v in model["values"]}
+        values = values_of(model["values"])
         return str(model["robot"]), values, bool(model.get("leaves_out_outliers", False))
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(
             f"the model's values cannot be read: {error!r}", str(path), "write it anew with diagnose"
         ) from error
+
+
+def read_diagnosis(path: Path) -> dict[str, Any]:
+    """The content of a diagnosis.json. Raises BadInput for a file that is missing, not JSON, or no diagnosis."""
+    content = read_json(path)
+    if content.get("schema") != SCHEMA:
+        raise BadInput(
+            f"schema is {content.get('schema')!r}, a diagnosis ({SCHEMA}) was wanted",
+            str(path),
+            "give the diagnosis.json that diagnose wrote",
+        )
+    return content
+
+
+def values_of(rows: Sequence[Mapping[str, Any]]) -> Values:
+    """The values of a model as they are written. Raises KeyError, TypeError or ValueError where they cannot be read."""
+    values = {Knob(v["effect"], v["target"], v["parameter"]): float(v["value"]) for v in rows}
+    for knob, value in values.items():
+        if not math.isfinite(value):
+            raise ValueError(f"{knob.parameter} of {knob.effect} is {value}")
+    return values
 
 
 def read_residual(path: Path, last: bool = False) -> Residual | None:

@@ -103,12 +103,18 @@ def kept_back_of(path: Path, names: set[str]) -> tuple[KeptBack, ...] | None:
 
 
 def _kept(path: Path) -> list[KeptBack]:
-    kept = []
-    for item in read_json(path).get("held_out", []):
-        if isinstance(item, str):
-            kept.append(KeptBack(item))
-        elif isinstance(item, dict) and {"run", "from", "to"} <= set(item):
-            kept.append(KeptBack(str(item["run"]), float(item["from"]), float(item["to"])))
-        else:
-            raise BadInput(f"held_out holds {item!r}", str(path), 'wanted a run\'s name or {"run", "from", "to"}')
-    return kept
+    held_out = read_json(path).get("held_out", [])
+    if not isinstance(held_out, list):
+        raise BadInput(f"held_out is {held_out!r}", str(path), "wanted a list, as diagnose writes it")
+    return [_kept_back(item, path) for item in held_out]
+
+
+def _kept_back(item: Any, path: Path) -> KeptBack:
+    if isinstance(item, str):
+        return KeptBack(item)
+    try:
+        return KeptBack(str(item["run"]), float(item["from"]), float(item["to"]))
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise BadInput(
+            f"held_out holds {item!r}", str(path), 'wanted a run\'s name or {"run", "from", "to"}'
+        ) from error

@@ -210,7 +210,18 @@ def test_a_model_of_another_robot_or_of_none(
 
 
 @pytest.mark.parametrize(
-    "held", [[], ["three"], [7], [{"run": "one"}], [{"run": "one", "from": 90.0, "to": 99.0}], "one"]
+    "held",
+    [
+        [],
+        ["three"],
+        [7],
+        [{"run": "one"}],
+        [{"run": "one", "from": 90.0, "to": 99.0}],
+        "one",
+        7,
+        None,
+        [{"run": "one", "from": "now", "to": []}],
+    ],
 )
 def test_a_diagnosis_of_other_runs(folder: Path, capsys: pytest.CaptureFixture[str], held: object) -> None:
     (folder / "diagnosis.json").write_text(json.dumps({"schema": "residual-mpc/diagnosis/1", "held_out": held}))
