@@ -99,14 +99,7 @@ def read_model(path: Path) -> tuple[str, Values, bool]:
 
     Raises BadInput for a file that is missing, not JSON, or of neither kind.
     """
-    content = read_json(path)
-    model = content.get("model", content) if content.get("schema") == SCHEMA else content
-    if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
-        raise BadInput(
-            f"schema is {content.get('schema')!r}",
-            str(path),
-            f"give a diagnosis.json ({SCHEMA}) or a model.json ({MODEL_SCHEMA})",
-        )
+    model = _model_in(path)
     try:
         values = values_of(model["values"])
         return str(model["robot"]), values, bool(model.get("leaves_out_outliers", False))
@@ -138,15 +131,25 @@ def values_of(rows: Sequence[Mapping[str, Any]]) -> Values:
 
 
 def read_residual(path: Path, last: bool = False) -> Residual | None:
-    """The learned residual of a model.json, None where it has none; `last`: only what its last case added.
+    """The learned residual of a model.json or diagnosis.json, None where it has none; `last`: only what its last case
+    added.
 
-    Raises BadInput for a file that is missing, not JSON, or whose residual cannot be read.
+    Raises BadInput for a file that is missing, not JSON, of neither kind, or whose residual cannot be read.
     """
+    found = _model_in(path).get("last_residual" if last else KEY)
+    return None if found is None else from_json(found, str(path))
+
+
+def _model_in(path: Path) -> dict[str, Any]:
     content = read_json(path)
-    found = content.get("last_residual" if last else KEY)
-    if found is None:
-        return None
-    return from_json(found, str(path))
+    model = content.get("model") if content.get("schema") == SCHEMA else content
+    if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
+        raise BadInput(
+            f"schema is {content.get('schema')!r}" + (", without a model" if model is not content else ""),
+            str(path),
+            f"give a diagnosis.json ({SCHEMA}) or a model.json ({MODEL_SCHEMA})",
+        )
+    return model
 
 
 def read_json(path: Path) -> dict[str, Any]:

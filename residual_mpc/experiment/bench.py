@@ -75,7 +75,7 @@ def bench_of_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> B
     if missing:
         raise BadInput(
             f"nothing says how far {', '.join(missing)} may be driven", robot.name,
-            " ".join(f"--limit {a}=LOW:HIGH" for a in missing),
+            "say it with " + " ".join(f"--limit {a}=LOW:HIGH" for a in missing),
         )  # fmt: skip
     _check_actuators(robot, limits)
     low, high, home = _ranges(robot, known)

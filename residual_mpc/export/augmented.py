@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -119,7 +118,9 @@ def augment(robot: Robot, values: Values, residual: Residual | None, build: Buil
 
 def read_augmented(path: Path, robot: Robot, build: Build) -> Augmented:
     """The model of a diagnosis.json or model.json. Raises BadInput where it is of another robot."""
-    return _build(robot, read_settings(path, robot), residual_in(path), build)
+    from residual_mpc.diagnosis.document import read_residual
+
+    return _build(robot, read_settings(path, robot), read_residual(path), build)
 
 
 def read_settings(path: Path, robot: Robot) -> Settings:
@@ -133,16 +134,6 @@ def read_settings(path: Path, robot: Robot) -> Settings:
     if name != robot.name:
         raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", str(path), "give its own robot file")
     return _settings(robot, values, name, str(path))
-
-
-def residual_in(path: Path) -> Residual | None:
-    """The learned network of a diagnosis.json or model.json; None where it has none."""
-    from residual_mpc.diagnosis.document import SCHEMA, read_json
-    from residual_mpc.residual.record import KEY, from_json
-
-    content: dict[str, Any] = read_json(path)
-    model = content.get("model", {}) if content.get("schema") == SCHEMA else content
-    return from_json(model[KEY], str(path)) if model.get(KEY) else None
 
 
 def with_residual(model: Augmented, residual: Residual | None) -> Augmented:

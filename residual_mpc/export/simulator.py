@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.export.augmented import Augmented, Build, read_augmented, read_settings, residual_in
+from residual_mpc.export.augmented import Augmented, Build, read_augmented, read_settings
 from residual_mpc.export.source import robot_beside
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.robot_file import read_robot_file
@@ -34,10 +34,10 @@ def corrected_simulator(
         BadInput: for a model of another robot, a robot that can neither be simulated nor stepped, or a network on an
             engine (which corrects whole replays, see residual_mpc.residual.robot, and is not stepped).
     """
-    from residual_mpc.diagnosis.document import read_json
+    from residual_mpc.diagnosis.document import read_json, read_residual
 
     nominal = load_robot(read_robot_file(robot or robot_beside(read_json(model), model)))
-    residual = residual_in(model)
+    residual = read_residual(model)
     at = period or (USUAL_PERIOD if residual is None else residual.step)
     if isinstance(nominal, Stepping) and (residual is not None or not isinstance(nominal, Simulating)):
         return SteppedSimulator(read_augmented(model, nominal, Build(at)), rows)
@@ -116,4 +116,3 @@ class SteppedSimulator:
 
 def _sensors_alone(settings: Settings) -> Settings:
     return Settings(settings.rows, {e: p for e, p in settings.effects.items() if e.startswith("sensor_")})
-

@@ -209,6 +209,17 @@ def test_a_model_of_another_robot_or_of_none(
     assert said in message and "model.json" in message
 
 
+@pytest.mark.parametrize("to", ["casadi", "mjcf"])
+@pytest.mark.parametrize("model", [7, None, [], {"schema": "somebody/model/1"}])
+def test_a_diagnosis_without_a_model_is_not_exported(
+    folder: Path, capsys: pytest.CaptureFixture[str], model: object, to: str
+) -> None:
+    content = {"schema": "residual-mpc/diagnosis/1", "robot": "rover", "model": model}
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    message = refused(capsys, folder, "export", "diagnosis.json", "--to", to, "--robot", "rover.toml")
+    assert "without a model" in message
+
+
 @pytest.mark.parametrize(
     "held",
     [
