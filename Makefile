@@ -15,7 +15,7 @@ help:
 	@echo "make demo    a robot that differs from its model, diagnosed from start to end"
 	@echo "make test    the tests, without the slow ones"
 	@echo "make slow    the slow tests"
-	@echo "make bench   what diagnosis, MPC and learner cost, beside IPOPT, do-mpc, filterpy and dynamax where they are"
+	@echo "make bench   what diagnosis, MPC, learner and simulator cost, beside IPOPT, do-mpc, filterpy and dynamax where they are"
 	@echo "make blind   a development sweep of the blind benchmark"
 	@echo "make lint    style, types and the direction of imports"
 	@echo "make clean   removes $(VENV) and what the tools left behind"
@@ -34,6 +34,7 @@ bench: $(VENV)/.installed-test
 	$(BIN)/python -m benchmarks.control
 	$(BIN)/python -m benchmarks.learning
 	$(BIN)/python -m benchmarks.jitter
+	$(BIN)/python -m benchmarks.simulator
 
 blind: $(VENV)/.installed-test
 	$(BIN)/python -m benchmarks.blind

@@ -7,6 +7,7 @@ import numpy as np
 
 from plants.mujoco_robot.base import hinges_and_slides
 from plants.mujoco_robot.compile import compile_model, refuse_unsupported
+from residual_mpc.errors import BadInput
 from residual_mpc.logs.audit.facts import ActuatorFacts, CommandKind
 from residual_mpc.models.anatomy import Anatomy, Joint
 
@@ -24,6 +25,8 @@ def anatomy(path: Path) -> Anatomy:
     _, model = compile_model(str(path))
     refuse_unsupported(model, str(path))
     numbers = hinges_and_slides(model).tolist()
+    if not numbers:
+        raise BadInput("the model has no hinge and no slide joint", str(path), "give the model of a robot that moves")
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_FREE)]
     return Anatomy(
         "mujoco",

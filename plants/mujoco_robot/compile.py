@@ -101,7 +101,7 @@ def _refuse_undriven(model: "mujoco.MjModel", path: str) -> None:
 
 
 def refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
-    """Raises BadInput for ball joints, actuators that act on no joint, and joints and actuators without a name."""
+    """Raises BadInput for ball joints, actuators that act on no joint or on a free one, and what has no name."""
     import mujoco
 
     for j in range(model.njnt):
@@ -117,6 +117,10 @@ def refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
                 f"actuator {model.actuator(i).name!r} does not act on a joint",
                 path,
                 "give it joint=... as its transmission",
+            )
+        if int(model.jnt_type[model.actuator_trnid[i, 0]]) == int(mujoco.mjtJoint.mjJNT_FREE):
+            raise BadInput(
+                f"actuator {model.actuator(i).name!r} acts on a free joint", path, "drive hinge and slide joints alone"
             )
     for kind, numbers in (("joint", hinges_and_slides(model)), ("actuator", np.arange(model.nu))):
         access = getattr(model, kind)

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plants.mujoco_robot.between import between_steps, changing
+from plants.mujoco_robot.channels import read_channels, write_start
 from plants.mujoco_robot.edits import edit_batch
 from plants.mujoco_robot.gear_start import begin
-from plants.mujoco_robot.gears import by_gears, edit_gears, feedback, on_link_side
-from plants.mujoco_robot.replay import between_steps, changing
+from plants.mujoco_robot.gears import by_gears, edit_gears, feedback
+from plants.mujoco_robot.one_step import OneStep, error_zone
 from residual_mpc.effects.actuator import lag_step
 from residual_mpc.effects.command import dead_zone_step
 from residual_mpc.effects.library import PLUGGED
@@ -50,18 +52,19 @@ class CorrectedMujoco:
             raise ValueError(f"{own} acts on commands and is an effect of your own: it is replayed, not stepped")
         whole = round(period / robot.step)
         if whole < 1 or abs(whole * robot.step - period) > 1e-9 * period + 1e-12:
-            raise ValueError(f"a period of {period:g} s is no whole number of the model's steps of {robot.step:g} s")
+            raise ValueError(
+                f"a period of {period:g} s is no whole number of the model's steps of {robot.step:g} s: give a multiple"
+            )
         self._settings = settings.take(np.zeros(rows, dtype=int))
         self._dt, dt = robot.step, robot.step  # of the robot as it was, where motors and links are told apart
         robot, _ = next(by_gears(robot, self._settings))
         self.robot, self.rows, self.period, self._whole = robot, rows, period, whole
         effects, nu = self._settings.effects, robot.model.nu
-        self._finer = 1 if robot.gears is None else robot.gears.substeps
         self._batch = Batch(robot.model, rows)
         edit_batch(self._batch, robot, self._settings)
         if robot.gears is not None:
             edit_gears(self._batch, robot, self._settings)
-        self._servos = feedback(self._batch, robot)
+        servos = feedback(self._batch, robot)
         self._clock = np.zeros(rows)
         nothing = np.zeros((rows, 0, nu))
         drive = Drive(dt, 0, nothing, None, self._clock, None)
@@ -70,10 +73,9 @@ class CorrectedMujoco:
         if not self._one_by_one:  # what they write never changes
             for update in self._between:
                 update(0, np.zeros((rows, len(robot.joints))), np.zeros((rows, nu)))
-        self._servo = np.array([kind == "position" for kind in robot.command_kinds])
+        self._once = OneStep(self._batch, robot, self._between, servos, error_zone(robot, self._settings), dt)
         zone = effects.get("dead_zone", {}).get("width")
-        self._on_command = None if zone is None else np.where(self._servo, 0.0, zone)
-        self._on_error = None if zone is None or not self._servo.any() else np.where(self._servo, zone, 0.0)
+        self._on_command = None if zone is None else np.where(robot.servo, 0.0, zone)
         delay = effects.get("command_delay", {}).get("delay", np.zeros((rows, nu)))
         self._late, self._part = np.divmod(delay / dt, 1.0)
         self._late = self._late.astype(int)
@@ -118,29 +120,16 @@ class CorrectedMujoco:
 
     def _begin(self, start: Mapping[str, float | np.ndarray] | None, command: Any) -> None:
         robot, b = self.robot, self._batch
-        b.reset()
-        q, v = b.bind("qpos"), b.bind("qvel")
         given = {c: np.broadcast_to(np.asarray(x, dtype=float), self.rows) for c, x in (start or {}).items()}
         unknown = sorted(set(given) - set(robot.channels))
         if unknown:
             raise ValueError(f"a start names {', '.join(unknown)}; the channels are {', '.join(robot.channels)}")
-        rolling = None
-        if robot.base is not None:
-            rolling = robot.base.write(q, v, {**self._truth(), **given})
-        for j, joint in enumerate(robot.joints):
-            if joint in robot.passive:
-                continue
-            if f"position.{joint}" in given:
-                q[:, robot.places[j]] = given[f"position.{joint}"]
-            if f"velocity.{joint}" in given:
-                v[:, robot.dofs[j]] = given[f"velocity.{joint}"]
-        if rolling is not None:
-            v[:, robot.dofs] = np.where(v[:, robot.dofs] == 0.0, rolling, v[:, robot.dofs])
-        if robot.loops is not None:
-            robot.loops.close(q, v)
+        b.reset()
+        q, v = b.bind("qpos"), b.bind("qvel")
+        write_start(robot, q, v, {**self._truth(), **given})
         if command is None:
             length = robot.model.actuator_gear[:, 0] * q[:, robot.places[robot.driven]]
-            command = np.where(self._servo, length, 0.0)
+            command = np.where(robot.servo, length, 0.0)
         held = self._commanded(command)
         self._line[:] = held
         self._lagged[:] = held
@@ -148,7 +137,7 @@ class CorrectedMujoco:
         if robot.gears is not None:
             for update in self._between:
                 update(self._k, v[:, robot.dofs], self._force)
-            begin(b, robot, self._settings, self._zoned(held)[:, None], 0, self._servos)
+            begin(b, robot, self._settings, self._zoned(held)[:, None], 0, self._once.servos)
         if robot.model.na:
             b.bind("act")[:] = held[:, robot.model.actuator_actadr >= 0]
         self._clock[:] = -self._k * self._dt  # the updates between the steps add the steps since the beginning
@@ -160,11 +149,14 @@ class CorrectedMujoco:
         held = self._commanded(command)
         if self._one_by_one:
             for _ in range(self._whole):
-                self._step_once(self._actuated(held))
+                self._once(self._k, self._actuated(held), self._force)
+                self._force[:] = self._engines_force
+                self._k += 1
         else:
             u = np.stack([self._actuated(held) for _ in range(self._whole)], axis=1)  # (rows, steps, nu)
-            u = np.repeat(u, self._finer, axis=1)
-            self._batch.rollout(self._finer * self._whole, u, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
+            finer = self.robot.substeps
+            u = np.repeat(u, finer, axis=1)
+            self._batch.rollout(finer * self._whole, u, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
             self._k += self._whole
         self._sensors.push(self._truth())
         return self._sensors.read()
@@ -188,23 +180,6 @@ class CorrectedMujoco:
         if self._on_command is None:
             return u
         return np.asarray(dead_zone_step(NUMPY, {"width": self._on_command}, (), u, self._dt)[0])
-
-    def _step_once(self, u: np.ndarray) -> None:
-        robot, b = self.robot, self._batch
-        q, ctrl = b.bind("qpos"), b.bind("ctrl")
-        ctrl[:] = u
-        if self._on_error is not None:
-            seen = q[:, robot.places[robot.driven]] if self._servos is None else self._servos.seen(robot, q)
-            length = robot.model.actuator_gear[:, 0] * seen
-            error, _ = dead_zone_step(NUMPY, {"width": self._on_error}, (), u - length, self._dt)
-            ctrl[:] = np.where(error == u - length, u, length + error)
-        for update in self._between:
-            update(self._k, b.bind("qvel")[:, robot.dofs], self._force)
-        if self._servos is not None:
-            self._servos.correct(ctrl, robot, q, b.bind("qvel"))
-        b.step(nstep=self._finer)
-        self._force[:] = self._engines_force
-        self._k += 1
 
     def save(self) -> Saved:
         fields = ("qpos", "qvel", "qacc_warmstart", *(("act",) if self.robot.model.na else ()))
@@ -242,16 +217,6 @@ class CorrectedMujoco:
 
     def _truth(self) -> dict[str, np.ndarray]:
         """Every channel as it is, (rows,)."""
-        robot, q, v = self.robot, self._batch.bind("qpos"), self._batch.bind("qvel")
-        if robot.gears is not None:
-            q, v = q.copy(), v.copy()
-            on_link_side(robot, {"qpos": q, "qvel": v})
-        out = {}
-        for channel in robot.channels:
-            kind, name = channel.split(".", 1)
-            if robot.base is not None and kind in ("pose", "twist"):
-                out[channel] = np.array(robot.base.read(channel, q, v))
-                continue
-            j = robot.joints.index(name)
-            out[channel] = (q[:, robot.places[j]] if kind == "position" else v[:, robot.dofs[j]]).copy()
-        return out
+        robot, b = self.robot, self._batch
+        found = read_channels(robot, b.bind("qpos"), b.bind("qvel"), robot.channels)
+        return {c: x.copy() for c, x in found.items()}

@@ -32,7 +32,7 @@ def begin(
     if warm and "torque" not in robot.command_kinds:  # torques alone, without a servo, would lead anywhere
         _lead(batch, robot, settings, u[:, :warm], servos)
         end = q.copy(), v.copy()
-        on_link_side(robot, {"qpos": q, "qvel": v})
+        on_link_side(robot, q, v)
         _unwind(q, v, gears)
         settle(batch, robot, settings, u[:, warm], servos)
         fast = np.nan_to_num(end[0][:, gears.places] - q[:, gears.places])

@@ -6,7 +6,7 @@ angle is the sum of both. Since both sit in one body, the equations are those of
 link: M = [[rotor + link, link], [link, link]]. A joint's own range holds the link.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -215,8 +215,7 @@ def link_servos(robot: "MujocoRobot") -> np.ndarray:
     """(s,) numbers of the position servos at split joints that see the link."""
     if robot.gears is None or robot.servo_feedback != "link":
         return np.zeros(0, dtype=int)
-    kinds = np.array([kind == "position" for kind in robot.command_kinds])
-    return np.flatnonzero(kinds & np.isin(robot.driven, robot.gears.joints))
+    return np.flatnonzero(robot.servo & np.isin(robot.driven, robot.gears.joints))
 
 
 def feedback(batch: Any, robot: "MujocoRobot") -> Feedback | None:
@@ -230,10 +229,10 @@ def feedback(batch: Any, robot: "MujocoRobot") -> Feedback | None:
     return Feedback(servos, at, bias[:, :, 2] / bias[:, :, 1])
 
 
-def on_link_side(robot: "MujocoRobot", whole: Mapping[str, np.ndarray]) -> None:
-    """Make the motors' entries in whole["qpos"], whole["qvel"] (..., n) those of the logged side, in place."""
+def on_link_side(robot: "MujocoRobot", q: np.ndarray, v: np.ndarray) -> None:
+    """Make the motors' entries in positions (..., nq) and velocities (..., nv) those of the logged side, in place."""
     gears = robot.gears
     if gears is None or robot.position_sensor != "link":
         return
-    whole["qpos"][..., robot.places[gears.joints]] += whole["qpos"][..., gears.places]
-    whole["qvel"][..., robot.dofs[gears.joints]] += whole["qvel"][..., gears.dofs]
+    q[..., robot.places[gears.joints]] += q[..., gears.places]
+    v[..., robot.dofs[gears.joints]] += v[..., gears.dofs]

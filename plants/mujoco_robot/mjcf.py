@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plants.mujoco_robot.between import between_steps
+from plants.mujoco_robot.channels import write_start
 from plants.mujoco_robot.compile import NO_LIMIT, limited
 from plants.mujoco_robot.edits import edit_batch
 from plants.mujoco_robot.gears import ON_GEARS
-from plants.mujoco_robot.replay import between_steps
 from plants.mujoco_robot.wheels import ON_WHEELS
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive
@@ -167,11 +168,7 @@ def _played(robot: "MujocoRobot", model: "mujoco.MjModel", start: dict[str, Any]
     import mujoco
 
     data = mujoco.MjData(model)
-    q, v = data.qpos[None], data.qvel[None]
-    if robot.base is not None:
-        robot.base.write(q, v, start)
-    if robot.loops is not None:
-        robot.loops.close(q, v)
+    write_start(robot, data.qpos[None], data.qvel[None], start)
     data.ctrl[:] = command[0]
     for i in range(model.nu):
         if model.actuator_historyadr[i] >= 0:
@@ -195,7 +192,6 @@ def _reach(robot: "MujocoRobot") -> tuple[np.ndarray, np.ndarray]:
     model = robot.model
     data = mujoco.MjData(model)
     home = model.actuator_gear[:, 0] * data.qpos[robot.places[robot.driven]]
-    servo = np.array([k == "position" for k in robot.command_kinds])
     limited_ = model.actuator_ctrllimited.astype(bool)
     width = np.where(limited_, np.ptp(model.actuator_ctrlrange, axis=1), 1.0)
-    return np.where(servo, home, 0.0), np.minimum(0.25 * width, 0.5)
+    return np.where(robot.servo, home, 0.0), np.minimum(0.25 * width, 0.5)

@@ -89,6 +89,11 @@ class MujocoRobot:
         )
 
     @cached_property
+    def servo(self) -> np.ndarray:
+        """(nu,) bool: which actuators are position servos."""
+        return np.array([kind == POSITION for kind in self.command_kinds])
+
+    @cached_property
     def actuator_joints(self) -> tuple[str, ...]:
         """The joint that each actuator drives."""
         return tuple(self.joints[i] for i in self.driven.tolist())
@@ -176,6 +181,11 @@ class MujocoRobot:
     @property
     def step(self) -> float:
         return float(self.model.opt.timestep)
+
+    @property
+    def substeps(self) -> int:
+        """Steps of the model in one of the robot's."""
+        return 1 if self.gears is None else self.gears.substeps
 
     def merged(self, others: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
         """This robot and others as one, whose settings are told apart by Drive.setting; None where that cannot be."""

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from residual_mpc.experiment.bench import Bench
+    from residual_mpc.experiment.explanations import Explanation
     from residual_mpc.experiment.motions import Motion
+    from residual_mpc.experiment.separate import Planned
 
 
 def _limits(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, tuple[float, float]]:
@@ -60,47 +62,63 @@ def excite(
     """Plan the next runs. With a DIAGNOSIS whose causes the runs could not tell apart: the motion that parts them best,
     tried in simulation. Without one: a first protocol for a robot that has no runs yet.
 
-    The commands stay within the limits, and the model's joints within theirs; nothing here knows of tables and walls.
+    The commands stay within the limits, and the model's joints within theirs (where no smaller motion will do, a
+    warning says so); nothing here knows of tables and walls.
     """
     import numpy as np
 
-    from residual_mpc.diagnosis.document import read_json
-    from residual_mpc.experiment.bench import bench_of, bench_of_model, within
-    from residual_mpc.experiment.choose import choose, explanations_of, protocol
+    from residual_mpc.diagnosis.document import read_diagnosis
+    from residual_mpc.experiment.bench import bench_of, bench_of_model
+    from residual_mpc.experiment.choose import choose, protocol
+    from residual_mpc.experiment.explanations import explanations_of
     from residual_mpc.models.load import load_robot
     from residual_mpc.models.robot_file import read_robot_file
 
     allow_user_modules()
     model = load_robot(read_robot_file(robot))
     rng = np.random.default_rng(seed)
-    document = None if diagnosis is None else read_json(diagnosis)
-    names, values = ((), ()) if document is None else explanations_of(document)
-    bench = bench_of_model(model, limits) if document is None else bench_of(document, model, str(diagnosis))
-    bench = within(bench, limits)
+    explanations: tuple[Explanation, ...] = ()
+    if diagnosis is None:
+        bench = bench_of_model(model, limits)
+    else:
+        document = read_diagnosis(diagnosis)
+        bench = bench_of(document, model, str(diagnosis), limits)
+        explanations = explanations_of(document, model, str(diagnosis))
     result: dict[str, Any]
-    if len(values) < 2:
+    if len(explanations) < 2:
         if diagnosis is not None:
             click.echo("nothing is confounded in this diagnosis: a protocol for further runs", err=True)
-        planned, hidden = protocol(model, bench, seconds, rng)
+        played, hidden = protocol(model, bench, seconds, rng)
         result = {
-            "parts": [], "motions": [{"name": m.name, "ratio": None} for m in planned], "told_apart": None,
-            "sensors": [], "not_testable": [{"effect": n.term.effect, "target": n.term.target} for n in hidden],
+            "parts": [], "motions": [_described(p, None) for p in played], "told_apart": None, "sensors": [],
+            "not_testable": [{"effect": n.term.effect, "target": n.term.target} for n in hidden],
         }  # fmt: skip
-        played: Sequence[Motion] = planned
     else:
         with progress_bar() as progress:
-            found = choose(model, bench, values, seconds, rng, progress)
+            found = choose(model, bench, [e.values for e in explanations], seconds, rng, progress)
         result = {
-            "parts": list(names), "motions": [{"name": s.motion.name, "ratio": s.ratio} for s in found.motions],
+            "parts": [e.name for e in explanations],
+            "motions": [_described(s.planned, s.ratio) for s in found.motions],
             "told_apart": found.parts, "sensors": list(found.sensors), "not_testable": [],
         }  # fmt: skip
-        played = [found.best.motion]
+        played = (found.best.planned,)
+    for planned in played:
+        if not planned.within:
+            click.echo(
+                f"warning: {planned.motion.name}: a joint is predicted to leave its range, however small the motion; "
+                "narrow it with --limit, or watch over it",
+                err=True,
+            )
     result["file"] = str(out)
-    write_atomically(out, _table(played, bench))
+    write_atomically(out, _table([p.motion for p in played], bench))
     if as_json:
         emit({"excite": result})
     else:
         _summary(result)
+
+
+def _described(planned: "Planned", ratio: float | None) -> dict[str, Any]:
+    return {"name": planned.motion.name, "ratio": ratio, "within_limits": planned.within}
 
 
 def _table(motions: "Sequence[Motion]", bench: "Bench") -> str:
@@ -119,6 +137,8 @@ def _table(motions: "Sequence[Motion]", bench: "Bench") -> str:
 
 
 def _summary(result: dict[str, Any]) -> None:
+    from residual_mpc.experiment.choose import PARTS
+
     if not result["parts"]:
         click.echo(f"{len(result['motions'])} motions: {', '.join(m['name'] for m in result['motions'])}")
         hidden = sorted({n["effect"] for n in result["not_testable"]})
@@ -133,5 +153,5 @@ def _summary(result: dict[str, Any]) -> None:
         for m in result["motions"]:
             click.echo(f"    {m['name']}: the wrong one is expected to lose by a likelihood ratio of {m['ratio']:.3g}")
         if not result["told_apart"]:
-            click.echo("  none is expected to part them beyond doubt (25): another sensor or a known load may")
+            click.echo(f"  none is expected to part them beyond doubt ({PARTS:g}): another sensor or a known load may")
     click.echo(f"  commands: {result['file']}")

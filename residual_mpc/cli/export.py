@@ -65,7 +65,7 @@ def export(
 
 def _step_of(file: Path) -> float | None:
     """The step of the learned network, s; None where there is none."""
-    from residual_mpc.export.augmented import residual_in
+    from residual_mpc.diagnosis.document import read_residual
 
-    learned = residual_in(file)
+    learned = read_residual(file)
     return None if learned is None else learned.step

@@ -132,14 +132,15 @@ def _costs(text: str | None) -> tuple[tuple[str, float], ...]:
 
 def _task(loaded: Any, case: str, on: Path | None, warm_start: Path | None, form: str | None) -> "Task":
     from residual_mpc.diagnosis.document import read_model, read_residual
-    from residual_mpc.diagnosis.measure import check_fits, kept_back_of
+    from residual_mpc.diagnosis.measure import kept_back_of
+    from residual_mpc.models.fits import check_fits
     from residual_mpc.residual.train import Task
 
     values: Any = {}
     leaves_out, held = False, None
     if on is not None:
         of, values, leaves_out = read_model(on)
-        check_fits(values, loaded.robots[0], of, on)
+        check_fits(values, loaded.robots[0], of, str(on))
         held = kept_back_of(on, {r.name for r in loaded.runs})
     earlier = None
     if warm_start is not None:

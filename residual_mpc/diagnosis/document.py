@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -96,16 +97,9 @@ def read_model(path: Path) -> tuple[str, Values, bool]:
 
     Raises BadInput for a file that is missing, not JSON, or of neither kind.
     """
-    content = read_json(path)
-    model = content.get("model", content) if content.get("schema") == SCHEMA else content
-    if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
-        raise BadInput(
-            f"schema is {content.get('schema')!r}",
-            str(path),
-            f"give a diagnosis.json ({SCHEMA}) or a model.json ({MODEL_SCHEMA})",
-        )
+    model = _model_in(path)
     try:
-        values = {Knob(v["effect"], v["target"], v["parameter"]): float(v["value"]) for v in model["values"]}
+        values = values_of(model["values"])
         return str(model["robot"]), values, bool(model.get("leaves_out_outliers", False))
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(
@@ -113,16 +107,47 @@ def read_model(path: Path) -> tuple[str, Values, bool]:
         ) from error
 
 
-def read_residual(path: Path, last: bool = False) -> Residual | None:
-    """The learned residual of a model.json, None where it has none; `last`: only what its last case added.
-
-    Raises BadInput for a file that is missing, not JSON, or whose residual cannot be read.
-    """
+def read_diagnosis(path: Path) -> dict[str, Any]:
+    """The content of a diagnosis.json. Raises BadInput for a file that is missing, not JSON, or no diagnosis."""
     content = read_json(path)
-    found = content.get("last_residual" if last else KEY)
-    if found is None:
-        return None
-    return from_json(found, str(path))
+    if content.get("schema") != SCHEMA:
+        raise BadInput(
+            f"schema is {content.get('schema')!r}, a diagnosis ({SCHEMA}) was wanted",
+            str(path),
+            "give the diagnosis.json that diagnose wrote",
+        )
+    return content
+
+
+def values_of(rows: Sequence[Mapping[str, Any]]) -> Values:
+    """The values of a model as they are written. Raises KeyError, TypeError or ValueError where they cannot be read."""
+    values = {Knob(v["effect"], v["target"], v["parameter"]): float(v["value"]) for v in rows}
+    for knob, value in values.items():
+        if not math.isfinite(value):
+            raise ValueError(f"{knob.parameter} of {knob.effect} is {value}")
+    return values
+
+
+def read_residual(path: Path, last: bool = False) -> Residual | None:
+    """The learned residual of a model.json or diagnosis.json, None where it has none; `last`: only what its last case
+    added.
+
+    Raises BadInput for a file that is missing, not JSON, of neither kind, or whose residual cannot be read.
+    """
+    found = _model_in(path).get("last_residual" if last else KEY)
+    return None if found is None else from_json(found, str(path))
+
+
+def _model_in(path: Path) -> dict[str, Any]:
+    content = read_json(path)
+    model = content.get("model") if content.get("schema") == SCHEMA else content
+    if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
+        raise BadInput(
+            f"schema is {content.get('schema')!r}" + (", without a model" if model is not content else ""),
+            str(path),
+            f"give a diagnosis.json ({SCHEMA}) or a model.json ({MODEL_SCHEMA})",
+        )
+    return model
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -14,12 +14,13 @@ from residual_mpc.diagnosis.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.hold_out import KeptBack, held_out_mask
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.spikes import find_outliers
-from residual_mpc.effects.library import BY_NAME, LIBRARY
+from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
+from residual_mpc.models.fits import check_fits
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile, noise_over
-from residual_mpc.models.settings import TUNE, Values, assemble
+from residual_mpc.models.settings import Values, assemble
 from residual_mpc.residual.robot import with_residual
 
 
@@ -39,7 +40,7 @@ def measure(
     leaves_out = False
     if model is not None:
         of, values, leaves_out = read_model(model)
-        check_fits(values, robots[0], of, model)
+        check_fits(values, robots[0], of, str(model))
     residual = None if model is None else read_residual(model)
     if residual is not None and residual.robot != robots[0].name:
         raise BadInput(
@@ -102,30 +103,18 @@ def kept_back_of(path: Path, names: set[str]) -> tuple[KeptBack, ...] | None:
 
 
 def _kept(path: Path) -> list[KeptBack]:
-    kept = []
-    for item in read_json(path).get("held_out", []):
-        if isinstance(item, str):
-            kept.append(KeptBack(item))
-        elif isinstance(item, dict) and {"run", "from", "to"} <= set(item):
-            kept.append(KeptBack(str(item["run"]), float(item["from"]), float(item["to"])))
-        else:
-            raise BadInput(f"held_out holds {item!r}", str(path), 'wanted a run\'s name or {"run", "from", "to"}')
-    return kept
+    held_out = read_json(path).get("held_out", [])
+    if not isinstance(held_out, list):
+        raise BadInput(f"held_out is {held_out!r}", str(path), "wanted a list, as diagnose writes it")
+    return [_kept_back(item, path) for item in held_out]
 
 
-def check_fits(values: Values, robot: Robot, of: str, path: Path) -> None:
-    """Raises BadInput where the model's effects, targets or parameters are not this robot's."""
-    for knob in values:
-        if knob.effect == TUNE:
-            known = knob.parameter in robot.nominal()
-        else:
-            slots = robot.slots(knob.effect) if knob.effect in BY_NAME else ()
-            known = bool(slots) and (knob.target is None or knob.target in slots)
-            known = known and any(p.name == knob.parameter for p in BY_NAME[knob.effect].parameters)
-        if not known:
-            name = knob.parameter if knob.effect == TUNE else f"{knob.effect} on {knob.target or 'the robot'}"
-            raise BadInput(
-                f"{name} does not exist on {robot.name}",
-                str(path),
-                f"the model was made for {of}: give the robot file that it was diagnosed with",
-            )
+def _kept_back(item: Any, path: Path) -> KeptBack:
+    if isinstance(item, str):
+        return KeptBack(item)
+    try:
+        return KeptBack(str(item["run"]), float(item["from"]), float(item["to"]))
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise BadInput(
+            f"held_out holds {item!r}", str(path), 'wanted a run\'s name or {"run", "from", "to"}'
+        ) from error

@@ -1,6 +1,6 @@
 """What a robot can be driven with, and how it is measured: from the runs that were diagnosed, or from its model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +22,6 @@ class Bench:
     """
 
     actuators: tuple[str, ...]
-    kinds: tuple[str, ...]
     low: np.ndarray
     high: np.ndarray
     home: np.ndarray
@@ -42,52 +41,50 @@ class Bench:
         return np.minimum(self.high - self.home, self.home - self.low)
 
 
-def bench_of(document: Mapping[str, Any], robot: Robot, where: str) -> Bench:
-    """From a diagnosis.json. Raises BadInput where it does not say how the runs were made."""
+def bench_of(document: Mapping[str, Any], robot: Robot, where: str, limits: Mapping[str, tuple[float, float]]) -> Bench:
+    """From a diagnosis.json, driven as far as its runs were, or as the limits of some actuators say.
+
+    Raises BadInput where it does not say how the runs were made, and for an actuator that the robot lacks.
+    """
     made = document.get("setup")
-    if not made or set(made["commands"]) != set(robot.actuators):
+    if not made:
+        raise BadInput("it does not say how its runs were driven", where, "diagnose the runs anew")
+    try:
+        known = {a: (float(b["low"]), float(b["high"])) for a, b in made["commands"].items()}
+        sigma, start = ({c: float(v) for c, v in made[key].items()} for key in ("sigma", "start"))
+        period, switches, dispersion = float(made["period"]), bool(made["switches"]), float(made["dispersion"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(
-            "it does not say how its runs were driven" if not made else "its commands are not this robot's",
-            where, "diagnose the runs anew",
-        )  # fmt: skip
-    low, high = (np.array([made["commands"][a][side] for a in robot.actuators]) for side in ("low", "high"))
-    return Bench(
-        robot.actuators, robot.command_kinds, low, high, _home(robot.command_kinds, low, high), made["period"],
-        made["sigma"], made["start"], made["switches"], made["dispersion"],
-    )  # fmt: skip
+            f"how its runs were driven cannot be read: {error!r}", where, "diagnose the runs anew"
+        ) from error
+    if set(known) != set(robot.actuators):
+        raise BadInput("its commands are not this robot's", where, "diagnose the runs anew")
+    _check_actuators(robot, limits)
+    low, high, home = _ranges(robot, {**known, **limits})
+    return Bench(robot.actuators, low, high, home, period, sigma, start, switches, dispersion)
 
 
 def bench_of_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> Bench:
-    """Of a robot without runs: limits by actuator, else those that its model states. Raises BadInput without either."""
+    """Of a robot without runs: limits by actuator, else those that its model states.
+
+    Raises BadInput for an actuator with neither, and for one that the robot lacks.
+    """
     stated: Mapping[str, tuple[float, float]] = getattr(robot, "command_limits", {})
     known = {**stated, **limits}
     missing = [a for a in robot.actuators if a not in known]
     if missing:
         raise BadInput(
             f"nothing says how far {', '.join(missing)} may be driven", robot.name,
-            " ".join(f"--limit {a}=LOW:HIGH" for a in missing),
+            "say it with " + " ".join(f"--limit {a}=LOW:HIGH" for a in missing),
         )  # fmt: skip
-    low, high = (np.array([known[a][i] for a in robot.actuators]) for i in (0, 1))
-    home = _home(robot.command_kinds, low, high)
+    _check_actuators(robot, limits)
+    low, high, home = _ranges(robot, known)
     start = dict.fromkeys((s.position for s in robot.states), 0.0)
     joints = getattr(robot, "actuator_joints", robot.actuators)
     for joint, kind, at in zip(joints, robot.command_kinds, home, strict=True):
         if kind == "position" and f"position.{joint}" in start:
             start[f"position.{joint}"] = float(at)
-    return Bench(
-        robot.actuators, robot.command_kinds, low, high, home, USUAL_PERIOD, dict.fromkeys(start, USUAL_NOISE), start
-    )
-
-
-def within(bench: Bench, limits: Mapping[str, tuple[float, float]]) -> Bench:
-    """The bench with other limits for some actuators. Raises BadInput for an actuator that it lacks."""
-    low, high = bench.low.copy(), bench.high.copy()
-    for actuator, (a, b) in limits.items():
-        if actuator not in bench.actuators:
-            raise BadInput(f"no actuator is called {actuator!r}", "--limit", f"they are {', '.join(bench.actuators)}")
-        k = bench.actuators.index(actuator)
-        low[k], high[k] = a, b
-    return replace(bench, low=low, high=high, home=_home(bench.kinds, low, high))
+    return Bench(robot.actuators, low, high, home, USUAL_PERIOD, dict.fromkeys(start, USUAL_NOISE), start)
 
 
 def with_encoders(bench: Bench, robot: Robot) -> tuple[Bench, tuple[str, ...]]:
@@ -98,7 +95,16 @@ def with_encoders(bench: Bench, robot: Robot) -> tuple[Bench, tuple[str, ...]]:
     return replace(bench, sigma={**bench.sigma, **dict.fromkeys(added, noise)}), added
 
 
-def _home(kinds: Sequence[str], low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(nu,) the middle for a position servo, rest for what drives or pushes (where rest is allowed)."""
+def _check_actuators(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> None:
+    for actuator in limits:
+        if actuator not in robot.actuators:
+            raise BadInput(f"no actuator is called {actuator!r}", "--limit", f"they are {', '.join(robot.actuators)}")
+
+
+def _ranges(robot: Robot, known: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(nu,) each: lower and upper limits of the commands, and home: the middle for a position servo, rest for what
+    drives or pushes (where rest is allowed)."""
+    low, high = (np.array([known[a][i] for a in robot.actuators]) for i in (0, 1))
     middle = 0.5 * (low + high)
-    return np.where([k == "position" for k in kinds], middle, np.where((low < 0) & (high > 0), 0.0, middle))
+    servo = [k == "position" for k in robot.command_kinds]
+    return low, high, np.where(servo, middle, np.where((low < 0) & (high > 0), 0.0, middle))

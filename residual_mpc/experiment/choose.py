@@ -1,23 +1,23 @@
 """The motion (and, where no motion will do, the sensor) that parts the explanations best."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import build_dataset
 from residual_mpc.diagnosis.fit import fit_all
 from residual_mpc.diagnosis.problem import build_problem
+from residual_mpc.diagnosis.search import SearchSettings
 from residual_mpc.diagnosis.space import build_space
 from residual_mpc.diagnosis.testable import NotTestable, not_testable
 from residual_mpc.experiment.bench import Bench, with_encoders
 from residual_mpc.experiment.motions import Motion, motions
-from residual_mpc.experiment.separate import Separation, allowed, driven, separation
+from residual_mpc.experiment.separate import Planned, Separation, allowed, driven, separation
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import Knob, Values
+from residual_mpc.models.settings import Values
 
-PARTS = 25.0  # likelihood ratio that a diagnosis calls beyond doubt
+PARTS = SearchSettings().beyond_doubt  # likelihood ratio
 
 Progress = Callable[[str, float], None]
 
@@ -38,17 +38,6 @@ class Experiment:
     def parts(self) -> bool:
         """Whether the best motion is expected to part them beyond doubt."""
         return self.best.ratio >= PARTS
-
-
-def explanations_of(document: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[Values, ...]]:
-    """The explanation of a diagnosis.json and its alternatives: names, and values to begin with. Without alternatives
-    there is one."""
-    chosen = _values(document["model"]["values"])
-    names, values = [_named(document["explanation"])], [chosen]
-    for other in document.get("alternatives", ()):
-        names.append(_named(other["effects"]))
-        values.append(_values(other["values"]))
-    return tuple(names), tuple(values)
 
 
 def choose(
@@ -72,10 +61,10 @@ def choose(
 
 def protocol(
     robot: Robot, bench: Bench, seconds: float, rng: np.random.Generator
-) -> tuple[tuple[Motion, ...], tuple[NotTestable, ...]]:
+) -> tuple[tuple[Planned, ...], tuple[NotTestable, ...]]:
     """Every motion once, for a robot without runs, and the effects that even these would not show."""
     planned = [allowed(robot, bench, m, {}) for m in motions(bench, seconds, rng)]
-    runs = [driven(robot, bench, m, {}, rng) for m in planned]
+    runs = [driven(robot, bench, p.motion, {}, rng) for p in planned]
     data = build_dataset(runs, [robot] * len(runs), dict(bench.sigma))
     problem = build_problem(data, build_space(data, ()), data.sigma)
     return tuple(planned), not_testable(problem, fit_all(problem, [{}])[0], ())
@@ -96,11 +85,3 @@ def _ranked(
         progress(motion.name, begin + (end - begin) * k / len(tried))
         found.append(separation(robot, bench, motion, explanations, rng))
     return tuple(sorted(found, key=lambda s: -s.ratio))
-
-
-def _values(rows: Sequence[Mapping[str, Any]]) -> Values:
-    return {Knob(v["effect"], v["target"], v["parameter"]): float(v["value"]) for v in rows}
-
-
-def _named(effects: Sequence[Mapping[str, Any]]) -> str:
-    return " + ".join(e["effect"] + (f" [{e['target']}]" if e["target"] else "") for e in effects)

@@ -1,6 +1,6 @@
 """How well a motion would part two explanations: it is driven in simulation under the one, and the other is fitted."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,11 +20,20 @@ SMALLER, TRIES = 0.7, 5
 
 
 @dataclass(frozen=True)
-class Separation:
-    """motion, as large as the limits of the joints allow; ratio: likelihood ratio by which the wrong explanation is
-    expected to lose, the smallest over all pairs and both ways round, residuals as coloured as in the runs so far."""
+class Planned:
+    """motion, made smaller where joints would leave their ranges; within: whether they are predicted to stay inside."""
 
     motion: Motion
+    within: bool
+
+
+@dataclass(frozen=True)
+class Separation:
+    """planned: the motion, as large as the limits of the joints allow; ratio: likelihood ratio by which the wrong
+    explanation is expected to lose, the smallest over all pairs and both ways round, residuals as coloured as in the
+    runs so far."""
+
+    planned: Planned
     ratio: float
 
 
@@ -32,14 +41,14 @@ def separation(
     robot: Robot, bench: Bench, motion: Motion, explanations: Sequence[Values], rng: np.random.Generator
 ) -> Separation:
     """explanations: two or more, of which one is true."""
-    motion = allowed(robot, bench, motion, explanations[0])
+    planned = allowed(robot, bench, motion, explanations[0])
     worst = np.inf
     for i, true in enumerate(explanations):
         others = [e for k, e in enumerate(explanations) if k != i]
-        problem = _problem(robot, driven(robot, bench, motion, true, rng), bench, explanations)
+        problem = _problem(robot, driven(robot, bench, planned.motion, true, rng), bench, explanations)
         own, *wrong = fit_all(problem, [true, *others])
         worst = min([worst, *((w.cost - own.cost) / bench.dispersion for w in wrong)])
-    return Separation(motion, float(worst))
+    return Separation(planned, float(worst))
 
 
 def driven(robot: Robot, bench: Bench, motion: Motion, true: Values, rng: np.random.Generator) -> Run:
@@ -82,17 +91,23 @@ def _effects(values: Values) -> tuple[str, ...]:
     return tuple(dict.fromkeys(k.effect for k in values if k.effect != TUNE))
 
 
-def allowed(robot: Robot, bench: Bench, motion: Motion, values: Values) -> Motion:
-    """The motion, made smaller until no joint is predicted to leave its range."""
-    limits: dict[str, tuple[float, float]] = dict(getattr(robot, "limits", {}))
-    for _ in range(TRIES if limits else 0):
-        seen = _readings(robot, bench, motion, values)
-        inside = all(
-            low <= y.min() and y.max() <= high
-            for joint, (low, high) in limits.items()
-            if (y := seen.get(f"position.{joint}")) is not None
-        )
-        if inside:
-            break
+def allowed(robot: Robot, bench: Bench, motion: Motion, values: Values) -> Planned:
+    """The motion, made smaller (at most TRIES times) until no joint is predicted to leave its range."""
+    for _ in range(TRIES):
+        if _within(robot, bench, motion, values):
+            return Planned(motion, True)
         motion = scaled(motion, bench, SMALLER)
-    return motion
+    return Planned(motion, _within(robot, bench, motion, values))
+
+
+def _within(robot: Robot, bench: Bench, motion: Motion, values: Values) -> bool:
+    """Whether every joint whose position is logged is predicted to stay in the range that the model gives it."""
+    limits: Mapping[str, tuple[float, float]] = getattr(robot, "limits", {})
+    if not limits:
+        return True
+    seen = _readings(robot, bench, motion, values)
+    return all(
+        low <= y.min() and y.max() <= high
+        for joint, (low, high) in limits.items()
+        if (y := seen.get(f"position.{joint}")) is not None
+    )

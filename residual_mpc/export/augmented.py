@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.export.network import corrected, correction, reads, remembered
 from residual_mpc.export.soften import kinks
+from residual_mpc.models.fits import check_fits
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
 from residual_mpc.models.stepping import StepOptions, Stepped, Stepping
@@ -113,36 +113,37 @@ def augment(robot: Robot, values: Values, residual: Residual | None, build: Buil
     Raises BadInput for a robot that cannot say its step, an effect on a target that it lacks, or a residual of another
     robot or form.
     """
-    try:
-        settings = assemble([values], {k.effect: robot.slots(k.effect) for k in values})
-    except ValueError as error:
-        raise BadInput(f"the model has an effect on a target that the robot lacks: {error}", robot.name) from error
-    return _build(robot, settings, residual, build)
+    return _build(robot, _settings(robot, values, robot.name, "the model"), residual, build)
 
 
 def read_augmented(path: Path, robot: Robot, build: Build) -> Augmented:
     """The model of a diagnosis.json or model.json. Raises BadInput where it is of another robot."""
+    from residual_mpc.diagnosis.document import read_residual
+
+    return _build(robot, read_settings(path, robot), read_residual(path), build)
+
+
+def read_settings(path: Path, robot: Robot) -> Settings:
+    """The effects of a diagnosis.json or model.json on its robot, one row.
+
+    Raises BadInput where the model is of another robot, or has an effect, target or parameter that this one lacks.
+    """
     from residual_mpc.diagnosis.document import read_model
 
     name, values, _ = read_model(path)
     if name != robot.name:
-        raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", str(path), "give --robot its own robot")
-    return augment(robot, values, residual_in(path), build)
-
-
-def residual_in(path: Path) -> Residual | None:
-    """The learned network of a diagnosis.json or model.json; None where it has none."""
-    from residual_mpc.diagnosis.document import SCHEMA, read_json
-    from residual_mpc.residual.record import KEY, from_json
-
-    content: dict[str, Any] = read_json(path)
-    model = content.get("model", {}) if content.get("schema") == SCHEMA else content
-    return from_json(model[KEY], str(path)) if model.get(KEY) else None
+        raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", str(path), "give its own robot file")
+    return _settings(robot, values, name, str(path))
 
 
 def with_residual(model: Augmented, residual: Residual | None) -> Augmented:
     """The same robot and effects with another network, or none."""
     return _build(model.robot, model.settings, residual, model.build)
+
+
+def _settings(robot: Robot, values: Values, of: str, where: str) -> Settings:
+    check_fits(values, robot, of, where)
+    return assemble([values], {k.effect: robot.slots(k.effect) for k in values})
 
 
 def _build(robot: Robot, settings: Settings, residual: Residual | None, build: Build) -> Augmented:

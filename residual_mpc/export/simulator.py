@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.export.augmented import Augmented, Build, read_augmented, residual_in
+from residual_mpc.export.augmented import Augmented, Build, read_augmented, read_settings
 from residual_mpc.export.source import robot_beside
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.robot_file import read_robot_file
 from residual_mpc.models.sensing import Late
-from residual_mpc.models.settings import Settings, assemble
+from residual_mpc.models.settings import Settings
 from residual_mpc.models.simulating import Simulating, Simulator
 from residual_mpc.models.stepping import Stepping
 
@@ -32,10 +32,10 @@ def corrected_simulator(model: Path, robot: str | None = None, rows: int = 1, pe
         BadInput: for a model of another robot, a robot that can neither be simulated nor stepped, or a network on an
             engine (which corrects whole replays, see residual_mpc.residual.robot, and is not stepped).
     """
-    from residual_mpc.diagnosis.document import read_json, read_model
+    from residual_mpc.diagnosis.document import read_json, read_residual
 
     nominal = load_robot(read_robot_file(robot or robot_beside(read_json(model), model)))
-    residual = residual_in(model)
+    residual = read_residual(model)
     at = period or (USUAL_PERIOD if residual is None else residual.step)
     if isinstance(nominal, Stepping) and (residual is not None or not isinstance(nominal, Simulating)):
         return SteppedSimulator(read_augmented(model, nominal, Build(at)), rows)
@@ -43,14 +43,11 @@ def corrected_simulator(model: Path, robot: str | None = None, rows: int = 1, pe
         raise BadInput(f"{nominal.name!r} cannot be stepped", str(model), "see docs/your-own-model.md")
     if residual is not None:
         raise BadInput("a network on an engine is replayed, not stepped", str(model), "take the diagnosis below it")
-    name, values, _ = read_model(model)
-    if name != nominal.name:
-        raise BadInput(f"it is a model of {name!r}, not of {nominal.name!r}", str(model), "name its own robot")
-    settings = assemble([values], {k.effect: nominal.slots(k.effect) for k in values})
+    settings = read_settings(model, nominal)
     try:
         return nominal.simulator(settings, rows, at)
     except ValueError as error:
-        raise BadInput(str(error), str(model), "give another period") from error
+        raise BadInput(str(error), str(model)) from error
 
 
 class SteppedSimulator:

@@ -10,10 +10,9 @@ import numpy as np
 
 from residual_mpc.errors import BadInput
 from residual_mpc.export.agreement import Agreement, Step, agreement
-from residual_mpc.export.augmented import Augmented, residual_in
+from residual_mpc.export.augmented import Augmented, read_settings
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import assemble
 from residual_mpc.models.simulating import WritesMjcf
 
 Target = Literal["casadi", "c", "jax", "onnx"]
@@ -42,19 +41,17 @@ def write_mjcf(file: Path, robot: Robot, folder: Path) -> dict[str, Any]:
 
     Raises BadInput for a robot that is no MuJoCo model, a model of another robot, or one with a network.
     """
-    from residual_mpc.diagnosis.document import read_model
+    from residual_mpc.diagnosis.document import read_residual
 
-    name, values, _ = read_model(file)
-    if name != robot.name:
-        raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", str(file), "give --robot its own robot")
+    settings = read_settings(file, robot)
     if not isinstance(robot, WritesMjcf):
         raise BadInput(
             f"the step of {robot.name!r} is no rigid-body model, so that no MJCF can hold its effects", "--to mjcf",
             "export to casadi, c or jax",
         )  # fmt: skip
-    if residual_in(file) is not None:
+    if read_residual(file) is not None:
         raise BadInput("an MJCF holds no network", str(file), "export the diagnosis that it was learned on")
-    made = robot.to_mjcf(assemble([values], {k.effect: robot.slots(k.effect) for k in values}), folder)
+    made = robot.to_mjcf(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "model.xml").write_text(made.text, encoding="utf-8")
     document = {

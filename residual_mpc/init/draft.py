@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from residual_mpc.errors import BadInput
+from residual_mpc.init.case import Case, Roles, where_on
 from residual_mpc.init.clock import find_clock
 from residual_mpc.init.guess import Guess, Mend
 from residual_mpc.init.planar import find_pose, heading_in_degrees, pose_role
 from residual_mpc.init.recording import Recording, read_recordings
-from residual_mpc.init.roles import Case, Roles, find_roles, where_on
+from residual_mpc.init.roles import find_roles
 from residual_mpc.init.servos import find_gains, find_kinds
 from residual_mpc.init.settings_of_runs import Setting, find_settings
 from residual_mpc.init.signals import gather

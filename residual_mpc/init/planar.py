@@ -7,8 +7,8 @@ from math import pi
 
 import numpy as np
 
+from residual_mpc.init.case import Roles
 from residual_mpc.init.guess import Guess, Mend
-from residual_mpc.init.roles import Roles
 from residual_mpc.init.signals import Signals
 from residual_mpc.init.words import Words
 

@@ -8,8 +8,8 @@ from math import exp, log
 
 import numpy as np
 
+from residual_mpc.init.case import Case, Driven, Roles
 from residual_mpc.init.guess import Guess
-from residual_mpc.init.roles import Case, Driven, Roles
 from residual_mpc.init.signals import Seen
 from residual_mpc.init.words import Quantity
 from residual_mpc.logs.run import FloatArray

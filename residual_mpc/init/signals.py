@@ -43,6 +43,7 @@ class Seen:
         return f"{how} (correlation {self.correlation:.2f})"
 
 
+CLEAR = 0.85  # correlation
 NOTHING = Seen(0.0, 0.0, 0.0)
 MARGIN = 0.15  # correlation by which the other sign has to be ahead
 

@@ -8,9 +8,10 @@ from math import pi
 
 import numpy as np
 
+from residual_mpc.init.case import Case, Driven, Roles
 from residual_mpc.init.guess import Guess
 from residual_mpc.init.rest import FEW, Rest, at_rest, flips, still
-from residual_mpc.init.roles import Case, Driven, Roles, answer
+from residual_mpc.init.sent import answer
 from residual_mpc.init.servos import fit_gain, motion_of
 from residual_mpc.init.units import InUnit
 from residual_mpc.init.words import Quantity

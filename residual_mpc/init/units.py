@@ -9,7 +9,8 @@ from math import log, pi
 
 import numpy as np
 
-from residual_mpc.init.roles import Case, Roles, answer
+from residual_mpc.init.case import Case, Roles
+from residual_mpc.init.sent import answer
 from residual_mpc.init.signals import Seen
 from residual_mpc.init.words import Quantity
 

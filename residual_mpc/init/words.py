@@ -150,3 +150,11 @@ def _abbreviates(short: Sequence[str], long: Sequence[str]) -> bool:
     """Whether every word of `short` begins a word of `long`, in order."""
     rest = iter(long)
     return all(any(len(a) >= 2 and (w.startswith(a) or a == w) for w in rest) for a in short)
+
+
+def called(words: Words, quantity: str) -> str:
+    """The words by which a column is called a quantity or a command, for a reason that is printed."""
+    said: Sequence[str] = [
+        w for w in words.every if QUANTITY_WORDS.get(w) == quantity or quantity == "command" and w in COMMAND_WORDS
+    ]
+    return ", ".join(dict.fromkeys(said)) or "d"

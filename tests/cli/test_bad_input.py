@@ -209,8 +209,30 @@ def test_a_model_of_another_robot_or_of_none(
     assert said in message and "model.json" in message
 
 
+@pytest.mark.parametrize("to", ["casadi", "mjcf"])
+@pytest.mark.parametrize("model", [7, None, [], {"schema": "somebody/model/1"}])
+def test_a_diagnosis_without_a_model_is_not_exported(
+    folder: Path, capsys: pytest.CaptureFixture[str], model: object, to: str
+) -> None:
+    content = {"schema": "residual-mpc/diagnosis/1", "robot": "rover", "model": model}
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    message = refused(capsys, folder, "export", "diagnosis.json", "--to", to, "--robot", "rover.toml")
+    assert "without a model" in message
+
+
 @pytest.mark.parametrize(
-    "held", [[], ["three"], [7], [{"run": "one"}], [{"run": "one", "from": 90.0, "to": 99.0}], "one"]
+    "held",
+    [
+        [],
+        ["three"],
+        [7],
+        [{"run": "one"}],
+        [{"run": "one", "from": 90.0, "to": 99.0}],
+        "one",
+        7,
+        None,
+        [{"run": "one", "from": "now", "to": []}],
+    ],
 )
 def test_a_diagnosis_of_other_runs(folder: Path, capsys: pytest.CaptureFixture[str], held: object) -> None:
     (folder / "diagnosis.json").write_text(json.dumps({"schema": "residual-mpc/diagnosis/1", "held_out": held}))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from oracles.arms import arm_xml
+from oracles.arms import MIXED, arm_xml
 from oracles.rover_euler import simulate
 from oracles.rover_log import ROBOT, SIGMA, write_run
 
@@ -17,6 +18,7 @@ from residual_mpc.cli.main import main
 from residual_mpc.logs.run import Run
 
 PERIOD = 0.05  # s
+ARM = 'name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n'
 LAG = {"actuator_lag": {"time_constant": 0.05}}
 
 
@@ -110,15 +112,29 @@ def test_a_first_protocol_stays_within_the_model(tmp_path: Path, capsys: pytest.
     (tmp_path / "arm.xml").write_text(
         arm_xml().replace('name="j1" axis="0 1 0"', 'name="j1" axis="0 1 0" range="-60 30"')
     )
-    (tmp_path / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    (tmp_path / "robot.toml").write_text(ARM)
     out = tmp_path / "first.csv"
     assert call("excite", "--robot", tmp_path / "robot.toml", "--out", out, "--seconds", 6) == 0
-    assert "4 motions" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "4 motions" in said.out and "leave its range" not in said.err
     with out.open() as file:
         rows = list(csv.DictReader(file))
     assert {r["run"] for r in rows} == {"slow_sweeps", "chirp", "steps", "multisine"}
     first = np.degrees([float(r["command.j1"]) for r in rows]) / 2.0  # gear 2
     assert -60.0 <= first.min() < -20.0 and 0.0 < first.max() <= 30.0
+
+
+def test_a_motion_that_no_size_makes_safe_is_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A joint that no servo holds falls out of its range, whatever is commanded."""
+    xml = arm_xml(MIXED).replace('name="j1" axis="0 1 0"', 'name="j1" axis="0 1 0" range="-10 10"')
+    (tmp_path / "arm.xml").write_text(xml)
+    (tmp_path / "robot.toml").write_text(ARM)
+    words = ("excite", "--robot", tmp_path / "robot.toml", "--out", tmp_path / "first.csv", "--seconds", 4, "--json")
+    assert call(*words, "--limit", "j1=-0.1:0.1", "--limit", "j2=-0.1:0.1") == 0
+    said = capsys.readouterr()
+    motions = json.loads(said.out)["excite"]["motions"]
+    assert len(motions) == 4 and not any(m["within_limits"] for m in motions)
+    assert said.err.count("a joint is predicted to leave its range") == 4
 
 
 @pytest.mark.parametrize(
@@ -127,6 +143,7 @@ def test_a_first_protocol_stays_within_the_model(tmp_path: Path, capsys: pytest.
         ((), "nothing says how far left, right may be driven"),
         (("--limit", "left=-1:1", "--limit", "arm=0:1"), "nothing says how far right may be driven"),
         (("--limit", "left=1:-1"), "the lower end comes first"),
+        (("--limit", "left=-1:1", "--limit", "right=-1:1", "--limit", "arm=0:1"), "no actuator is called 'arm'"),
         (("--limit", "left"), "is not ACTUATOR=LOW:HIGH"),
     ],
 )
@@ -142,7 +159,48 @@ def test_a_diagnosis_of_another_robot_is_refused(
     confounded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "arm.xml").write_text(arm_xml())
-    (tmp_path / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    (tmp_path / "robot.toml").write_text(ARM)
     diagnosis = confounded / "out" / "diagnosis.json"
     assert call("excite", diagnosis, "--robot", tmp_path / "robot.toml", "--out", tmp_path / "x.csv") == 2
     assert "its commands are not this robot's" in capsys.readouterr().err
+
+
+def spoilt(content: dict[str, Any]) -> None:
+    content["alternatives"][0]["values"][0]["value"] = None
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d.update(d.pop("model")), "schema is 'residual-mpc/model/1', a diagnosis ("),
+        (lambda d: d.update(schema="somebody/diagnosis/7"), "schema is 'somebody/diagnosis/7'"),
+        (lambda d: d.pop("schema"), "schema is None"),
+        (lambda d: d.pop("setup"), "does not say how its runs were driven"),
+        (lambda d: d["setup"].pop("period"), "how its runs were driven cannot be read"),
+        (lambda d: d.update(setup=7), "how its runs were driven cannot be read"),
+        (lambda d: d["setup"]["commands"].pop("left"), "its commands are not this robot's"),
+        (lambda d: d.update(robot="digger"), "a diagnosis of 'digger', not of"),
+        (lambda d: d.pop("explanation"), "its explanations cannot be read"),
+        (lambda d: d.pop("model"), "its explanations cannot be read"),
+        (lambda d: d.update(alternatives=[7]), "its explanations cannot be read"),
+        (spoilt, "its explanations cannot be read"),
+        (lambda d: d["model"]["values"][0].update(value=float("nan")), "its explanations cannot be read"),
+        (lambda d: d["model"]["values"][0].update(target="third"), " on third"),
+        (lambda d: d["alternatives"][0]["values"][0].update(effect="warp"), "lacks warp"),
+    ],
+)
+def test_a_diagnosis_that_cannot_be_read_is_refused(
+    change: Callable[[dict[str, Any]], object],
+    words: str,
+    confounded: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    content = json.loads((confounded / "out" / "diagnosis.json").read_text())
+    change(content)
+    (tmp_path / "diagnosis.json").write_text(json.dumps(content))
+    words_given = ("--robot", confounded / "robot.toml", "--out", tmp_path / "x.csv")
+    assert call("excite", tmp_path / "diagnosis.json", *words_given) == 2
+    said = capsys.readouterr().err
+    assert words in said and str(tmp_path / "diagnosis.json") in said and len(said.splitlines()) == 1
+    assert not (tmp_path / "x.csv").exists()

@@ -185,3 +185,25 @@ def test_what_cannot_be_stepped_is_refused(tmp_path: Path, period: float, words:
         (tmp_path / "robot.toml").write_text((tmp_path / "robot.toml").read_text().replace('"arm"', '"leg"', 1))
     with pytest.raises(BadInput, match=words):
         corrected_simulator(path, period=period)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ({"effect": "actuator_gain", "target": "j9", "parameter": "gain"}, "arm lacks actuator_gain on j9"),
+        ({"effect": "warp", "target": None, "parameter": "gain"}, "arm lacks warp on the robot"),
+        ({"effect": "actuator_gain", "target": "j1", "parameter": "loss"}, "lacks a parameter loss of actuator_gain"),
+        ({"effect": "tune", "target": None, "parameter": "joint.j9.damping"}, "arm lacks joint.j9.damping"),
+    ],
+)
+def test_what_the_robot_lacks_is_refused(
+    tmp_path: Path, value: dict[str, str | None], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, {})
+    path.write_text(json.dumps({**json.loads(path.read_text()), "values": [{**value, "value": 0.5}]}))
+    with pytest.raises(BadInput, match=words):
+        corrected_simulator(path)
+    with pytest.raises(SystemExit) as end:
+        main(["export", str(path), "--to", "mjcf", "--out", str(tmp_path / "out")])
+    assert end.value.code == 2
+    assert words in capsys.readouterr().err and not (tmp_path / "out").exists()

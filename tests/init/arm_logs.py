@@ -8,20 +8,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pandas as pd
+from oracles.urdfs import arm_urdf
 
 JOINTS = ("shoulder", "elbow")
 KP, KV = (30.0, 12.0), (1.5, 0.6)
 STEP, EVERY = 0.002, 5  # s, and steps a sample
 
-LINK = """<link name="{name}"><inertial><origin xyz="0.1 0 0.02"/><mass value="0.5"/>
-  <inertia ixx="0.01" iyy="0.012" izz="0.008" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-JOINT = """<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at} 0 0"/>
-  <axis xyz="0 1 0"/><limit lower="-2.5" upper="2.0" effort="50" velocity="9"/>
-  <dynamics damping="0.1" friction="0.02"/></joint>"""
-URDF = f"""<robot name="arm"><link name="base"/>{LINK.format(name="upper")}{LINK.format(name="lower")}
-{JOINT.format(name="shoulder", parent="base", child="upper", at=0)}
-{JOINT.format(name="elbow", parent="upper", child="lower", at=0.3)}
-</robot>"""
+URDF = arm_urdf(JOINTS, -2.5, 2.0)
 SERVOS: Mapping[str, str] = {
     "position": '<position name="{j}" joint="{j}" kp="{kp}" kv="{kv}"/>',
     "velocity": '<velocity name="{j}" joint="{j}" kv="{kp}"/>',

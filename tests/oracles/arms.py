@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,8 @@ from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Knob, Settings, assemble
 
 DT = 0.002  # s
+CHANNELS = ("position.j1", "position.j2", "velocity.j1", "velocity.j2")  # of the arm
+Hypothesis = dict[tuple[str, str | None, str], float]  # {(effect, target, parameter): value}
 SERVOS = """
 <position name="j1" joint="j1" kp="30" kv="1.5" gear="2"/>
 <position name="j2" joint="j2" kp="20" kv="0.8" forcerange="-3 3"/>
@@ -73,8 +77,8 @@ def robot_of(folder: Path, xml: str, **keys: Any) -> MujocoRobot:
     return build(RobotFile("robot", "mujoco", model=path, **keys))
 
 
-def settings_of(robot: MujocoRobot, *hypotheses: dict[tuple[str, str | None, str], float]) -> Settings:
-    """One row for each {(effect, target, parameter): value}."""
+def settings_of(robot: MujocoRobot, *hypotheses: Hypothesis) -> Settings:
+    """One row for each."""
     rows = [{Knob(*k): v for k, v in h.items()} for h in hypotheses]
     return assemble(rows, {e.name: robot.slots(e.name) for e in LIBRARY})
 
@@ -91,6 +95,20 @@ def random_start(robot: MujocoRobot, rows: int, seed: int = 1) -> dict[str, np.n
     rng = np.random.default_rng(seed)
     channels = [c for s in robot.states for c in (s.position, s.velocity) if c is not None]
     return {c: 0.3 * rng.standard_normal(rows) for c in channels}
+
+
+def assert_rows_are_themselves(robot: MujocoRobot, hypotheses: Sequence[Hypothesis], steps: int) -> None:
+    """Each hypothesis' row of one replay is, to the last bit, the replay of it alone."""
+    rows = len(hypotheses)
+    drive, start = random_drive(robot, rows, steps), random_start(robot, rows)
+    whole = robot.replay(start, drive, settings_of(robot, *hypotheses), CHANNELS)
+    for row, hypothesis in enumerate(hypotheses):
+        at = slice(row, row + 1)
+        mine = replace(drive, command=drive.command[at], clock=drive.clock[at])
+        alone = robot.replay({k: x[at] for k, x in start.items()}, mine, settings_of(robot, hypothesis), CHANNELS)
+        for channel in CHANNELS:
+            assert np.isfinite(whole[channel]).all()
+            np.testing.assert_array_equal(whole[channel][row], alone[channel][0])
 
 
 def literal(

@@ -8,7 +8,18 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from oracles.arms import MIXED, SERVOS, arm_xml, random_drive, random_start, robot_of, settings_of
+from oracles.arms import (
+    CHANNELS,
+    MIXED,
+    SERVOS,
+    Hypothesis,
+    arm_xml,
+    assert_rows_are_themselves,
+    random_drive,
+    random_start,
+    robot_of,
+    settings_of,
+)
 from oracles.two_masses import Gear
 
 from plants.mujoco_robot.gears import DAMPING_RATIO
@@ -16,9 +27,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
-CHANNELS = ("position.j1", "position.j2", "velocity.j1", "velocity.j2")
 STEP, K = 0.0005, 40.0  # s, N m/rad
-Hypothesis = dict[tuple[str, str | None, str], float]
 
 
 def spring(feedback: str = "motor", sensor: str = "link") -> Gear:
@@ -133,17 +142,7 @@ def test_rows_without_them_keep_their_bits(tmp_path: Path) -> None:
         {("backlash", "j1", "gap"): 0.04, ("joint_compliance", "j2", "stiffness"): 20.0},
         {("joint_compliance", "j1", "stiffness"): 25.0, ("stribeck_friction", "j1", "static"): 0.2},
     ]
-    hypotheses: list[Hypothesis] = [{}, *others, {("voltage_sag", None, "rate"): 0.05}]
-    rows = len(hypotheses)
-    drive, start = random_drive(robot, rows, 100), random_start(robot, rows)
-    whole = robot.replay(start, drive, settings_of(robot, *hypotheses), CHANNELS)
-    for row, hypothesis in enumerate(hypotheses):
-        at = slice(row, row + 1)
-        mine = replace(drive, command=drive.command[at], clock=drive.clock[at])
-        alone = robot.replay({k: x[at] for k, x in start.items()}, mine, settings_of(robot, hypothesis), CHANNELS)
-        for channel in CHANNELS:
-            assert np.isfinite(whole[channel]).all()
-            np.testing.assert_array_equal(whole[channel][row], alone[channel][0])
+    assert_rows_are_themselves(robot, [{}, *others, {("voltage_sag", None, "rate"): 0.05}], 100)
 
 
 @pytest.mark.parametrize("actuators", [SERVOS, MIXED])

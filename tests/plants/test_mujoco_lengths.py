@@ -7,9 +7,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from oracles.arms import arm_xml, literal, random_drive, random_start, robot_of, settings_of
+from oracles.arms import CHANNELS, arm_xml, literal, random_drive, random_start, robot_of, settings_of
 
-CHANNELS = ("position.j1", "position.j2", "velocity.j1", "velocity.j2")
 OFFSET = 0.043  # m
 # the lower link on a bracket that is welded to the upper one and stands askew
 BRACKET = arm_xml().replace(

@@ -7,13 +7,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from oracles.arms import arm_xml, literal, random_drive, random_start, robot_of, settings_of
+from oracles.arms import CHANNELS, arm_xml, literal, random_drive, random_start, robot_of, settings_of
 
 from plants.mujoco_robot.edits import link_direction
 from plants.mujoco_robot.masses import add_point_mass, parallel_axis, principal, quat_to_matrix
 
 SMALL = 1e-4  # m: radius of a geom that stands for a point mass
-CHANNELS = ("position.j1", "position.j2", "velocity.j1", "velocity.j2")
 
 
 def with_ball(mass: float, site: str = "tool", body: str = "lower") -> mujoco.MjModel:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from oracles.arms import MIXED, SERVOS, arm_xml, robot_of
 
+from plants.mujoco_robot.anatomy import anatomy
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
 
@@ -58,6 +59,22 @@ def test_a_joint_without_a_name_is_refused(tmp_path: Path) -> None:
     extra = '<body pos="1 1 1"><joint axis="0 0 1"/><geom size="0.1"/></body>'
     with pytest.raises(BadInput, match="joint number 0 has no name"):
         robot_of(tmp_path, arm_xml().replace("<worldbody>", f"<worldbody>{extra}"))
+
+
+@pytest.mark.parametrize(
+    ("xml", "said"),
+    [
+        ("<mujoco><worldbody/></mujoco>", "no hinge and no slide joint"),
+        (
+            arm_xml('<motor name="rocket" joint="base"/>').replace("<worldbody>", f"<worldbody>{FREE}"),
+            "'rocket' acts on a free joint",
+        ),
+    ],
+)
+def test_what_no_robot_file_could_drive_has_no_anatomy(tmp_path: Path, xml: str, said: str) -> None:
+    (tmp_path / "robot.xml").write_text(xml)
+    with pytest.raises(BadInput, match=said):
+        anatomy(tmp_path / "robot.xml")
 
 
 def test_a_payload_site_that_is_not_there_is_refused(tmp_path: Path) -> None:

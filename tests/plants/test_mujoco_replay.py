@@ -8,13 +8,24 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from oracles.arms import FILTERED, MIXED, SERVOS, arm_xml, literal, random_drive, random_start, robot_of, settings_of
+from oracles.arms import (
+    CHANNELS,
+    FILTERED,
+    MIXED,
+    SERVOS,
+    arm_xml,
+    assert_rows_are_themselves,
+    literal,
+    random_drive,
+    random_start,
+    robot_of,
+    settings_of,
+)
 
 from residual_mpc.effects.command import delayed_sequence
 from residual_mpc.models.settings import Settings
 
 ROWS, STEPS = 3, 150
-CHANNELS = ("position.j1", "position.j2", "velocity.j1", "velocity.j2")
 OUTPUTS = ("output.j1", "output.j2")
 
 
@@ -63,15 +74,9 @@ def test_rolled_out_and_stepped_agree(tmp_path: Path, actuators: str) -> None:
 
 def test_rows_that_need_a_word_between_the_steps_mix_with_others(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, arm_xml())
-    drive, start = random_drive(robot, ROWS, STEPS), random_start(robot, ROWS)
-    hypotheses = ({}, {("voltage_sag", None, "rate"): 0.05}, {("armature", "j1", "inertia"): 0.02})
-    whole = robot.replay(start, drive, settings_of(robot, *hypotheses), CHANNELS)
-    for row, hypothesis in enumerate(hypotheses):
-        at = slice(row, row + 1)
-        mine = replace(drive, command=drive.command[at], clock=drive.clock[at])
-        alone = robot.replay({k: x[at] for k, x in start.items()}, mine, settings_of(robot, hypothesis), CHANNELS)
-        for channel in CHANNELS:
-            np.testing.assert_array_equal(whole[channel][row], alone[channel][0])
+    assert_rows_are_themselves(
+        robot, [{}, {("voltage_sag", None, "rate"): 0.05}, {("armature", "j1", "inertia"): 0.02}], STEPS
+    )
 
 
 def test_outputs_are_the_actuators_forces(tmp_path: Path) -> None:

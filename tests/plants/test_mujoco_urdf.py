@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracles.arms import arm_xml, random_drive, random_start
+from oracles.urdfs import arm_urdf
 
 from plants.mujoco_robot import MujocoRobot, build
 from residual_mpc.errors import BadInput
@@ -14,15 +15,7 @@ from residual_mpc.models.load import load_robot
 from residual_mpc.models.robot_file import for_run, read_robot_file
 from residual_mpc.models.settings import Settings
 
-LINK = """<link name="{name}"><inertial><origin xyz="0.1 0 0.02"/><mass value="0.5"/>
-  <inertia ixx="0.01" iyy="0.012" izz="0.008" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-JOINT = """<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at} 0 0"/>
-  <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="9"/>
-  <dynamics damping="0.1" friction="0.02"/></joint>"""
-URDF = f"""<robot name="arm"><link name="base"/>{LINK.format(name="upper")}{LINK.format(name="lower")}
-{JOINT.format(name="j1", parent="base", child="upper", at=0)}
-{JOINT.format(name="j2", parent="upper", child="lower", at=0.3)}
-</robot>"""
+URDF = arm_urdf(("j1", "j2"), -3, 3)
 BODY = """<body name="{name}" pos="{at} 0 0"><inertial pos="0.1 0 0.02" mass="0.5" diaginertia="0.01 0.012 0.008"/>
   <joint name="{joint}" axis="0 1 0" range="-3 3" damping="0.1" frictionloss="0.02" actuatorfrcrange="-50 50"/>
   {rest}</body>"""

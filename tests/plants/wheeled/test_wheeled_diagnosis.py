@@ -80,27 +80,19 @@ def test_the_equation_names_what_a_twin_in_pybullet_withholds(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_simulator_as_the_model_names_what_a_twin_in_the_other_engine_withholds(tmp_path):
-    runs = written(tmp_path / "runs", twin(bullet_drive(), Withheld(track=1.1, lag=0.09), SMOOTH), 15.0)
-    found = printed(
-        "diagnose", "--robot", "diff_drive_mujoco", runs, "--out", str(tmp_path / "out"),
-        "--only", "track_width,actuator_lag,wheel_radius",
-    )  # fmt: skip
-    assert found["verdict"] == "effects"
-    value = {e["effect"]: e["parameters"] for e in found["explanation"]}
-    assert set(value) == {"track_width", "actuator_lag"}
-    assert value["track_width"]["scale"]["value"] == pytest.approx(1.1, abs=0.02)
-    assert value["actuator_lag"]["time_constant"]["value"] == pytest.approx(0.09, abs=0.012)
-
-
-@pytest.mark.slow
-def test_pybullet_as_the_model_names_what_a_twin_in_mujoco_withholds(tmp_path):
-    """PyBullet has no batch: it steps row after row, in processes, so that the runs are short and the effects two."""
-    runs = written(tmp_path / "runs", twin(mujoco_drive(), Withheld(track=1.1, lag=0.09), SMOOTH), 8.0)
-    found = printed(
-        "diagnose", "--robot", "diff_drive_pybullet", runs, "--out", str(tmp_path / "out"),
-        "--only", "track_width,actuator_lag",
-    )  # fmt: skip
+@pytest.mark.parametrize(
+    ("model", "engine", "seconds", "only"),
+    [
+        ("diff_drive_mujoco", bullet_drive, 15.0, "track_width,actuator_lag,wheel_radius"),
+        # PyBullet has no batch: it steps row after row, in processes, so that the runs are short and the effects two
+        ("diff_drive_pybullet", mujoco_drive, 8.0, "track_width,actuator_lag"),
+    ],
+)
+def test_a_simulator_as_the_model_names_what_a_twin_in_the_other_engine_withholds(
+    tmp_path, model, engine, seconds, only
+):
+    runs = written(tmp_path / "runs", twin(engine(), Withheld(track=1.1, lag=0.09), SMOOTH), seconds)
+    found = printed("diagnose", "--robot", model, runs, "--out", str(tmp_path / "out"), "--only", only)
     assert found["verdict"] == "effects"
     value = {e["effect"]: e["parameters"] for e in found["explanation"]}
     assert set(value) == {"track_width", "actuator_lag"}

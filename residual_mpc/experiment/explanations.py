@@ -1,0 +1,42 @@
+"""What a diagnosis.json leaves open: its explanation, and those that its runs could not tell from it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from residual_mpc.diagnosis.document import values_of
+from residual_mpc.errors import BadInput
+from residual_mpc.models.fits import check_fits
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Values
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """name: its effects, as they are printed. values: of the whole model, to begin with."""
+
+    name: str
+    values: Values
+
+
+def explanations_of(document: Mapping[str, Any], robot: Robot, where: str) -> tuple[Explanation, ...]:
+    """The explanation of a diagnosis.json, then its alternatives; without these there is one.
+
+    Raises BadInput where the diagnosis is of another robot, cannot be read, or names what the robot lacks.
+    """
+    try:
+        of = document["robot"]
+        rows = [(document["explanation"], document["model"]["values"])]
+        rows += [(a["effects"], a["values"]) for a in document.get("alternatives", ())]
+        found = tuple(Explanation(_named(effects), values_of(values)) for effects, values in rows)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise BadInput(f"its explanations cannot be read: {error!r}", where, "diagnose the runs anew") from error
+    if of != robot.name:
+        raise BadInput(f"it is a diagnosis of {of!r}, not of {robot.name!r}", where, "give --robot its own robot")
+    for explanation in found:
+        check_fits(explanation.values, robot, of, where)
+    return found
+
+
+def _named(effects: Sequence[Mapping[str, Any]]) -> str:
+    return " + ".join(e["effect"] + (f" [{e['target']}]" if e["target"] else "") for e in effects)

@@ -1,0 +1,30 @@
+"""Whether a model's values can be a robot's."""
+
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.errors import BadInput
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import TUNE, Knob, Values
+
+
+def check_fits(values: Values, robot: Robot, of: str, where: str) -> None:
+    """Raises BadInput where an effect, a target or a parameter of the values, which are a model of the robot `of`, is
+    none of this robot's; where: the file that they stand in."""
+    for knob in values:
+        lacking = _lacking(knob, robot)
+        if lacking:
+            raise BadInput(
+                f"{robot.name} lacks {lacking}",
+                where,
+                f"the model was made for {of}: give the robot file that it was diagnosed with",
+            )
+
+
+def _lacking(knob: Knob, robot: Robot) -> str:
+    """What of a free number the robot does not have; empty where it has all."""
+    if knob.effect == TUNE:
+        return "" if knob.parameter in robot.nominal() else knob.parameter
+    slots = robot.slots(knob.effect) if knob.effect in BY_NAME else ()
+    if not slots or not (knob.target is None or knob.target in slots):
+        return f"{knob.effect} on {knob.target or 'the robot'}"
+    known = any(p.name == knob.parameter for p in BY_NAME[knob.effect].parameters)
+    return "" if known else f"a parameter {knob.parameter} of {knob.effect}"
