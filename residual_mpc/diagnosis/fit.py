@@ -16,7 +16,6 @@ from residual_mpc.models.settings import TUNE, Knob, Term, Values
 STEP = 0.15  # derivative step in units of a knob's scale: wide, since sampled commands make delays and dead zones rough
 MOST = 8
 SECANTS = 2
-RACE_FROM = 2  # steps before any fit is left behind
 REMAINING = 4.0  # times the last drop in cost that a fit may still fall: steps that each gain 0.8 of the one before
 
 
@@ -91,13 +90,13 @@ def fit_all(
         return []
     residuals = problem.residuals(starts)
     runs = [_begin(problem, s, r) for s, r in zip(starts, residuals, strict=True)]
-    for step in range(most):
+    for _ in range(most):
         active = [run for run in runs if not run.done and run.knobs]
         if not active:
             break
         _derive(problem, [run for run in active if run.stale > secants])
         _advance(problem, active, tolerance)
-        if race is not None and step + 1 >= RACE_FROM:
+        if race is not None:
             _leave_behind(active, min([r.cost for r in runs] + [race.mark]) + race.margin)
     _derive(problem, [r for r in runs if r.jacobian is None or (r.stale and not r.behind and not rough)])
     return [_finish(run) for run in runs]

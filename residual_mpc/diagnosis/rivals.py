@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible
+from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import screen, smaller
-from residual_mpc.diagnosis.search import ALIKE, HOPELESS, Found, compatible, without
+from residual_mpc.diagnosis.search import ALIKE, HOPELESS, ROUGH, Found, closer, compatible, without
 from residual_mpc.effects.library import ORDER
 from residual_mpc.models.settings import TUNE, Term, Values
 
@@ -116,10 +116,18 @@ def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: floa
         return []
     small, weight = smaller(problem, rest)
     chosen = float(np.sum(small.residuals([fit.values])[0] ** 2))
-    rough = fit_all(small, starts, 3)
+    rough = fit_all(small, starts, ROUGH, rough=True)
     near = [weight * (r.cost - chosen) < HOPELESS * phi for r in rough]
-    race = Race(HOPELESS * phi, fit.cost)
-    ends = iter(fit_all(problem, [r.values for r, n in zip(rough, near, strict=True) if n], race=race))
+    ends = iter(
+        closer(
+            problem,
+            small,
+            weight,
+            [r.values for r, n in zip(rough, near, strict=True) if n],
+            HOPELESS * phi,
+            (chosen, fit.cost),
+        )
+    )
     as_they_are = iter(fit_all(problem, [r.values for r, n in zip(rough, near, strict=True) if not n], 0))
     return [next(ends if n else as_they_are) for n in near]
 

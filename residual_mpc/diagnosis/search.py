@@ -96,6 +96,8 @@ PROMISING = 3  # one in so many probes of the best set is tried on the beam's ot
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
 
+NONE = (np.inf, np.inf)
+
 Ranked = TypeVar("Ranked")
 Report = Callable[[str], None]
 
@@ -177,16 +179,33 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     if GENEROUS * promised < settings.beyond_doubt:
         return []
     small, weight = smaller(problem, beam[0])
-    rough = fit_all(small, starts, ROUGH, rough=True)
-    mask = compared_mask(small)
-    by_cost = distinct(sorted(rough, key=lambda f: f.cost))
-    by_gap = distinct(sorted(rough, key=lambda f: float(np.sum(f.r.ravel()[mask] ** 2))))
-    finalists = mixed(by_cost, by_gap)[: settings.finalists + (2 if len(beam) > 1 else 0)]
     margin = HOPELESS * dispersion(beam[0], blocks)
-    closer = fit_all(small, [f.values for f in finalists], race=Race(margin / weight), rough=True)
-    fits = fit_all(problem, [f.values for f in closer], ROUGH, race=Race(margin))
-    fits = [f for f in fits if is_sensible(f)]
-    return distinct(sorted(fits, key=lambda f: f.cost))
+    first = in_turn(small, fit_all(small, starts, 1, rough=True))[: settings.shortlist]
+    rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True)
+    finalists = distinct(in_turn(small, rough))[: settings.finalists + (2 if len(beam) > 1 else 0)]
+    fits = closer(problem, small, weight, [f.values for f in finalists], margin)
+    return distinct(sorted(filter(is_sensible, fits), key=lambda f: f.cost))
+
+
+def closer(
+    problem: Problem,
+    small: Problem,
+    weight: float,
+    starts: list[Values],
+    margin: float,
+    mark: tuple[float, float] = NONE,
+) -> list[Fit]:
+    """The starts fitted on the thinned problem, and the last steps on the whole; those that end up by more than the
+    margin above the cheapest, or above the marks (costs on either), are left on the way. The order is kept."""
+    near = fit_all(small, starts, race=Race(margin / weight, mark[0]), rough=True)
+    return fit_all(problem, [f.values for f in near], ROUGH, race=Race(margin, mark[1]))
+
+
+def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:
+    """Best first, by cost and by what the gap compares in turn."""
+    mask = compared_mask(problem)
+    by_cost = sorted(fits, key=lambda f: f.cost)
+    return mixed(by_cost, sorted(fits, key=lambda f: float(np.sum(f.r.ravel()[mask] ** 2))))
 
 
 def mixed(first: list[Ranked], second: list[Ranked]) -> list[Ranked]:
@@ -269,7 +288,7 @@ def prune(
         here = judge(problem, current, noise)
         full = refit(here, [current])[0]
         race = Race(HOPELESS * dispersion(full, blocks))
-        fewer = fit_all(here, [without(full.values, t) for t in full.terms], race=race)
+        fewer = fit_all(here, [without(full.values, t) for t in full.terms], ROUGH, race=race, rough=True)
         weakest = min(fewer, key=lambda f: f.cost)
         if convincing(problem, ruler, weakest, full, base, blocks, settings):
             return full
