@@ -32,6 +32,12 @@ seed_option = click.option(
 )
 
 
+def out_option(holds: str) -> Callable[[Command], Command]:
+    """--out, the folder for the files that it `holds`."""
+    kind = click.Path(path_type=Path, file_okay=False)
+    return click.option("--out", type=kind, required=True, help=f"Folder for {holds}.")
+
+
 def _a_number(context: click.Context, option: click.Parameter, value: float) -> float:
     if value != value:  # NaN, which no range excludes
         raise click.BadParameter("nan is no length of a window.", context, option)

@@ -14,6 +14,7 @@ from residual_mpc.cli.common import (
     json_option,
     load,
     name_robot_file,
+    out_option,
     progress_bar,
     robot_option,
     runs_argument,
@@ -27,12 +28,7 @@ from residual_mpc.errors import BadInput
 @click.command()
 @robot_option
 @runs_argument
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    required=True,
-    help="Folder for diagnosis.json, report.html, model.json.",
-)
+@out_option("diagnosis.json, report.html, model.json")
 @click.option(
     "--only", multiple=True, metavar="EFFECT", help="Look at these effects alone; may be repeated or a comma list."
 )

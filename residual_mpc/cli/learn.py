@@ -12,6 +12,7 @@ from residual_mpc.cli.common import (
     json_option,
     load,
     name_robot_file,
+    out_option,
     robot_option,
     runs_argument,
     seed_option,
@@ -32,12 +33,7 @@ NOTE = (
 @click.command()
 @robot_option
 @runs_argument
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    required=True,
-    help="Folder for model.json, learn.json and the checkpoint.",
-)
+@out_option("model.json, learn.json and the checkpoint")
 @click.option(
     "--case",
     type=click.Choice(["sim-to-dyn", "real-to-dyn", "real-to-sim"]),
