@@ -52,6 +52,9 @@ def _actuator_scale(batch: Any, robot: "MujocoRobot", settings: Settings, drive:
     """Gain, sag and `enabled` scale an actuator's force, saturation limits it: gain_step, sag_step and saturation_step
     written into gainprm, biasprm and forcerange, so that MuJoCo's implicit integrator still sees the servo's
     damping.
+
+    A range that the model gives the force is the driver's own: a softer servo reaches it later, a weak supply and a
+    switched-off one lower it.
     """
     effects, model = settings.effects, robot.model
     sag, enabled = effects.get("voltage_sag"), drive.enabled
@@ -63,27 +66,28 @@ def _actuator_scale(batch: Any, robot: "MujocoRobot", settings: Settings, drive:
     forcerange = batch.expand("actuator_forcerange")
     # after retuning: the batch's own values are the nominal ones of each row
     base = gainprm[:, :, :3].copy(), biasprm[:, :, :3].copy(), forcerange.copy()
-    constant = np.ones((settings.rows, model.nu)) if gain is None else gain
+    whole = np.ones((settings.rows, model.nu))
 
-    def write(scale: np.ndarray) -> None:
-        gainprm[:, :, :3] = base[0] * scale[:, :, None]
-        biasprm[:, :, :3] = base[1] * scale[:, :, None]
-        reach = base[2] * scale[:, :, None]
+    def write(strength: np.ndarray) -> None:
+        law = strength if gain is None else gain * strength
+        gainprm[:, :, :3] = base[0] * law[:, :, None]
+        biasprm[:, :, :3] = base[1] * law[:, :, None]
+        reach = base[2] * strength[:, :, None]
         forcerange[:] = reach if limit is None else np.clip(reach, -limit[:, :, None], limit[:, :, None])
 
-    write(constant)
+    write(whole)
     if sag is None and enabled is None:
         return None
 
     def update(k: int, speed: np.ndarray, force: np.ndarray) -> None:
-        scale = constant
+        strength = whole
         if sag is not None:
-            scale, _ = sag_step(NUMPY, sag, (), scale, (drive.clock + (k + 0.5) * drive.dt)[:, None], drive.dt)
+            strength, _ = sag_step(NUMPY, sag, (), strength, (drive.clock + (k + 0.5) * drive.dt)[:, None], drive.dt)
         if enabled is not None:
             if sag is None and k and np.array_equal(enabled[:, k], enabled[:, k - 1]):
                 return
-            scale = scale * enabled[:, k]
-        write(scale)
+            strength = strength * enabled[:, k]
+        write(strength)
 
     return update
 

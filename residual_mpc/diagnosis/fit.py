@@ -14,6 +14,7 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 STEP = 0.15  # derivative step in units of a knob's scale: wide, since sampled commands make delays and dead zones rough
+PART = 0.2  # and no more than this of a number that multiplies the nominal one, which may be a fiftieth of it
 MOST = 8
 SECANTS = 2
 REMAINING = 4.0  # times the last drop in cost that a fit may still fall: steps that each gain 0.8 of the one before
@@ -56,6 +57,7 @@ class _Run:
     low: np.ndarray
     high: np.ndarray
     scale: np.ndarray
+    ratio: np.ndarray  # bool: whether it multiplies a nominal number
     r: np.ndarray
     cost: float
     jacobian: np.ndarray | None = None
@@ -114,7 +116,8 @@ def _begin(problem: Problem, start: Values, r: np.ndarray) -> _Run:
     scale = np.array([problem.space.scale(k) for k in knobs])
     bounds = np.array([problem.space.bounds(k) for k in knobs]).reshape(-1, 2) / scale.reshape(-1, 1)
     x = np.array([start[k] for k in knobs]) / scale
-    return _Run(knobs, x, bounds[:, 0], bounds[:, 1], scale, r, float(np.sum(r * r)))
+    ratio = np.array([problem.space.null(k) == 1.0 and k.effect != TUNE for k in knobs], dtype=bool)
+    return _Run(knobs, x, bounds[:, 0], bounds[:, 1], scale, ratio, r, float(np.sum(r * r)))
 
 
 def _derive(problem: Problem, runs: list[_Run]) -> None:
@@ -123,7 +126,8 @@ def _derive(problem: Problem, runs: list[_Run]) -> None:
     for run in runs:
         for i in range(len(run.knobs)):
             # a delay's or play's derivative at its null is one-sided; away from it the upper side serves as well
-            step = STEP if run.x[i] + STEP <= run.high[i] else -STEP
+            step = min(STEP, PART * abs(run.x[i])) if run.ratio[i] else STEP
+            step = step if run.x[i] + step <= run.high[i] else -step
             x = run.x.copy()
             x[i] += step
             rows.append(run.values(x))
