@@ -28,6 +28,6 @@ def update(
     p = predicted_covariance(belief, settings)
     with np.errstate(over="ignore", invalid="ignore"):
         predicted, h = window.linear(belief.mean)
-        cross = p @ h.T
+        cross = (h @ p).T  # stored by columns
         spread = h @ cross
-    return correct(belief.mean, p, predicted, cross, 0.5 * (spread + spread.T), measured, settings)
+    return correct(belief, predicted, cross, 0.5 * (spread + spread.T), measured, settings)

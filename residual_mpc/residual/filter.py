@@ -7,6 +7,8 @@ the paper's eqs. (UKF f, g) put sigma points through the identity and get the sa
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.blas import dtrsm
+from scipy.linalg.lapack import dpotrf
 
 ROUNDING = 4.0 * np.finfo(np.float64).eps
 ILL = 1e8  # ratio of the innovation's variance to the noise's from which a downdate is checked
@@ -78,82 +80,89 @@ def predicted_covariance(belief: Belief, settings: FilterSettings, out: np.ndarr
     if out is None:
         out = np.empty(belief.covariance.shape)
     np.copyto(out, belief.covariance)
-    out.reshape(-1)[:: len(out) + 1] += settings.process
+    _diagonal(out)[:] += settings.process
     return out
 
 
-def lower_factor(p: np.ndarray, out: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """(p, A) with A A' = p, A lower triangular; p (L, L) is mended first where rounding left it indefinite.
+def factored(belief: Belief, settings: FilterSettings, out: np.ndarray | None = None) -> tuple[Belief, np.ndarray]:
+    """(belief, A) with A A' = P + C_theta, A (L, L) lower triangular and stored by columns, in `out` where it is given.
 
-    A is written into `out` (L, L), in columns, where that is given.
+    A belief whose P rounding left indefinite is mended first.
     """
-    from scipy.linalg.lapack import dpotrf
+    p = predicted_covariance(belief, settings, out)
+    factor, failed = dpotrf(p.T, lower=1, clean=1, overwrite_a=1)
+    if failed:
+        belief = Belief(belief.mean, mended(belief.covariance))
+        factor = np.asfortranarray(np.linalg.cholesky(predicted_covariance(belief, settings)))
+    return belief, factor
 
-    if out is None:
-        out = np.empty(p.shape)
-    np.copyto(out, p)
-    factor, failed = dpotrf(out.T, lower=1, clean=1, overwrite_a=1)
-    if not failed:
-        return p, factor
+
+def mended(p: np.ndarray) -> np.ndarray:
+    """p (L, L) itself where it is positive definite, else p with its lowest eigenvalues raised to what rounding is."""
+    if not dpotrf(p.T, lower=1)[1]:
+        return p
     value, vector = np.linalg.eigh(0.5 * (p + p.T))
     least = ROUNDING * len(p) * max(value[-1], np.finfo(np.float64).tiny)
     p = (vector * np.maximum(value, least)) @ vector.T
     p = 0.5 * (p + p.T)
-    p.reshape(-1)[:: len(p) + 1] += least
-    return p, np.linalg.cholesky(p)
+    _diagonal(p)[:] += least
+    return p
+
+
+def _diagonal(p: np.ndarray) -> np.ndarray:
+    """The diagonal of p (L, L), in rows, to be written to."""
+    return p.reshape(-1)[:: len(p) + 1]
 
 
 def correct(
-    mean: np.ndarray,
-    p: np.ndarray,
+    belief: Belief,
     predicted: np.ndarray,
     cross: np.ndarray,
     spread: np.ndarray,
     measured: Measurement,
     settings: FilterSettings,
 ) -> tuple[Belief, Info]:
-    """The Kalman correction: weights (L,), P_t|t-1 (L, L), predicted (m,), cross C_sz (L, m), spread S - C_v (m, m).
+    """The Kalman correction of P + C_theta: predicted (m,), cross C_sz (L, m), spread S - C_v (m, m).
 
-    Missing references drop out. `mean` and `p` may be kept in the answer, `cross` is overwritten. What cannot be used
-    (nothing finite, a prediction that overflowed) leaves the weights where they were, with P_t|t-1.
+    Missing references drop out. `cross` is overwritten where it is stored by columns. What cannot be used (nothing
+    finite, a prediction that overflowed) leaves the weights where they were, with P + C_theta.
     """
-    from scipy.linalg.blas import dtrsm
-    from scipy.linalg.lapack import dpotrf
-
-    innovation = measured.reference - predicted
+    p, noise = belief.covariance, measured.noise
+    e = innovation = measured.reference - predicted
     good = np.isfinite(innovation)
     if not good.all():
-        predicted, cross, spread = predicted[good], cross[:, good], spread[np.ix_(good, good)]
-    e = innovation[good]
-    noise = measured.noise
-    s = spread.copy()
-    if noise.ndim == 2:
-        s += noise if good.all() else noise[np.ix_(good, good)]  # (UKF b)
-    else:
-        s.reshape(-1)[:: len(e) + 1] += noise[good]
-    variance = np.full(innovation.shape, np.nan)
-    nothing = Belief(mean, p), Info(innovation, variance, 0, False)
+        e, cross, spread = innovation[good], cross[:, good], spread[np.ix_(good, good)]
+        noise = noise[good] if noise.ndim == 1 else noise[np.ix_(good, good)]
+    s = spread + noise if noise.ndim == 2 else spread.copy()  # (UKF b)
+    own = _diagonal(s)
+    if noise.ndim == 1:
+        own += noise
     if not len(e) or not np.isfinite(s).all():
-        return nothing
-    variance[good] = np.diagonal(s)
-    size = np.abs(e) / np.sqrt(np.diagonal(s))
+        return drifted(belief, settings), Info(innovation, np.full(innovation.shape, np.nan), 0, False)
+    variance = np.full(innovation.shape, np.nan)
+    variance[good] = own
+    size = np.abs(e) / np.sqrt(own)
     far = size > settings.huber
-    held_back = int(far.sum())
+    held_back = int(np.count_nonzero(far))
     if held_back:  # Huber's weight huber / size, as more noise on this sample
-        s[far, far] *= size[far] / settings.huber
+        own[far] *= size[far] / settings.huber
     root, failed = dpotrf(s.T, lower=1, clean=1)
     if failed:
-        return nothing
+        return drifted(belief, settings), Info(innovation, variance, 0, False)
     # K = C_sz S^-1 (UKF a) is never formed: with S = R R' and V = C_sz R^-T, K S K' = V V' and K e = V (R^-1 e)
-    v = dtrsm(1.0, root, cross.T, side=0, lower=1, overwrite_b=1).T  # (L, m)
-    moved = mean + v @ dtrsm(1.0, root, e[:, None], side=0, lower=1)[:, 0]  # eqs. (learning_law), (UKF)
+    v = dtrsm(1.0, root, cross, side=1, lower=1, trans_a=1, overwrite_b=1)  # (L, m)
+    moved = belief.mean + v @ dtrsm(1.0, root, e, lower=1)  # eqs. (learning_law), (UKF)
     after = v @ v.T
-    np.subtract(p, after, out=after)  # (UKF h), symmetric bit for bit
+    np.subtract(p, after, out=after)  # (UKF h), symmetric bit for bit, but for C_theta
     # a downdate is off by up to L eps |P|: so much is given back, and P stays positive
-    after.reshape(-1)[:: len(after) + 1] += ROUNDING * len(p) * np.max(np.diagonal(p))
-    quietest = np.min(noise[good] if noise.ndim == 1 else np.diagonal(noise)[good])
-    if np.max(np.diagonal(s)) > ILL * quietest:  # so little of P is left that rounding shows: look, and mend
-        after, _ = lower_factor(after)
-    if not (np.isfinite(moved).all() and (np.diagonal(after) > 0.0).all()):
-        return nothing
+    _diagonal(after)[:] += settings.process + ROUNDING * len(p) * (_diagonal(p).max() + settings.process)
+    if own.max() > ILL * (noise if noise.ndim == 1 else np.diagonal(noise)).min():
+        after = mended(after)  # so little of P is left that rounding shows
+    if not (np.isfinite(moved).all() and _diagonal(after).min() > 0.0):
+        return drifted(belief, settings), Info(innovation, variance, 0, False)
     return Belief(moved, after), Info(innovation, variance, held_back, True)
+
+
+def drifted(belief: Belief, settings: FilterSettings) -> Belief:
+    """The belief after an update that nothing was learned from: the same weights, P + C_theta."""
+    return Belief(belief.mean, predicted_covariance(belief, settings))

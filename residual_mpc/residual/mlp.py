@@ -5,6 +5,7 @@ a layer, 3 outputs). The paper's text says 198 and 209; its equation cannot have
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -27,12 +28,12 @@ class Mlp:
         if not 0.0 <= self.slope <= 1.0:
             raise ValueError(f"slope {self.slope} came, 0 to 1 was wanted: above 1, max(slope b, b) turns over")
 
-    @property
+    @cached_property
     def widths(self) -> tuple[int, ...]:
         """Nodes a layer, from the inputs to the outputs."""
         return (self.inputs, *self.hidden, self.outputs)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of weights and biases."""
         return sum((a + 1) * b for a, b in pairwise(self.widths))

@@ -3,6 +3,7 @@
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg.blas import dtrmm
 
 from residual_mpc.residual.filter import (
     Belief,
@@ -10,8 +11,7 @@ from residual_mpc.residual.filter import (
     Info,
     Measurement,
     correct,
-    lower_factor,
-    predicted_covariance,
+    factored,
     start,
 )
 from residual_mpc.residual.room import Room
@@ -26,8 +26,9 @@ class Sampled(Protocol):
     """What is predicted over the horizon as a function of the weights, evaluated at all sigma points at once."""
 
     def around(self, theta: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x_pred(theta) (m,), and x_pred(theta +- moves[j]) - x_pred(theta), (2, L, m); moves (L, L) is upper
-        triangular."""
+        """x = x_pred(theta) (m,), and the central differences of x_pred (L + K, m) at theta + and - each row of moves
+        (L, L), which is upper triangular: the first ones x+ - x- of all L rows, then the second ones x+ + x- - 2 x of
+        the first K; those of the others are nothing."""
         ...
 
 
@@ -43,28 +44,24 @@ def update(
 
     room: memory to compute in; nothing of it is in the answer.
     """
-    from scipy.linalg.blas import dtrmm
-
     room = Room() if room is None else room
     size, w = len(belief.mean), weights.covariance_weight
-    p = predicted_covariance(belief, settings, room.array(0, "covariance", (size, size)))
-    p, factor = lower_factor(p, room.array(0, "factor", (size, size)))
+    belief, factor = factored(belief, settings, room.array(0, "factor", (size, size)))  # (UKF f)
     moves = factor.T
     if weights.reach != 1.0:
         moves = np.multiply(weights.reach, moves, out=room.array(0, "moves", (size, size)))
     with np.errstate(over="ignore", invalid="ignore"):
-        centre, change = window.around(belief.mean, moves)  # (UKF e); row j: point j less the mean
-        flat = change.reshape(2 * size, -1)
-        spread = w * (flat.T @ flat)  # (UKF b), about the prediction of the mean weights
-        predicted = centre
+        predicted, differences = window.around(belief.mean, moves)  # (UKF e)
+        # (UKF b) about the prediction of the mean weights: x+ x+' + x- x-' is half of what the differences make
+        spread = 0.5 * w * (differences.T @ differences)
         if weights.curved:  # (UKF d): the deviations are then taken from the weighted mean
-            total = flat.sum(axis=0)
+            total = differences[size:].sum(axis=0)
             shift = w * total
-            predicted = centre + shift
+            predicted = predicted + shift
             both = w * np.outer(total, shift)
             spread += (2.0 * w * size + weights.centre) * np.outer(shift, shift) - both - both.T
-        delta = np.subtract(change[0], change[1], out=room.array(0, "delta", change.shape[1:]))
-        # (UKF c): the points are symmetric, so the mean drops out; the factor is triangular
-        cross = dtrmm(w * weights.reach, factor, delta.T, side=1, lower=1, trans_a=1, overwrite_b=1).T
-    after, info = correct(belief.mean, p, predicted, cross, spread, measured, settings)
-    return (Belief(after.mean, p.copy()) if after.covariance is p else after), info
+        # (UKF c): the points are symmetric, so that the mean drops out; the factor is triangular
+        cross = room.array(0, "cross", (differences.shape[1], size))
+        np.copyto(cross, differences[:size].T)
+        cross = dtrmm(w * weights.reach, factor, cross.T, side=0, lower=1, overwrite_b=1)
+    return correct(belief, predicted, cross, spread, measured, settings)

@@ -36,19 +36,17 @@ class Window:
         return self.offset + self._measured(out.T.reshape(1, -1))[0], np.ascontiguousarray(h)
 
     def around(self, theta: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x_pred (m,), and its change (2, L, m) at theta + and - each row of moves (L, L), upper triangular.
-
-        The change lies in `room` and holds until the next call.
-        """
-        centre, change = around(self.net, theta, moves, self.z, self.room)
-        n = len(theta)
-        flat = change.reshape(2 * n, -1)
+        """x_pred (m,), and its first and second differences (L + K, m) at theta + and - each row of moves (L, L), see
+        `around`. They lie in `room` and hold until the next call."""
+        centre, differences = around(self.net, theta, moves, self.z, self.room)
+        flat = differences.reshape(len(differences), -1)
+        scale = np.repeat(self.scale, len(self.z))
         if self.readout is None:
-            flat *= np.repeat(self.scale, len(self.z))
+            flat *= scale
         else:
-            scaled = self.readout * np.repeat(self.scale, len(self.z))
-            flat = np.matmul(flat, scaled.T, out=self.room.array(-1, "measured", (2 * n, len(self.readout))))
-        return self.offset + self._measured(centre.reshape(1, -1))[0], flat.reshape(2, n, -1)
+            measured = self.room.array(-1, "measured", (len(flat), len(self.readout)))
+            flat = np.matmul(flat, (self.readout * scale).T, out=measured)
+        return self.offset + self._measured(centre.reshape(1, -1))[0], flat
 
     def _measured(self, out: np.ndarray) -> np.ndarray:
         """(rows, m) from stacked network outputs (rows, outputs * N)."""
@@ -57,40 +55,45 @@ class Window:
 
 
 def around(net: Mlp, theta: np.ndarray, moves: np.ndarray, z: np.ndarray, room: Room) -> tuple[np.ndarray, np.ndarray]:
-    """The network at z (N, inputs) under theta (L,), (o, N), and its change under theta +- moves[j], (2, L, o, N).
+    """The network x (o, N) at z (N, inputs) under theta (L,), and its central differences (L + K, o, N) under theta +
+    and - each row of moves: first x+ - x- for all L rows, then x+ + x- - 2 x for the K rows before the last layer's,
+    after which there are none.
 
     moves (L, L) is upper triangular (the transpose of a Cholesky factor): row j moves weight j and later ones, thus
-    nothing in the layers before the one that holds weight j. Those are evaluated once, for the mean. Within a layer
-    the mean's product is shared, and the two signs share the product with the move. The change lies in `room`, until
-    the next call.
+    nothing in the layers before the one that holds weight j. Those are evaluated once, for the mean, and the rows of
+    one layer share the product with what comes out of them. The differences lie in `room`, until the next call.
     """
-    parts = layers(net, theta)
-    n, at = len(z), 0
+    parts, n, at = layers(net, theta), len(z), 0
     a = np.ascontiguousarray(z.T)  # (nodes, N) of the mean
-    moved = np.empty((2, 0, net.inputs, n))  # activations under + and - of the rows j < at
+    moved = np.empty((2, 0, net.inputs, n))  # the same under + and - of the rows j < at
     for i, (weight, bias) in enumerate(parts):
         out, into = weight.shape
-        end = at + (into + 1) * out
-        w_move = room.array(i, "move", (end, out, into))
-        np.copyto(w_move.reshape(end, -1), moves[:end, at : at + into * out])
-        b_move = moves[:end, at + into * out : end, None]
+        split, end, last = at + weight.size, at + weight.size + out, i == len(parts) - 1
         mean = weight @ a + bias[:, None]
-        new = room.array(i, "new", (2, end, out, n))
-        # rows whose earlier layers are the mean's: one product for all of them, and for both signs
+        # rows whose earlier layers are the mean's: what they add
         fresh = room.array(i, "fresh", (end - at, out, n))
-        np.matmul(w_move[at:].reshape(-1, into), a, out=fresh.reshape(-1, n))
-        fresh += b_move[at:]
+        np.matmul(moves[at:end, at:split].reshape(-1, out, into), a, out=fresh)
+        fresh += moves[at:end, split:end, None]
+        new = room.array(i, "new", (2, at if last else end, out, n))
+        if at:  # rows that have moved an earlier layer
+            own = room.array(i, "own", (2, at, end - at))
+            np.add(theta[at:end], moves[:at, at:end], out=own[0])
+            np.subtract(theta[at:end], moves[:at, at:end], out=own[1])
+            np.matmul(own[..., : weight.size].reshape(2, at, out, into), moved, out=new[:, :at])
+            if not last:
+                new[:, :at] += own[..., weight.size :, None]
+        if last:
+            break
         np.add(mean, fresh, out=new[0, at:])
         np.subtract(mean, fresh, out=new[1, at:])
-        if at:
-            both = room.array(i, "weights", (at, out, into))
-            for sign, add in enumerate((np.add, np.subtract)):
-                np.matmul(add(weight, w_move[:at], out=both), moved[sign], out=new[sign, :at])
-                new[sign, :at] += add(bias[:, None], b_move[:at])
-        if i == len(parts) - 1:
-            new -= mean
-            return mean, new
-        a, at = leaky(mean, net.slope), end
         low = np.multiply(new, net.slope, out=room.array(i, "low", new.shape))
         moved = np.maximum(low, new, out=low)
-    raise AssertionError("a net has a last layer")
+        a, at = leaky(mean, net.slope), end
+    differences = room.array(0, "differences", (net.size + at, net.outputs, n))
+    first, second = differences[: net.size], differences[net.size :]
+    np.subtract(new[0], new[1], out=first[:at])
+    first[:at] += 2.0 * moves[:at, split:, None]
+    np.multiply(2.0, fresh, out=first[at:])
+    np.add(new[0], new[1], out=second)
+    second -= 2.0 * (mean - bias[:, None])
+    return mean, differences

@@ -28,7 +28,7 @@ class Linear:
     h: np.ndarray
 
     def around(self, theta, moves):
-        return self.h @ theta, np.stack([moves @ self.h.T, -moves @ self.h.T])
+        return self.h @ theta, 2.0 * moves @ self.h.T
 
     def linear(self, theta):
         return self.h @ theta, self.h
