@@ -24,13 +24,20 @@ NO_LIMIT = 1e10  # N m: a force range that never bites, so that `saturation` can
 def build(robot: RobotFile) -> "MujocoRobot":
     """The robot of a file whose plant is `mujoco`.
 
-    Raises BadInput where the model does not compile, has no actuator, or needs what is not supported yet
-    (ball joints, loops that leave a joint undetermined, a free joint that `pose_body` does not name).
+    Raises BadInput where numbers are given beside the model's own, and where the model does not compile, has no
+    actuator, or needs what is not supported yet (ball joints, loops that leave a joint undetermined, a free joint that
+    `pose_body` does not name).
     """
     from plants.mujoco_robot.robot import MujocoRobot
 
     if robot.model is None:
         raise BadInput("no model is named", robot.name, 'add model = "my_robot.xml" (MJCF or URDF) to the robot file')
+    if robot.parameters and robot.plant == "mujoco":
+        raise BadInput(
+            f"[parameters] came with {', '.join(robot.parameters)}, which a MuJoCo model does not read",
+            robot.name,
+            "change the numbers in the model file, or name them under tunable to have them fitted",
+        )
     spec, model = compile_model(str(robot.model), robot.actuators)
     base = find_base(model, robot.pose_body, str(robot.model))
     _refuse_undriven(model, str(robot.model))

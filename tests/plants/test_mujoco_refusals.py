@@ -12,6 +12,7 @@ import pytest
 from oracles.arms import MIXED, SERVOS, arm_xml, robot_of
 
 from plants.mujoco_robot.anatomy import anatomy
+from plants.mujoco_robot.compile import build
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
 
@@ -53,6 +54,12 @@ def test_what_is_not_supported_is_refused(tmp_path: Path, old: str, new: str, sa
         robot_of(tmp_path, xml.replace(old, new, 1))
     assert said in str(fault.value) and "robot.xml" in str(fault.value)
     assert "\n" not in str(fault.value)
+
+
+def test_numbers_beside_the_models_own_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "robot.xml").write_text(arm_xml())
+    with pytest.raises(BadInput, match=r"joint\.j1\.damping.*does not read.*tunable"):
+        build(RobotFile("arm", "mujoco", model=tmp_path / "robot.xml", parameters={"joint.j1.damping": 0.5}))
 
 
 def test_a_joint_without_a_name_is_refused(tmp_path: Path) -> None:
