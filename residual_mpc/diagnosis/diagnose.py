@@ -28,7 +28,7 @@ from residual_mpc.diagnosis.stages import staged
 from residual_mpc.diagnosis.testable import not_testable
 from residual_mpc.diagnosis.thinning import evenly, floor_draws, thin, well_begun
 from residual_mpc.diagnosis.where import locate
-from residual_mpc.diagnosis.witness import contradicted
+from residual_mpc.diagnosis.witness import contradicted, witnesses
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Term, Values
@@ -149,7 +149,7 @@ def problem_like(data: Dataset, space: Space, like: Problem) -> Problem:
 
 def _heed_witnesses(problem: Problem, final: Fit, options: Options) -> tuple[Fit, tuple[Term, ...]]:
     """The fit without the effects that the encoders contradict, and those."""
-    if not final.terms:
+    if not final.terms or not witnesses(problem.data):
         return final, ()
     rows = [final.values, *(without(final.values, t) for t in final.terms)]
     after, *less = predict(problem.data, problem.space.settings(rows))
@@ -172,6 +172,8 @@ def _weigh(
     spoilt: Dataset, clean: Dataset, scales: Scales, row: Settings, rng: np.random.Generator, options: Options
 ) -> bool:
     """Whether the flagged samples, few as they are, make up much of what the effects leave: the search's own terms."""
+    keep = evenly(clean, options.final_steps)
+    spoilt, clean = spoilt.take(keep), clean.take(keep)
     left, cleaned = (gap_of(d, scales, d.y - predict(d, row)[0]).total ** 2 for d in (spoilt, clean))
     floor = float(np.mean([gap_of(clean, scales, e).total ** 2 for e in noise_errors(clean, row, rng, 4)]))
     worth = max(options.search.over_floor * floor, options.search.sizeable * (left - floor))

@@ -21,7 +21,7 @@ def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray) -> np.nd
     everywhere where there is no witness, or no pose that it could speak about.
     """
     seen = witnesses(data)
-    if not seen or not set(POSE) <= set(data.channels):
+    if not seen:
         return np.zeros(len(without), dtype=bool)
     x, y, theta = (data.channels.index(c) for c in POSE)
     turned = np.stack([_travelled(data, data.y[..., k]) for k in seen], axis=-1)  # (W, M, K) rad
@@ -42,7 +42,10 @@ def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray) -> np.nd
 
 
 def witnesses(data: Dataset) -> tuple[int, ...]:
-    """The measured speeds that no window compares and that are no rate of a state: indices of channels."""
+    """The measured speeds that no window compares and that are no rate of a state: indices of channels. None where no
+    pose is measured, of which they could speak."""
+    if not set(POSE) <= set(data.channels):
+        return ()
     rates = {s.velocity for b in data.blocks for s in b.robot.states}
     return tuple(
         k
