@@ -81,7 +81,10 @@ def _unit(robot: Robot, term: Term, unit: str) -> str:
 
 
 def _dose(parameter: str, value: float, null: float) -> float:
-    """How far a number is from doing nothing; a limit's and an angle's own size says that better than its distance."""
+    """How far a number is from doing nothing; a limit's and an angle's own size says that better than its distance, and
+    that of a gain of a fiftieth, its logarithm."""
     if parameter == "heading":
         return 1.0
+    if null == 1.0 and 0.0 < value < 1.0 / np.e:
+        return float((np.e - 1.0) * value * abs(np.log(value)))  # as large as 1 - value at 1 / e
     return abs(value) if not np.isfinite(null) else abs(value - null)
