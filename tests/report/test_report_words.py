@@ -51,6 +51,7 @@ def test_measure_interval(value, interval, unit, text):
 
 
 def test_measure_carries_degrees():
+    assert plain(measure(0.0, "N m")) == "0 N m"
     assert plain(measure(math.pi / 180, "rad")) == "0.0175 rad (1°)"
 
 

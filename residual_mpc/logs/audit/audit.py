@@ -10,12 +10,15 @@ from residual_mpc.logs.audit.facts import RobotFacts
 from residual_mpc.logs.audit.pairing import check_pairing
 from residual_mpc.logs.audit.rates import check_rates
 from residual_mpc.logs.audit.stamps import check_stamps
+from residual_mpc.logs.audit.stops import check_stops
 from residual_mpc.logs.audit.values import check_values
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run
 
 Check = Callable[[Sequence[Run], RobotFacts], list[Finding]]
-CHECKS: tuple[Check, ...] = (check_stamps, check_channels, check_values, check_pairing, check_rates, check_driving)
+CHECKS: tuple[Check, ...] = (
+    check_stamps, check_channels, check_values, check_pairing, check_rates, check_driving, check_stops,
+)  # fmt: skip
 RANK = {"error": 0, "warning": 1, "info": 2}
 
 

@@ -80,7 +80,7 @@ def listed(words: Sequence[str], joint: str = "and") -> str:
 
 def _scale(value: float, unit: str) -> tuple[float, str]:
     below, factor, smaller = SMALLER.get(unit, (0.0, 1.0, unit))
-    return (factor, smaller) if abs(value) < below else (1.0, unit)
+    return (factor, smaller) if 0.0 < abs(value) < below else (1.0, unit)
 
 
 def _decimals(half_width: float, value: float) -> int:
