@@ -1,6 +1,6 @@
 """`make bench`: what a diagnosis costs, by stage and by the size of the log, as ratios within one run.
 
-python -m benchmarks.diagnosis [--repeats N] [--robot wheeled] [--robot arm]
+python -m benchmarks.diagnosis [--repeats N] [--robot wheeled] [--robot arm] [--robot "long arm"]
 
 Nothing here is a promise in seconds: the one absolute number, the seconds of the smallest log, says how large
 the machine's unit is. A log is made larger by repeating its runs under other names, so that its answer stays
@@ -9,6 +9,7 @@ and only its cost grows.
 
 from __future__ import annotations
 
+import resource
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -29,7 +30,12 @@ BEGINS = {  # what `diagnose` reports as it goes -> the stage that begins there
     "fitting on all windows": "fit and forecast",
     "opening the held-out windows": "judge",
 }
-ROBOTS = {"wheeled": ("wheeled", "double", 0, None), "arm": ("arm", "single", 41, 4)}
+ROBOTS = {
+    "wheeled": ("wheeled", "double", 0, None),
+    "arm": ("arm", "single", 41, 4),
+    "long arm": ("arm", "double", 60, 6),  # ten minutes of it, once
+}
+LONG = 600.0  # s
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,7 @@ class Cost:
 
 @click.command()
 @click.option("--repeats", type=click.IntRange(min=1), default=3, show_default=True, help="Medians are over these.")
-@click.option("--robot", "robots", multiple=True, type=click.Choice(list(ROBOTS)), help="[default: both]")
+@click.option("--robot", "robots", multiple=True, type=click.Choice(list(ROBOTS)), help="[default: all]")
 def bench(repeats: int, robots: tuple[str, ...]) -> None:
     """Print the cost of a diagnosis by stage and by size, and the throughput of the replay."""
     chosen = robots or tuple(ROBOTS)
@@ -56,6 +62,9 @@ def bench(repeats: int, robots: tuple[str, ...]) -> None:
         for robot in chosen:
             family, level, seed, joints = ROBOTS[robot]
             case = draw(family, level, seed, joints, Path(place) / robot)
+            if robot == "long arm":
+                click.echo(ten_minutes(case, Path(place) / "long"))
+                continue
             click.echo(growth(robot, case, repeats, Path(place) / f"{robot}-more"))
             if robot == "arm":
                 click.echo(throughput(case, repeats))
@@ -96,6 +105,25 @@ def growth(robot: str, case: Path, repeats: int, place: Path) -> str:
     totals = "".join(f"{costs[s].total / first.total:>9.2f}" for s in SIZES)
     lines.append(f"  {'all, times that of 1x':<22}{totals}   (1x took {first.total:.1f} s here)")
     return "\n".join(lines)
+
+
+def ten_minutes(case: Path, place: Path) -> str:
+    """What a long log of an arm of six joints costs, as a multiple of the time that it lasts, and the memory it takes;
+    its answer beside that of the log that it repeats."""
+    from residual_mpc.cli.common import load
+
+    runs = load(str(case / "robot.toml"), [str(case)], quiet=True).runs
+    lasts = sum(float(r.t[-1] - r.t[0]) for r in runs)
+    times = int(np.ceil(LONG / lasts))
+    click.echo(f"long arm, {times} x {lasts:.0f} s", err=True)
+    short, long = diagnose(case), diagnose(enlarge(case, times, place))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # kB on Linux
+    return (
+        f"\nten minutes of a six-joint arm: {times} x {lasts:.0f} s, {long.windows} windows; names "
+        f"{', '.join(long.named) or 'nothing'} (once: {', '.join(short.named) or 'nothing'})\n"
+        f"  a second of log costs {long.total / (times * lasts):.2f} s (once: {short.total / lasts:.2f} s); "
+        f"{long.total:.0f} s in all here; at most {peak:.1f} GB"
+    )
 
 
 def enlarge(case: Path, size: int, folder: Path) -> Path:
