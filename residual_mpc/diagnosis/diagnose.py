@@ -21,7 +21,8 @@ from residual_mpc.diagnosis.problem import Problem, build_problem, part_of, rewe
 from residual_mpc.diagnosis.records import Diagnosis, GapFigures, Verdict
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
-from residual_mpc.diagnosis.search import SearchSettings, search, without
+from residual_mpc.diagnosis.search import search, without
+from residual_mpc.diagnosis.search_settings import SearchSettings
 from residual_mpc.diagnosis.space import Space, build_space
 from residual_mpc.diagnosis.spikes import Outliers, find_outliers
 from residual_mpc.diagnosis.stages import staged

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual_mpc.diagnosis.additions import HOPELESS, ROUGH, closer, compatible
 from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import screen, smaller
-from residual_mpc.diagnosis.search import ALIKE, HOPELESS, ROUGH, Found, closer, compatible, without
+from residual_mpc.diagnosis.search import ALIKE, Found, without
 from residual_mpc.effects.library import ORDER
 from residual_mpc.models.settings import TUNE, Term, Values
 

@@ -2,50 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
+from residual_mpc.diagnosis.additions import HOPELESS, ROUGH, additions
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible
+from residual_mpc.diagnosis.fit import Fit, Race, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.problem import Problem, reweigh
 from residual_mpc.diagnosis.replay import predict
-from residual_mpc.diagnosis.screen import compared_mask, screen, smaller
+from residual_mpc.diagnosis.search_settings import SearchSettings
 from residual_mpc.diagnosis.space import Space
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """How hard to look, and what counts as found.
-
-    beyond_doubt: likelihood ratio (drop in cost over dispersion) per added term, on top of `per_knob` for each knob;
-    worth: an addition has to remove this share of what is left of the squared gap beyond the noise floor, or
-    `worth_first` of the first model's; over_floor: and this multiple of the squared floor, below which nobody
-    would see it;
-    worth_far: the share that will do where the gap is more than twice the floor and the likelihood ratio is above
-    `massive`; sizeable: the share for which `beyond_doubt_sizeable` will do there;
-    shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set; beam: sets
-    that a step starts from while more than the share `settled` of the squared gap beyond the floor is unexplained.
-    """
-
-    beyond_doubt: float = 25.0
-    per_knob: float = 4.0
-    worth: float = 0.4
-    worth_first: float = 0.08
-    over_floor: float = 0.6
-    worth_far: float = 0.08
-    massive: float = 40.0
-    sizeable: float = 0.25
-    beyond_doubt_sizeable: float = 12.0
-    shortlist: int = 10
-    finalists: int = 5
-    largest: int = 5
-    beam: int = 4
-    settled: float = 0.08
 
 
 @dataclass(frozen=True)
@@ -90,15 +60,8 @@ def build_ruler(data: Dataset, space: Space, scales: Scales, base: Fit, rng: np.
     return Ruler(data, space, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
 
 
-HOPELESS = 150.0  # likelihood ratio beyond which a set is not fitted to the end
-ROUGH = 3  # steps of a fit that has to rank
-PROMISING = 3  # one in so many probes of the best set is tried on the beam's other sets as well
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
-GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
 
-NONE = (np.inf, np.inf)
-
-Ranked = TypeVar("Ranked")
 Report = Callable[[str], None]
 
 
@@ -149,80 +112,6 @@ def judge(problem: Problem, fit: Fit, noise: np.ndarray) -> Problem:
 def refit(problem: Problem, fits: list[Fit], most: int = 6) -> list[Fit]:
     """The same sets fitted on this problem, from where they were."""
     return fit_all(problem, [f.values for f in fits], most)
-
-
-def compatible(term: Term, terms: tuple[Term, ...]) -> bool:
-    """Whether a term may join: not twice the same, and never an effect both on all targets and on one."""
-    return all(
-        t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in terms
-    )
-
-
-def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
-    """The best sets with one more term than a set of the beam, cheapest first; each set of terms once.
-
-    Empty where not even a generous reading of the screening promises anything beyond doubt: no fit is spent on it then.
-    """
-    starts: list[Values] = []
-    promised = 0.0
-    eligible = problem.space.candidates
-    for place, parent in enumerate(beam):
-        candidates = tuple(c for c in eligible if compatible(c, parent.terms))
-        leads = screen(problem, parent, candidates)
-        # precise encoders may shout down what moves the pose: half of the places go by what the gap compares
-        ranked = mixed(leads, sorted(leads, key=lambda lead: -lead.compared))
-        if place == 0 and len(beam) > 1:
-            near = {lead.term for lead in ranked[: len(ranked) // PROMISING]}.union(parent.terms)
-            eligible = tuple(c for c in eligible if c in near)
-        starts += [{**parent.values, **lead.start} for lead in ranked[: settings.shortlist // (1 + place)]]
-        promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
-    if GENEROUS * promised < settings.beyond_doubt:
-        return []
-    small, weight = smaller(problem, beam[0])
-    margin = HOPELESS * dispersion(beam[0], blocks)
-    first = in_turn(small, fit_all(small, starts, 1, rough=True))[: settings.shortlist]
-    rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True)
-    finalists = distinct(in_turn(small, rough))[: settings.finalists + (2 if len(beam) > 1 else 0)]
-    fits = closer(problem, small, weight, [f.values for f in finalists], margin)
-    return distinct(sorted(filter(is_sensible, fits), key=lambda f: f.cost))
-
-
-def closer(
-    problem: Problem,
-    small: Problem,
-    weight: float,
-    starts: list[Values],
-    margin: float,
-    mark: tuple[float, float] = NONE,
-) -> list[Fit]:
-    """The starts fitted on the thinned problem, and the last steps on the whole; those that end up by more than the
-    margin above the cheapest, or above the marks (costs on either), are left on the way. The order is kept."""
-    near = fit_all(small, starts, race=Race(margin / weight, mark[0]), rough=True)
-    return fit_all(problem, [f.values for f in near], ROUGH, race=Race(margin, mark[1]))
-
-
-def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:
-    """Best first, by cost and by what the gap compares in turn."""
-    mask = compared_mask(problem)
-    by_cost = sorted(fits, key=lambda f: f.cost)
-    return mixed(by_cost, sorted(fits, key=lambda f: float(np.sum(f.r.ravel()[mask] ** 2))))
-
-
-def mixed(first: list[Ranked], second: list[Ranked]) -> list[Ranked]:
-    """Two rankings of the same things taken in turn, each thing once."""
-    seen: dict[int, Ranked] = {}
-    for pair in zip(first, second, strict=True):
-        for item in pair:
-            seen.setdefault(id(item), item)
-    return list(seen.values())
-
-
-def distinct(fits: list[Fit]) -> list[Fit]:
-    """The first fit of each set of terms."""
-    seen: dict[frozenset[Term], Fit] = {}
-    for f in fits:
-        seen.setdefault(frozenset(f.terms), f)
-    return list(seen.values())
 
 
 def simplest_first(children: list[Fit], blocks: np.ndarray) -> list[Fit]:

@@ -8,7 +8,7 @@ import numpy as np
 from residual_mpc.diagnosis.dataset import build_dataset
 from residual_mpc.diagnosis.fit import fit_all
 from residual_mpc.diagnosis.problem import build_problem
-from residual_mpc.diagnosis.search import SearchSettings
+from residual_mpc.diagnosis.search_settings import SearchSettings
 from residual_mpc.diagnosis.space import build_space
 from residual_mpc.diagnosis.testable import NotTestable, not_testable
 from residual_mpc.experiment.bench import Bench, with_encoders
