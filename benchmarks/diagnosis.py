@@ -144,6 +144,7 @@ def diagnose(log: Path) -> Cost:
     from residual_mpc.diagnosis.document import to_document
     from residual_mpc.report import sentence, write_report
     from residual_mpc.report.collect import collect
+    from residual_mpc.residual.remainder import LEARNERS
 
     marks: list[tuple[str, float]] = [("read and audit", perf_counter())]
 
@@ -160,6 +161,7 @@ def diagnose(log: Path) -> Cost:
         Options(),
         np.random.default_rng(0),
         progress,
+        LEARNERS,
     )
     marks.append(("report", perf_counter()))
     document = to_document(made.diagnosis)

@@ -67,6 +67,7 @@ def diagnose(
     from residual_mpc.diagnosis.document import to_document
     from residual_mpc.report import sentence, write_report
     from residual_mpc.report.collect import collect
+    from residual_mpc.residual.remainder import LEARNERS
 
     kept = None if not held_out else _kept(held_out, [r.name for r in loaded.runs])
     options = Options(horizon=horizon, only=chosen[0], without=chosen[1], held_out=kept)
@@ -79,6 +80,7 @@ def diagnose(
             options,
             np.random.default_rng(seed),
             progress,
+            LEARNERS,
         )
         document = to_document(made.diagnosis)
         document["audit"] = [_finding(f) for f in loaded.findings]

@@ -14,11 +14,12 @@ from residual_mpc.diagnosis.fit import Fit, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales, per_window
 from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_mask
-from residual_mpc.diagnosis.how_far import Shrink, expected_errors, folds_of, foretold, shrink_of
-from residual_mpc.diagnosis.learner import learn, remove
+from residual_mpc.diagnosis.how_far import Shrink, expected_errors, foretold, shrink_of
+from residual_mpc.diagnosis.learner import RidgeLearner
 from residual_mpc.diagnosis.next_experiment import next_experiment
 from residual_mpc.diagnosis.problem import Problem, build_problem, part_of, reweigh, start_sensitivity
 from residual_mpc.diagnosis.records import Diagnosis, GapFigures, Verdict
+from residual_mpc.diagnosis.remainder import NOTHING, Learner, learn, remainder_of
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
 from residual_mpc.diagnosis.search import search, without
@@ -81,8 +82,12 @@ def diagnose(
     options: Options,
     rng: np.random.Generator,
     progress: Progress = lambda stage, done: None,
+    learners: Sequence[Learner] = (RidgeLearner(),),
 ) -> Made:
-    """robots[i] is the nominal model of runs[i]. Raises BadInput where nothing can be compared."""
+    """robots[i] is the nominal model of runs[i]; learners: who is asked what can be learned of the rest.
+
+    Raises BadInput where nothing can be compared.
+    """
     progress("cutting the runs into windows", 0.02)
     raw = build_dataset(runs, robots, noise, options.horizon)
     scales = measure_scales(raw)
@@ -130,7 +135,7 @@ def diagnose(
     progress("opening the held-out windows", 0.9)
     return _judge(
         raw, clean, scales, held, kept, space, problem, base, final, rivalry, untestable, outliers, with_outliers,
-        expected, vetoed, options, rng,
+        expected, vetoed, options, rng, learners,
     )  # fmt: skip
 
 
@@ -199,6 +204,7 @@ def _judge(
     vetoed: tuple[Term, ...],
     options: Options,
     rng: np.random.Generator,
+    learners: Sequence[Learner],
 ) -> Made:
     after_data = clean if with_outliers else raw
     rows = space.settings([{}, base.values, final.values])
@@ -232,7 +238,13 @@ def _judge(
         after_p = base_p
     achieved = shrink_of(raw.take(test), scales, errors["before"][test], errors["after"][test], rng) if helps else None
 
-    learned = _learned_shrink(after_data if helps else raw, scales, held, errors["after"], after_p)
+    # what a perfect model might have left under this noise is not worth a learner's time
+    worth = verdict in ("partial", "unknown") or g["after"].total > max(options.floor_margin * floor, _with_luck(draws))
+    learned = NOTHING
+    if worth and verdict != "no_gap" and held.any():
+        rest, row = (after_data, final.values) if helps else (raw, base.values)
+        left = remainder_of(rest, scales, space.settings([row]), after_p, errors["after"], held)
+        learned = learn(left, learners, rng.spawn(1)[0])
     sure = most_sure(verdict, share)
     causes = causes_of(final, problem, rivalry, outliers, with_outliers, share, sure) if helps else ()
     gaps = everywhere["before"], everywhere["after"], floor_everywhere
@@ -272,7 +284,7 @@ def _judge(
         not_testable=untestable,
         moved=moved(base, final) if helps else (),
         unexplained=share,
-        learned_shrink=learned,
+        learned=learned,
         steps=steps,
         outlier_share=outliers.share if with_outliers else 0.0,
         outlier_channels={c: s for c, s in outliers.shares.items() if s > 0} if with_outliers else {},
@@ -287,14 +299,3 @@ def _with_luck(draws: np.ndarray) -> float:
     """The gap that noise hardly ever exceeds, from squared gaps that it alone made."""
     return float(np.sqrt(draws.mean() + LUCK * draws.std(ddof=1)))
 
-
-def _learned_shrink(data: Dataset, scales: Scales, held: np.ndarray, error: np.ndarray, predicted: np.ndarray) -> float:
-    """What a flexible learner removes of the remaining gap on held-out windows; 0 where nothing is held out."""
-    if not held.any():
-        return 0.0
-    fit_rows = data.take(~held)
-    learner = learn(fit_rows, scales, error[~held], predicted[~held], folds_of(fit_rows))
-    test = data.take(held)
-    left = remove(learner, test, scales, error[held], predicted[held])
-    before, after = gap_of(test, scales, error[held]).total, gap_of(test, scales, left).total
-    return float(max(1.0 - after / before, 0.0)) if before > 0 else 0.0

@@ -1,8 +1,8 @@
-"""What a flexible learner adds beyond the named effects: a ridge regression on integrated features of the motion.
+"""The smallest learner: a ridge regression of what is left on integrated features of the motion.
 
 A missing term delta(z) in the robot's rates shows in a window as its integral up to each sample, so the error is
-regressed on integrals (and present values) of features of command and motion, each window from zero. It stands in
-until the learned residual network exists, and is deliberately small.
+regressed on integrals (and present values) of features of command and motion, each window from zero. It takes
+hundredths of a second, knows of the joints' angle, and is tried beside the network.
 """
 
 from dataclasses import dataclass
@@ -11,20 +11,37 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.gap import Scales
+from residual_mpc.diagnosis.how_far import folds_of
+from residual_mpc.diagnosis.remainder import Remainder
 
 RIDGES = tuple(10.0**k for k in range(-3, 6))
 HARMONICS = 2  # of each position: cogging and eccentric wheels repeat with the angle
 
 
 @dataclass(frozen=True)
-class Learner:
+class RidgeLearner:
+    """Learns from all the windows that it is given."""
+
+    name: str = "ridge"
+
+    def left(self, of: Remainder, rng: np.random.Generator) -> np.ndarray:
+        """As `residual_mpc.diagnosis.remainder.Learner`."""
+        rows, asked = of.data.take(of.learn), of.choose | of.judge
+        fitted = learn(rows, of.scales, of.error[of.learn], of.predicted[of.learn], folds_of(rows))
+        left = np.full(of.error.shape, np.nan)
+        left[asked] = remove(fitted, of.data.take(asked), of.scales, of.error[asked], of.predicted[asked])
+        return left
+
+
+@dataclass(frozen=True)
+class Fitted:
     """weights (F, C) on standardised features; `scale` (F,)."""
 
     weights: np.ndarray
     scale: np.ndarray
 
 
-def learn(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray, folds: np.ndarray) -> Learner:
+def learn(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray, folds: np.ndarray) -> Fitted:
     """Fit error (W, M, C) on features of the prediction (W, M, C) and the commands; the ridge is chosen across
     folds (W,).
     """
@@ -47,12 +64,12 @@ def learn(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarra
     weights = np.linalg.solve(flat.T @ flat + ridge * np.eye(f), flat.T @ target)
     if scores.min() >= np.sum(target**2):  # it does not help on windows that it has not seen
         weights = np.zeros_like(weights)
-    return Learner(weights, scale)
+    return Fitted(weights, scale)
 
 
-def remove(learner: Learner, data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+def remove(fitted: Fitted, data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     """The error less what the learner predicts of it, (W, M, C)."""
-    return np.asarray(error - (features(data, predicted) / learner.scale) @ learner.weights * scales.s)
+    return np.asarray(error - (features(data, predicted) / fitted.scale) @ fitted.weights * scales.s)
 
 
 def features(data: Dataset, predicted: np.ndarray) -> np.ndarray:

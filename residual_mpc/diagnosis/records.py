@@ -5,6 +5,7 @@ from typing import Literal
 
 from residual_mpc.diagnosis.hold_out import KeptBack
 from residual_mpc.diagnosis.how_far import Shrink
+from residual_mpc.diagnosis.remainder import Learned
 from residual_mpc.diagnosis.testable import NotTestable
 from residual_mpc.diagnosis.where import Where
 from residual_mpc.models.settings import Term, Values
@@ -108,7 +109,7 @@ class Diagnosis:
     not_testable: tuple[NotTestable, ...]
     moved: tuple[Moved, ...]
     unexplained: float
-    learned_shrink: float
+    learned: Learned
     steps: tuple[tuple[tuple[Term, ...], float], ...]
     outlier_share: float
     outlier_channels: dict[str, float]

@@ -18,6 +18,7 @@ from oracles.rover_log import rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.diagnose import Options, diagnose
 from residual_mpc.diagnosis.document import MODEL_SCHEMA, SCHEMA, to_document
+from residual_mpc.diagnosis.remainder import Learned
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.logs.run import Run
 
@@ -81,7 +82,7 @@ def test_nothing_in_it_is_no_number(case: tuple[str, dict[str, Any]]) -> None:
 
 def test_what_json_has_no_number_for_becomes_null() -> None:
     made = diagnose([rover_run("one", {}, 8.0)], [ROVER], {}, (), Options(), np.random.default_rng(0))
-    d = to_document(replace(made.diagnosis, learned_shrink=float("nan"), unexplained=float("inf")))
+    d = to_document(replace(made.diagnosis, learned=Learned(float("nan")), unexplained=float("inf")))
     assert d["unexplained"] == {"share": None, "learned_residual_shrink": None}
 
 

@@ -19,6 +19,7 @@ def left(document: Document, evidence: Evidence) -> Section | None:
         verdict=document["verdict"],
         share=unexplained.get("share"),
         learned=learned.get("shrink") if shrink is None else shrink,
+        asked=bool(learned.get("asked", True)),
         learned_where=[_place(place) for place in _listed(learned.get("where"))],
         outliers=document.get("outliers"),
         moved=moved,
