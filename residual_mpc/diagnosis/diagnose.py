@@ -109,7 +109,7 @@ def diagnose(
         scales,
         options.search,
         rng,
-        lambda text: progress(text, 0.35),
+        lambda text, done: progress(text, 0.1 + 0.5 * done),
     )
     progress("comparing with rival explanations", 0.6)
     rivalry = find_rivals(found)

@@ -62,7 +62,7 @@ def build_ruler(data: Dataset, space: Space, scales: Scales, base: Fit, rng: np.
 
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 
-Report = Callable[[str], None]
+Report = Callable[[str, float], None]  # what is done, and the share of the search that is behind
 
 
 def search(
@@ -70,7 +70,7 @@ def search(
     scales: Scales,
     settings: SearchSettings,
     rng: np.random.Generator,
-    report: Report = lambda _: None,
+    report: Report = lambda text, done: None,
 ) -> Found:
     """Search on the problem's windows. The problem's own weights are those of the pure sensor noise."""
     noise = 1.0 / problem.weight
@@ -83,7 +83,8 @@ def search(
     while len(beam[0].terms) < settings.largest:
         here = judge(problem, beam[0], noise)
         beam = refit(here, beam[:1]) + refit(here, beam[1:], ROUGH)  # from the others one only looks on
-        report(f"{len(beam[0].terms)} effects named; looking for the next")
+        named = len(beam[0].terms)
+        report(f"{named} effect{'' if named == 1 else 's'} named; looking for the next", named / settings.largest)
         children = simplest_first(additions(here, beam, blocks, settings), blocks)
         # the cheapest set may only polish what nobody would see: the next one may be the cause
         chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
