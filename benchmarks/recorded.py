@@ -69,7 +69,8 @@ ROWS = (
     Row("so101", "so101", "arm of six servos, 35 motions, 54 min",
         "Nobody knows the cause. The published model's servos are far too stiff (kp 998 N m/rad against 6 to 30 "
         "seen), 20 to 40 ms of dead time, 60 to 120 ms to 63 % of a step; the elbow stands about 4 degrees off its "
-        "command."),
+        "command. `check` warns of a stop at -1.03 rad in the wrist's roll, where the model turns on: the one motion "
+        "that meets it was kept back, and is two fifths of the squared gap that is left."),
     Row("so101, other motions", "so101", "the same arm, other motions kept back: each fourth by name",
         "Among those that are fitted is now `single_joint_wrist_roll`, the one motion in which a joint meets a stop "
         "that the model lacks, as `check` says.",

@@ -46,7 +46,9 @@ def causes_of(
             half = float(
                 np.hypot(T95 * sigma[i], FORM * np.sqrt(unexplained) * _dose(k.parameter, value, problem.space.null(k)))
             )
-            estimates.append(Estimate(k.parameter, value, (value - half, value + half), unit))
+            low, high = (-np.inf, np.inf) if k.parameter == "heading" else problem.space.bounds(k)
+            interval = float(max(value - half, min(low, value))), float(min(value + half, max(high, value)))
+            estimates.append(Estimate(k.parameter, value, interval, unit))
         probability = sure * rivalry.shares.get(term, 1.0)
         slots = problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
