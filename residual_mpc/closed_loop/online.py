@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.closed_loop.estimator import Filter
-from residual_mpc.closed_loop.stacks import stack_of
+from residual_mpc.closed_loop.stacks import Driven, stack_of
 from residual_mpc.residual import ukf
 from residual_mpc.residual.filter import Belief, FilterSettings, Measurement
 from residual_mpc.residual.window import Window
@@ -64,8 +64,7 @@ class OnlineLearner:
 
     def learn(self, rows: Sequence[Row]) -> np.ndarray | None:
         """One window, `horizon` + 1 samples in a row: new parameters (np,), or None where it says nothing."""
-        states, z = self._driven(self._filter, rows)
-        window, measured = self._window(rows, states, z)
+        window, measured = self._window(rows, self._driven(self._filter, rows))
         before = self._belief
         after, info = ukf.update(before, window, measured, self._settings.kalman)
         if not info.used:
@@ -95,7 +94,7 @@ class OnlineLearner:
     def cost(self, rows: Sequence[Row], p: np.ndarray) -> float:
         """Robust squares, in sigma, of what parameters p (np,) leave of a window, learned from or not."""
         filter_ = self._filter.with_parameters(p)
-        _, measured = self._window(rows, *self._driven(filter_, rows))
+        _, measured = self._window(rows, self._driven(filter_, rows))
         return self._cost(filter_, rows, measured, np.sqrt(np.diag(measured.noise)))
 
     def _parameters(self, theta: np.ndarray) -> np.ndarray:
@@ -103,25 +102,22 @@ class OnlineLearner:
         p[len(p) - len(theta) :] = theta
         return p
 
-    def _driven(self, filter_: Filter, rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
-        """(n + 1, nx) states from the first belief on, and (n, inputs) what the network saw."""
-        states = [rows[0][0]]
-        for _, u, _ in rows[:-1]:
-            states.append(filter_.drive(states[-1], u))
-        return np.array(states), self._stack.inputs(np.array(states), np.array([u for _, u, _ in rows[:-1]]))
+    def _driven(self, filter_: Filter, rows: Sequence[Row]) -> Driven:
+        believed, commands = (np.array([row[i] for row in rows[:-1]]) for i in (0, 1))
+        return self._stack.driven(filter_.drive, believed, commands)
 
     def _cost(self, filter_: Filter, rows: Sequence[Row], measured: Measurement, sigma: np.ndarray) -> float:
         """Robust squares of what the window leaves, so that one spike decides nothing."""
-        states, _ = self._driven(filter_, rows)
-        if not np.isfinite(states).all():
+        at = self._driven(filter_, rows).positions
+        if not np.isfinite(at).all():
             return np.inf
-        e = (measured.reference - self._stack.positions(states)[1:].T.ravel()) / sigma
+        e = (measured.reference - at[1:].T.ravel()) / sigma
         return float(np.nansum(np.minimum(e * e, 3.0 * np.abs(e))))
 
-    def _window(self, rows: Sequence[Row], states: np.ndarray, z: np.ndarray) -> tuple[Window, Measurement]:
+    def _window(self, rows: Sequence[Row], driven: Driven) -> tuple[Window, Measurement]:
         r, n, s = self._residual, self._settings.horizon, self._settings
-        at = self._stack.positions(states)  # (n + 1, 3)
-        scaled = r.scaled(z)
+        at = driven.positions
+        scaled = r.scaled(driven.z)
         readout = self._stack.readout(at)
         bare = Window(r.net, scaled, np.zeros(3 * n), r.output_scale, readout)
         offset = at[1:].T.ravel() - bare.predict(self._belief.mean)

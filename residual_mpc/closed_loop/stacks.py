@@ -1,5 +1,6 @@
 """How what a network adds in each step of a window stacks up to what is measured after it: one record a form."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,16 +10,24 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.residual.record import Residual
 
+Drive = Callable[[np.ndarray, np.ndarray], np.ndarray]  # x (nx,), u (nu,) -> x a sample later (nx,)
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """A window of n steps as the model has it: z (n, inputs) what the network saw, physical units; positions
+    (n + 1, 3) m, m, rad or m, from the window's beginning on.
+    """
+
+    z: np.ndarray
+    positions: np.ndarray
+
 
 class Stack(Protocol):
-    """Of a window of n steps: states (n + 1, nx), commands (n, nu), positions (n + 1, 3)."""
+    """Of a window of n steps, positions (n + 1, 3)."""
 
-    def inputs(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """(n, inputs) what the network saw, physical units."""
-        ...
-
-    def positions(self, states: np.ndarray) -> np.ndarray:
-        """(n + 1, 3) m, m, rad or m that the model predicts."""
+    def driven(self, drive: Drive, believed: np.ndarray, commands: np.ndarray) -> Driven:
+        """The window with the model's `drive`, from what was believed at its samples, (n, nx), and sent, (n, nu)."""
         ...
 
     def measured(self, poses: np.ndarray, positions: np.ndarray) -> np.ndarray:
@@ -41,12 +50,13 @@ class BodyStack:
     model: Augmented
     residual: Residual
 
-    def inputs(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    def driven(self, drive: Drive, believed: np.ndarray, commands: np.ndarray) -> Driven:
+        states = [believed[0]]  # what is learned moves the state itself: one belief, and the model from there on
+        for u in commands:
+            states.append(drive(states[-1], u))
+        x = np.array(states)
         last = [self.model.stepped.states.index(f"last.{o}") for o in self.residual.outputs]
-        return np.hstack([states[:-1, last], commands])
-
-    def positions(self, states: np.ndarray) -> np.ndarray:
-        return self.model.outputs(states)
+        return Driven(np.hstack([x[:-1, last], commands]), self.model.outputs(x))
 
     def measured(self, poses: np.ndarray, positions: np.ndarray) -> np.ndarray:
         y = poses.copy()
@@ -76,17 +86,23 @@ class BodyStack:
 
 @dataclass(frozen=True, eq=False)
 class TaskStack:
-    """Velocities added to that of an arm's tool, which its joints' angles tell of."""
+    """Velocities added to that of an arm's tool, which its joints' angles tell of.
+
+    Each velocity is predicted from the joints as they were believed at its own sample, as in eq. (fk_prop). What is
+    learned moves no joint: driven from the window's beginning alone, the model's joints would soon be elsewhere, and
+    the network would learn of rates that no controller will ever show it.
+    """
 
     model: Augmented
     residual: Residual
 
-    def inputs(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    def driven(self, drive: Drive, believed: np.ndarray, commands: np.ndarray) -> Driven:
+        after = np.array([drive(x, u) for x, u in zip(believed, commands, strict=True)])
         joints = [self.model.stepped.states.index(i.replace("velocity.", "position.")) for i in self.residual.inputs]
-        return np.asarray(np.diff(states[:, joints], axis=0) / self.model.build.dt)
-
-    def positions(self, states: np.ndarray) -> np.ndarray:
-        return self.model.outputs(states)[:, :3]
+        before = self.model.outputs(believed)[:, :3]
+        moved = np.cumsum(self.model.outputs(after)[:, :3] - before, axis=0)
+        z = (after - believed)[:, joints] / self.model.build.dt
+        return Driven(z, before[0] + np.vstack([np.zeros(3), moved]))
 
     def measured(self, poses: np.ndarray, positions: np.ndarray) -> np.ndarray:
         at = self.model.stepped.poses
