@@ -36,7 +36,10 @@ CONTROL = MpcSettings(
     limits=Limits(LOWER, UPPER, rate=SCALER.speed),
 )
 ESTIMATOR = EstimatorSettings(noise=(2e-4,) * 6, drift=(0.005,) * 6, disturbance=(0.05,) * 6)
-ONLINE = OnlineSettings(noise=(1e-4,) * 3, other=(5e-4,) * 3, kalman=FilterSettings(process=1e-6))
+# An update a tenth of a second: weights that predict better than none are in the controller after two of them
+ONLINE = OnlineSettings(horizon=10, noise=(1e-4,) * 3, other=(5e-4,) * 3, kalman=FilterSettings(process=1e-6))
+# Each pass counts every window as if it were new: a smaller variance keeps the practice from being believed too much
+TEACHING = replace(ONLINE, horizon=20, variance=0.01)
 # What a network starts from, before any data: rates of slow circles, and a tenth of the tool's speed to learn
 TYPICAL = np.full(len(MOTORS), 0.3)  # rad/s
 TO_LEARN = np.full(3, 0.01)  # m/s
@@ -123,8 +126,8 @@ def taught(robot: ServoArm, runs: tuple[Run, ...], effects: Values, blank: Resid
     """
     model = augment(robot, effects, blank, Build(DT))
     estimator = build_filter(model, ESTIMATOR)
-    learner = OnlineLearner(estimator, ONLINE)
-    windows = [w for run in runs for w in _windows(run, estimator, ONLINE.horizon)]
+    learner = OnlineLearner(estimator, TEACHING)
+    windows = [w for run in runs for w in _windows(run, estimator, TEACHING.horizon)]
     seen = [w for i, w in enumerate(windows) if i % KEPT]
     rng = np.random.default_rng(seed)
     for _ in range(PASSES):
