@@ -298,4 +298,3 @@ def _judge(
 def _with_luck(draws: np.ndarray) -> float:
     """The gap that noise hardly ever exceeds, from squared gaps that it alone made."""
     return float(np.sqrt(draws.mean() + LUCK * draws.std(ddof=1)))
-
