@@ -40,7 +40,9 @@ def test_a_stop_is_found_where_it_is(side: float, end: float) -> None:
     assert f"stays at {end:.3g}"[:13] in found[0].message and found[0].row is not None
 
 
-@pytest.mark.parametrize("bend", [lambda u: u, lambda u: 0.6 * u, stuck, lambda u: 0.0 * u + 0.2], ids=str)
+@pytest.mark.parametrize(
+    "bend", [lambda u: u, lambda u: 0.6 * u, stuck, lambda u: 0.0 * u + 0.2], ids=["follows", "weak", "sticks", "rests"]
+)
 def test_what_follows_sticks_or_rests_is_not_stopped(bend: Bend) -> None:
     assert check_stops([bent(bend, seed) for seed in range(3)], ARM) == []
 
