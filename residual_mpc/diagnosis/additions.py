@@ -5,7 +5,7 @@ from typing import TypeVar
 import numpy as np
 
 from residual_mpc.diagnosis.evidence import dispersion
-from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible
+from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import compared_mask, screen, smaller
 from residual_mpc.diagnosis.search_settings import SearchSettings
@@ -32,7 +32,7 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
 
     Empty where not even a generous reading of the screening promises anything beyond doubt: no fit is spent on it then.
     """
-    starts: list[Values] = []
+    starts: list[tuple[Fit, Values]] = []
     promised = 0.0
     eligible = problem.space.candidates
     for place, parent in enumerate(beam):
@@ -43,31 +43,36 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
         if place == 0 and len(beam) > 1:
             near = {lead.term for lead in ranked[: len(ranked) // PROMISING]}.union(parent.terms)
             eligible = tuple(c for c in eligible if c in near)
-        starts += [{**parent.values, **lead.start} for lead in ranked[: settings.shortlist // (1 + place)]]
+        starts += [(parent, {**parent.values, **lead.start}) for lead in ranked[: settings.shortlist // (1 + place)]]
         promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
     if GENEROUS * promised < settings.beyond_doubt:
         return []
     small, weight = smaller(problem, beam[0])
     margin = HOPELESS * dispersion(beam[0], blocks)
-    first = in_turn(small, fit_all(small, starts, 1, rough=True))[: settings.shortlist]
-    rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True)
+    parents = {id(parent): on_problem(small, parent) for parent in beam}
+    begun = fit_all(small, [s for _, s in starts], 1, rough=True, near=[parents[id(p)] for p, _ in starts])
+    first = in_turn(small, begun)[: settings.shortlist]
+    rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True, near=first)
     finalists = distinct(in_turn(small, rough))[: settings.finalists + (2 if len(beam) > 1 else 0)]
-    fits = closer(problem, small, weight, [f.values for f in finalists], margin)
-    return distinct(sorted(filter(is_sensible, fits), key=lambda f: f.cost))
+    fits = closer(problem, small, weight, finalists, margin)
+    children = distinct(sorted(filter(is_sensible, fits), key=lambda f: f.cost))
+    return [on_problem(problem, children[0]), *children[1:]] if children else []
 
 
 def closer(
     problem: Problem,
     small: Problem,
     weight: float,
-    starts: list[Values],
+    begun: list[Fit],
     margin: float,
     mark: tuple[float, float] = NONE,
 ) -> list[Fit]:
-    """The starts fitted on the thinned problem, and the last steps on the whole; those that end up by more than the
-    margin above the cheapest, or above the marks (costs on either), are left on the way. The order is kept."""
-    near = fit_all(small, starts, race=Race(margin / weight, mark[0]), rough=True)
-    return fit_all(problem, [f.values for f in near], ROUGH, race=Race(margin, mark[1]))
+    """What was begun on the thinned problem fitted there, and the last steps on the whole; those that end up by more
+    than the margin above the cheapest, or above the marks (costs on either), are left on the way. The order is kept,
+    the Jacobians are rough."""
+    race = Race(margin / weight, mark[0])
+    near = fit_all(small, [f.values for f in begun], race=race, rough=True, near=begun)
+    return fit_all(problem, [f.values for f in near], ROUGH, race=Race(margin, mark[1]), rough=True)
 
 
 def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:

@@ -17,7 +17,7 @@ from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_
 from residual_mpc.diagnosis.how_far import Shrink, expected_errors, foretold, shrink_of
 from residual_mpc.diagnosis.learner import RidgeLearner
 from residual_mpc.diagnosis.next_experiment import next_experiment
-from residual_mpc.diagnosis.problem import Problem, build_problem, part_of, reweigh, start_sensitivity
+from residual_mpc.diagnosis.problem import Problem, build_problem, part_of
 from residual_mpc.diagnosis.records import Diagnosis, GapFigures, Verdict
 from residual_mpc.diagnosis.remainder import NOTHING, Learner, learn, remainder_of
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
@@ -150,7 +150,7 @@ def polish(problem: Problem, starts: list[Values], steps: int) -> list[Fit]:
 
 def problem_like(data: Dataset, space: Space, like: Problem) -> Problem:
     """The problem on other windows with the weights of one that is there."""
-    return reweigh(data, space, start_sensitivity(data, space, {}), 1.0 / like.weight)
+    return build_problem(data, space, 1.0 / like.weight)
 
 
 def _heed_witnesses(problem: Problem, final: Fit, options: Options) -> tuple[Fit, tuple[Term, ...]]:

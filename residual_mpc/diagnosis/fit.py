@@ -5,7 +5,7 @@ dampings are tried at once, since rows of a batch are cheap.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -60,6 +60,7 @@ class _Run:
     ratio: np.ndarray  # bool: whether it multiplies a nominal number
     r: np.ndarray
     cost: float
+    lent: dict[int, np.ndarray] = field(default_factory=dict)  # knob's place -> column of a fit that it starts from
     jacobian: np.ndarray | None = None
     stale: int = SECANTS + 1  # steps since the Jacobian was measured, more than SECANTS before it ever was
     damping: float = 1e-2
@@ -81,17 +82,20 @@ def fit_all(
     race: "Race | None" = None,
     secants: int = SECANTS,
     rough: bool = False,
+    near: "Sequence[Fit | None]" = (),
 ) -> list[Fit]:
     """Fit each start's own knobs; the result keeps the order. Memory grows with len(starts) * knobs * samples.
 
     race: which fits are left where they are once they cannot come first. secants: steps on a Jacobian that is
     updated by what the steps showed (see `_advance`); it is measured at the end, save for what was left behind, and
-    unless it is wanted `rough`.
+    unless it is wanted `rough`. near: for each start a fit on this problem whose derivatives by the knobs that the two
+    share will do for the first steps.
     """
     if not starts:
         return []
     residuals = problem.residuals(starts)
-    runs = [_begin(problem, s, r) for s, r in zip(starts, residuals, strict=True)]
+    lenders = near or [None] * len(starts)
+    runs = [_begin(problem, s, r, n) for s, r, n in zip(starts, residuals, lenders, strict=True)]
     for _ in range(most):
         active = [run for run in runs if not run.done and run.knobs]
         if not active:
@@ -111,20 +115,25 @@ def _leave_behind(runs: list[_Run], reach: float) -> None:
             run.done = run.behind = True
 
 
-def _begin(problem: Problem, start: Values, r: np.ndarray) -> _Run:
+def _begin(problem: Problem, start: Values, r: np.ndarray, near: Fit | None = None) -> _Run:
     knobs = tuple(start)
     scale = np.array([problem.space.scale(k) for k in knobs])
     bounds = np.array([problem.space.bounds(k) for k in knobs]).reshape(-1, 2) / scale.reshape(-1, 1)
     x = np.array([start[k] for k in knobs]) / scale
     ratio = np.array([problem.space.null(k) == 1.0 and k.effect != TUNE for k in knobs], dtype=bool)
-    return _Run(knobs, x, bounds[:, 0], bounds[:, 1], scale, ratio, r, float(np.sum(r * r)))
+    shared = () if near is None else (k for k in knobs if k in near.knobs)
+    lent = {} if near is None else {knobs.index(k): near.jacobian[..., near.knobs.index(k)] for k in shared}
+    return _Run(knobs, x, bounds[:, 0], bounds[:, 1], scale, ratio, r, float(np.sum(r * r)), lent)
 
 
 def _derive(problem: Problem, runs: list[_Run]) -> None:
+    """Measure the Jacobians, save for the columns that a run begins with."""
     rows: list[Values] = []
     steps: list[float] = []
     for run in runs:
         for i in range(len(run.knobs)):
+            if i in run.lent:
+                continue
             # a delay's or play's derivative at its null is one-sided; away from it the upper side serves as well
             step = min(STEP, PART * abs(run.x[i])) if run.ratio[i] else STEP
             step = step if run.x[i] + step <= run.high[i] else -step
@@ -136,11 +145,15 @@ def _derive(problem: Problem, runs: list[_Run]) -> None:
         moved = problem.residuals(rows)
     at = 0
     for run in runs:
-        n = len(run.knobs)
-        columns = [(moved[at + i] - run.r) / steps[at + i] for i in range(n)]
-        run.jacobian = np.stack(columns, axis=-1) if n else np.zeros((*run.r.shape, 0))
-        run.stale = 0
-        at += n
+        columns = []
+        for i in range(len(run.knobs)):
+            if i in run.lent:
+                columns.append(run.lent[i])
+            else:
+                columns.append((moved[at] - run.r) / steps[at])
+                at += 1
+        run.jacobian = np.stack(columns, axis=-1) if columns else np.zeros((*run.r.shape, 0))
+        run.stale, run.lent = (1 if run.lent else 0), {}
 
 
 def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.local_fit import local_fit
 from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.space import Space
 from residual_mpc.models.settings import Values
 
@@ -23,10 +24,12 @@ START_INFLATION = 3.0  # on the start's standard deviation: its own noise is als
 @dataclass(frozen=True)
 class Problem:
     """data: the windows judged; space: the hypotheses; sensitivity (W, M * C, k): prediction moved by one sigma of
-    each start coordinate, channel units; weight (C,) 1 / standard deviation of each channel's residual."""
+    each start coordinate, channel units; weight (C,) 1 / standard deviation of each channel's residual; replays: the
+    predictions on these windows, which know what was asked before."""
 
     data: Dataset
     space: Space
+    replays: Replays
     sensitivity: np.ndarray
     weight: np.ndarray
     basis: np.ndarray  # (W, M * C, k) orthonormal
@@ -35,7 +38,7 @@ class Problem:
 
     def residuals(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M * C) whitened; a missing sample is 0, a diverged prediction inf."""
-        return self.whiten(predict(self.data, self.space.settings(hypotheses)))
+        return self.whiten(self.replays(hypotheses))
 
     def whiten(self, predicted: np.ndarray) -> np.ndarray:
         """As `residuals`, from predictions (H, W, M, C)."""
@@ -53,22 +56,29 @@ class Problem:
 
 def build_problem(data: Dataset, space: Space, sigma: np.ndarray) -> Problem:
     """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better."""
-    return reweigh(data, space, start_sensitivity(data, space, {}), sigma)
+    return weighed(Replays(data, space), start_sensitivity(data, space, {}), sigma)
 
 
-def reweigh(data: Dataset, space: Space, sensitivity: np.ndarray, sigma: np.ndarray) -> Problem:
+def reweigh(problem: Problem, sigma: np.ndarray) -> Problem:
     """The same problem with other standard deviations."""
+    return weighed(problem.replays, problem.sensitivity, sigma)
+
+
+def weighed(replays: Replays, sensitivity: np.ndarray, sigma: np.ndarray) -> Problem:
+    """The problem on the windows of `replays`."""
     weight = 1.0 / sigma
     w, n, k = sensitivity.shape
     scaled = sensitivity.reshape(w, -1, len(sigma), k) * weight[None, None, :, None]
     basis, s, _ = np.linalg.svd(scaled.reshape(w, n, k), full_matrices=False)
-    return Problem(data, space, sensitivity, weight, basis, 1.0 - 1.0 / np.sqrt(1.0 + s**2))
+    shrink = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
+    return Problem(replays.data, replays.space, replays, sensitivity, weight, basis, shrink)
 
 
 def part_of(problem: Problem, keep: np.ndarray, times: np.ndarray | None = None) -> Problem:
     """The problem on the windows where the mask (W,) is true, with the same weights; `times`: how many windows of the
     problem each one that is kept stands for (None: itself alone)."""
-    small = reweigh(problem.data.take(keep), problem.space, problem.sensitivity[keep], 1.0 / problem.weight)
+    replays = problem.replays.of(problem.data.take(keep), keep)
+    small = weighed(replays, problem.sensitivity[keep], 1.0 / problem.weight)
     if problem.count is None and times is None:
         return small
     one = np.ones(small.data.count)

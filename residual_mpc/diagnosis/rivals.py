@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.additions import HOPELESS, ROUGH, closer, compatible
-from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible
+from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import screen, smaller
 from residual_mpc.diagnosis.search import ALIKE, Found, without
@@ -69,7 +69,7 @@ def find_rivals(found: Found) -> Rivalry:
         better = min(rivals, key=lambda r: r.ratio, default=None)
         if better is None or better.ratio > -6.0:
             break
-        fit = better.fit
+        fit = on_problem(found.problem, better.fit)
     groups = _groups(rivals)
     preferred, groups = _prefer_first(fit, rivals, groups)
     return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
@@ -81,7 +81,7 @@ def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
         values = fit.values
         for t in gone:
             values = without(values, t)
-        rest = fit_all(problem, [values], 4)[0]
+        rest = fit_all(problem, [values], 4, near=[fit])[0]
         kept = rest.terms
         candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
         starts: list[Values] = []
@@ -117,14 +117,14 @@ def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: floa
         return []
     small, weight = smaller(problem, rest)
     chosen = float(np.sum(small.residuals([fit.values])[0] ** 2))
-    rough = fit_all(small, starts, ROUGH, rough=True)
+    rough = fit_all(small, starts, ROUGH, rough=True, near=[on_problem(small, rest)] * len(starts))
     near = [weight * (r.cost - chosen) < HOPELESS * phi for r in rough]
     ends = iter(
         closer(
             problem,
             small,
             weight,
-            [r.values for r, n in zip(rough, near, strict=True) if n],
+            [r for r, n in zip(rough, near, strict=True) if n],
             HOPELESS * phi,
             (chosen, fit.cost),
         )

@@ -10,7 +10,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.fit import Fit, on_problem
-from residual_mpc.diagnosis.problem import Problem, part_of, reweigh
+from residual_mpc.diagnosis.problem import Problem, part_of, weighed
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -104,7 +104,7 @@ def smaller(problem: Problem, current: Fit) -> tuple[Problem, float]:
     m, c = few.y.shape[1:]
     k = problem.sensitivity.shape[2]
     sensitivity = problem.sensitivity.reshape(data.count, -1, c, k)[pick, :m].reshape(len(few.start), m * c, k)
-    small = replace(reweigh(few, problem.space, sensitivity, 1.0 / problem.weight), count=stands_for[pick])
+    small = replace(weighed(problem.replays.of(few, pick), sensitivity, 1.0 / problem.weight), count=stands_for[pick])
     # errors grow within a window, so that the half that is left out holds more of a drop in cost than its samples say
     return small, GROWTH * data.y.shape[1] / m if half is not data else 1.0
 

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.additions import HOPELESS, ROUGH, additions
-from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import Fit, Race, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.problem import Problem, reweigh
-from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.search_settings import SearchSettings
-from residual_mpc.diagnosis.space import Space
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 
@@ -43,21 +41,22 @@ class Found:
 class Ruler:
     """Squared gaps on the search's windows: what an engineer would see, beside what a likelihood sees."""
 
-    data: Dataset
-    space: Space
+    replays: Replays
     scales: Scales
     floor: float  # squared gap of a perfect model
 
     def squared(self, fits: list[Fit]) -> np.ndarray:
         """(H,) squared gap of each fit."""
-        predicted = predict(self.data, self.space.settings([f.values for f in fits]))
-        return np.array([gap_of(self.data, self.scales, self.data.y - p).total ** 2 for p in predicted])
+        data = self.replays.data
+        predicted = self.replays([f.values for f in fits])
+        return np.array([gap_of(data, self.scales, data.y - p).total ** 2 for p in predicted])
 
 
-def build_ruler(data: Dataset, space: Space, scales: Scales, base: Fit, rng: np.random.Generator) -> Ruler:
+def build_ruler(replays: Replays, scales: Scales, base: Fit, rng: np.random.Generator) -> Ruler:
     """The ruler of a search; its floor comes from noise drawn by rng."""
-    errors = noise_errors(data, space.settings([base.values]), rng, 2)
-    return Ruler(data, space, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
+    data = replays.data
+    errors = noise_errors(data, replays.space.settings([base.values]), rng, 2)
+    return Ruler(replays, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
 
 
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
@@ -77,7 +76,7 @@ def search(
     blocks = blocks_of(problem.data)
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
     base = fit_all(problem, [base_values])[0]
-    ruler = build_ruler(problem.data, problem.space, scales, base, rng)
+    ruler = build_ruler(problem.replays, scales, base, rng)
     beam, steps = [base], list[Step]()
     seen = {frozenset(base.terms)}
     while len(beam[0].terms) < settings.largest:
@@ -103,11 +102,11 @@ def search(
 
 def judge(problem: Problem, fit: Fit, noise: np.ndarray) -> Problem:
     """The problem with each channel weighed by what this fit leaves of it, never less than its noise."""
-    plain = reweigh(problem.data, problem.space, problem.sensitivity, noise)
+    plain = reweigh(problem, noise)
     r = plain.residuals([fit.values])[0].reshape(*problem.data.y.shape)
     seen = np.isfinite(problem.data.y)
     left = np.sqrt(np.sum(r * r, axis=(0, 1)) / np.maximum(seen.sum(axis=(0, 1)), 1))
-    return reweigh(problem.data, problem.space, problem.sensitivity, noise * np.maximum(left, 1.0))
+    return reweigh(problem, noise * np.maximum(left, 1.0))
 
 
 def refit(problem: Problem, fits: list[Fit], most: int = 6) -> list[Fit]:
@@ -178,7 +177,8 @@ def prune(
         here = judge(problem, current, noise)
         full = refit(here, [current])[0]
         race = Race(HOPELESS * dispersion(full, blocks))
-        fewer = fit_all(here, [without(full.values, t) for t in full.terms], ROUGH, race=race, rough=True)
+        starts = [without(full.values, t) for t in full.terms]
+        fewer = fit_all(here, starts, ROUGH, race=race, rough=True, near=[full] * len(starts))
         weakest = min(fewer, key=lambda f: f.cost)
         if convincing(problem, ruler, weakest, full, base, blocks, settings):
             return full
