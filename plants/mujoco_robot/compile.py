@@ -60,7 +60,7 @@ def compile_model(path: str, actuators: Mapping[str, Actuator] | None = None) ->
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"MuJoCo does not compile this model: {reason}", path, "mend the model file") from error
-    return spec, limited(model)
+    return spec, prepared(model)
 
 
 def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) -> None:
@@ -89,11 +89,15 @@ def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) ->
             added.forcelimited, added.forcerange = True, (-given.limit, given.limit)
 
 
-def limited(model: "mujoco.MjModel") -> "mujoco.MjModel":
-    """The model itself, with a force range on every actuator."""
+def prepared(model: "mujoco.MjModel") -> "mujoco.MjModel":
+    """The model itself, with a force range on every actuator, and its constraints solved as one: in a robot they hang
+    together, and to look for islands among them takes a fifth of a step."""
+    import mujoco
+
     free = model.actuator_forcelimited == 0
     model.actuator_forcerange[free] = (-NO_LIMIT, NO_LIMIT)
     model.actuator_forcelimited[:] = 1
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
     return model
 
 

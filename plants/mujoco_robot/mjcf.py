@@ -8,7 +8,7 @@ import numpy as np
 
 from plants.mujoco_robot.between import between_steps
 from plants.mujoco_robot.channels import write_start
-from plants.mujoco_robot.compile import NO_LIMIT, limited
+from plants.mujoco_robot.compile import NO_LIMIT, prepared
 from plants.mujoco_robot.edits import edit_batch
 from plants.mujoco_robot.gears import ON_GEARS
 from plants.mujoco_robot.wheels import ON_WHEELS
@@ -137,7 +137,7 @@ def _apart(robot: "MujocoRobot", settings: Settings, spec: "mujoco.MjSpec") -> t
     at how many samples."""
     import mujoco
 
-    model = limited(spec.compile())
+    model = prepared(spec.compile())
     steps, nu = round(SECONDS / robot.step), robot.model.nu
     t = robot.step * np.arange(steps)
     rng = np.random.default_rng(0)

@@ -24,11 +24,11 @@ def build(robot: RobotFile) -> "MujocoRobot":
     """
     import mujoco
 
-    from plants.mujoco_robot.compile import limited
+    from plants.mujoco_robot.compile import prepared
     from plants.scaler_arm.stepping_arm import SteppingArm
 
     arm = with_servo(SCALER, robot)
-    model = limited(mujoco.MjModel.from_xml_string(mjcf(arm)))
+    model = prepared(mujoco.MjModel.from_xml_string(mjcf(arm)))
     places, dofs = (
         tuple(int(x) for n in MOTORS + PASSIVE for x in getattr(model.joint(n), kind)) for kind in ("qposadr", "dofadr")
     )

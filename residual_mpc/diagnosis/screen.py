@@ -19,8 +19,10 @@ GROWTH = 3.0  # of the whole window's cost over the half's, relative to samples:
 LATE = 0.1  # of what is left in the windows' first halves: with less the screening looks at whole ones
 SHORTEST = 0.6  # s: windows of this length are not cut again
 FEWEST = 12  # windows
+FEWEST_QUICK = 6  # for a first look
+CLEAR = 4.0  # times what a probe has to move that leave no doubt from few windows
 STEPS = 6_000  # simulation steps that one probe may cost
-MANY = 700_000  # that all probes may cost before the worse half of them is looked at less closely
+MANY = 700_000  # that all probes may cost before the worse of them are looked at less closely
 
 
 @dataclass(frozen=True)
@@ -40,23 +42,48 @@ class Lead:
 def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list[Lead]:
     """The best lead of each probe, largest gain first; probes of the same term stay apart.
 
-    Where there are many probes (an arm of many joints), all of them are tried on a third of the windows, and only the
-    better half of them on the others as well: better by either of the two gains.
+    Where there are many probes (an arm of many joints), all of them are tried on a quarter of the windows, and only
+    the better third of them on the others as well: better by either of the two gains.
     """
     small, weight = smaller(problem, current)
     if small is not problem:
         current = on_problem(small, current)
-    probes = [(term, p) for term in candidates for p in small.space.probes(term)]
+    probes = _probes(problem, candidates)
     if len(probes) * _steps(small) <= MANY:
         return sorted(_leads(small, current, probes, weight), key=_gain)
-    third = drawn(current.per_window, max(FEWEST, small.data.count // 3))
-    quick = part_of(small, third > 0, third[third > 0])
-    leads = _leads(quick, on_problem(quick, current), probes, weight)
-    half = len(leads) // 2
-    good = {id(lead) for key in (_gain, _compared) for lead in sorted(leads, key=key)[:half]}
+    leads = _glance(small, current, probes, weight)
+    third = len(leads) // 3
+    good = {id(lead) for key in (_gain, _compared) for lead in sorted(leads, key=key)[:third]}
     again = [p for p, lead in zip(probes, leads, strict=True) if id(lead) in good]
     leads = [lead for lead in leads if id(lead) not in good] + _leads(small, current, again, weight)
     return sorted(leads, key=_gain)
+
+
+def reaches(problem: Problem, current: Fit, candidates: tuple[Term, ...], enough: float) -> dict[Term, float]:
+    """How far each candidate's strongest probe moves the prediction, as in Lead; where it is beyond `enough` by much,
+    from a glance at few windows."""
+    small, weight = smaller(problem, current)
+    if small is not problem:
+        current = on_problem(small, current)
+    reach: dict[Term, float] = {}
+    for lead in _glance(small, current, _probes(problem, candidates), weight):
+        reach[lead.term] = max(reach.get(lead.term, 0.0), lead.reach)
+    doubtful = tuple(t for t in candidates if reach[t] < CLEAR * enough)
+    reach |= dict.fromkeys(doubtful, 0.0)
+    for lead in _leads(small, current, _probes(problem, doubtful), weight):
+        reach[lead.term] = max(reach[lead.term], lead.reach)
+    return reach
+
+
+def _probes(problem: Problem, terms: tuple[Term, ...]) -> list[tuple[Term, Values]]:
+    return [(term, p) for term in terms for p in problem.space.probes(term)]
+
+
+def _glance(problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float) -> list[Lead]:
+    """The leads by a quarter of the windows."""
+    quarter = drawn(current.per_window, max(FEWEST_QUICK, problem.data.count // 4))
+    quick = part_of(problem, quarter > 0, quarter[quarter > 0])
+    return _leads(quick, on_problem(quick, current), probes, weight)
 
 
 def _leads(problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float) -> list[Lead]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from residual_mpc.diagnosis.fit import Fit
 from residual_mpc.diagnosis.problem import Problem
-from residual_mpc.diagnosis.screen import screen
+from residual_mpc.diagnosis.screen import reaches
 from residual_mpc.models.settings import Term
 
 VISIBLE = 6.0  # whitened norm: below it even a strong dose stays within the noise
@@ -34,12 +34,10 @@ class NotTestable:
 
 def not_testable(problem: Problem, base: Fit, terms: tuple[Term, ...]) -> tuple[NotTestable, ...]:
     """The candidates that even their strongest probe does not show; `terms` are never among them."""
-    reach: dict[Term, float] = {}
-    for lead in screen(problem, base, problem.space.candidates):
-        reach[lead.term] = max(reach.get(lead.term, 0.0), lead.reach)
+    reach = reaches(problem, base, problem.space.candidates, VISIBLE)
     ruled_out = tuple(NotTestable(t, why) for t, why in problem.space.ruled_out.items())
     return ruled_out + tuple(
         NotTestable(t, WHY.get(t.effect, "its strongest plausible dose moves the prediction by less than the noise"))
         for t in problem.space.candidates
-        if reach.get(t, 0.0) < VISIBLE and t not in terms
+        if reach[t] < VISIBLE and t not in terms
     )
