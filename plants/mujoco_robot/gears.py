@@ -102,12 +102,12 @@ def split(robot: "MujocoRobot", joints: tuple[str, ...]) -> "MujocoRobot":
         behind = motor.parent.add_joint(name=_behind(name), type=motor.type, axis=motor.axis, pos=motor.pos)
         if motor.frame is not None:
             behind.set_frame(motor.frame)
-        spring = spec.add_tendon(name=_behind(name), springlength=(0.0, 0.0), prepared=False)
+        spring = spec.add_tendon(name=_behind(name), springlength=(0.0, 0.0), limited=False)
         spring.wrap_joint(_behind(name), 1.0)
         number = plain.joint(name).id
         if plain.jnt_limited[number]:
             low, high = plain.jnt_range[number].tolist()
-            stop = spec.add_tendon(name=f"{name} stop", prepared=True, range=(low, high), springlength=(0.0, 0.0))
+            stop = spec.add_tendon(name=f"{name} stop", limited=True, range=(low, high), springlength=(0.0, 0.0))
             stop.solref_limit, stop.solimp_limit = plain.jnt_solref[number], plain.jnt_solimp[number]
             stop.margin = float(plain.jnt_margin[number])
             stop.wrap_joint(name, 1.0)
