@@ -46,8 +46,8 @@ class Options:
     """horizon s; only, without: effect names; held_out: what is kept back (None: chosen); search: see SearchSettings.
 
     search_steps: simulation steps that one hypothesis may cost in the search (windows are thinned evenly to that);
-    final_steps: likewise in the last fit but for its last steps, and in the shares of the stages; a perfect model may
-    cost 24 times that.
+    final_steps: likewise in the last fit but for its last steps, and half of it in the shares of the stages; a perfect
+    model may cost 24 times that.
     floor_margin: a gap within this factor of the noise floor is no gap; on development seeds perfect wheeled robots
     came within 1.1.
     """
@@ -104,8 +104,9 @@ def diagnose(
     # a step of a small robot costs less: a servo on the bench is looked at more closely than an arm
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 2.0))
     few = well_begun(thin(fitting, budget), scales, rng)
+    by_noise = build_problem(few, space, few.sigma)
     found = search(
-        build_problem(few, space, few.sigma),
+        by_noise,
         scales,
         options.search,
         rng,
@@ -113,7 +114,7 @@ def diagnose(
     )
     progress("comparing with rival explanations", 0.6)
     rivalry = find_rivals(found)
-    untestable = not_testable(build_problem(few, space, few.sigma), found.base, rivalry.fit.terms)
+    untestable = not_testable(by_noise, found.base, rivalry.fit.terms)
 
     progress("fitting on all windows", 0.75)
     problem = problem_like(fitting, space, found.problem)
@@ -144,7 +145,7 @@ def polish(problem: Problem, starts: list[Values], steps: int) -> list[Fit]:
     few = evenly(problem.data, steps)
     if few.all():
         return fit_all(problem, starts, POLISH, POLISH_TOLERANCE, secants=0)
-    near = fit_all(part_of(problem, few), starts, POLISH, POLISH_TOLERANCE, secants=0)
+    near = fit_all(part_of(problem, few), starts, POLISH, POLISH_TOLERANCE, rough=True)
     return fit_all(problem, [f.values for f in near], LAST, POLISH_TOLERANCE, secants=0)
 
 
@@ -248,7 +249,7 @@ def _judge(
     sure = most_sure(verdict, share)
     causes = causes_of(final, problem, rivalry, outliers, with_outliers, share, sure) if helps else ()
     gaps = everywhere["before"], everywhere["after"], floor_everywhere
-    steps, stages = staged(after_data, scales, space, final if helps else None, gaps, options.final_steps)
+    steps, stages = staged(after_data, scales, space, final if helps else None, gaps, options.final_steps // 2)
     channel_floor = np.sqrt(np.mean([gap_of(after_data, scales, e, test).channels ** 2 for e in floors], axis=0))
     figures = GapFigures(
         nominal=g["nominal"].total,

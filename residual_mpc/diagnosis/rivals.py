@@ -87,7 +87,7 @@ def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
         starts: list[Values] = []
         if len(gone) == 1:
             seen = {gone[0]}
-            leads = screen(problem, rest, candidates)
+            leads = screen(problem, rest, candidates, closely=False)
             own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
             for lead in leads:
                 if lead.term not in seen and len(starts) < LOOKED_AT and lead.gain > RESEMBLES * own:

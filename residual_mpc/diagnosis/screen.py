@@ -39,11 +39,11 @@ class Lead:
     reach: float
 
 
-def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list[Lead]:
+def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...], closely: bool = True) -> list[Lead]:
     """The best lead of each probe, largest gain first; probes of the same term stay apart.
 
     Where there are many probes (an arm of many joints), all of them are tried on a quarter of the windows, and only
-    the better third of them on the others as well: better by either of the two gains.
+    the better third of them on the others as well, where one looks `closely`: better by either of the two gains.
     """
     small, weight = smaller(problem, current)
     if small is not problem:
@@ -52,6 +52,8 @@ def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list
     if len(probes) * _steps(small) <= MANY:
         return sorted(_leads(small, current, probes, weight), key=_gain)
     leads = _glance(small, current, probes, weight)
+    if not closely:
+        return sorted(leads, key=_gain)
     third = len(leads) // 3
     good = {id(lead) for key in (_gain, _compared) for lead in sorted(leads, key=key)[:third]}
     again = [p for p, lead in zip(probes, leads, strict=True) if id(lead) in good]
@@ -60,14 +62,13 @@ def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list
 
 
 def reaches(problem: Problem, current: Fit, candidates: tuple[Term, ...], enough: float) -> dict[Term, float]:
-    """How far each candidate's strongest probe moves the prediction, as in Lead; where it is beyond `enough` by much,
-    from a glance at few windows."""
+    """How far each candidate's strongest probe moves the prediction, as in Lead; where its last one does so beyond
+    `enough` by much, from a glance at few windows."""
     small, weight = smaller(problem, current)
     if small is not problem:
         current = on_problem(small, current)
-    reach: dict[Term, float] = {}
-    for lead in _glance(small, current, _probes(problem, candidates), weight):
-        reach[lead.term] = max(reach.get(lead.term, 0.0), lead.reach)
+    last = [(term, problem.space.probes(term)[-1]) for term in candidates]
+    reach = {lead.term: lead.reach for lead in _glance(small, current, last, weight)}
     doubtful = tuple(t for t in candidates if reach[t] < CLEAR * enough)
     reach |= dict.fromkeys(doubtful, 0.0)
     for lead in _leads(small, current, _probes(problem, doubtful), weight):
