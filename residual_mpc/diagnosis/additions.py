@@ -7,12 +7,13 @@ import numpy as np
 from residual_mpc.diagnosis.evidence import dispersion
 from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem
-from residual_mpc.diagnosis.screen import compared_mask, screen, smaller
+from residual_mpc.diagnosis.screen import compared_mask, glance, screen, smaller
 from residual_mpc.diagnosis.search_settings import SearchSettings
 from residual_mpc.models.settings import Term, Values
 
 HOPELESS = 150.0  # likelihood ratio beyond which a set is not fitted to the end
 ROUGH = 3  # steps of a fit that has to rank
+SOME = 150_000  # simulation steps that all probes of another set of the beam may cost before a glance has to do
 PROMISING = 3  # one in so many probes of the best set is tried on the beam's other sets as well
 GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
 NONE = (np.inf, np.inf)
@@ -37,7 +38,7 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     eligible = problem.space.candidates
     for place, parent in enumerate(beam):
         candidates = tuple(c for c in eligible if compatible(c, parent.terms))
-        leads = screen(problem, parent, candidates)
+        leads = screen(problem, parent, candidates) if place == 0 else glance(problem, parent, candidates, SOME)
         # precise encoders may shout down what moves the pose: half of the places go by what the gap compares
         ranked = mixed(leads, sorted(leads, key=lambda lead: -lead.compared))
         if place == 0 and len(beam) > 1:

@@ -1,7 +1,7 @@
 """Least-squares fits of many hypotheses in lockstep: every trial step and every derivative of all of them is one batch.
 
-Levenberg-Marquardt with bounds by projection (Nocedal and Wright, Numerical Optimization, 2006, section 10.3); three
-dampings are tried at once, since rows of a batch are cheap.
+Levenberg-Marquardt with bounds by projection (Nocedal and Wright, Numerical Optimization, 2006, section 10.3); up to
+three dampings are tried at once, since rows of a batch are cheap.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,8 @@ STEP = 0.15  # derivative step in units of a knob's scale: wide, since sampled c
 PART = 0.2  # and no more than this of a number that multiplies the nominal one, which may be a fiftieth of it
 MOST = 8
 SECANTS = 2
+FACTORS = (1.0, 0.1, 30.0)  # of the damping that are tried at once
+ALIKE = 0.02  # part of a step's effect by which two steps have to differ to be tried both
 REMAINING = 4.0  # times the last drop in cost that a fit may still fall: steps that each gain 0.8 of the one before
 
 
@@ -159,8 +161,7 @@ def _derive(problem: Problem, runs: list[_Run]) -> None:
 def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:
     trials: list[tuple[_Run, float, np.ndarray]] = []
     for run in runs:
-        for factor in (0.1, 1.0, 30.0):
-            trials.append((run, run.damping * factor, _step(run, run.damping * factor)))
+        trials += [(run, damping, x) for damping, x in _distinct_steps(run)]
         trials += [(run, run.damping, x) for x in _scan(run)]
     results = problem.residuals([run.values(x) for run, _, x in trials])
     costs = np.einsum("hwn,hwn->h", results, results)
@@ -187,6 +188,21 @@ def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:
             run.failures += 1
             run.width *= 0.4
             run.done = run.failures > 2
+
+
+def _distinct_steps(run: _Run) -> list[tuple[float, np.ndarray]]:
+    """Dampings and where they lead, less those that by the Jacobian lead where one before does."""
+    assert run.jacobian is not None
+    j = run.jacobian.reshape(-1, len(run.knobs))
+    kept: list[tuple[float, np.ndarray]] = []
+    moves: list[np.ndarray] = []
+    for factor in FACTORS:
+        x = _step(run, run.damping * factor)
+        move = j @ (x - run.x)
+        if all(np.linalg.norm(move - m) > ALIKE * np.linalg.norm(m) for m in moves):
+            kept.append((run.damping * factor, x))
+            moves.append(move)
+    return kept
 
 
 def _scan(run: _Run) -> list[np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 from residual_mpc.diagnosis.additions import HOPELESS, ROUGH, closer, compatible
 from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem
-from residual_mpc.diagnosis.screen import screen, smaller
+from residual_mpc.diagnosis.screen import glance, smaller
 from residual_mpc.diagnosis.search import ALIKE, Found, without
 from residual_mpc.effects.library import ORDER
 from residual_mpc.models.settings import TUNE, Term, Values
@@ -87,7 +87,7 @@ def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
         starts: list[Values] = []
         if len(gone) == 1:
             seen = {gone[0]}
-            leads = screen(problem, rest, candidates, closely=False)
+            leads = glance(problem, rest, candidates)
             own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
             for lead in leads:
                 if lead.term not in seen and len(starts) < LOOKED_AT and lead.gain > RESEMBLES * own:

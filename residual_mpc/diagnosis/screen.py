@@ -39,21 +39,17 @@ class Lead:
     reach: float
 
 
-def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...], closely: bool = True) -> list[Lead]:
+def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list[Lead]:
     """The best lead of each probe, largest gain first; probes of the same term stay apart.
 
     Where there are many probes (an arm of many joints), all of them are tried on a quarter of the windows, and only
-    the better third of them on the others as well, where one looks `closely`: better by either of the two gains.
+    the better third of them on the others as well: better by either of the two gains.
     """
-    small, weight = smaller(problem, current)
-    if small is not problem:
-        current = on_problem(small, current)
+    small, current, weight = _on_smaller(problem, current)
     probes = _probes(problem, candidates)
     if len(probes) * _steps(small) <= MANY:
         return sorted(_leads(small, current, probes, weight), key=_gain)
-    leads = _glance(small, current, probes, weight)
-    if not closely:
-        return sorted(leads, key=_gain)
+    leads = _by_quarter(small, current, probes, weight)
     third = len(leads) // 3
     good = {id(lead) for key in (_gain, _compared) for lead in sorted(leads, key=key)[:third]}
     again = [p for p, lead in zip(probes, leads, strict=True) if id(lead) in good]
@@ -61,14 +57,21 @@ def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...], closely
     return sorted(leads, key=_gain)
 
 
+def glance(problem: Problem, current: Fit, candidates: tuple[Term, ...], many: int = MANY) -> list[Lead]:
+    """As `screen`, less sharp: by a quarter of the windows alone where all probes would cost more than `many`
+    simulation steps."""
+    small, current, weight = _on_smaller(problem, current)
+    probes = _probes(problem, candidates)
+    look = _leads if len(probes) * _steps(small) <= many else _by_quarter
+    return sorted(look(small, current, probes, weight), key=_gain)
+
+
 def reaches(problem: Problem, current: Fit, candidates: tuple[Term, ...], enough: float) -> dict[Term, float]:
     """How far each candidate's strongest probe moves the prediction, as in Lead; where its last one does so beyond
     `enough` by much, from a glance at few windows."""
-    small, weight = smaller(problem, current)
-    if small is not problem:
-        current = on_problem(small, current)
+    small, current, weight = _on_smaller(problem, current)
     last = [(term, problem.space.probes(term)[-1]) for term in candidates]
-    reach = {lead.term: lead.reach for lead in _glance(small, current, last, weight)}
+    reach = {lead.term: lead.reach for lead in _by_quarter(small, current, last, weight)}
     doubtful = tuple(t for t in candidates if reach[t] < CLEAR * enough)
     reach |= dict.fromkeys(doubtful, 0.0)
     for lead in _leads(small, current, _probes(problem, doubtful), weight):
@@ -76,11 +79,16 @@ def reaches(problem: Problem, current: Fit, candidates: tuple[Term, ...], enough
     return reach
 
 
+def _on_smaller(problem: Problem, current: Fit) -> tuple[Problem, Fit, float]:
+    small, weight = smaller(problem, current)
+    return small, current if small is problem else on_problem(small, current), weight
+
+
 def _probes(problem: Problem, terms: tuple[Term, ...]) -> list[tuple[Term, Values]]:
     return [(term, p) for term in terms for p in problem.space.probes(term)]
 
 
-def _glance(problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float) -> list[Lead]:
+def _by_quarter(problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float) -> list[Lead]:
     """The leads by a quarter of the windows."""
     quarter = drawn(current.per_window, max(FEWEST_QUICK, problem.data.count // 4))
     quick = part_of(problem, quarter > 0, quarter[quarter > 0])
