@@ -15,6 +15,8 @@ from residual_mpc.diagnosis.thinning import evenly
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
 
+FULL = 32  # subsets from which on there are fewer windows for each
+
 Chain = tuple[tuple[tuple[Term, ...], float], ...]
 Shares = tuple[tuple[str, float], ...]
 
@@ -25,7 +27,8 @@ def staged(
     """The gap on these windows after each effect is added (largest first), and the stages' shares of its square.
 
     final: None where no effect helps. gaps: before, after and of a perfect model, of the windows as they were logged.
-    Each effect's share, which takes every subset of the effects, comes from `steps` simulation steps' worth of windows.
+    Each effect's share, which takes every subset of the effects, comes from `steps` simulation steps' worth of windows,
+    fewer where the subsets are many.
     """
     start, after, floor = gaps
     if final is None:
@@ -33,7 +36,7 @@ def staged(
         return (((), start),), (("unexplained", 1.0 - noise), ("noise", noise))
     if not final.terms:  # samples that jump away are all there is
         return (((), start),), stage_shares({}, after, floor, start**2 - after**2)
-    few = evenly(data, steps)
+    few = evenly(data, steps * FULL // max(2 ** len(final.terms), FULL))
     subsets = [frozenset(c) for n in range(len(final.terms) + 1) for c in combinations(final.terms, n)]
     part = squared_gaps(data.take(few), scales, space, final.values, subsets)
     drops = shapley(part, final.terms)
