@@ -10,12 +10,13 @@ from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import glance, smaller
 from residual_mpc.diagnosis.search import ALIKE, Found, without
 from residual_mpc.effects.library import ORDER
-from residual_mpc.models.settings import TUNE, Term, Values
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-in may miss
 PER_KNOB = 2.0
 RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the screening
 LOOKED_AT = 8
+BEST = 2  # targets alone that are fitted in place of all
 # without encoders these scale the same two rims, so that one pair of them does what another pair does
 RIM_SCALES = ("actuator_gain", "wheel_radius", "wheel_radius_mismatch")
 
@@ -86,11 +87,13 @@ def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
         candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
         starts: list[Values] = []
         if len(gone) == 1:
-            seen = {gone[0]}
+            starts = _elsewhere(problem, rest, fit, gone[0], candidates)
+            seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
+            most = LOOKED_AT + len(starts)
             leads = glance(problem, rest, candidates)
             own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
             for lead in leads:
-                if lead.term not in seen and len(starts) < LOOKED_AT and lead.gain > RESEMBLES * own:
+                if lead.term not in seen and len(starts) < most and lead.gain > RESEMBLES * own:
                     seen.add(lead.term)
                     starts.append({**rest.values, **lead.start})
         else:
@@ -108,6 +111,21 @@ def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
             alike = ratio < ALIKE and difference < PARALLEL * (rest.cost - fit.cost)
             out.append(Rival(gone, came, other, ratio, alike))
     return out
+
+
+def _elsewhere(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
+    """The same effect with the numbers that were found, on one target alone in place of all (the two that do best), or
+    on all in place of one: a probe need not come near what another target's fit has found."""
+    others = [t for t in candidates if t.effect == gone.effect and (t.target is None) != (gone.target is None)]
+    starts: list[Values] = []
+    for t in others:
+        found = {Knob(t.effect, t.target, k.parameter): v for k, v in fit.values.items() if k.term == gone}
+        starts.append({**rest.values, **{k: float(np.clip(v, *problem.space.bounds(k))) for k, v in found.items()}})
+    if len(starts) > BEST:
+        small, _ = smaller(problem, rest)
+        costs = np.einsum("hwn,hwn->h", r := small.residuals(starts), r)
+        starts = [starts[i] for i in np.argsort(costs)[:BEST]]
+    return starts
 
 
 def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: float) -> list[Fit]:
