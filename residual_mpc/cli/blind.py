@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from residual_mpc.cli.common import emit, json_option, load, robot_option, runs_argument
+from residual_mpc.cli.common import emit, json_option, load, progress_bar, robot_option, runs_argument
 from residual_mpc.errors import BadInput
 
 _folder = click.Path(path_type=Path, file_okay=False)
@@ -88,6 +88,47 @@ def run(
     click.echo(
         f"{summary.diagnosed} of {summary.cases} cases diagnosed in {summary.seconds:.0f} s, "
         f"{summary.failed} failed, {summary.resumed} were there already"
+    )
+
+
+@blind.command()
+@click.argument("suite", type=_folder)
+@click.option("--results", type=_folder, required=True, help="Folder of `blind run`.")
+@click.option("--out", type=_folder, required=True, help="Folder for the experiments.")
+@click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
+@click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`.")
+@click.option("--jobs", type=int, default=-1, show_default=True, help="Cases at once; -1 for all cores.")
+@click.option("--timeout", type=float, default=600.0, show_default=True, help="Seconds to plan, and to diagnose.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the plans, the noise and the diagnoses.")
+@json_option
+def experiment(
+    suite: Path,
+    results: Path,
+    out: Path,
+    answers: Path | None,
+    command: str,
+    jobs: int,
+    timeout: float,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Carry out the experiment that each diagnosis of SUITE proposes on the hidden robot, and diagnose anew.
+
+    Only the robot itself is drawn from the answers. A second call carries on where the first one stopped.
+    """
+    from residual_mpc.blind.experiment import ExperimentSettings, carry_out
+    from residual_mpc.blind.make import default_answers
+
+    settings = ExperimentSettings(command, jobs, timeout, seed)
+    with progress_bar() as progress:
+        summary = carry_out(suite, answers or default_answers(suite), results, out, settings, progress)
+    if as_json:
+        emit({"experiment": {"cases": summary.cases, "open": summary.open, "failed": summary.failed,
+                             "resumed": summary.resumed, "seconds": summary.seconds}})  # fmt: skip
+        return
+    click.echo(
+        f"{summary.open} of {summary.cases} diagnoses left something open; {summary.open - summary.failed} experiments "
+        f"carried out in {summary.seconds:.0f} s, {summary.failed} failed"
     )
 
 
