@@ -136,6 +136,7 @@ def experiment(
 @click.argument("suite", type=_folder)
 @click.option("--results", "given", multiple=True, required=True, help="FOLDER of `blind run`, or NAME=FOLDER; repeat.")
 @click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
+@click.option("--experiments", type=_folder, help="Folder of `blind experiment`: how much it settled.")
 @click.option("--out", type=_folder, help="Folder for score.json and the page blind.html.")
 @click.option("--ledger", type=click.Path(path_type=Path, dir_okay=False),
               help="File that counts the openings of test seeds  [default: beside the answers]")  # fmt: skip
@@ -145,6 +146,7 @@ def score(
     suite: Path,
     given: tuple[str, ...],
     answers: Path | None,
+    experiments: Path | None,
     out: Path | None,
     ledger: Path | None,
     seed: int,
@@ -155,9 +157,11 @@ def score(
     from residual_mpc.blind.score.score import score_suite
 
     kept = answers or default_answers(suite)
-    scores = score_suite(suite, kept, _methods(given), ledger or kept / "openings.jsonl")
+    scores = score_suite(suite, kept, _methods(given), ledger or kept / "openings.jsonl", experiments)
     first = scores.summaries[0].document()
     first["methods"] = [s.document() for s in scores.summaries[1:]]
+    if scores.experiments is not None:
+        first["experiments"] = scores.experiments.document()
     if out is not None:
         from residual_mpc.blind.score.page import write_page
         from residual_mpc.blind.suite import write_json
@@ -168,13 +172,15 @@ def score(
     if as_json:
         emit({"score": first})
         return
-    from residual_mpc.blind.score.page import figures
+    from residual_mpc.blind.score.page import figures, settled
 
     names = [s.method for s in scores.summaries]
     if len(names) > 1:
         click.echo("methods: " + ", ".join(names))
     for figure, cells in figures(scores):
         click.echo(f"{figure:<52} " + "   ".join(cells))
+    for figure, cell in settled(scores):
+        click.echo(f"{figure:<52} {cell}")
 
 
 def _methods(given: tuple[str, ...]) -> dict[str, Path]:

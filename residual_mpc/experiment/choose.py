@@ -1,7 +1,7 @@
-"""The motion (and, where no motion will do, the sensor) that parts the explanations best."""
+"""The motion (and, where no motion will do, the sensor or the switch) that parts the explanations best."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,11 +24,12 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Experiment:
-    """motions: all that were tried, best first; sensors: channels to log besides, without which none of them will do;
-    each motion's ratio is with these."""
+    """motions: all that were tried, best first; sensors: channels to log besides, switches: whether motors have to be
+    switched off, without which none of them will do; each motion's ratio is with these."""
 
     motions: tuple[Separation, ...]
     sensors: tuple[str, ...]
+    switches: bool
 
     @property
     def best(self) -> Separation:
@@ -48,15 +49,19 @@ def choose(
     rng: np.random.Generator,
     progress: Progress = lambda text, done: None,
 ) -> Experiment:
-    """Try every motion in simulation, and log the wheels' encoders where no motion alone will do."""
+    """Try every motion in simulation; where none will do alone, with the wheels' encoders logged, or the motors off at
+    times."""
     tried = motions(bench, seconds, rng)
     encoded, sensors = with_encoders(bench, robot)
-    alone = _ranked(robot, bench, tried, explanations, rng, progress, 0.0, 0.5 if sensors else 1.0)
-    if alone[0].ratio >= PARTS or not sensors:
-        return Experiment(alone, ())
-    with_them = _ranked(robot, encoded, tried, explanations, rng, progress, 0.5, 1.0)
-    better = with_them[0].ratio >= max(PARTS, 2.0 * alone[0].ratio)
-    return Experiment(with_them, sensors) if better else Experiment(alone, ())
+    switched = () if bench.switches else motions(replace(bench, switches=True), seconds, rng)[len(tried) :]
+    best = Experiment(_ranked(robot, bench, tried, explanations, rng, progress, 0.0, 0.6), (), False)
+    if not best.parts and sensors:
+        found = _ranked(robot, encoded, tried, explanations, rng, progress, 0.6, 1.0)
+        best = _clearly_better(best, Experiment(found, sensors, False))
+    if not best.parts and switched:
+        found = _ranked(robot, bench, switched, explanations, rng, progress, 0.6, 1.0)
+        best = _clearly_better(best, Experiment(found, (), True))
+    return best
 
 
 def protocol(
@@ -68,6 +73,11 @@ def protocol(
     data = build_dataset(runs, [robot] * len(runs), dict(bench.sigma))
     problem = build_problem(data, build_space(data, ()), data.sigma)
     return tuple(planned), not_testable(problem, fit_all(problem, [{}])[0], ())
+
+
+def _clearly_better(simple: Experiment, other: Experiment) -> Experiment:
+    """The one that asks for more only where it is worth that."""
+    return other if other.best.ratio >= max(PARTS, 2.0 * simple.best.ratio) else simple
 
 
 def _ranked(
