@@ -34,10 +34,11 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class ExperimentSettings:
-    """command: the program that diagnoses (empty: this installation's); timeout: s that planning and diagnosing may
-    take each; seed: handed to both, and part of the robot's noise."""
+    """command, planner: the programs that diagnose and plan, with the options of `diagnose` and `excite` (empty: this
+    installation's); timeout: s that each may take; seed: handed to both, and part of the robot's noise."""
 
     command: str = ""
+    planner: str = ""
     jobs: int = -1
     timeout: float = 600.0
     seed: int = 0
@@ -133,8 +134,8 @@ def _plan(case: Path, document: Path, place: Path, settings: ExperimentSettings)
             copy = shutil.copytree if path.is_dir() else shutil.copyfile
             copy(path, place / path.name)
     shutil.copyfile(document, place / "diagnosis.json")
-    call = [*program("", "excite"), "diagnosis.json", "--robot", "robot.toml", "--out", "next.csv", "--json",
-            "--seed", str(settings.seed)]  # fmt: skip
+    call = [*program(settings.planner, "excite"), "diagnosis.json", "--robot", "robot.toml"]
+    call += ["--out", "next.csv", "--json", "--seed", str(settings.seed)]
     ended = call_apart(call, place, settings.timeout)
     if not ended.done:
         raise RuntimeError(f"excite: {ended.status}: {ended.complaint[-500:]}")

@@ -97,6 +97,7 @@ def run(
 @click.option("--out", type=_folder, required=True, help="Folder for the experiments.")
 @click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
 @click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`.")
+@click.option("--planner", default="", help="Its planner: a program that takes the options of `excite`.")
 @click.option("--jobs", type=int, default=-1, show_default=True, help="Cases at once; -1 for all cores.")
 @click.option("--timeout", type=float, default=600.0, show_default=True, help="Seconds to plan, and to diagnose.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the plans, the noise and the diagnoses.")
@@ -107,6 +108,7 @@ def experiment(
     out: Path,
     answers: Path | None,
     command: str,
+    planner: str,
     jobs: int,
     timeout: float,
     seed: int,
@@ -119,7 +121,7 @@ def experiment(
     from residual_mpc.blind.experiment import ExperimentSettings, carry_out
     from residual_mpc.blind.make import default_answers
 
-    settings = ExperimentSettings(command, jobs, timeout, seed)
+    settings = ExperimentSettings(command, planner, jobs, timeout, seed)
     with progress_bar() as progress:
         summary = carry_out(suite, answers or default_answers(suite), results, out, settings, progress)
     if as_json:
