@@ -109,13 +109,12 @@ def _summary(result: dict[str, Any]) -> None:
         if hidden:
             click.echo(f"  not even these would show: {', '.join(hidden)}")
     else:
-        best = result["motions"][0]
         click.echo(f"to tell apart: {', '.join(result['parts'])}")
         if result["sensors"]:
             click.echo(f"  log besides: {', '.join(result['sensors'])}; no motion alone will do")
         if result["switches"]:
             click.echo("  switch the motors off at times (enabled.*); no motion alone will do")
-        click.echo(f"  drive: {best['name']}")
+        click.echo(f"  drive: {', then '.join(result['played'])}")
         for m in result["motions"]:
             click.echo(f"    {m['name']}: the wrong one is expected to lose by a likelihood ratio of {m['ratio']:.3g}")
         if not result["told_apart"]:

@@ -28,10 +28,12 @@ def candidates(rivalry: Rivalry, base: Fit, final: Fit, sure: float) -> tuple[Ca
 
 def rival_sets(rivalry: Rivalry) -> tuple[tuple[tuple[Term, ...], float], ...]:
     """The best few sets as wholes, the chosen one among them, with the share of the likelihood that each holds."""
-    weights = [(rivalry.fit.terms, 1.0)]
-    weights += [(r.fit.terms, float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))) for r in rivalry.rivals]
-    total = sum(w for _, w in weights)
-    ranked = sorted(((t, w / total) for t, w in weights), key=lambda tw: -tw[1])
+    weights: dict[tuple[Term, ...], float] = {rivalry.as_found.terms: 1.0}
+    for r in rivalry.rivals:
+        weight = float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))
+        weights[r.fit.terms] = max(weights.get(r.fit.terms, 0.0), weight)
+    total = sum(weights.values())
+    ranked = sorted(((t, w / total) for t, w in weights.items()), key=lambda tw: -tw[1])
     return tuple(ranked[:6])
 
 

@@ -46,9 +46,10 @@ def plan_next(
     explanations = explanations_of(document, robot, where)
     if len(explanations) > 1:
         found = choose(robot, bench, [e.values for e in explanations], seconds, rng, progress)
-        return Plan("tell apart", bench, (found.best.planned,), {
+        return Plan("tell apart", bench, tuple(s.planned for s in found.played), {
             "purpose": "tell apart", "parts": [e.name for e in explanations],
             "motions": [_described(s.planned, s.ratio) for s in found.motions],
+            "played": [s.planned.motion.name for s in found.played], "ratio": found.ratio,
             "told_apart": found.parts, "sensors": list(found.sensors), "switches": found.switches, "not_testable": [],
         })  # fmt: skip
     if document.get("verdict") not in ("unknown", "partial"):

@@ -47,4 +47,4 @@ def _words(plan: Plan) -> str:
     if plan.purpose == "explore":
         return f"drive {names[0]} twice" + "".join(f", then {n}" for n in names[2:])
     sensors = plan.document["sensors"]
-    return f"drive {names[0]}" + (f", and log {' and '.join(sensors)} besides" if sensors else "")
+    return f"drive {', then '.join(names)}" + (f", and log {' and '.join(sensors)} besides" if sensors else "")
