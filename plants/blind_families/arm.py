@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from plants.blind_families.arm_effects import PLANT, SERIAL, TYPICAL, ArmRobot, Draw, draw_effect, target_of
-from plants.blind_families.arm_files import write_clean, write_robot, write_runs
+from plants.blind_families.arm_files import write_clean, write_played, write_robot, write_runs
 from plants.blind_families.arm_runs import play
 from plants.blind_families.arm_setting import Setting, draw_setting, ratio
 from plants.blind_families.arm_truth import ArmTruth
-from plants.blind_families.case import Habits, choose, first_case, make
+from plants.blind_families.case import Drawn, Habits, choose, first_case, make
+from residual_mpc.blind.asked import Asked
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer
 
@@ -117,6 +118,9 @@ class ArmBench:
             write_clean(robot, happened, self.setting, rng, folder.parent / "clean")
         return True
 
+    def play(self, robot: ArmRobot, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        return write_played(robot, self.setting, asked, rng, name, folder)
+
 
 class ArmFamily:
     """Serial arms with position, velocity or torque actuators."""
@@ -125,8 +129,12 @@ class ArmFamily:
 
     def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
         """Draw a truth and write what its user would have."""
+        return self.draw_case(level, seed, rng, folder).answer
 
-        def attempt() -> Answer | None:
+    def draw_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Drawn[ArmRobot, Draw]:
+        """As ``write_case``, with the robot."""
+
+        def attempt() -> Drawn[ArmRobot, Draw] | None:
             bench = _bench(level, rng)
             return None if bench is None else make(self.name, bench, level, seed, rng, folder)
 

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from plants.blind_families.arm_effects import ArmRobot
-from plants.blind_families.arm_runs import Happened
+from plants.blind_families.arm_runs import Happened, replay
 from plants.blind_families.arm_setting import Setting
-from plants.blind_families.sensing import Roughness, jumps, noisy, outlier_mask, quantised, with_dropouts, write_table
+from plants.blind_families.arm_truth import STEP
+from plants.blind_families.sensing import (
+    Array,
+    Roughness,
+    jittered,
+    jumps,
+    noisy,
+    outlier_mask,
+    quantised,
+    with_dropouts,
+    write_table,
+)
+from residual_mpc.blind.asked import Asked
 
 
 def write_robot(setting: Setting, noise: bool, folder: Path) -> None:
@@ -34,10 +47,41 @@ def write_clean(robot: ArmRobot, happened: Happened, setting: Setting, rng: np.r
 
 def write_runs(robot: ArmRobot, happened: Happened, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
     """The runs, noise and all."""
-    arm, course, rough = setting.robot.truth.arm, setting.course, setting.rough
-    t = course.t
+    course = setting.course
+    names = [f"run{r + 1}" for r in range(len(course.on))]
+    _write(robot, happened, setting, course.t, course.on, names, rng, folder)
+
+
+def write_played(
+    robot: ArmRobot, setting: Setting, asked: Asked, rng: np.random.Generator, name: str, folder: Path
+) -> bool:
+    """One run from rest at home under commands of somebody else's; False where the arm runs away."""
+    arm = setting.robot.truth.arm
+    t = np.unique(np.round(jittered(asked.t, setting.rough, rng) / STEP)) * STEP
+    row = np.clip(np.searchsorted(asked.t, t + 0.5 * (asked.t[1] - asked.t[0])) - 1, 0, len(asked.t) - 1)
+    commands, on = asked.table(arm.joints)[None, row], asked.on(arm.joints)[None, row]
+    happened = replay(robot.truth, t, arm.home[None].copy(), commands, on)
+    if happened is None:
+        return False
+    switched = replace(setting, drops=bool(asked.enabled))
+    _write(robot, happened, switched, t, on, [name], rng, folder)
+    return True
+
+
+def _write(
+    robot: ArmRobot,
+    happened: Happened,
+    setting: Setting,
+    t: Array,
+    on: Array,
+    names: Sequence[str],
+    rng: np.random.Generator,
+    folder: Path,
+) -> None:
+    """The runs by name that share their stamps ``t`` (k,) s; on: (r, k, n), 1 where the motors are on."""
+    arm, rough = setting.robot.truth.arm, setting.rough
     seen, speed = happened.seen(t, robot.sensor), happened.speed(t, robot.sensor)
-    for r in range(seen.shape[0]):
+    for r, name in enumerate(names):
         table = {"t": t}
         for j, joint in enumerate(arm.joints):
             table[f"command.{joint}"] = happened.command[r, :, j]
@@ -52,7 +96,7 @@ def write_runs(robot: ArmRobot, happened: Happened, setting: Setting, rng: np.ra
         if setting.velocities:
             for j, joint in enumerate(arm.joints):
                 table[f"velocity.{joint}"] = speed[r, :, j] + setting.speed_sigma * rng.standard_normal(len(t))
-        if setting.drops and not course.on[r].all():
+        if setting.drops and not on[r].all():
             for j, joint in enumerate(arm.joints):
-                table[f"enabled.{joint}"] = course.on[r, :, j].astype(int)
-        write_table(table, f"run{r + 1}", setting.table, folder)
+                table[f"enabled.{joint}"] = on[r, :, j].astype(int)
+        write_table(table, name, setting.table, folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ from plants.blind_families.arm_effects import ArmSensor
 from plants.blind_families.arm_truth import STEP, ArmTruth, NominalArm, Stepper, ideal
 
 Array = NDArray[np.float64]
+# (sample, positions (r, n), speeds (r, n), memory (r, n), s since the last sample) -> commands (r, n), memory
+Controller = Callable[[int, Array, Array, Array, float], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -53,14 +56,27 @@ class Happened:
 
 def play(truth: ArmTruth, course: Course) -> Happened | None:
     """Drive all runs; None where the arm runs away."""
-    arm = truth.arm
-    runs, _, n = course.reference.shape
-    index = np.round(course.t / STEP).astype(int)
+    arm, start = truth.arm, course.reference[:, 0].copy()
+    hold = _hold_torque(arm, start)
+
+    def controller(k: int, q: Array, rate: Array, trim: Array, dt: float) -> tuple[Array, Array]:
+        return _controller(arm, course, k, q, rate, trim, hold, dt)
+
+    return _driven(truth, course.t, start, course.on, controller)
+
+
+def replay(truth: ArmTruth, t: Array, start: Array, commands: Array, on: Array) -> Happened | None:
+    """What happens from rest at ``start`` (r, n) rad under commands (r, k, n) that nobody corrects; as ``play``."""
+    return _driven(truth, t, start, on, lambda k, q, rate, trim, dt: (commands[:, k], trim))
+
+
+def _driven(truth: ArmTruth, t: Array, start: Array, on: Array, controller: Controller) -> Happened | None:
+    """All runs from rest at ``start`` (r, n), motors on where ``on`` (r, k, n) is 1; None where the arm runs away."""
+    runs, _, n = on.shape
+    index = np.round(t / STEP).astype(int)
     count = int(index[-1]) + 1
     q, torque = np.empty((runs, count, n)), np.empty((runs, count, n))
-    commands = np.empty_like(course.reference)
-    start = course.reference[:, 0].copy()
-    hold = _hold_torque(arm, start)
+    commands = np.empty_like(on)
     trim, last_q = np.zeros((runs, n)), start
     stepper: Stepper | None = None
     command, k = np.zeros((runs, n)), -1
@@ -68,15 +84,15 @@ def play(truth: ArmTruth, course: Course) -> Happened | None:
         if k + 1 < len(index) and i == index[k + 1]:
             k += 1
             here = start if stepper is None else stepper.q.copy()
-            dt = course.t[k] - course.t[max(k - 1, 0)]
+            dt = t[k] - t[max(k - 1, 0)]
             rate = (here - last_q) / dt if dt > 0 else np.zeros_like(here)
-            command, trim = _controller(arm, course, k, here, rate, trim, hold, dt)
+            command, trim = controller(k, here, rate, trim, dt)
             commands[:, k], last_q = command, here
             if stepper is None:
                 stepper = Stepper(truth, start, np.zeros_like(start), command, np.zeros(runs))
         assert stepper is not None
         q[:, i], torque[:, i] = stepper.q, stepper.torque
-        stepper.step(command, course.on[:, k])
+        stepper.step(command, on[:, k])
         if i % 2000 == 0 and not np.all(np.abs(stepper.q) < 15.0):
             return None
     if not np.all(np.abs(q) < 15.0):

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from plants.blind_families.strength import tuned
+from residual_mpc.blind.asked import Asked
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer, Planted
 from residual_mpc.blind.twins import may_be_withheld, twins_of
@@ -85,6 +86,23 @@ class Bench(Protocol[R, D]):
         """
         ...
 
+    def play(self, robot: R, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        """Write the run ``name`` that the robot logs when it is told what is ``asked``; as ``write`` otherwise."""
+        ...
+
+
+@dataclass(frozen=True)
+class Drawn(Generic[R, D]):
+    """A case that is drawn and written: its answer, and the robot that made its runs on this bench."""
+
+    answer: Answer
+    bench: Bench[R, D]
+    robot: R
+
+    def play(self, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        """See ``families.Twin``."""
+        return self.bench.play(self.robot, asked, rng, name, folder)
+
 
 def choose(
     names: list[str], level: Level, clash: Callable[[tuple[str, ...]], bool], rng: np.random.Generator
@@ -97,19 +115,19 @@ def choose(
             return chosen
 
 
-def first_case(attempt: Callable[[], Answer | None], attempts: int, what: str) -> Answer:
+def first_case(attempt: Callable[[], Drawn[R, D] | None], attempts: int, what: str) -> Drawn[R, D]:
     """The first draw that makes a case; ``RuntimeError`` where none of ``attempts`` does."""
     for _ in range(attempts):
-        answer = attempt()
-        if answer is not None:
-            return answer
+        drawn = attempt()
+        if drawn is not None:
+            return drawn
     raise RuntimeError(f"no {what} in {attempts} draws")
 
 
 def make(
     family: str, bench: Bench[R, D], level: Level, seed: int, rng: np.random.Generator, folder: Path
-) -> Answer | None:
-    """Plant what the level wants, write what a user would have, and return the answer.
+) -> Drawn[R, D] | None:
+    """Plant what the level wants, write what a user would have, and return what was drawn.
 
     None where these runs cannot show it, or the robot runs away.
     """
@@ -130,7 +148,7 @@ def make(
         robot = found
     if not bench.write(robot, bool(planted), rng, folder):
         return None
-    return Answer(
+    answer = Answer(
         case=f"{family}-{level.name}-{seed}",
         family=family,
         level=level.name,
@@ -143,6 +161,7 @@ def make(
         traits=bench.traits,
         notes={"ratio": bench.ratio(robot), **bench.notes},
     )
+    return Drawn(answer, bench, robot)
 
 
 def _plant_all(bench: Bench[R, D], rng: np.random.Generator) -> list[tuple[D, float, Planted]] | None:

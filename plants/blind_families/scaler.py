@@ -12,10 +12,11 @@ import numpy as np
 from plants.blind_families.arm import ArmBench, arm_clash
 from plants.blind_families.arm_effects import PLANT, TYPICAL, ArmRobot, Draw, draw_effect
 from plants.blind_families.arm_setting import Setting
-from plants.blind_families.case import Habits, choose, first_case, make
+from plants.blind_families.case import Drawn, Habits, choose, first_case, make
 from plants.blind_families.scaler_model import CARRIED, FOREARM
 from plants.blind_families.scaler_setting import draw_setting
 from plants.scaler_arm.geometry import MOTORS
+from residual_mpc.blind.asked import Asked
 from residual_mpc.blind.levels import LEVELS, Level
 from residual_mpc.blind.records import Answer
 
@@ -91,6 +92,9 @@ class ScalerBench:
     def write(self, robot: ArmRobot, clean: bool, rng: np.random.Generator, folder: Path) -> bool:
         return self._arms.write(robot, clean, rng, folder)
 
+    def play(self, robot: ArmRobot, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        return self._arms.play(robot, asked, rng, name, folder)
+
 
 class ScalerFamily:
     """The SCALER arm.
@@ -104,8 +108,12 @@ class ScalerFamily:
 
     def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
         """Draw a truth and write what its user would have."""
+        return self.draw_case(level, seed, rng, folder).answer
 
-        def attempt() -> Answer | None:
+    def draw_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Drawn[ArmRobot, Draw]:
+        """As ``write_case``, with the robot."""
+
+        def attempt() -> Drawn[ArmRobot, Draw] | None:
             bench = _bench(level, rng)
             return None if bench is None else make(self.name, bench, level, seed, rng, folder)
 

@@ -35,6 +35,11 @@ def stamps(seconds: float, rate: float, rough: Roughness, rng: np.random.Generat
     return (np.arange(n) + shift) / rate
 
 
+def jittered(t: Array, rough: Roughness, rng: np.random.Generator) -> Array:
+    """The instants (n,) s at which rows meant for ``t``, evenly spaced from 0, are really sent and sampled."""
+    return stamps(float(t[-1]), (len(t) - 1) / float(t[-1]), rough, rng)
+
+
 def noisy(clean: Array, sigma: float, rough: Roughness, rng: np.random.Generator) -> Array:
     """``clean`` (n,) under noise of standard deviation ``sigma``, at the sensor's resolution."""
     white = rng.standard_normal(len(clean))

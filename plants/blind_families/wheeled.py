@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from plants.blind_families.case import Habits, choose, first_case, make
+from plants.blind_families.case import Drawn, Habits, choose, first_case, make
 from plants.blind_families.wheeled_effects import PLANT, TYPICAL, Draw, Rover, draw_effect
-from plants.blind_families.wheeled_files import write_clean, write_robot, write_runs
+from plants.blind_families.wheeled_files import write_clean, write_played, write_robot, write_runs
 from plants.blind_families.wheeled_setting import Setting, draw_setting, ratio
+from residual_mpc.blind.asked import Asked
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer
 
@@ -114,6 +115,10 @@ class WheeledBench:
             write_clean(robot, self.setting, rng, folder.parent / "clean")
         return True
 
+    def play(self, robot: Rover, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        write_played(robot, self.setting, asked, rng, name, folder)
+        return True
+
 
 class WheeledFamily:
     """Differential drives of many sizes."""
@@ -122,8 +127,12 @@ class WheeledFamily:
 
     def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
         """Draw a truth and write what its user would have."""
+        return self.draw_case(level, seed, rng, folder).answer
 
-        def attempt() -> Answer | None:
+    def draw_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Drawn[Rover, Draw]:
+        """As ``write_case``, with the robot."""
+
+        def attempt() -> Drawn[Rover, Draw] | None:
             return make(self.name, _bench(level, rng), level, seed, rng, folder)
 
         return first_case(attempt, _ATTEMPTS, f"wheeled case of level {level.name} with seed {seed}")

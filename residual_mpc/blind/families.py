@@ -9,11 +9,26 @@ from zlib import crc32
 
 import numpy as np
 
+from residual_mpc.blind.asked import Asked
 from residual_mpc.blind.levels import LEVELS, Level
 from residual_mpc.blind.records import Answer
 from residual_mpc.errors import BadInput
 
 GROUP = "residual_mpc.blind_families"
+
+
+class Twin(Protocol):
+    """The robot of one case, drawn anew, that can be driven once more."""
+
+    @property
+    def answer(self) -> Answer: ...
+
+    def play(self, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        """Log what is asked, by the sensors and under the noise of the case's runs, as the run ``name`` in ``folder``.
+
+        False, and nothing written, where the robot runs away.
+        """
+        ...
 
 
 class Family(Protocol):
@@ -23,6 +38,10 @@ class Family(Protocol):
     """
 
     name: str
+
+    def draw_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Twin:
+        """``write_case``, with the robot that made the runs in place of its answer alone."""
+        ...
 
     def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
         """Draw a truth, write what a user would have (robot file, model, runs) to ``folder``, return it."""
@@ -62,6 +81,19 @@ def make_case(family: str, level: str, seed: int, folder: Path | str) -> Answer:
 
     The same family, level and seed give the same files. Raises ``BadInput`` for a level that the family does not draw.
     """
+    kind, recipe, rng, case = _prepared(family, level, seed, folder)
+    return kind.write_case(recipe, seed, rng, case)
+
+
+def make_twin(family: str, level: str, seed: int, folder: Path | str) -> Twin:
+    """Write the case anew, and return its robot."""
+    kind, recipe, rng, case = _prepared(family, level, seed, folder)
+    return kind.draw_case(recipe, seed, rng, case)
+
+
+def _prepared(
+    family: str, level: str, seed: int, folder: Path | str
+) -> tuple[Family, Level, np.random.Generator, Path]:
     case, recipe, kind = Path(folder) / "case", load_level(level), load_family(family)
     if level not in levels_of(kind):
         drawn = ", ".join(levels_of(kind))
@@ -69,4 +101,4 @@ def make_case(family: str, level: str, seed: int, folder: Path | str) -> Answer:
     case.mkdir(parents=True, exist_ok=True)
     # the names of family and level enter the stream, so that equal seeds share nothing across them
     key = [seed, crc32(family.encode()), crc32(level.encode())]
-    return kind.write_case(recipe, seed, np.random.default_rng(key), case)
+    return kind, recipe, np.random.default_rng(key), case

@@ -7,26 +7,18 @@ environment variables.
 
 from __future__ import annotations
 
-import contextlib
 import os
-import shlex
 import shutil
-import signal
-import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from residual_mpc.blind.apart import call_apart, program
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
 from residual_mpc.errors import BadInput
 
 ENGINES = ("processes", "dask")
-# what a program needs to start at all; nothing else of the caller's environment reaches a diagnosis
-_ENVIRONMENT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH",
-                "MUJOCO_GL", "SYSTEMROOT", "TEMP", "TMP")  # fmt: skip
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
@@ -61,7 +53,7 @@ class RunSummary:
 def run_suite(folder: Path, results: Path, settings: RunSettings) -> RunSummary:
     """Diagnose every case that ``results`` does not hold yet; a failing case fails alone, kept as failed."""
     suite = read_suite(folder)
-    command = [*_command(settings.command), "--seed", str(settings.seed)]
+    command = [*program(settings.command, "diagnose"), "--seed", str(settings.seed)]
     results.mkdir(parents=True, exist_ok=True)
     todo = [entry for entry in suite.cases if not (results / entry.name / "run.json").exists()]
     begin = time.monotonic()
@@ -105,10 +97,9 @@ def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], ti
         call = [*command, "--robot", "robot.toml", *runs, "--out", "out", "--json"]
         for effect in entry.without:
             call += ["--without", effect]
-        environment = {k: os.environ[k] for k in _ENVIRONMENT if k in os.environ} | _ONE_THREAD
         begin = time.monotonic()
-        status, exit_status, complaint = _call(call, work, environment, timeout)
-        seconds = time.monotonic() - begin
+        ended = call_apart(call, work, timeout)
+        status, seconds = ended.status, time.monotonic() - begin
         made = work / "out" / "diagnosis.json"
         if status == "done" and not made.exists():
             status = "no diagnosis.json"
@@ -122,41 +113,8 @@ def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], ti
         # written last: its presence says that the case is finished
         write_json(
             result / "run.json",
-            {"status": status, "exit_status": exit_status, "seconds": seconds, "complaint": complaint[-2000:],
+            {"status": status, "exit_status": ended.exit_status, "seconds": seconds,
+             "complaint": ended.complaint[-2000:],
              "version": program_version(), "command": " ".join(command)},
         )  # fmt: skip
     return status == "done"
-
-
-def _call(call: list[str], work: Path, environment: dict[str, str], timeout: float) -> tuple[str, int | None, str]:
-    """(status, exit status, end of stderr) of one process."""
-    try:
-        process = subprocess.Popen(
-            call, cwd=work, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-            text=True, errors="replace", start_new_session=True,
-        )  # fmt: skip
-    except OSError as error:
-        return "not started", None, str(error)
-    try:
-        _, complaint = process.communicate(timeout=timeout)
-    except subprocess.TimeoutExpired:
-        _stop(process)
-        return f"over {timeout:g} s", None, ""
-    return ("done" if process.returncode == 0 else "failed"), process.returncode, complaint
-
-
-def _stop(process: subprocess.Popen[str]) -> None:
-    """End the process and whatever it started: its session is its own."""
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
-
-
-def _command(given: str) -> list[str]:
-    """The program and its first words, the program looked up."""
-    own = Path(sys.executable).with_name("residual-mpc")
-    words = shlex.split(given) if given else [str(own), "diagnose"]
-    program = shutil.which(words[0])
-    if program is None:
-        raise BadInput(f"the program {words[0]!r} is not found", "--command", "Give its path, or install it")
-    return [str(Path(program).absolute()), *words[1:]]

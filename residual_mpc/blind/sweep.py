@@ -1,4 +1,4 @@
-"""A whole development sweep: make, run, the baselines, score, page.
+"""A whole development sweep: make, run, the proposed experiments, the baselines, score, page.
 
 python -m residual_mpc.blind.sweep [--out FOLDER] [--cases N] [--family F] [--level L] [--seed S] [--jobs J]
 """
@@ -32,30 +32,41 @@ def sweep(
     baselines: bool,
 ) -> None:
     """Make, diagnose and score a suite of development cases; a second call carries on."""
+    from residual_mpc.blind.experiment import ExperimentSettings, carry_out
     from residual_mpc.blind.families import family_names
     from residual_mpc.blind.levels import LEVELS
     from residual_mpc.blind.make import MakeSettings, make_suite
     from residual_mpc.blind.run import RunSettings, run_suite
-    from residual_mpc.blind.score.page import figures, write_page
+    from residual_mpc.blind.score.page import figures, settled, write_page
     from residual_mpc.blind.score.score import score_suite
     from residual_mpc.blind.suite import write_json
+    from residual_mpc.cli.common import progress_bar
 
     settings = MakeSettings(families or family_names(), levels or tuple(LEVELS), cases, seed, jobs)
     made = make_suite(settings, out / "suite", out / "answers")
     click.echo(f"{len(made.suite.cases)} cases made, {len(made.failed)} could not be drawn", err=True)
     results = {"diagnose": out / "results"}
     run_suite(out / "suite", results["diagnose"], RunSettings(jobs=jobs))
+    with progress_bar() as progress:
+        carry_out(
+            out / "suite", out / "answers", results["diagnose"], out / "experiments", ExperimentSettings(jobs=jobs),
+            progress,
+        )  # fmt: skip
     for name in BASELINES if baselines else ():
         results[name.replace("_", " ")] = out / f"results-{name}"
         program = Path(sys.executable).with_name("residual-mpc")
         command = shlex.join([str(program), "blind", "baseline", name])
         run_suite(out / "suite", out / f"results-{name}", RunSettings(command, jobs))
-    scores = score_suite(out / "suite", out / "answers", results, out / "openings.jsonl")
+    scores = score_suite(out / "suite", out / "answers", results, out / "openings.jsonl", out / "experiments")
     first, *others = (s.document() for s in scores.summaries)
+    found = scores.experiments
+    first["experiments"] = None if found is None else found.document()
     write_json(out / "score.json", {"score": {**first, "methods": others}})
     write_page(scores, out / "blind.html")
     for figure, cells in figures(scores):
         click.echo(f"{figure:<52} " + "   ".join(cells))
+    for figure, cell in settled(scores):
+        click.echo(f"{figure:<52} {cell}")
     click.echo(f"page: {out / 'blind.html'}")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from residual_mpc.cli.common import emit, json_option, load, robot_option, runs_argument
+from residual_mpc.cli.common import emit, json_option, load, progress_bar, robot_option, runs_argument
 from residual_mpc.errors import BadInput
 
 _folder = click.Path(path_type=Path, file_okay=False)
@@ -93,8 +93,52 @@ def run(
 
 @blind.command()
 @click.argument("suite", type=_folder)
+@click.option("--results", type=_folder, required=True, help="Folder of `blind run`.")
+@click.option("--out", type=_folder, required=True, help="Folder for the experiments.")
+@click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
+@click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`.")
+@click.option("--planner", default="", help="Its planner: a program that takes the options of `excite`.")
+@click.option("--jobs", type=int, default=-1, show_default=True, help="Cases at once; -1 for all cores.")
+@click.option("--timeout", type=float, default=600.0, show_default=True, help="Seconds to plan, and to diagnose.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the plans, the noise and the diagnoses.")
+@json_option
+def experiment(
+    suite: Path,
+    results: Path,
+    out: Path,
+    answers: Path | None,
+    command: str,
+    planner: str,
+    jobs: int,
+    timeout: float,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Carry out the experiment that each diagnosis of SUITE proposes on the hidden robot, and diagnose anew.
+
+    Only the robot itself is drawn from the answers. A second call carries on where the first one stopped.
+    """
+    from residual_mpc.blind.experiment import ExperimentSettings, carry_out
+    from residual_mpc.blind.make import default_answers
+
+    settings = ExperimentSettings(command, planner, jobs, timeout, seed)
+    with progress_bar() as progress:
+        summary = carry_out(suite, answers or default_answers(suite), results, out, settings, progress)
+    if as_json:
+        emit({"experiment": {"cases": summary.cases, "open": summary.open, "failed": summary.failed,
+                             "resumed": summary.resumed, "seconds": summary.seconds}})  # fmt: skip
+        return
+    click.echo(
+        f"{summary.open} of {summary.cases} diagnoses left something open; {summary.open - summary.failed} experiments "
+        f"carried out in {summary.seconds:.0f} s, {summary.failed} failed"
+    )
+
+
+@blind.command()
+@click.argument("suite", type=_folder)
 @click.option("--results", "given", multiple=True, required=True, help="FOLDER of `blind run`, or NAME=FOLDER; repeat.")
 @click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
+@click.option("--experiments", type=_folder, help="Folder of `blind experiment`: how much it settled.")
 @click.option("--out", type=_folder, help="Folder for score.json and the page blind.html.")
 @click.option("--ledger", type=click.Path(path_type=Path, dir_okay=False),
               help="File that counts the openings of test seeds  [default: beside the answers]")  # fmt: skip
@@ -104,6 +148,7 @@ def score(
     suite: Path,
     given: tuple[str, ...],
     answers: Path | None,
+    experiments: Path | None,
     out: Path | None,
     ledger: Path | None,
     seed: int,
@@ -114,9 +159,11 @@ def score(
     from residual_mpc.blind.score.score import score_suite
 
     kept = answers or default_answers(suite)
-    scores = score_suite(suite, kept, _methods(given), ledger or kept / "openings.jsonl")
+    scores = score_suite(suite, kept, _methods(given), ledger or kept / "openings.jsonl", experiments)
     first = scores.summaries[0].document()
     first["methods"] = [s.document() for s in scores.summaries[1:]]
+    if scores.experiments is not None:
+        first["experiments"] = scores.experiments.document()
     if out is not None:
         from residual_mpc.blind.score.page import write_page
         from residual_mpc.blind.suite import write_json
@@ -127,13 +174,15 @@ def score(
     if as_json:
         emit({"score": first})
         return
-    from residual_mpc.blind.score.page import figures
+    from residual_mpc.blind.score.page import figures, settled
 
     names = [s.method for s in scores.summaries]
     if len(names) > 1:
         click.echo("methods: " + ", ".join(names))
     for figure, cells in figures(scores):
         click.echo(f"{figure:<52} " + "   ".join(cells))
+    for figure, cell in settled(scores):
+        click.echo(f"{figure:<52} {cell}")
 
 
 def _methods(given: tuple[str, ...]) -> dict[str, Path]:

@@ -65,6 +65,8 @@ def diagnose(
     from residual_mpc.diagnosis.diagnose import Options
     from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
     from residual_mpc.diagnosis.document import to_document
+    from residual_mpc.experiment.propose import FILE, propose
+    from residual_mpc.models.load import load_robot
     from residual_mpc.report import sentence, write_report
     from residual_mpc.report.collect import collect
     from residual_mpc.residual.remainder import LEARNERS
@@ -87,9 +89,15 @@ def diagnose(
         name_robot_file(document["model"], loaded.robot_file, out)
         document["command"] = shlex.join(["residual-mpc", *sys.argv[1:]])
         document["verdict_sentence"] = sentence(document)
+        progress("planning the next experiment", 0.96)
+        call = ["residual-mpc", "excite", str(out / "diagnosis.json"), "--robot", robot, "--out", str(out / FILE)]
+        proposal = propose(document, load_robot(loaded.robot_file), shlex.join(call), seed)
+        document["next_experiment"] = proposal.next_experiment
         progress("writing the report", 0.97)
         write_report(document, collect(made), out)
     write_atomically(out / "model.json", json.dumps(document["model"], indent=2, allow_nan=False) + "\n")
+    if proposal.table is not None:
+        write_atomically(out / FILE, proposal.table)
     write_atomically(out / "diagnosis.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
     if as_json:
         emit(document)
@@ -153,10 +161,11 @@ def _summary(document: dict[str, Any], out: Path) -> None:
     for group in document["confounded"]:
         names = [" + ".join(_named(t) for t in (m if isinstance(m, list) else [m])) for m in group]
         click.echo(f"  cannot be told apart on these runs: {', '.join(dict.fromkeys(names))}")
-    if document["next_experiment"]:
-        click.echo(f"  next: {document['next_experiment']['what']}")
-    if document["alternatives"]:
-        click.echo(f"  a motion that parts them: residual-mpc excite {out / 'diagnosis.json'} --robot R --out next.csv")
+    following = document["next_experiment"]
+    if following:
+        click.echo(f"  next: {following['what']}")
+        where = f"{out / following['commands']}" if following["commands"] else f"planned by: {following['excite']}"
+        click.echo(f"  its commands: {where}")
     click.echo(f"  report: {out / 'report.html'}")
 
 

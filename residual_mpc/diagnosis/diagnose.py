@@ -267,6 +267,7 @@ def _judge(
         },
     )
     groups = tuple(g for g in rivalry.groups if not any(t in vetoed for m in g for t in m)) if helps else ()
+    others = alternatives(rivalry, groups, final) if helps else ()
     diagnosis = Diagnosis(
         robot=space.robot.name,
         verdict=verdict,
@@ -280,7 +281,7 @@ def _judge(
         candidates=candidates(rivalry, base, final, sure) if helps else (),
         groups=groups,
         rivals=rival_sets(rivalry) if helps else (),
-        alternatives=alternatives(rivalry, groups, final),
+        alternatives=others,
         setup=setup(raw, dispersion(final, blocks_of(problem.data))),
         not_testable=untestable,
         moved=moved(base, final) if helps else (),
@@ -289,7 +290,11 @@ def _judge(
         steps=steps,
         outlier_share=outliers.share if with_outliers else 0.0,
         outlier_channels={c: s for c, s in outliers.shares.items() if s > 0} if with_outliers else {},
-        next_experiment=next_experiment(groups, wheeled="left" in raw.blocks[0].robot.actuators),
+        next_experiment=next_experiment(
+            (*groups, *((a.instead_of, a.terms) for a in others if not a.confounded)),
+            wheeled="left" in raw.blocks[0].robot.actuators,
+            verdict=verdict,
+        ),
         values=final.values if helps else base.values,
         notes=notes(raw, held, outliers, with_outliers, vetoed, final),
     )

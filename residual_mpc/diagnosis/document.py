@@ -69,7 +69,16 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
         "next_experiment": d.next_experiment,
         "stages_of_gap": [{"terms": [_term(t) for t in terms], "gap": g} for terms, g in d.steps],
         "rivals": [{"terms": [_term(t) for t in terms], "probability": p} for terms, p in d.rivals],
-        "alternatives": [{"effects": [_term(t) for t in a.terms], "values": _rows(a.values)} for a in d.alternatives],
+        "alternatives": [
+            {
+                "effects": [_term(t) for t in a.terms],
+                "instead_of": [_term(t) for t in a.instead_of],
+                "ratio": a.ratio,
+                "confounded": a.confounded,
+                "values": _rows(a.values),
+            }
+            for a in d.alternatives
+        ],
         "setup": {
             **asdict(d.setup),
             "commands": {a: {"low": low, "high": high} for a, (low, high) in d.setup.commands.items()},

@@ -31,22 +31,25 @@ class KeptBack:
 
 
 def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
-    """A quarter of the runs, or of each run's windows in one stretch; nothing where there are fewer than four windows.
+    """A quarter of the runs, or of each run's windows in stretches; nothing where there are fewer than four windows.
 
     nominal (W,): mean square of the nominal model's scaled error in each window. Runs are drawn from all ranks of
     it, and a stretch is one where it is typical of its run, so that what is kept back is neither the easiest nor
-    the hardest part.
+    the hardest part. A run that alone has some sensor, or alone had its motors switched off, is never kept back whole:
+    no fit would know what it alone can tell.
     """
     names = [r.name for r in data.runs]
     present = np.unique(data.run)
-    if len(present) >= BY_RUN_FROM:
-        n = max(1, int(round(SHARE * len(present))))
-        size = [float(np.nanmean(nominal[data.run == i])) for i in present]
-        ranked = present[np.argsort(size, kind="stable")]
-        pick = ranked[((np.arange(n) + 0.5) * len(present) / n).astype(int)]
-        return tuple(KeptBack(names[i]) for i in sorted(pick))
-    out = []
-    for i in present:
+    alone = np.array([_alone(data, i, present) for i in present])
+    whole = present[~alone]
+    out: list[KeptBack] = []
+    if len(whole) >= BY_RUN_FROM:
+        n = max(1, int(round(SHARE * len(whole))))
+        size = [float(np.nanmean(nominal[data.run == i])) for i in whole]
+        ranked = whole[np.argsort(size, kind="stable")]
+        pick = ranked[((np.arange(n) + 0.5) * len(whole) / n).astype(int)]
+        out = [KeptBack(names[i]) for i in sorted(pick)]
+    for i in present[alone] if out else present:
         mine = np.flatnonzero(data.run == i)
         mine = mine[np.argsort(data.start[mine])]
         if len(mine) < FEWEST:
@@ -57,6 +60,17 @@ def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
             stretch = data.start[mine[chunk == c]]
             out.append(KeptBack(names[i], float(stretch[0]), float(stretch[-1] + data.horizon)))
     return tuple(out)
+
+
+def _alone(data: Dataset, run: int, present: np.ndarray) -> bool:
+    """Whether a run has what no other of those `present` has: a sensor, or motors that were off for a while."""
+
+    def has(i: int) -> set[str]:
+        channels = {c for (k, c), s in data.signals.items() if k == i and len(s.y)}
+        columns = data.runs[i].columns
+        return channels | {c for c, x in columns.items() if c.startswith("enabled.") and (x == 0).any()}
+
+    return bool(has(run).difference(*(has(int(i)) for i in present if i != run)))
 
 
 def _typical(nominal: np.ndarray, chunk: np.ndarray) -> int:

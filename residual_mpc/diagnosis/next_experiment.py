@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable
 
+from residual_mpc.diagnosis.records import Verdict
 from residual_mpc.models.settings import Term
 
 ENCODERS = "log the wheel encoders (velocity.left and velocity.right)"
+EXPLORE = "drive the motion that shows the gap most, twice, and one that goes where no run has been"
 TABLE: tuple[tuple[frozenset[str], str, str], ...] = (
     (frozenset({"command_delay", "sensor_delay"}), ENCODERS, "log stretches with the motor off (enabled.* = 0)"),
     (frozenset({"actuator_gain", "wheel_radius"}), ENCODERS, ""),
@@ -32,19 +34,24 @@ TABLE: tuple[tuple[frozenset[str], str, str], ...] = (
 )
 
 
-def next_experiment(groups: Iterable[tuple[tuple[Term, ...], ...]], wheeled: bool) -> dict[str, object] | None:
-    """The diagnosis' `next_experiment` for the first group that something is known to part; None otherwise."""
+def next_experiment(
+    groups: Iterable[tuple[tuple[Term, ...], ...]], wheeled: bool, verdict: Verdict
+) -> dict[str, object] | None:
+    """The diagnosis' `next_experiment`: for the first group (or pair of close rivals), else for a gap that is left;
+    None otherwise."""
     for group in groups:
         names = {t.effect for member in group for t in member}
         for pair, on_wheels, on_arm in TABLE:
             what = on_wheels if wheeled else on_arm
             if pair <= names and what:
                 return {"parts": sorted(pair), "what": what, "commands": None}
-        if len(names) > 1:
+        if len(group) > 1:
             what = (
                 "drive spins, straights both ways at two headings, and both signs of speed times a multisine of turning"
                 if wheeled
                 else "send a chirp, steps and a slow loaded sweep, with the motor off for a while"
             )
             return {"parts": sorted(names), "what": what, "commands": None}
+    if verdict in ("unknown", "partial"):
+        return {"parts": [], "what": EXPLORE, "commands": None}
     return None

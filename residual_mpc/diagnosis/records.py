@@ -65,11 +65,15 @@ class Moved:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another set that explains these runs as well: the terms in which it differs from the explanation, and all of its
-    values."""
+    """Another set that explains these runs as well, or nearly: the terms in which it differs from the explanation,
+    those that they replace, and all of its values. ratio: likelihood ratio by which it is worse; confounded: whether
+    it stands in a group, or is a close rival."""
 
     terms: tuple[Term, ...]
+    instead_of: tuple[Term, ...]
     values: Values
+    ratio: float
+    confounded: bool
 
 
 @dataclass(frozen=True)

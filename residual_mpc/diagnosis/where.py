@@ -67,7 +67,7 @@ def _regimes(data: Dataset, scales: Scales, error: np.ndarray) -> tuple[Regime, 
     growth = np.maximum(np.nansum(square - noise, axis=2), 0.0)  # (W, M)
     seen = np.isfinite(data.y).any(axis=2)
     out = []
-    for name, mask in _masks(data).items():
+    for name, mask in regime_masks(data).items():
         time = float((mask & seen).sum() / max(seen.sum(), 1))
         share = float(growth[mask & seen].sum() / max(growth[seen].sum(), 1e-30))
         if time > LEAST_TIME:
@@ -75,7 +75,7 @@ def _regimes(data: Dataset, scales: Scales, error: np.ndarray) -> tuple[Regime, 
     return tuple(sorted(out, key=lambda r: -r.lift))
 
 
-def _masks(data: Dataset) -> dict[str, np.ndarray]:
+def regime_masks(data: Dataset) -> dict[str, np.ndarray]:
     """Regimes as masks (W, M), from the commands alone, so that every robot has them."""
     shape = data.t.shape
     masks = {

@@ -1,7 +1,7 @@
-"""The motion (and, where no motion will do, the sensor) that parts the explanations best."""
+"""The motion (and, where no motion will do, the sensor or the switch) that parts the explanations best."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,26 +18,31 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values
 
 PARTS = SearchSettings().beyond_doubt  # likelihood ratio
+MOST = 3  # motions in an experiment
 
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """motions: all that were tried, best first; sensors: channels to log besides, without which none of them will do;
-    each motion's ratio is with these."""
+    """motions: all that were tried, best first; played: those to drive, one unless it takes more; sensors: channels to
+    log besides, switches: whether motors have to be switched off, without which none of them will do; each motion's
+    ratio is with these."""
 
     motions: tuple[Separation, ...]
+    played: tuple[Separation, ...]
     sensors: tuple[str, ...]
+    switches: bool
 
     @property
-    def best(self) -> Separation:
-        return self.motions[0]
+    def ratio(self) -> float:
+        """Of all that is played, the smallest over all pairs: the likelihood ratios of separate runs add."""
+        return float(np.sum([s.losses for s in self.played], axis=0).min())
 
     @property
     def parts(self) -> bool:
-        """Whether the best motion is expected to part them beyond doubt."""
-        return self.best.ratio >= PARTS
+        """Whether what is played is expected to part them beyond doubt."""
+        return self.ratio >= PARTS
 
 
 def choose(
@@ -48,15 +53,19 @@ def choose(
     rng: np.random.Generator,
     progress: Progress = lambda text, done: None,
 ) -> Experiment:
-    """Try every motion in simulation, and log the wheels' encoders where no motion alone will do."""
+    """Try every motion in simulation; where none will do alone, with the wheels' encoders logged, or the motors off at
+    times."""
     tried = motions(bench, seconds, rng)
     encoded, sensors = with_encoders(bench, robot)
-    alone = _ranked(robot, bench, tried, explanations, rng, progress, 0.0, 0.5 if sensors else 1.0)
-    if alone[0].ratio >= PARTS or not sensors:
-        return Experiment(alone, ())
-    with_them = _ranked(robot, encoded, tried, explanations, rng, progress, 0.5, 1.0)
-    better = with_them[0].ratio >= max(PARTS, 2.0 * alone[0].ratio)
-    return Experiment(with_them, sensors) if better else Experiment(alone, ())
+    switched = () if bench.switches else motions(replace(bench, switches=True), seconds, rng)[len(tried) :]
+    best = _of(_ranked(robot, bench, tried, explanations, rng, progress, 0.0, 0.6), (), False)
+    if not best.parts and sensors:
+        found = _ranked(robot, encoded, tried, explanations, rng, progress, 0.6, 1.0)
+        best = _clearly_better(best, _of(found, sensors, False))
+    if not best.parts and switched:
+        found = _ranked(robot, bench, switched, explanations, rng, progress, 0.6, 1.0)
+        best = _clearly_better(best, _of(found, (), True))
+    return best
 
 
 def protocol(
@@ -68,6 +77,25 @@ def protocol(
     data = build_dataset(runs, [robot] * len(runs), dict(bench.sigma))
     problem = build_problem(data, build_space(data, ()), data.sigma)
     return tuple(planned), not_testable(problem, fit_all(problem, [{}])[0], ())
+
+
+def _clearly_better(simple: Experiment, other: Experiment) -> Experiment:
+    """The one that asks for more only where it is worth that."""
+    return other if other.ratio >= max(PARTS, 2.0 * simple.ratio) else simple
+
+
+def _of(ranked: tuple[Separation, ...], sensors: tuple[str, ...], switches: bool) -> Experiment:
+    """The best motion alone, or with as many more as it takes to part every pair: not every motion shows everything."""
+    played, left = [ranked[0]], list(ranked[1:])
+    so_far = ranked[0].losses
+    while so_far.min() < PARTS and left and len(played) < MOST:
+        add = max(left, key=lambda s: float((so_far + s.losses).min()))
+        played.append(add)
+        left.remove(add)
+        so_far = so_far + add.losses
+    if so_far.min() < PARTS:  # in vain
+        played = played[:1]
+    return Experiment(ranked, tuple(played), sensors, switches)
 
 
 def _ranked(

@@ -8,6 +8,7 @@ from residual_mpc.experiment.bench import Bench
 
 EASE = 0.5  # s of rest at both ends
 FULL = 0.9  # of the reach
+OFF_EVERY, OFF = 5.0, 0.8  # s
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ def motions(bench: Bench, seconds: float, rng: np.random.Generator) -> tuple[Mot
     calm = np.clip(np.minimum(t, t[-1] - t) / EASE - 0.2, 0.0, 1.0)[:, None]  # at rest at both ends
     made = [Motion(n, t, bench.home + FULL * bench.reach * s * calm) for n, s in shapes.items()]
     if bench.switches and not bench.wheeled:
-        off = ((t % 6.0) > 4.5)[:, None] & (t[:, None] < t[-1] - EASE)
+        off = ((t % OFF_EVERY) > OFF_EVERY - OFF)[:, None] & (t[:, None] < t[-1] - EASE)
         noisy = next(m for m in made if m.name == "multisine")
         on = np.where(off, 0.0, 1.0) * np.ones(noisy.command.shape)
         made.append(Motion("multisine, motors off at times", t, noisy.command, on))

@@ -29,12 +29,17 @@ class Planned:
 
 @dataclass(frozen=True)
 class Separation:
-    """planned: the motion, as large as the limits of the joints allow; ratio: likelihood ratio by which the wrong
-    explanation is expected to lose, the smallest over all pairs and both ways round, residuals as coloured as in the
-    runs so far."""
+    """planned: the motion, as large as the limits of the joints allow; losses: (n, n) likelihood ratio by which
+    explanation j is expected to lose where i is true, residuals as coloured as in the runs so far; infinite for i = j.
+    """
 
     planned: Planned
-    ratio: float
+    losses: np.ndarray
+
+    @property
+    def ratio(self) -> float:
+        """The smallest over all pairs and both ways round."""
+        return float(self.losses.min())
 
 
 def separation(
@@ -42,13 +47,13 @@ def separation(
 ) -> Separation:
     """explanations: two or more, of which one is true."""
     planned = allowed(robot, bench, motion, explanations[0])
-    worst = np.inf
+    losses = np.full((len(explanations), len(explanations)), np.inf)
     for i, true in enumerate(explanations):
-        others = [e for k, e in enumerate(explanations) if k != i]
+        wrong = [k for k in range(len(explanations)) if k != i]
         problem = _problem(robot, driven(robot, bench, planned.motion, true, rng), bench, explanations)
-        own, *wrong = fit_all(problem, [true, *others])
-        worst = min([worst, *((w.cost - own.cost) / bench.dispersion for w in wrong)])
-    return Separation(planned, float(worst))
+        own, *others = fit_all(problem, [true, *(explanations[k] for k in wrong)])
+        losses[i, wrong] = [(other.cost - own.cost) / bench.dispersion for other in others]
+    return Separation(planned, losses)
 
 
 def driven(robot: Robot, bench: Bench, motion: Motion, true: Values, rng: np.random.Generator) -> Run:

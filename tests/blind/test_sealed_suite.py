@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from residual_mpc.blind.experiment import ExperimentSettings, carry_out
 from residual_mpc.blind.make import MakeSettings, make_suite
 from residual_mpc.blind.run import RunSettings, run_suite
 from residual_mpc.blind.score.score import score_suite
@@ -52,3 +53,20 @@ def test_the_best_fit_lies_near_what_was_drawn(swept):
             for parameter, drawn in planted.parameters.items():
                 fitted = o.answer.notes["best_fit"][f"{planted.effect}.{parameter}"]
                 assert fitted == pytest.approx(drawn, rel=0.1)
+
+
+@pytest.mark.slow
+def test_the_proposed_experiment_settles_a_group(tmp_path):
+    """Wheels that are smaller than the model says, without encoders: as well weak motors."""
+    made = make_suite(MakeSettings(("wheeled",), ("confounded",), 1, 6008, 1), tmp_path / "suite", tmp_path / "answers")
+    assert not made.failed
+    first, out = tmp_path / "first", tmp_path / "out"
+    run_suite(tmp_path / "suite", first, RunSettings(jobs=1, timeout=900))
+    quiet = ExperimentSettings(jobs=1, timeout=900)
+    summary = carry_out(tmp_path / "suite", tmp_path / "answers", first, out, quiet, lambda text, done: None)
+    assert (summary.open, summary.failed) == (1, 0)
+    scores = score_suite(tmp_path / "suite", tmp_path / "answers", {"diagnose": first}, tmp_path / "ledger", out)
+    assert scores.experiments is not None
+    (group,) = scores.experiments.questions
+    assert group.outcome == "resolved" and group.confounded
+    assert scores.experiments.named_after.hits == 1

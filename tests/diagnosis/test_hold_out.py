@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
@@ -54,6 +56,20 @@ def test_of_many_runs_whole_ones_are_kept_back() -> None:
     assert ranks[0] < 4 <= ranks[1]  # from both halves of the nominal error
     mask = held_out_mask(data, kept)
     assert all(mask[data.run == i].all() or not mask[data.run == i].any() for i in range(8))
+
+
+@pytest.mark.parametrize("others", [5, 8])
+@pytest.mark.parametrize("columns", ["velocity.left", "enabled.left"])
+def test_a_run_that_alone_can_tell_something_is_never_kept_back_whole(others: int, columns: str) -> None:
+    runs = [rover_run(f"run{i}", FAULTS, 12.0, seed=i) for i in range(others + 1)]
+    last = runs[-1]
+    told = np.where(last.t < 6.0, 0.0, last.columns["command.left"] if columns == "velocity.left" else 1.0)
+    runs[-1] = replace(last, columns={**last.columns, columns: told})
+    data = build_dataset(runs, [ROVER] * len(runs), SIGMA)
+    kept = choose_held_out(data, errors_of(data))
+    mine = [k for k in kept if k.run == last.name]
+    assert mine and all(k.start is not None for k in mine)
+    assert any(k.start is None for k in kept) == (others >= 6)
 
 
 def test_too_few_windows_keep_nothing_back() -> None:

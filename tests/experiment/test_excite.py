@@ -91,6 +91,40 @@ def test_the_motion_that_was_planned_parts_them(confounded: Path, capsys: pytest
     assert again["explanation"][0]["parameters"]["time_constant"]["value"] == pytest.approx(0.05, abs=0.008)
 
 
+def test_a_diagnosis_has_its_experiment_beside_it(confounded: Path, tmp_path: Path) -> None:
+    document = json.loads((confounded / "out" / "diagnosis.json").read_text())
+    experiment = document["next_experiment"]
+    assert experiment["commands"] == "next.csv" and experiment["told_apart"]
+    words = experiment["excite"].split()
+    assert words[:2] == ["residual-mpc", "excite"] and words[-1] == str(confounded / "out" / "next.csv")
+    again = tmp_path / "again.csv"
+    assert call(*words[1:-1], again) == 0
+    assert again.read_text() == (confounded / "out" / "next.csv").read_text()
+
+
+def test_a_gap_that_nothing_explains_is_looked_at_twice_and_elsewhere(
+    confounded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = json.loads((confounded / "out" / "diagnosis.json").read_text())
+    content |= {"verdict": "unknown", "alternatives": []}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(content))
+    plan = tmp_path / "next.csv"
+    words = ("excite", tmp_path / "diagnosis.json", "--robot", confounded / "robot.toml", "--out", plan)
+    assert call(*words, "--json") == 0
+    said = json.loads(capsys.readouterr().out)["excite"]
+    assert said["purpose"] == "explore" and len(said["motions"]) == 3
+    first, second, third = said["motions"]
+    assert second["name"] == first["name"] + " again" and third["name"] != first["name"]
+    assert "turning left" in third["unseen"]  # both wheels were always driven alike
+    with plan.open() as file:
+        rows = list(csv.DictReader(file))
+    driven_as = {run: [r["command.left"] for r in rows if r["run"] == run] for run in {r["run"] for r in rows}}
+    name = first["name"].replace(" ", "_")
+    assert len(driven_as) == 3 and driven_as[name] == driven_as[name + "_again"]
+    assert call(*words) == 0
+    assert "drive the motion that shows it most, twice" in capsys.readouterr().out
+
+
 def test_a_sensor_is_asked_for_where_no_motion_will_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     t = PERIOD * np.arange(401)
     weak = {"actuator_gain": {"gain": 1.1}}

@@ -27,6 +27,7 @@ def write_page(scores: Scores, path: Path) -> None:
             levels=plots.levels_plot(scores.summaries),
             reliability=plots.reliability_plot(first),
             shrink=plots.shrink_plot(first),
+            settled=settled(scores),
             confusion=plots.confusion_plot(first),
             percent=percent,
             number=number,
@@ -62,6 +63,27 @@ def figures(scores: Scores) -> list[tuple[str, list[str]]]:
     row("seconds a case, median", [number(s.seconds) for s in every])
     row("cases without a diagnosis", [str(_failed(s)) for s in every])
     return rows
+
+
+def settled(scores: Scores) -> list[tuple[str, str]]:
+    """What the experiments settled: (name of the figure, cell); nothing where none were carried out."""
+    e = scores.experiments
+    if e is None:
+        return []
+    rows = [("groups resolved by the experiment", e.groups)]
+    rows += [(f"groups resolved, {name.replace('_', ' ')}", r) for name, r in e.by_effects.items()]
+    rows += [
+        ("groups that stayed", e.stayed),
+        ("groups whose second answer is wrong", e.became_wrong),
+        ("groups whose experiment failed", e.failed),
+        ("close rivals resolved", e.rivals),
+        ("right before, of the cases with an experiment", e.right_before),
+        ("right after", e.right_after),
+        ("right after without exchanging group members", e.named_after),
+        ("right before, where no candidate is the cause", e.lacking_before),
+        ("right after, where no candidate is the cause", e.lacking_after),
+    ]
+    return [(name, percent(r)) for name, r in rows if r.count]
 
 
 def percent(rate: Rate) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from residual_mpc.blind.openings import Opening, read_openings, record_opening
 from residual_mpc.blind.score.outcome import outcome
+from residual_mpc.blind.score.resolved import Experiments, score_experiments
 from residual_mpc.blind.score.summary import Summary, summarise
 from residual_mpc.blind.seal import reveal
 from residual_mpc.blind.suite import Suite, program_version, read_suite
@@ -24,12 +25,16 @@ class Scores:
     summaries: tuple[Summary, ...]  # the product first, then the baselines
     openings: tuple[Opening, ...]
     version: str
+    experiments: Experiments | None = None  # of the first method, where they were carried out
 
 
-def score_suite(folder: Path, answers: Path, results: Mapping[str, Path], ledger: Path) -> Scores:
+def score_suite(
+    folder: Path, answers: Path, results: Mapping[str, Path], ledger: Path, experiments: Path | None = None
+) -> Scores:
     """Reveal the answers, check every commitment, and score each method's ``results`` (name to folder).
 
-    Opening the answers of a suite of test seeds is written to ``ledger`` first.
+    ``experiments``: the folder of `blind experiment`, of the first method's diagnoses. Opening the answers of a suite
+    of test seeds is written to ``ledger`` first.
     """
     suite = read_suite(folder)
     for name, place in results.items():
@@ -44,7 +49,9 @@ def score_suite(folder: Path, answers: Path, results: Mapping[str, Path], ledger
         summarise(method, [outcome(name, answer, place / name) for name, answer in revealed.items()])
         for method, place in results.items()
     )
-    return Scores(suite, summaries, read_openings(ledger), version)
+    first = next(iter(results.values()))
+    settled = None if experiments is None else score_experiments(revealed, first, experiments)
+    return Scores(suite, summaries, read_openings(ledger), version, settled)
 
 
 def _identity(suite: Suite) -> str:

@@ -1,0 +1,70 @@
+"""A program in a process and a folder of its own, with a short list of environment variables: what it is given is all
+that it can know."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from residual_mpc.errors import BadInput
+
+# what a program needs to start at all; nothing else of the caller's environment reaches it
+_ENVIRONMENT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH",
+                "MUJOCO_GL", "SYSTEMROOT", "TEMP", "TMP")  # fmt: skip
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a process ended. status: "done", or why not; said: its stdout; complaint: its stderr."""
+
+    status: str
+    exit_status: int | None
+    said: str
+    complaint: str
+
+    @property
+    def done(self) -> bool:
+        return self.status == "done"
+
+
+def program(given: str, own: str) -> list[str]:
+    """The first words of a call: those ``given``, else this installation's command ``own``; the program looked up."""
+    installed = Path(sys.executable).with_name("residual-mpc")
+    words = shlex.split(given) if given else [str(installed), *own.split()]
+    found = shutil.which(words[0])
+    if found is None:
+        raise BadInput(f"the program {words[0]!r} is not found", "--command", "Give its path, or install it")
+    return [str(Path(found).absolute()), *words[1:]]
+
+
+def call_apart(call: list[str], work: Path, timeout: float) -> Ended:
+    """Call a program from the folder ``work``; it and whatever it started are ended after ``timeout`` seconds."""
+    environment = {k: os.environ[k] for k in _ENVIRONMENT if k in os.environ} | _ONE_THREAD
+    try:
+        process = subprocess.Popen(
+            call, cwd=work, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            text=True, errors="replace", start_new_session=True,
+        )  # fmt: skip
+    except OSError as error:
+        return Ended("not started", None, "", str(error))
+    try:
+        said, complaint = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        _stop(process)
+        return Ended(f"over {timeout:g} s", None, "", "")
+    return Ended("done" if process.returncode == 0 else "failed", process.returncode, said, complaint)
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    """End the process and whatever it started: its session is its own."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()

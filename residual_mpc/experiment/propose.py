@@ -1,0 +1,50 @@
+"""What a diagnosis proposes to do next: its words made concrete where planning costs next to nothing."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from residual_mpc.errors import BadInput
+from residual_mpc.experiment.command_file import command_table
+from residual_mpc.experiment.plan import SECONDS, Plan, plan_next
+from residual_mpc.models.protocol import Robot
+
+FILE = "next.csv"
+AT_ONCE = 3  # states: a plan for a rover costs a second, one for an arm up to a minute, which is left to `excite`
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """next_experiment: as diagnosis.json has it; table: the content of FILE, None where none is written."""
+
+    next_experiment: dict[str, Any] | None
+    table: str | None
+
+
+def propose(document: Mapping[str, Any], robot: Robot, excite: str, seed: int) -> Proposal:
+    """The experiment of a diagnosis.json that leaves something open; excite: the command that plans it (again)."""
+    said = document["next_experiment"]
+    if said is None:
+        return Proposal(None, None)
+    said = {**said, "excite": excite}
+    if len(robot.states) > AT_ONCE:
+        return Proposal(said, None)
+    try:
+        plan = plan_next(document, robot, "diagnosis.json", {}, SECONDS, np.random.default_rng(seed))
+    except BadInput:
+        return Proposal(said, None)  # a robot that cannot be planned for keeps the words
+    if plan.purpose == "protocol":
+        return Proposal(said, None)
+    table = command_table([p.motion for p in plan.played], plan.bench.actuators)
+    planned = {"what": _words(plan), "commands": FILE, "sensors": plan.document["sensors"]}
+    return Proposal({**said, **planned, "told_apart": plan.document["told_apart"]}, table)
+
+
+def _words(plan: Plan) -> str:
+    names = [p.motion.name for p in plan.played]
+    if plan.purpose == "explore":
+        return f"drive {names[0]} twice" + "".join(f", then {n}" for n in names[2:])
+    sensors = plan.document["sensors"]
+    return f"drive {', then '.join(names)}" + (f", and log {' and '.join(sensors)} besides" if sensors else "")
