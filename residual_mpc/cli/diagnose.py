@@ -67,6 +67,7 @@ def diagnose(
     from residual_mpc.diagnosis.document import to_document
     from residual_mpc.report import sentence, write_report
     from residual_mpc.report.collect import collect
+    from residual_mpc.report.words.rest import rest_sentence
     from residual_mpc.residual.remainder import LEARNERS
 
     kept = None if not held_out else _kept(held_out, [r.name for r in loaded.runs])
@@ -87,6 +88,8 @@ def diagnose(
         name_robot_file(document["model"], loaded.robot_file, out)
         document["command"] = shlex.join(["residual-mpc", *sys.argv[1:]])
         document["verdict_sentence"] = sentence(document)
+        if document["remainder"]:
+            document["remainder"]["sentence"] = rest_sentence(document["remainder"])
         progress("writing the report", 0.97)
         write_report(document, collect(made), out)
     write_atomically(out / "model.json", json.dumps(document["model"], indent=2, allow_nan=False) + "\n")
@@ -153,6 +156,8 @@ def _summary(document: dict[str, Any], out: Path) -> None:
     for group in document["confounded"]:
         names = [" + ".join(_named(t) for t in (m if isinstance(m, list) else [m])) for m in group]
         click.echo(f"  cannot be told apart on these runs: {', '.join(dict.fromkeys(names))}")
+    if document["remainder"]:
+        click.echo(f"  {document['remainder']['sentence']}")
     if document["next_experiment"]:
         click.echo(f"  next: {document['next_experiment']['what']}")
     if document["alternatives"]:
