@@ -9,7 +9,8 @@ from residual_mpc.diagnosis.rest.coordinates import Coordinate
 KNOTS = 6
 TEETH = tuple(range(2, 61))  # repetitions a turn that a joint's angle is searched for
 STRETCH = (0.94, 0.96, 0.98, 1.0, 1.02, 1.04, 1.06)  # of a wheel's angle: what is commanded is not quite what is turned
-RUNS = 12  # more than these are not given a number of their own each
+RUNS = 12  # more than these are not given a phase of their own each
+WINDOWS = 4  # of a run, on average, before it is given a number of its own
 
 # How the function of the coordinate enters: as it is, times the component's own speed, or times its direction.
 FORMS = ("added", "speed", "direction")
@@ -67,7 +68,7 @@ def _plain(c: Coordinate, run: np.ndarray) -> list[np.ndarray]:
         return [np.stack([np.ones_like(c.z), c.z], axis=-1)]
     if c.kind == "run":
         there = np.unique(run)
-        return [(c.z[..., None] == there).astype(float)] if len(there) <= RUNS else []
+        return [(c.z[..., None] == there).astype(float)] if len(run) >= WINDOWS * len(there) else []
     if c.turn is not None:
         a = 2.0 * np.pi / c.turn * c.z
         return [np.stack([np.ones_like(a), np.cos(a), np.sin(a), np.cos(2.0 * a), np.sin(2.0 * a)], axis=-1)]

@@ -24,6 +24,7 @@ HINTS = {
     "heading": "a floor that is not level would look like that",
     "place": "a floor that is not the same everywhere would look like that",
 }
+AT_ONE_TIME = "something that comes at the same time of every run would look like that"
 ONE_SIDED = "something that is weaker to one side would look like that"
 
 
@@ -51,6 +52,8 @@ def hint_of(dependence: Mapping[str, Any]) -> str:
     kind = dependence["kind"]
     if kind in ("turning", "speed"):
         return ONE_SIDED if _one_sided(dependence["curve"]) else ""
+    if kind == "time" and dependence["form"] == "added":  # what warms up does nothing at rest
+        return AT_ONE_TIME
     return HINTS.get(kind, "")
 
 
