@@ -11,7 +11,7 @@ PART = 0.2  # share from which a component is
 BURST = 0.15  # share of the time that holds half of what comes in bursts
 SIDES = 0.2  # share of a curve's squares that is alike to both sides, from which its sides differ
 
-COMPONENTS = {"forward": "the forward motion", "sideways": "the sideways motion", "yaw": "yaw"}
+COMPONENTS = {"forward": "the forward motion", "sideways": "the sideways motion", "yaw": "yaw", "twist.theta": "yaw"}
 HINTS = {
     "wheel_angle": "an eccentric wheel or a bent axle would look like that",
     "angle": "cogging of a motor or the teeth of a gear would look like that",
