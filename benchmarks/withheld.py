@@ -124,7 +124,8 @@ def section(case: Withheld, found: dict[str, Any] | None) -> str:
     """What was withheld, said, and came; what of it was right and what was wrong."""
     head = f"## {case.title}\n\n**Withheld.** {case.kept}\n\n"
     if found is None:
-        return f'{head}Not measured: `python -m benchmarks.recorded --row "{case.row}"` does that.\n'
+        command = f'python -m benchmarks.recorded --row "{case.row}"'
+        return f"{head}Not measured with this version: `{command}` does that ([earlier](results.md)).\n"
     d = found["document"]
     right, wrong = marks(case, d)
     told = [f"```\n{found['shown']}\n```\n", f"**Said beforehand**{found['code']}**.** {beforehand(d)}\n"]
