@@ -57,6 +57,10 @@ ROWS = (
     Row("xl330, half the mass", "xl330", "the same runs, the model given 0.245 kg in place of 0.49 kg",
         "0.245 kg is missing at the payload site; what the row above names is missing as well.", mass=0.245,
         true={("payload", "mass"): 0.245}),
+    Row("xl330, motor off", "xl330",
+        "fitted with the motor on throughout, judged on the four runs in which it is mostly off",
+        "With the motor off no gain, limit or delay of it can do anything: only what is the link's own is left.",
+        options=("--held-out", "*_lift_and_drop")),
     Row("husky_drive", "husky_drive", "skid-steered base, 402 runs of 2 s",
         "Half of the rows command more than 6.9 rad/s, which the wheels never exceed. Yaw is about 0.38 of what "
         "the encoders give (a track 2.6 times as wide), forward 0.82.",

@@ -69,6 +69,7 @@ def diagnose(
     from residual_mpc.models.load import load_robot
     from residual_mpc.report import sentence, write_report
     from residual_mpc.report.collect import collect
+    from residual_mpc.report.words.rest import rest_sentence
     from residual_mpc.residual.remainder import LEARNERS
 
     kept = None if not held_out else _kept(held_out, [r.name for r in loaded.runs])
@@ -89,6 +90,8 @@ def diagnose(
         name_robot_file(document["model"], loaded.robot_file, out)
         document["command"] = shlex.join(["residual-mpc", *sys.argv[1:]])
         document["verdict_sentence"] = sentence(document)
+        if document["remainder"]:
+            document["remainder"]["sentence"] = rest_sentence(document["remainder"])
         progress("planning the next experiment", 0.96)
         call = ["residual-mpc", "excite", str(out / "diagnosis.json"), "--robot", robot, "--out", str(out / FILE)]
         proposal = propose(document, load_robot(loaded.robot_file), shlex.join(call), seed)
@@ -161,6 +164,8 @@ def _summary(document: dict[str, Any], out: Path) -> None:
     for group in document["confounded"]:
         names = [" + ".join(_named(t) for t in (m if isinstance(m, list) else [m])) for m in group]
         click.echo(f"  cannot be told apart on these runs: {', '.join(dict.fromkeys(names))}")
+    if document["remainder"]:
+        click.echo(f"  {document['remainder']['sentence']}")
     following = document["next_experiment"]
     if following:
         click.echo(f"  next: {following['what']}")

@@ -21,8 +21,10 @@ from residual_mpc.diagnosis.problem import Problem, build_problem, part_of
 from residual_mpc.diagnosis.records import Diagnosis, GapFigures, Verdict
 from residual_mpc.diagnosis.remainder import NOTHING, Learner, learn, remainder_of
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.rest.describe import describe
+from residual_mpc.diagnosis.rest.resemblance import resembles
 from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
-from residual_mpc.diagnosis.search import search, without
+from residual_mpc.diagnosis.search import Ruler, search, without
 from residual_mpc.diagnosis.search_settings import SearchSettings
 from residual_mpc.diagnosis.space import Space, build_space
 from residual_mpc.diagnosis.spikes import Outliers, find_outliers
@@ -38,6 +40,7 @@ from residual_mpc.models.settings import Settings, Term, Values
 Progress = Callable[[str, float], None]
 POLISH, POLISH_TOLERANCE = 24, 1e-6  # steps and relative gain at which the last fit ends
 LAST = 2  # of these steps that are on all windows, where there are too many for all
+FEW = 4  # draws of the noise that tell what of a remainder is noise
 LUCK = 4.0  # standard deviations of a perfect model's squared gap that chance is allowed
 
 
@@ -241,11 +244,16 @@ def _judge(
 
     # what a perfect model might have left under this noise is not worth a learner's time
     worth = verdict in ("partial", "unknown") or g["after"].total > max(options.floor_margin * floor, _with_luck(draws))
-    learned = NOTHING
-    if worth and verdict != "no_gap" and held.any():
-        rest, row = (after_data, final.values) if helps else (raw, base.values)
-        left = remainder_of(rest, scales, space.settings([row]), after_p, errors["after"], held)
-        learned = learn(left, learners, rng.spawn(1)[0])
+    learned, rest = NOTHING, None
+    if worth and verdict != "no_gap":
+        seen, current = (after_data, final) if helps else (raw, base)
+        row = space.settings([current.values])
+        if held.any():
+            left = remainder_of(seen, scales, row, after_p, errors["after"], held)
+            learned = learn(left, learners, rng.spawn(1)[0])
+        like = resembles(problem, current, vetoed, Ruler(seen.take(test), space, scales, floor**2))
+        unspoilt = np.where(np.isfinite(clean.y), errors["after"], np.nan)
+        rest = describe(seen, scales, row, after_p, unspoilt, floors[:FEW], like, rng.spawn(1)[0])
     sure = most_sure(verdict, share)
     causes = causes_of(final, problem, rivalry, outliers, with_outliers, share, sure) if helps else ()
     gaps = everywhere["before"], everywhere["after"], floor_everywhere
@@ -287,6 +295,7 @@ def _judge(
         moved=moved(base, final) if helps else (),
         unexplained=share,
         learned=learned,
+        rest=rest,
         steps=steps,
         outlier_share=outliers.share if with_outliers else 0.0,
         outlier_channels={c: s for c, s in outliers.shares.items() if s > 0} if with_outliers else {},

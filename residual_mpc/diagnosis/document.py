@@ -66,6 +66,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
         "moved": [{"parameter": m.parameter, "from": m.before, "to": m.after} for m in d.moved],
         "unexplained": {"share": d.unexplained, "learned_residual_shrink": d.learned.shrink},
         "learned": {"by": d.learned.by, "asked": list(d.learned.asked)},
+        "remainder": None if d.rest is None else d.rest.document(),
         "next_experiment": d.next_experiment,
         "stages_of_gap": [{"terms": [_term(t) for t in terms], "gap": g} for terms, g in d.steps],
         "rivals": [{"terms": [_term(t) for t in terms], "probability": p} for terms, p in d.rivals],

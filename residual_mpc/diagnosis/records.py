@@ -6,6 +6,7 @@ from typing import Literal
 from residual_mpc.diagnosis.hold_out import KeptBack
 from residual_mpc.diagnosis.how_far import Shrink
 from residual_mpc.diagnosis.remainder import Learned
+from residual_mpc.diagnosis.rest.records import Rest
 from residual_mpc.diagnosis.testable import NotTestable
 from residual_mpc.diagnosis.where import Where
 from residual_mpc.models.settings import Term, Values
@@ -114,6 +115,7 @@ class Diagnosis:
     moved: tuple[Moved, ...]
     unexplained: float
     learned: Learned
+    rest: Rest | None  # None where what is left is within the noise
     steps: tuple[tuple[tuple[Term, ...], float], ...]
     outlier_share: float
     outlier_channels: dict[str, float]

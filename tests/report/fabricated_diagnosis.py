@@ -233,6 +233,43 @@ def _partial() -> dict[str, Any]:
         ],
         "moved": [{"parameter": "joint.elbow.damping", "from": 0.05, "to": 0.002}],
         "unexplained": {"share": 0.38, "learned_residual_shrink": 0.22},
+        "remainder": _remainder([]),
+    }
+
+
+def _depends(on: str, kind: str, of: str | None, form: str, repeats: int | None) -> dict[str, Any]:
+    x = [k * 6.28 / 8 / (repeats or 1) for k in range(8)]
+    return {
+        "on": on,
+        "kind": kind,
+        "of": of,
+        "form": form,
+        "share": 0.62,
+        "by_chance": 0.04,
+        "alike": [] if repeats else ["how much the motors have done in the run"],
+        "curve": {
+            "component": "position.elbow",
+            "x": x,
+            "y": [0.5, 1.2, 0.4, -0.1, -0.6, -1.1, -0.5, 0.1],
+            "se": [0.1] * 8,
+            "x_unit": "rad" if repeats else "s",
+            "y_unit": "rad/s^2",
+            "repeats": repeats,
+        },
+    }
+
+
+def _remainder(depends: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "components": [
+            {"name": "position.elbow", "share": 0.9, "rate": 0.4, "unit": "rad/s^2"},
+            {"name": "position.wrist", "share": 0.1, "rate": 0.03, "unit": "rad/s^2"},
+        ],
+        "regimes": [{"name": "slow", "share": 0.5, "lift": 2.1}, {"name": "fast", "share": 0.1, "lift": 0.4}],
+        "times": [],
+        "half_within": 0.12,
+        "depends_on": depends,
+        "resembles": {"effect": "viscous_friction", "target": "elbow", "closes": 0.31},
     }
 
 
@@ -243,6 +280,12 @@ def _unknown() -> dict[str, Any]:
         "where": _where(),
         "candidates": [c | {"probability": 0.1 * c["probability"], "shrink": 0.0} for c in _candidates()],
         "unexplained": {"share": 1.0, "learned_residual_shrink": 0.55},
+        "remainder": _remainder(
+            [
+                _depends("the angle of elbow", "angle", "elbow", "added", 12),
+                _depends("the time in the run", "time", None, "direction", None),
+            ]
+        ),
         "next_experiment": {
             "parts": [],
             "what": "drive slow circles both ways, with the wheel encoders logged",

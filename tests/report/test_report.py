@@ -14,7 +14,7 @@ VERDICTS = ("no_gap", "effects", "partial", "unknown")
 VOID = {"meta", "br", "img", "link", "hr", "input", "col"}
 OPTIONAL = (
     "where candidates confounded not_testable moved next_experiment schema stages_of_gap"
-    " rivals learned audit fit notes outliers seconds command"
+    " rivals remainder learned audit fit notes outliers seconds command"
 ).split()
 
 

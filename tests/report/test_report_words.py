@@ -10,6 +10,7 @@ from residual_mpc.report.wording import sentence
 from residual_mpc.report.words.effects import PHRASES, STAGES, sentence_of, stage
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import listed, measure, measure_interval, number, percent
+from residual_mpc.report.words.rest import hint_of, rest_sentence
 
 
 def plain(text):
@@ -108,3 +109,19 @@ def test_a_group_in_words():
         [{"effect": "payload", "target": None}, {"effect": "armature"}],
     ]
     assert group_sentence(group) == ("On these runs backlash (j1) and payload with armature cannot be told apart.")
+
+
+def test_what_is_left_in_words():
+    assert plain(rest_sentence(document("unknown")["remainder"])) == (
+        "What is left sits in elbow in slow motion and depends on the angle of elbow (62 % of it, 12 times per "
+        "revolution): cogging of a motor or the teeth of a gear would look like that. Of the known effects it "
+        "resembles viscous friction of elbow most, which closes 31 % of it."
+    )
+    nothing = plain(rest_sentence(document("partial")["remainder"]))
+    assert "depends on nothing that was logged; half of it comes in 12 % of the time, as gusts or bumps" in nothing
+
+
+def test_a_curve_over_a_speed_is_one_sided_where_its_halves_differ():
+    odd = {"kind": "turning", "curve": {"x": [-1.0, 0.0, 1.0], "y": [-0.5, 0.0, 0.5]}}
+    weak = {"kind": "turning", "curve": {"x": [-1.0, 0.0, 1.0], "y": [0.0, 0.0, -0.5]}}
+    assert not hint_of(odd) and "one side" in hint_of(weak)

@@ -4,7 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.figures.curve import curve
 from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.words.effects import name as effect_name
+from residual_mpc.report.words.rest import component_name, form_of, hint_of
+
+LIFT = 1.2  # from which a regime is listed
 
 
 def left(document: Document, evidence: Evidence) -> Section | None:
@@ -23,8 +28,33 @@ def left(document: Document, evidence: Evidence) -> Section | None:
         learned_where=[_place(place) for place in _listed(learned.get("where"))],
         outliers=document.get("outliers"),
         moved=moved,
+        rest=_rest(document.get("remainder")),
     )
     return Section("left", "What is left", body)
+
+
+def _rest(remainder: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """What the template says of the remainder; None where there is none worth describing."""
+    if not remainder:
+        return None
+    like = remainder["resembles"]
+    return {
+        "components": [{**c, "name": component_name(c["name"])} for c in remainder["components"]],
+        "regimes": [r for r in remainder["regimes"] if r["share"] >= 0.05 and r["lift"] >= LIFT],
+        "half_within": remainder["half_within"],
+        "depends": [
+            {
+                **d,
+                "form": form_of(d),
+                "hint": hint_of(d),
+                "svg": curve(d, component_name(d["curve"]["component"]), f"rest{k}")
+                if len(d["curve"]["x"]) > 1
+                else "",
+            }
+            for k, d in enumerate(remainder["depends_on"])
+        ],
+        "like": None if like is None else {**like, "name": effect_name(like)},
+    }
 
 
 def _listed(places: Sequence[Any] | Mapping[str, Any] | None) -> list[Any]:

@@ -4,6 +4,7 @@ from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
 from residual_mpc.report.wording import sentence, unseen
 from residual_mpc.report.words.groups import group_sentence
+from residual_mpc.report.words.rest import rest_sentence
 
 TITLES = {
     "no_gap": "No gap",
@@ -26,6 +27,7 @@ def verdict(document: Document, evidence: Evidence) -> Section:
         gap=document["gap"],
         shrink=document.get("shrink"),
         unseen=unseen(document["held_out"]),
+        rest=rest_sentence(document["remainder"]) if document.get("remainder") else "",
         doubts=[group_sentence(group) for group in document.get("confounded") or []],
         notes=document.get("notes") or [],
     )

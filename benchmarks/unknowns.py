@@ -1,0 +1,58 @@
+"""How often `remainder` names the right dependence, on blind cases whose cause no library holds.
+
+residual-mpc blind make --out unknowns --family wheeled=16 --level unknown --seed 7100
+residual-mpc blind run unknowns --out unknowns-results
+python -m benchmarks.unknowns unknowns-results --answers unknowns-answers
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+# What the remainder depends on, by its cause; gusts come when they come, and nothing that is logged tells.
+RIGHT = {
+    "eccentric_wheel": ("wheel_angle",),
+    "one_sided_turning": ("turning",),
+    "warming_up": ("time", "work"),
+    "cogging": ("angle",),
+    "dragging_cable": ("position",),
+    "warming_friction": ("time", "work"),
+    "gusts": (),
+}
+
+
+def right(cause: str, depends: Sequence[str]) -> bool:
+    """Whether the first of the dependences (kinds) is the cause's, or there is none where there should be none."""
+    return depends[0] in RIGHT[cause] if depends and RIGHT[cause] else not depends and not RIGHT[cause]
+
+
+@click.command()
+@click.argument("results", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--answers", type=click.Path(path_type=Path, exists=True, file_okay=False), required=True)
+def unknowns(results: Path, answers: Path) -> None:
+    """A line a case, and the counts by cause."""
+    counts: Counter[str] = Counter()
+    good: Counter[str] = Counter()
+    for path in sorted(results.glob("*/diagnosis.json")):
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        answer = json.loads((answers / f"{path.parent.name}.json").read_text(encoding="utf-8"))["answer"]
+        (cause,) = answer["unknown"]
+        rest = found["remainder"]
+        depends = [d["kind"] for d in rest["depends_on"]] if rest else []
+        counts[cause] += 1
+        good[cause] += right(cause, depends)
+        said = rest["sentence"] if rest else "nothing is said of the remainder"
+        mark = "right" if right(cause, depends) else "WRONG"
+        click.echo(f"{path.parent.name} {cause} {found['verdict']}: {mark}. {said}")
+    for cause, n in sorted(counts.items()):
+        click.echo(f"{cause}: {good[cause]} of {n}")
+
+
+if __name__ == "__main__":
+    unknowns()

@@ -1,0 +1,44 @@
+"""Which known effect the remainder resembles: each that may be added is screened, the best few are fitted alone."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.additions import compatible, distinct, mixed
+from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible, on_problem
+from residual_mpc.diagnosis.problem import Problem, part_of
+from residual_mpc.diagnosis.rest.records import Resemblance
+from residual_mpc.diagnosis.screen import screen
+from residual_mpc.diagnosis.search import Ruler
+from residual_mpc.diagnosis.thinning import evenly
+from residual_mpc.models.settings import Term, Values
+
+STEPS = 8_000  # simulation steps that one hypothesis may cost here
+FITTED = 4  # leads that are fitted
+LEAST = 0.02  # of the rest, below which nothing resembles it
+
+
+def resembles(problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: Ruler) -> Resemblance | None:
+    """The effect whose fit on top of the current ones closes most of the rest; None where none closes any."""
+    keep = evenly(problem.data, STEPS)
+    small = problem if keep.all() else part_of(problem, keep)
+    here = on_problem(small, current)
+    eligible = tuple(t for t in problem.space.candidates if t not in vetoed and compatible(t, current.terms))
+    if not eligible:
+        return None
+    leads = screen(small, here, eligible)
+    ranked = mixed(leads, sorted(leads, key=lambda lead: -lead.compared))
+    best: dict[Term, Values] = {}
+    for lead in ranked:
+        best.setdefault(lead.term, {**current.values, **lead.start})
+    starts = list(best.values())[:FITTED]
+    fits = [f for f in distinct(fit_all(small, starts)) if is_sensible(f)]
+    if not fits:
+        return None
+    few = evenly(judge.data, STEPS)
+    seen = judge if few.all() else replace(judge, data=judge.data.take(few))
+    before, *after = seen.squared([current, *fits]) - judge.floor
+    closes = 1.0 - np.asarray(after) / max(float(before), 1e-12)
+    k = int(np.argmax(closes))
+    (term,) = set(fits[k].terms) - set(current.terms)
+    return Resemblance(term, float(min(closes[k], 1.0))) if closes[k] >= LEAST else None

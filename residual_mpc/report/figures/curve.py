@@ -1,0 +1,54 @@
+"""The missing rate over what it depends on, with its standard errors."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from residual_mpc.report.figures.inline import COLOURS, house_style, inline
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+SIZE = (5.4, 2.5)  # inches
+
+
+def curve(dependence: Mapping[str, Any], what: str, name: str) -> "Markup":
+    """One entry of `depends_on`. what: the component in words; `name` is unique on the page."""
+    from matplotlib.figure import Figure
+
+    c = dependence["curve"]
+    x, y, se = (np.asarray(c[k], dtype=float) for k in ("x", "y", "se"))
+    if c["repeats"]:  # the first point comes again a period later
+        period = 2.0 * np.pi / c["repeats"]
+        x, y, se = (np.append(a, b) for a, b in ((x, period), (y, y[0]), (se, se[0])))
+    apart = dependence["kind"] in ("run", "direction")
+    with house_style():
+        figure = Figure(figsize=SIZE, layout="constrained")
+        axes = figure.add_subplot()
+        axes.axhline(0.0, color=COLOURS["floor"], ls=":", lw=1.4)
+        if not apart:
+            axes.fill_between(x, y - 2.0 * se, y + 2.0 * se, color=COLOURS["after"], alpha=0.18, lw=0)
+        axes.errorbar(x, y, 2.0 * se, color=COLOURS["after"], marker="o", ms=4, lw=1.4, ls="none" if apart else "-")
+        axes.set_xlabel(dependence["on"] + (f" ({c['x_unit']})" if c["x_unit"] else ""))
+        axes.set_ylabel(_y_label(dependence, what))
+        axes.margins(x=0.03)
+        return inline(figure, name, _alt(dependence, what, x, y))
+
+
+def _y_label(dependence: Mapping[str, Any], what: str) -> str:
+    unit = dependence["curve"]["y_unit"]
+    lacking = f"missing in {what}"
+    if dependence["kind"] == "wheel_angle":
+        return f"{lacking}\n({unit} of the wheel)"
+    if dependence["form"] == "speed":
+        return f"{lacking},\nof its speed" + ("" if unit == "1" else f" ({unit})")
+    return f"{lacking}\n({unit})"
+
+
+def _alt(dependence: Mapping[str, Any], what: str, x: np.ndarray, y: np.ndarray) -> str:
+    low, high = int(np.argmin(y)), int(np.argmax(y))
+    return (
+        f"What is missing in {what} over {dependence['on']}: from {y[low]:.2g} at {x[low]:.2g} "
+        f"to {y[high]:.2g} at {x[high]:.2g}."
+    )

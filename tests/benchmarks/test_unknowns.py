@@ -1,0 +1,14 @@
+"""The score of what a remainder depends on."""
+
+from benchmarks.unknowns import RIGHT, right
+from plants.blind_families.arm import HABITS as ARM
+from plants.blind_families.wheeled import HABITS as WHEELED
+
+
+def test_every_unnamed_cause_has_its_dependence() -> None:
+    assert set(RIGHT) == {*ARM.unnamed, *WHEELED.unnamed}
+
+
+def test_the_first_named_counts_and_silence_where_there_is_nothing_to_say() -> None:
+    assert right("cogging", ["angle", "time"]) and not right("cogging", ["time", "angle"])
+    assert right("gusts", []) and not right("gusts", ["time"]) and not right("cogging", [])
