@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.problem import Problem, build_problem, part_of
 from residual_mpc.diagnosis.records import Diagnosis, GapFigures, Verdict
 from residual_mpc.diagnosis.remainder import NOTHING, Learner, learn, remainder_of
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.rest.describe import describe
 from residual_mpc.diagnosis.rest.resemblance import resembles
 from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
@@ -251,7 +252,7 @@ def _judge(
         if held.any():
             left = remainder_of(seen, scales, row, after_p, errors["after"], held)
             learned = learn(left, learners, rng.spawn(1)[0])
-        like = resembles(problem, current, vetoed, Ruler(seen.take(test), space, scales, floor**2))
+        like = resembles(problem, current, vetoed, Ruler(Replays(seen.take(test), space), scales, floor**2))
         unspoilt = np.where(np.isfinite(clean.y), errors["after"], np.nan)
         rest = describe(seen, scales, row, after_p, unspoilt, floors[:FEW], like, rng.spawn(1)[0])
     sure = most_sure(verdict, share)

@@ -8,7 +8,7 @@ from residual_mpc.diagnosis.additions import compatible, distinct, mixed
 from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem, part_of
 from residual_mpc.diagnosis.rest.records import Resemblance
-from residual_mpc.diagnosis.screen import screen
+from residual_mpc.diagnosis.screen import glance
 from residual_mpc.diagnosis.search import Ruler
 from residual_mpc.diagnosis.thinning import evenly
 from residual_mpc.models.settings import Term, Values
@@ -26,17 +26,18 @@ def resembles(problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: R
     eligible = tuple(t for t in problem.space.candidates if t not in vetoed and compatible(t, current.terms))
     if not eligible:
         return None
-    leads = screen(small, here, eligible)
+    leads = glance(small, here, eligible)
     ranked = mixed(leads, sorted(leads, key=lambda lead: -lead.compared))
     best: dict[Term, Values] = {}
     for lead in ranked:
         best.setdefault(lead.term, {**current.values, **lead.start})
     starts = list(best.values())[:FITTED]
-    fits = [f for f in distinct(fit_all(small, starts)) if is_sensible(f)]
+    fits = [f for f in distinct(fit_all(small, starts, near=[here] * len(starts))) if is_sensible(f)]
     if not fits:
         return None
-    few = evenly(judge.data, STEPS)
-    seen = judge if few.all() else replace(judge, data=judge.data.take(few))
+    data = judge.replays.data
+    few = evenly(data, STEPS)
+    seen = judge if few.all() else replace(judge, replays=judge.replays.of(data.take(few), few))
     before, *after = seen.squared([current, *fits]) - judge.floor
     closes = 1.0 - np.asarray(after) / max(float(before), 1e-12)
     k = int(np.argmax(closes))
