@@ -51,9 +51,11 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     small, weight = smaller(problem, beam[0])
     margin = HOPELESS * dispersion(beam[0], blocks)
     parents = {id(parent): on_problem(small, parent) for parent in beam}
-    begun = fit_all(small, [s for _, s in starts], 1, rough=True, near=[parents[id(p)] for p, _ in starts])
-    first = in_turn(small, begun)[: settings.shortlist]
-    rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True, near=first)
+    begin = [parents[id(p)] for p, _ in starts]
+    new = [frozenset(s).difference(p.knobs) for p, s in starts]
+    first = in_turn(small, fit_all(small, [s for _, s in starts], 1, rough=True, near=begin, fresh=new))
+    first = first[: settings.shortlist]
+    rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True, near=first, fresh=[f.fresh for f in first])
     finalists = distinct(in_turn(small, rough))[: settings.finalists + (2 if len(beam) > 1 else 0)]
     fits = closer(problem, small, weight, finalists, margin)
     children = distinct(sorted(filter(is_sensible, fits), key=lambda f: f.cost))
@@ -72,8 +74,9 @@ def closer(
     than the margin above the cheapest, or above the marks (costs on either), are left on the way. The order is kept,
     the Jacobians are rough."""
     race = Race(margin / weight, mark[0])
-    near = fit_all(small, [f.values for f in begun], race=race, rough=True, near=begun)
-    return fit_all(problem, [f.values for f in near], ROUGH, race=Race(margin, mark[1]), rough=True)
+    new = [f.fresh for f in begun]
+    near = fit_all(small, [f.values for f in begun], race=race, rough=True, near=begun, fresh=new)
+    return fit_all(problem, [f.values for f in near], ROUGH, race=Race(margin, mark[1]), rough=True, fresh=new)
 
 
 def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:

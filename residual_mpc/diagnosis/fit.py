@@ -25,7 +25,7 @@ REMAINING = 4.0  # times the last drop in cost that a fit may still fall: steps 
 @dataclass(frozen=True)
 class Fit:
     """values by knob; cost: sum of squares of the whitened residual r (W, n); jacobian (W, n, P) per scaled knob, the
-    scales beside it, in the order of `knobs`. `held` (P,) marks knobs that rest on a bound."""
+    scales beside it, in the order of `knobs`. `held` (P,) marks knobs that rest on a bound; `fresh`: see `fit_all`."""
 
     terms: tuple[Term, ...]
     knobs: tuple[Knob, ...]
@@ -35,6 +35,7 @@ class Fit:
     r: np.ndarray
     jacobian: np.ndarray
     held: np.ndarray
+    fresh: frozenset[Knob] | None = None
 
     @property
     def per_window(self) -> np.ndarray:
@@ -62,6 +63,7 @@ class _Run:
     ratio: np.ndarray  # bool: whether it multiplies a nominal number
     r: np.ndarray
     cost: float
+    fresh: frozenset[Knob] | None = None
     lent: dict[int, np.ndarray] = field(default_factory=dict)  # knob's place -> column of a fit that it starts from
     jacobian: np.ndarray | None = None
     stale: int = SECANTS + 1  # steps since the Jacobian was measured, more than SECANTS before it ever was
@@ -85,19 +87,21 @@ def fit_all(
     secants: int = SECANTS,
     rough: bool = False,
     near: "Sequence[Fit | None]" = (),
+    fresh: Sequence[frozenset[Knob] | None] = (),
 ) -> list[Fit]:
     """Fit each start's own knobs; the result keeps the order. Memory grows with len(starts) * knobs * samples.
 
     race: which fits are left where they are once they cannot come first. secants: steps on a Jacobian that is
     updated by what the steps showed (see `_advance`); it is measured at the end, save for what was left behind, and
     unless it is wanted `rough`. near: for each start a fit on this problem whose derivatives by the knobs that the two
-    share will do for the first steps.
+    share will do for the first steps. fresh: for each start the knobs whose thresholds are looked for on both sides,
+    the others being near their place already; None, and where nothing is said: all.
     """
     if not starts:
         return []
     residuals = problem.residuals(starts)
-    lenders = near or [None] * len(starts)
-    runs = [_begin(problem, s, r, n) for s, r, n in zip(starts, residuals, lenders, strict=True)]
+    lenders, new = near or [None] * len(starts), fresh or [None] * len(starts)
+    runs = [_begin(problem, s, r, n, f) for s, r, n, f in zip(starts, residuals, lenders, new, strict=True)]
     for _ in range(most):
         active = [run for run in runs if not run.done and run.knobs]
         if not active:
@@ -117,7 +121,9 @@ def _leave_behind(runs: list[_Run], reach: float) -> None:
             run.done = run.behind = True
 
 
-def _begin(problem: Problem, start: Values, r: np.ndarray, near: Fit | None = None) -> _Run:
+def _begin(
+    problem: Problem, start: Values, r: np.ndarray, near: Fit | None = None, fresh: frozenset[Knob] | None = None
+) -> _Run:
     knobs = tuple(start)
     scale = np.array([problem.space.scale(k) for k in knobs])
     bounds = np.array([problem.space.bounds(k) for k in knobs]).reshape(-1, 2) / scale.reshape(-1, 1)
@@ -125,7 +131,7 @@ def _begin(problem: Problem, start: Values, r: np.ndarray, near: Fit | None = No
     ratio = np.array([problem.space.null(k) == 1.0 and k.effect != TUNE for k in knobs], dtype=bool)
     shared = () if near is None else (k for k in knobs if k in near.knobs)
     lent = {} if near is None else {knobs.index(k): near.jacobian[..., near.knobs.index(k)] for k in shared}
-    return _Run(knobs, x, bounds[:, 0], bounds[:, 1], scale, ratio, r, float(np.sum(r * r)), lent)
+    return _Run(knobs, x, bounds[:, 0], bounds[:, 1], scale, ratio, r, float(np.sum(r * r)), fresh, lent)
 
 
 def _derive(problem: Problem, runs: list[_Run]) -> None:
@@ -211,6 +217,8 @@ def _scan(run: _Run) -> list[np.ndarray]:
     for i, knob in enumerate(run.knobs):
         if knob.effect == TUNE or not BY_NAME[knob.effect].parameter(knob.parameter).threshold:
             continue
+        if run.fresh is not None and knob not in run.fresh:
+            continue
         for factor in (1.0 - run.width, 1.0 - 0.4 * run.width, 1.0 + 0.4 * run.width, 1.0 + run.width):
             x = run.x.copy()
             x[i] = np.clip(x[i] * factor, run.low[i], run.high[i])
@@ -237,7 +245,7 @@ def _finish(run: _Run) -> Fit:
     assert run.jacobian is not None
     terms = tuple(dict.fromkeys(k.term for k in run.knobs if k.effect != TUNE))
     held = (run.x <= run.low + 1e-9) | (run.x >= run.high - 1e-9)
-    return Fit(terms, run.knobs, run.values(run.x), run.scale, run.cost, run.r, run.jacobian, held)
+    return Fit(terms, run.knobs, run.values(run.x), run.scale, run.cost, run.r, run.jacobian, held, run.fresh)
 
 
 def is_sensible(fit: Fit) -> bool:

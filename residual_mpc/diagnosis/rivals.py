@@ -135,7 +135,8 @@ def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: floa
         return []
     small, weight = smaller(problem, rest)
     chosen = float(np.sum(small.residuals([fit.values])[0] ** 2))
-    rough = fit_all(small, starts, ROUGH, rough=True, near=[on_problem(small, rest)] * len(starts))
+    new = [frozenset(s).difference(rest.knobs) for s in starts]
+    rough = fit_all(small, starts, ROUGH, rough=True, near=[on_problem(small, rest)] * len(starts), fresh=new)
     near = [weight * (r.cost - chosen) < HOPELESS * phi for r in rough]
     ends = iter(
         closer(
