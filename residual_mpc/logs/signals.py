@@ -143,6 +143,7 @@ def _difference_sigma(t: FloatArray, y: FloatArray, order: int) -> float:
     for i, j in itertools.permutations(range(order + 1), 2):
         weights[i] *= times[i] - times[j]
     weights = 1.0 / weights
+    weights /= np.max(np.abs(weights), axis=0)  # stamps that are next to equal would overflow in the square
     weights /= np.sqrt(np.sum(weights**2, axis=0))
     return float(MAD_TO_SIGMA * np.median(np.abs(np.sum(weights * values, axis=0))))
 
