@@ -15,6 +15,7 @@ from residual_mpc.logs.run import FloatArray
 
 BoolArray = NDArray[np.bool_]
 
+EQUAL = 1e-6  # of the period: stamps closer than this are next to equal
 MAD_TO_SIGMA = 1.4826  # of a normal distribution
 EVEN = 0.95  # share of a slower sensor's holds that are equally long, up to a sample
 ONWARD = 0.05  # share of its holds after which the motion goes on as before; a third in pure noise
@@ -135,7 +136,8 @@ def _difference_sigma(t: FloatArray, y: FloatArray, order: int) -> float:
     times = np.stack([t[i : i + count] for i in range(order + 1)])  # (order + 1, m)
     values = np.stack([y[i : i + count] for i in range(order + 1)])
     period = float(np.median(np.diff(t)))
-    even = np.diff(times, axis=0).max(axis=0) < 3.0 * period  # not across a gap
+    apart = np.diff(times, axis=0)
+    even = (apart.max(axis=0) < 3.0 * period) & (apart.min(axis=0) > EQUAL * period)  # not across a gap
     if np.count_nonzero(even) < 8:
         return float("nan")
     times, values = (times[:, even] - times[0, even]) / period, values[:, even] - values[0, even]
@@ -143,7 +145,6 @@ def _difference_sigma(t: FloatArray, y: FloatArray, order: int) -> float:
     for i, j in itertools.permutations(range(order + 1), 2):
         weights[i] *= times[i] - times[j]
     weights = 1.0 / weights
-    weights /= np.max(np.abs(weights), axis=0)  # stamps that are next to equal would overflow in the square
     weights /= np.sqrt(np.sum(weights**2, axis=0))
     return float(MAD_TO_SIGMA * np.median(np.abs(np.sum(weights * values, axis=0))))
 

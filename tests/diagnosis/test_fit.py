@@ -101,3 +101,26 @@ def test_a_small_gain_is_found() -> None:
 
     (fit,) = fit_all(Toy(soft), [{GAIN: 0.04}], 24, 1e-9)
     assert fit.values[GAIN] == pytest.approx(0.013, rel=0.01)
+
+
+def test_a_fit_nearby_lends_its_derivatives() -> None:
+    (parent,) = fit_all(Toy(curved), [{A: 0.1, B: 0.1}], 24, 1e-9)
+    start: Values = {**parent.values, OTHER: 0.5}
+    alone, helped = Toy(curved), Toy(curved)
+    (one,) = fit_all(alone, [start], 1, rough=True)
+    (other,) = fit_all(helped, [start], 1, rough=True, near=[parent])
+    assert helped.evaluated == alone.evaluated - 2
+    assert other.cost == pytest.approx(one.cost, rel=0.02)
+
+
+def test_only_fresh_thresholds_are_looked_for_on_both_sides() -> None:
+    play, width = Knob("backlash", "a", "gap"), Knob("dead_zone", "a", "width")
+
+    def one(values: Values) -> np.ndarray:
+        return np.asarray(BENT[..., 0] * (values[play] - 0.3) + BENT[..., 1] * (values[width] - 0.2) + BENT[..., 2])
+
+    start: Values = {play: 0.4, width: 0.3}
+    whole, part = Toy(one), Toy(one)
+    fit_all(whole, [start], 1, rough=True)
+    (fit,) = fit_all(part, [start], 1, rough=True, fresh=[frozenset({width})])
+    assert part.evaluated == whole.evaluated - 4 and fit.fresh == frozenset({width})

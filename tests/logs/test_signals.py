@@ -122,3 +122,9 @@ def test_short_and_empty_channels_have_neither() -> None:
     for y in (np.zeros(0), np.array([1.0]), np.full(20, np.nan), np.arange(5.0)):
         t: FloatArray = np.arange(float(len(y)))
         assert noise_sigma(t, y) == 0.0 and not spikes(t, y, 0.0).any() and len(fresh_samples(y)) == len(y)
+
+
+def test_stamps_that_are_next_to_equal_do_not_overflow(rng: np.random.Generator) -> None:
+    t, y = T[:200].copy(), 0.01 * rng.standard_normal(200)
+    t[:3] = [0.0, 1e-180, 2e-180]
+    assert noise_sigma(t, y) == pytest.approx(0.01, rel=0.3)
