@@ -15,8 +15,8 @@ HOPELESS = 150.0  # likelihood ratio beyond which a set is not fitted to the end
 ROUGH = 3  # steps of a fit that has to rank
 SOME = 150_000  # simulation steps that all probes of another set of the beam may cost before a glance has to do
 PROMISING = 3  # one in so many probes of the best set is tried on the beam's other sets as well
+EARLY = 1.5  # times the margin by which what was fitted on part of the windows may lie behind on the whole
 GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
-NONE = (np.inf, np.inf)
 
 Ranked = TypeVar("Ranked")
 
@@ -57,26 +57,17 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     first = first[: settings.shortlist]
     rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True, near=first, fresh=[f.fresh for f in first])
     finalists = distinct(in_turn(small, rough))[: settings.finalists + (2 if len(beam) > 1 else 0)]
-    fits = closer(problem, small, weight, finalists, margin)
+    fits = closer(problem, small, finalists, Race(margin / weight), Race(margin, early=EARLY))
     children = distinct(sorted(filter(is_sensible, fits), key=lambda f: f.cost))
     return [on_problem(problem, children[0]), *children[1:]] if children else []
 
 
-def closer(
-    problem: Problem,
-    small: Problem,
-    weight: float,
-    begun: list[Fit],
-    margin: float,
-    mark: tuple[float, float] = NONE,
-) -> list[Fit]:
-    """What was begun on the thinned problem fitted there, and the last steps on the whole; those that end up by more
-    than the margin above the cheapest, or above the marks (costs on either), are left on the way. The order is kept,
-    the Jacobians are rough."""
-    race = Race(margin / weight, mark[0])
+def closer(problem: Problem, small: Problem, begun: list[Fit], on_part: Race, on_all: Race) -> list[Fit]:
+    """What was begun on the thinned problem fitted there, and the last steps on the whole; each race says what is left
+    on the way. The order is kept, the Jacobians are rough."""
     new = [f.fresh for f in begun]
-    near = fit_all(small, [f.values for f in begun], race=race, rough=True, near=begun, fresh=new)
-    return fit_all(problem, [f.values for f in near], ROUGH, race=Race(margin, mark[1]), rough=True, fresh=new)
+    near = fit_all(small, [f.values for f in begun], race=on_part, rough=True, near=begun, fresh=new)
+    return fit_all(problem, [f.values for f in near], ROUGH, race=on_all, rough=True, fresh=new)
 
 
 def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:

@@ -45,10 +45,13 @@ class Fit:
 
 @dataclass(frozen=True)
 class Race:
-    """Of many fits only those matter that end within `margin` of the cheapest, or of `mark` where that is cheaper."""
+    """Of many fits only those matter that end within `margin` of the cheapest, or of `mark` where that is cheaper.
+    `early`: times the margin by which a start may lie behind; starts that were fitted on part of the windows are near
+    their end."""
 
     margin: float
     mark: float = np.inf
+    early: float = np.inf
 
 
 @dataclass
@@ -93,15 +96,20 @@ def fit_all(
 
     race: which fits are left where they are once they cannot come first. secants: steps on a Jacobian that is
     updated by what the steps showed (see `_advance`); it is measured at the end, save for what was left behind, and
-    unless it is wanted `rough`. near: for each start a fit on this problem whose derivatives by the knobs that the two
-    share will do for the first steps. fresh: for each start the knobs whose thresholds are looked for on both sides,
-    the others being near their place already; None, and where nothing is said: all.
+    unless it is wanted `rough` (zeros where no step was taken). near: for each start a fit on this problem whose
+    derivatives by the knobs that the two share will do for the first steps. fresh: for each start the knobs whose
+    thresholds are looked for on both sides, the others being near their place already; None, and where nothing is
+    said: all.
     """
     if not starts:
         return []
     residuals = problem.residuals(starts)
     lenders, new = near or [None] * len(starts), fresh or [None] * len(starts)
     runs = [_begin(problem, s, r, n, f) for s, r, n, f in zip(starts, residuals, lenders, new, strict=True)]
+    if race is not None:
+        reach = min([r.cost for r in runs] + [race.mark]) + race.early * race.margin
+        for run in runs:
+            run.done = run.behind = run.cost > reach
     for _ in range(most):
         active = [run for run in runs if not run.done and run.knobs]
         if not active:
@@ -110,6 +118,9 @@ def fit_all(
         _advance(problem, active, tolerance)
         if race is not None:
             _leave_behind(active, min([r.cost for r in runs] + [race.mark]) + race.margin)
+    for run in runs:
+        if run.jacobian is None and (rough or run.behind):  # nobody asks for it
+            run.jacobian = np.zeros((*run.r.shape, len(run.knobs)))
     _derive(problem, [r for r in runs if r.jacobian is None or (r.stale and not r.behind and not rough)])
     return [_finish(run) for run in runs]
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.additions import HOPELESS, ROUGH, closer, compatible
-from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible, on_problem
+from residual_mpc.diagnosis.additions import EARLY, HOPELESS, ROUGH, closer, compatible
+from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import glance, smaller
 from residual_mpc.diagnosis.search import ALIKE, Found, without
@@ -16,6 +16,7 @@ PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-
 PER_KNOB = 2.0
 RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the screening
 LOOKED_AT = 8
+FAR = 70.0  # likelihood ratio beyond which a rival is not fitted to the end: it would hold no probability
 BEST = 2  # targets alone that are fitted in place of all
 # without encoders these scale the same two rims, so that one pair of them does what another pair does
 RIM_SCALES = ("actuator_gain", "wheel_radius", "wheel_radius_mismatch")
@@ -138,17 +139,10 @@ def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: floa
     new = [frozenset(s).difference(rest.knobs) for s in starts]
     rough = fit_all(small, starts, ROUGH, rough=True, near=[on_problem(small, rest)] * len(starts), fresh=new)
     near = [weight * (r.cost - chosen) < HOPELESS * phi for r in rough]
-    ends = iter(
-        closer(
-            problem,
-            small,
-            weight,
-            [r for r, n in zip(rough, near, strict=True) if n],
-            HOPELESS * phi,
-            (chosen, fit.cost),
-        )
-    )
-    as_they_are = iter(fit_all(problem, [r.values for r, n in zip(rough, near, strict=True) if not n], 0))
+    on_part, on_all = Race(HOPELESS * phi / weight, chosen), Race(FAR * phi, fit.cost, EARLY)
+    ends = iter(closer(problem, small, [r for r, n in zip(rough, near, strict=True) if n], on_part, on_all))
+    left = [r.values for r, n in zip(rough, near, strict=True) if not n]
+    as_they_are = iter(fit_all(problem, left, 0, rough=True))
     return [next(ends if n else as_they_are) for n in near]
 
 
