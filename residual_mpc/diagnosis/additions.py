@@ -5,7 +5,7 @@ from typing import TypeVar
 import numpy as np
 
 from residual_mpc.diagnosis.evidence import dispersion
-from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible, on_problem
+from residual_mpc.diagnosis.fit import MOST, Fit, Race, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import compared_mask, glance, screen, smaller
 from residual_mpc.diagnosis.search_settings import SearchSettings
@@ -62,12 +62,22 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     return [on_problem(problem, children[0]), *children[1:]] if children else []
 
 
-def closer(problem: Problem, small: Problem, begun: list[Fit], on_part: Race, on_all: Race) -> list[Fit]:
-    """What was begun on the thinned problem fitted there, and the last steps on the whole; each race says what is left
-    on the way. The order is kept, the Jacobians are rough."""
+def closer(
+    problem: Problem,
+    small: Problem,
+    begun: list[Fit],
+    on_part: Race,
+    on_all: Race,
+    most: int = MOST,
+    near: Fit | None = None,
+) -> list[Fit]:
+    """What was begun on the thinned problem fitted there in at most so many steps, and the last steps on the whole;
+    each race says what is left on the way. The order is kept, the Jacobians are rough. near: see `fit_all`, on the
+    whole."""
     new = [f.fresh for f in begun]
-    near = fit_all(small, [f.values for f in begun], race=on_part, rough=True, near=begun, fresh=new)
-    return fit_all(problem, [f.values for f in near], ROUGH, race=on_all, rough=True, fresh=new)
+    ends = fit_all(small, [f.values for f in begun], most, race=on_part, rough=True, near=begun, fresh=new)
+    by = [near] * len(ends)
+    return fit_all(problem, [f.values for f in ends], ROUGH, race=on_all, rough=True, near=by, fresh=new)
 
 
 def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:

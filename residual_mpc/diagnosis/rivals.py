@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.additions import EARLY, HOPELESS, ROUGH, closer, compatible
+from residual_mpc.diagnosis.additions import EARLY, ROUGH, closer, compatible
 from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import glance, smaller
@@ -16,6 +16,8 @@ PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-
 PER_KNOB = 2.0
 RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the screening
 LOOKED_AT = 8
+BETTER = -6.0  # likelihood ratio below which a rival takes the place
+SWAPS = 2
 FAR = 70.0  # likelihood ratio beyond which a rival is not fitted to the end: it would hold no probability
 BEST = 2  # targets alone that are fitted in place of all
 # without encoders these scale the same two rims, so that one pair of them does what another pair does
@@ -65,52 +67,60 @@ def find_rivals(found: Found) -> Rivalry:
     """Replace each term (and each pair of rim scales) by every candidate that resembles it; swap where that is
     better.
     """
-    fit = found.fit
-    for _ in range(3):
-        rivals = _replacements(found.problem, fit, found.phi)
-        better = min(rivals, key=lambda r: r.ratio, default=None)
-        if better is None or better.ratio > -6.0:
-            break
-        fit = on_problem(found.problem, better.fit)
+    fit, rivals = found.fit, list[Rival]()
+    places, swaps = _places(fit), 0
+    while places:
+        rivals += (here := _replacements(found.problem, fit, places.pop(), found.phi))
+        better = min(here, key=lambda r: r.ratio, default=None)
+        if better is not None and better.ratio < BETTER and swaps < SWAPS:
+            fit, rivals = on_problem(found.problem, better.fit), []
+            places, swaps = _places(fit), swaps + 1
+    order = [(t,) for t in fit.terms] + _rim_pairs(fit.terms)
+    rivals.sort(key=lambda r: order.index(r.gone))
     groups = _groups(rivals)
     preferred, groups = _prefer_first(fit, rivals, groups)
     return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
 
 
-def _replacements(problem: Problem, fit: Fit, phi: float) -> list[Rival]:
-    out: list[Rival] = []
-    for gone in [(t,) for t in fit.terms] + _rim_pairs(fit.terms):
-        values = fit.values
-        for t in gone:
-            values = without(values, t)
-        rest = fit_all(problem, [values], 4, near=[fit])[0]
-        kept = rest.terms
-        candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
-        starts: list[Values] = []
-        if len(gone) == 1:
-            starts = _elsewhere(problem, rest, fit, gone[0], candidates)
-            seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
-            most = LOOKED_AT + len(starts)
-            leads = glance(problem, rest, candidates)
-            own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
-            for lead in leads:
-                if lead.term not in seen and len(starts) < most and lead.gain > RESEMBLES * own:
-                    seen.add(lead.term)
-                    starts.append({**rest.values, **lead.start})
-        else:
-            rims = [c for c in candidates if c.effect in RIM_SCALES and c not in gone]
-            for i, a in enumerate(rims):
-                starts += [
-                    {**rest.values, **problem.space.probes(a)[-1], **problem.space.probes(b)[-1]}
-                    for b in rims[i + 1 :]
-                    if compatible(b, (*kept, a))
-                ]
-        for other in filter(is_sensible, _fits(problem, rest, fit, starts, phi)):
-            came = tuple(t for t in other.terms if t not in kept)
-            difference = other.cost - fit.cost
-            ratio = difference / phi + PER_KNOB * (len(other.knobs) - len(fit.knobs))
-            alike = ratio < ALIKE and difference < PARALLEL * (rest.cost - fit.cost)
-            out.append(Rival(gone, came, other, ratio, alike))
+def _places(fit: Fit) -> list[tuple[Term, ...]]:
+    """What may be replaced, the surest first: what was added last is the likeliest to stand for something else, and
+    once it is exchanged all the others are to be looked at again."""
+    return _rim_pairs(fit.terms) + [(t,) for t in fit.terms]
+
+
+def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float) -> list[Rival]:
+    values = fit.values
+    for t in gone:
+        values = without(values, t)
+    rest = fit_all(problem, [values], 4, near=[fit])[0]
+    kept = rest.terms
+    candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
+    starts: list[Values] = []
+    if len(gone) == 1:
+        starts = _elsewhere(problem, rest, fit, gone[0], candidates)
+        seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
+        most = LOOKED_AT + len(starts)
+        leads = glance(problem, rest, candidates)
+        own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
+        for lead in leads:
+            if lead.term not in seen and len(starts) < most and lead.gain > RESEMBLES * own:
+                seen.add(lead.term)
+                starts.append({**rest.values, **lead.start})
+    else:
+        rims = [c for c in candidates if c.effect in RIM_SCALES and c not in gone]
+        for i, a in enumerate(rims):
+            starts += [
+                {**rest.values, **problem.space.probes(a)[-1], **problem.space.probes(b)[-1]}
+                for b in rims[i + 1 :]
+                if compatible(b, (*kept, a))
+            ]
+    out = []
+    for other in filter(is_sensible, _fits(problem, rest, fit, starts, phi)):
+        came = tuple(t for t in other.terms if t not in kept)
+        difference = other.cost - fit.cost
+        ratio = difference / phi + PER_KNOB * (len(other.knobs) - len(fit.knobs))
+        alike = ratio < ALIKE and difference < PARALLEL * (rest.cost - fit.cost)
+        out.append(Rival(gone, came, other, ratio, alike))
     return out
 
 
@@ -138,9 +148,9 @@ def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: floa
     chosen = float(np.sum(small.residuals([fit.values])[0] ** 2))
     new = [frozenset(s).difference(rest.knobs) for s in starts]
     rough = fit_all(small, starts, ROUGH, rough=True, near=[on_problem(small, rest)] * len(starts), fresh=new)
-    near = [weight * (r.cost - chosen) < HOPELESS * phi for r in rough]
-    on_part, on_all = Race(HOPELESS * phi / weight, chosen), Race(FAR * phi, fit.cost, EARLY)
-    ends = iter(closer(problem, small, [r for r, n in zip(rough, near, strict=True) if n], on_part, on_all))
+    near = [weight * (r.cost - chosen) < EARLY * FAR * phi for r in rough]
+    on_part, on_all = Race(EARLY * FAR * phi / weight, chosen), Race(FAR * phi, fit.cost, EARLY)
+    ends = iter(closer(problem, small, [r for r, n in zip(rough, near, strict=True) if n], on_part, on_all, 4, rest))
     left = [r.values for r, n in zip(rough, near, strict=True) if not n]
     as_they_are = iter(fit_all(problem, left, 0, rough=True))
     return [next(ends if n else as_they_are) for n in near]
