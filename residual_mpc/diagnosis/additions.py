@@ -9,12 +9,13 @@ from residual_mpc.diagnosis.fit import MOST, Fit, Race, fit_all, is_sensible, on
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import compared_mask, glance, screen, smaller
 from residual_mpc.diagnosis.search_settings import SearchSettings
-from residual_mpc.models.settings import Term, Values
+from residual_mpc.models.settings import Knob, Term, Values
 
 HOPELESS = 150.0  # likelihood ratio beyond which a set is not fitted to the end
 ROUGH = 3  # steps of a fit that has to rank
 SOME = 150_000  # simulation steps that all probes of another set of the beam may cost before a glance has to do
 PROMISING = 3  # one in so many probes of the best set is tried on the beam's other sets as well
+NONE = frozenset[Knob]()  # no threshold is looked for anew
 EARLY = 1.5  # times the margin by which what was fitted on part of the windows may lie behind on the whole
 GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.additions import EARLY, ROUGH, closer, compatible
+from residual_mpc.diagnosis.additions import EARLY, NONE, ROUGH, closer, compatible
 from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import glance, smaller
@@ -92,7 +92,7 @@ def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float
     values = fit.values
     for t in gone:
         values = without(values, t)
-    rest = fit_all(problem, [values], 4, near=[fit])[0]
+    rest = fit_all(problem, [values], 4, near=[fit], fresh=[NONE])[0]
     kept = rest.terms
     candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
     starts: list[Values] = []

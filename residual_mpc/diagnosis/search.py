@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.additions import HOPELESS, ROUGH, additions
+from residual_mpc.diagnosis.additions import HOPELESS, NONE, ROUGH, additions
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import Fit, Race, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
@@ -148,7 +148,7 @@ def convincing(
     if removed < settings.over_floor * ruler.floor or removed < settings.worth_far * left:
         return False  # the cheap question first
     fair = judge(problem, best, 1.0 / problem.weight)
-    after, before = refit(fair, [best, current], 3)
+    after, before = fit_all(fair, [best.values, current.values], 3, fresh=[NONE, NONE])
     ratio = (before.cost - after.cost) / dispersion(after, blocks)
     knobs = len(after.knobs) - len(before.knobs)
     # far above the noise residuals are coloured and the ratio cautious: a quarter of what is left asks for less of it
@@ -178,7 +178,8 @@ def prune(
         full = refit(here, [current])[0]
         race = Race(HOPELESS * dispersion(full, blocks))
         starts = [without(full.values, t) for t in full.terms]
-        fewer = fit_all(here, starts, ROUGH, race=race, rough=True, near=[full] * len(starts))
+        near, known = [full] * len(starts), [NONE] * len(starts)
+        fewer = fit_all(here, starts, ROUGH, race=race, rough=True, near=near, fresh=known)
         weakest = min(fewer, key=lambda f: f.cost)
         if convincing(problem, ruler, weakest, full, base, blocks, settings):
             return full

@@ -28,6 +28,6 @@ class SearchSettings:
     beyond_doubt_sizeable: float = 12.0
     shortlist: int = 10
     finalists: int = 5
-    largest: int = 8
+    largest: int = 6
     beam: int = 4
     settled: float = 0.08
