@@ -7,12 +7,13 @@ import numpy as np
 from residual_mpc.diagnosis.evidence import dispersion
 from residual_mpc.diagnosis.fit import MOST, Fit, Race, fit_all, is_sensible, on_problem
 from residual_mpc.diagnosis.problem import Problem
-from residual_mpc.diagnosis.screen import compared_mask, glance, screen, smaller
+from residual_mpc.diagnosis.screen import Lead, compared_mask, glance, screen, smaller
 from residual_mpc.diagnosis.search_settings import SearchSettings
 from residual_mpc.models.settings import Knob, Term, Values
 
 HOPELESS = 150.0  # likelihood ratio beyond which a set is not fitted to the end
 ROUGH = 3  # steps of a fit that has to rank
+PROBES = 2  # of one term that are fitted
 SOME = 150_000  # simulation steps that all probes of another set of the beam may cost before a glance has to do
 PROMISING = 3  # one in so many probes of the best set is tried on the beam's other sets as well
 NONE = frozenset[Knob]()  # no threshold is looked for anew
@@ -45,7 +46,8 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
         if place == 0 and len(beam) > 1:
             near = {lead.term for lead in ranked[: len(ranked) // PROMISING]}.union(parent.terms)
             eligible = tuple(c for c in eligible if c in near)
-        starts += [(parent, {**parent.values, **lead.start}) for lead in ranked[: settings.shortlist // (1 + place)]]
+        chosen = varied(ranked)[: settings.shortlist // (1 + place)]
+        starts += [(parent, {**parent.values, **lead.start}) for lead in chosen]
         promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
     if GENEROUS * promised < settings.beyond_doubt:
         return []
@@ -86,6 +88,18 @@ def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:
     mask = compared_mask(problem)
     by_cost = sorted(fits, key=lambda f: f.cost)
     return mixed(by_cost, sorted(fits, key=lambda f: float(np.sum(f.r.ravel()[mask] ** 2))))
+
+
+def varied(leads: list[Lead]) -> list[Lead]:
+    """The leads in their order, of each term only the first PROBES: the doses of one effect that all do well would
+    crowd out the next effect."""
+    taken: dict[Term, int] = {}
+    out = []
+    for lead in leads:
+        taken[lead.term] = taken.get(lead.term, 0) + 1
+        if taken[lead.term] <= PROBES:
+            out.append(lead)
+    return out
 
 
 def mixed(first: list[Ranked], second: list[Ranked]) -> list[Ranked]:
