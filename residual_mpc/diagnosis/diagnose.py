@@ -121,7 +121,7 @@ def diagnose(
     untestable = not_testable(by_noise, found.base, rivalry.fit.terms)
 
     progress("fitting on all windows", 0.75)
-    problem = problem_like(fitting, space, found.problem)
+    problem = build_problem(fitting, space, 1.0 / found.problem.weight)  # with the weights of the search
     final, base = polish(problem, [rivalry.fit.values, found.base.values], options.final_steps)
     before_fit = raw.take(~held)
     final, vetoed = _heed_witnesses(problem, final, options)
@@ -151,11 +151,6 @@ def polish(problem: Problem, starts: list[Values], steps: int) -> list[Fit]:
         return fit_all(problem, starts, POLISH, POLISH_TOLERANCE, secants=0)
     near = fit_all(part_of(problem, few), starts, POLISH, POLISH_TOLERANCE, rough=True)
     return fit_all(problem, [f.values for f in near], LAST, POLISH_TOLERANCE, secants=0)
-
-
-def problem_like(data: Dataset, space: Space, like: Problem) -> Problem:
-    """The problem on other windows with the weights of one that is there."""
-    return build_problem(data, space, 1.0 / like.weight)
 
 
 def _heed_witnesses(problem: Problem, final: Fit, options: Options) -> tuple[Fit, tuple[Term, ...]]:

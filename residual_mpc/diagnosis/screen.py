@@ -89,8 +89,8 @@ def _probes(problem: Problem, terms: tuple[Term, ...]) -> list[tuple[Term, Value
 
 
 def _by_quarter(problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float) -> list[Lead]:
-    """The leads by a quarter of the windows, the worst among them for certain: a limit that is seldom reached shows
-    nowhere else."""
+    """The leads by a quarter of the windows, those that hold most of the cost before others: a limit that is seldom
+    reached shows nowhere else."""
     quarter = drawn(current.per_window, max(FEWEST_QUICK, problem.data.count // 4), power=1.0)
     quick = part_of(problem, quarter > 0, quarter[quarter > 0])
     return _leads(quick, on_problem(quick, current), probes, weight)

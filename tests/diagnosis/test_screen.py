@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from residual_mpc.diagnosis.screen import drawn
+from residual_mpc.diagnosis.additions import PROBES, varied
+from residual_mpc.diagnosis.screen import Lead, drawn
+from residual_mpc.models.settings import Term
 
 
 def test_the_windows_drawn_stand_for_all() -> None:
@@ -27,3 +29,21 @@ def test_nothing_left_to_explain_is_drawn_evenly() -> None:
     counts = drawn(np.zeros(40), 10)
     assert np.count_nonzero(counts) == 10
     np.testing.assert_allclose(counts[counts > 0], 4.0)
+
+
+def test_a_glance_draws_the_few_windows_that_hold_half_of_what_is_left() -> None:
+    """A limit that one window in thirty reaches; by the roots of the costs it would now and then be lost."""
+    lost = 0
+    for place in range(60):
+        cost = np.random.default_rng(place).gamma(2.0, size=60)
+        cost[[place, (place + 30) % 60]] = 0.25 * cost.sum()
+        there = [place, (place + 30) % 60]
+        assert (drawn(cost, 14, power=1.0)[there] == 1.0).all()
+        lost += not (drawn(cost, 14)[there] > 0.0).all()
+    assert lost > 0
+
+
+def test_many_doses_of_one_effect_leave_room_for_the_next() -> None:
+    weak, limit = Term("actuator_gain", None), Term("saturation", None)
+    leads = [Lead(weak, {}, 10.0 - k, 0.0, 1.0) for k in range(5)] + [Lead(limit, {}, 1.0, 0.0, 1.0)]
+    assert varied(leads) == [*leads[:PROBES], leads[5]]
