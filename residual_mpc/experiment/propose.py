@@ -12,7 +12,8 @@ from residual_mpc.experiment.plan import SECONDS, Plan, plan_next
 from residual_mpc.models.protocol import Robot
 
 FILE = "next.csv"
-AT_ONCE = 3  # states: a plan for a rover costs a second, one for an arm up to a minute, which is left to `excite`
+# numbers in the start state: a plan for a rover or one joint costs a second, one for an arm a minute, left to `excite`
+AT_ONCE = 3
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ def propose(document: Mapping[str, Any], robot: Robot, excite: str, seed: int) -
     if said is None:
         return Proposal(None, None)
     said = {**said, "excite": excite}
-    if len(robot.states) > AT_ONCE:
+    if sum(1 if s.velocity is None else 2 for s in robot.states) > AT_ONCE:
         return Proposal(said, None)
     try:
         plan = plan_next(document, robot, "diagnosis.json", {}, SECONDS, np.random.default_rng(seed))

@@ -15,6 +15,7 @@ from residual_mpc.models.settings import Term, Values
 
 STEPS = 8_000  # simulation steps that one hypothesis may cost here
 FITTED = 4  # leads that are fitted
+MOST = 5  # steps of a fit: it has to rank, and to say how much it closes to a few percent
 LEAST = 0.02  # of the rest, below which nothing resembles it
 
 
@@ -32,7 +33,7 @@ def resembles(problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: R
     for lead in ranked:
         best.setdefault(lead.term, {**current.values, **lead.start})
     starts = list(best.values())[:FITTED]
-    fits = [f for f in distinct(fit_all(small, starts, near=[here] * len(starts))) if is_sensible(f)]
+    fits = [f for f in distinct(fit_all(small, starts, MOST, rough=True, near=[here] * len(starts))) if is_sensible(f)]
     if not fits:
         return None
     data = judge.replays.data
