@@ -1,6 +1,7 @@
 """The batched replay: one simulation a row, the effects written into the batch before and between its steps."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,13 +39,13 @@ def replay(
         return _replay(parts[0][0], start, drive, settings, wanted, parts[0][2])
     out = {c: np.empty((settings.rows, drive.steps + 1)) for c in wanted}
     for apart, rows, stepped in parts:
-        part = Drive(
-            drive.dt,
-            drive.lead,
-            drive.command[rows],
-            None if drive.enabled is None else drive.enabled[rows],
-            drive.clock[rows],
-            None if drive.setting is None else drive.setting[rows],
+        part = replace(
+            drive,
+            command=drive.command[rows],
+            enabled=None if drive.enabled is None else drive.enabled[rows],
+            clock=drive.clock[rows],
+            setting=None if drive.setting is None else drive.setting[rows],
+            enabled_before=None,
         )
         found = _replay(apart, {k: v[rows] for k, v in start.items()}, part, settings.take(rows), wanted, stepped)
         for c in wanted:
@@ -73,7 +74,7 @@ def _replay(
         edit_gears(batch, robot, settings)
     batch.reset()
     write_start(robot, batch.bind("qpos"), batch.bind("qvel"), start)
-    warm = round(WARM / drive.dt) if robot.gears is not None else 0
+    warm = round(WARM / drive.dt) if robot.gears is not None and not drive.midway else 0
     warm = warm if warm <= drive.lead else 0  # what is cut short would begin with a jolt of its own
     u = command_chain(settings.effects, drive.command, drive.lead - warm, drive.dt, ~robot.servo)
     before, u = u, u[:, warm:]

@@ -33,7 +33,8 @@ class Drive:
     before the window and warm up what remembers. enabled (B, K, nu) of 0 or 1, or None where always on.
     enabled_before (B, lead, nu): the same before the window, for who begins a replay earlier; a robot needs it not.
     clock (B,) s from the run's first stamp to the window's start. setting (B,) which setting of a merged robot each row
-    has, None for a robot with one.
+    has, None for a robot with one. midway: whether the replay carries on from where one before it ended, and not from
+    a measured start: what no channel tells then begins by rule, without a replay of the commands before.
     """
 
     dt: float
@@ -43,6 +44,7 @@ class Drive:
     clock: np.ndarray
     setting: np.ndarray | None = None
     enabled_before: np.ndarray | None = None
+    midway: bool = False
 
     @property
     def steps(self) -> int:

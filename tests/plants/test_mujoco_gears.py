@@ -201,12 +201,13 @@ def test_a_start_in_motion_is_known_from_the_commands_before(tmp_path: Path, sen
     truth = np.stack([states[a : a + steps + 1, side] for a in at])
     soft = settings_of(robot, *[{("joint_compliance", None, "stiffness"): K}] * len(at))
     off = {}
-    for known in (lead, 1):
+    for known, midway in ((lead, False), (1, False), (lead, True)):
         command = np.stack([u[a - known : a + steps] for a in at])[:, :, None]
-        drive = Drive(step, known, command, None, np.zeros(len(at)))
+        drive = Drive(step, known, command, None, np.zeros(len(at)), midway=midway)
         came = robot.replay(start, drive, soft, ("position.shoulder",))["position.shoulder"]
-        off[known] = np.sqrt(np.mean((came - truth) ** 2))
-    assert off[lead] < 0.003 and off[lead] < 0.6 * off[1], off
+        off[known, midway] = np.sqrt(np.mean((came - truth) ** 2))
+    assert off[lead, False] < 0.003 and off[lead, False] < 0.6 * off[1, False], off
+    assert off[lead, True] == off[1, False]  # by rule alone
 
 
 def test_a_merged_robots_settings_are_split_alike(tmp_path: Path) -> None:

@@ -51,6 +51,23 @@ def test_a_corrected_joint_robot_is_a_robot():
     check_robot(ResidualRobot(robot, residual(robot, "joint")), np.random.default_rng(0))
 
 
+def test_only_the_first_of_a_joint_robots_steps_begins_anew():
+    """What no channel tells is warmed up at the window's start, not at each of its steps."""
+    seen = []
+
+    class Spy(Cart):
+        def replay(self, start, drive, settings, wanted):
+            seen.append(drive.midway)
+            return super().replay(start, drive, settings, wanted)
+
+    robot = Spy("cart", 0.2)
+    r = residual(robot, "joint")
+    one = Drive(0.01, 60, np.zeros((1, 160, len(robot.actuators))), None, np.zeros(1))
+    states = [c for s in robot.states for c in (s.position, s.velocity)]
+    ResidualRobot(robot, r).replay({c: np.zeros(1) for c in states if c}, one, Settings(1), (states[0],))
+    assert seen == [False] + [True] * 19
+
+
 @pytest.mark.parametrize("form", ["body", "paper"])
 def test_a_residual_of_nothing_changes_nothing_but_rounding(form):
     r = residual(ROVER, form)
