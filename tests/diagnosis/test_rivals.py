@@ -1,0 +1,74 @@
+"""Other sets that explain the runs as well: an effect on the wrong targets, twins, and what nothing resembles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.evidence import blocks_of, dispersion
+from residual_mpc.diagnosis.fit import fit_all
+from residual_mpc.diagnosis.gap import measure_scales
+from residual_mpc.diagnosis.problem import build_problem
+from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
+from residual_mpc.diagnosis.search import Found, build_ruler, judge
+from residual_mpc.diagnosis.space import build_space
+from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Knob, Term, Values
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+BOTH, LEFT = Term("actuator_gain", None), Term("actuator_gain", "left")
+
+
+def run_of(faults: dict[str, dict[str, float]], left: float, seed: int) -> Run:
+    """left: the gain of the left wheel alone; what was sent to it is what it did by this."""
+    run = rover_run(f"r{seed}", faults, seed=seed)
+    return Run(run.name, run.t, {**run.columns, "command.left": run.columns["command.left"] / left})
+
+
+def rivals_of(faults: dict[str, dict[str, float]], chosen: Values, only: tuple[str, ...], left: float = 1.0) -> Rivalry:
+    """What is found where a search has ended with `chosen`."""
+    data = build_dataset([run_of(faults, left, seed) for seed in range(2)], [ROVER] * 2, SIGMA)
+    space = build_space(data, (), only)
+    problem = build_problem(data, space, data.sigma)
+    noise = 1.0 / problem.weight
+    problem = judge(problem, fit_all(problem, [chosen])[0], noise)
+    base, fit = fit_all(problem, [{}, chosen])
+    ruler = build_ruler(problem.replays, measure_scales(data), base, np.random.default_rng(0))
+    return find_rivals(Found(problem, fit, base, dispersion(fit, blocks_of(data)), ruler, ()))
+
+
+def test_an_effect_said_of_both_wheels_goes_to_the_one_that_has_it() -> None:
+    found = rivals_of({}, {Knob("actuator_gain", None, "gain"): 0.95}, ("actuator_gain", "track_width"), left=0.9)
+    assert found.fit.terms == (LEFT,)
+    assert found.fit.values[Knob("actuator_gain", "left", "gain")] == pytest.approx(0.9, abs=0.01)
+
+
+def test_an_effect_said_of_one_wheel_goes_to_both() -> None:
+    found = rivals_of(
+        {"actuator_gain": {"gain": 0.9}},
+        {Knob("actuator_gain", "left", "gain"): 0.9},
+        ("actuator_gain", "track_width"),
+    )
+    assert BOTH in found.fit.terms and LEFT not in found.fit.terms
+
+
+def test_twins_make_a_group_and_share_the_probability() -> None:
+    """From the pose alone a smaller wheel is a weaker motor."""
+    found = rivals_of(
+        {"actuator_gain": {"gain": 0.9}},
+        {Knob("actuator_gain", None, "gain"): 0.9},
+        ("actuator_gain", "wheel_radius", "command_delay"),
+    )
+    (group,) = found.groups
+    assert set(group) == {(BOTH,), (Term("wheel_radius", None),)}
+    assert found.shares[BOTH] == pytest.approx(0.5, abs=0.05)
+
+
+def test_what_nothing_resembles_stands_alone() -> None:
+    found = rivals_of(
+        {"track_width": {"scale": 1.2}}, {Knob("track_width", None, "scale"): 1.2}, ("track_width", "command_delay")
+    )
+    assert found.groups == () and found.shares[Term("track_width", None)] > 0.999
