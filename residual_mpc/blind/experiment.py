@@ -11,7 +11,6 @@ import json
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ import numpy as np
 from residual_mpc.blind.apart import call_apart, program
 from residual_mpc.blind.asked import Asked, read_asked
 from residual_mpc.blind.families import make_twin
+from residual_mpc.blind.in_turn import Progress, in_turn
 from residual_mpc.blind.run import diagnose_case
 from residual_mpc.blind.seal import digest, read_sealed
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
@@ -29,7 +29,6 @@ from residual_mpc.errors import BadInput
 
 NOTHING = "nothing is open"
 RECORD = "experiment.json"
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def carry_out(
 
     Cases that ``out`` holds already are left as they are.
     """
-    from joblib import Parallel, delayed
+    from joblib import delayed
 
     suite = read_suite(folder)
     if not results.is_dir():
@@ -75,8 +74,7 @@ def carry_out(
     todo = [entry for entry in suite.cases if not (out / entry.name / RECORD).exists()]
     begin = time.monotonic()
     calls = (delayed(_one)(suite, e, answers, results / e.name, (out / e.name).resolve(), settings) for e in todo)
-    for k, name in enumerate(Parallel(n_jobs=settings.jobs, return_as="generator")(calls)):
-        progress(f"{name} ({k + 1} of {len(todo)})", (k + 1) / len(todo))
+    in_turn(calls, [entry.name for entry in todo], progress, n_jobs=settings.jobs)
     status = [str(json.loads((out / e.name / RECORD).read_text())["status"]) for e in suite.cases]
     opened = [s for s in status if s != NOTHING]
     failed = sum(s != "done" for s in opened)
@@ -88,8 +86,8 @@ def is_open(document: dict[str, Any]) -> bool:
     return bool(document.get("alternatives") or document.get("confounded") or document["verdict"] == "unknown")
 
 
-def _one(suite: Suite, entry: Entry, answers: Path, first: Path, out: Path, settings: ExperimentSettings) -> str:
-    """Plan, drive and diagnose one case into ``out``; its name."""
+def _one(suite: Suite, entry: Entry, answers: Path, first: Path, out: Path, settings: ExperimentSettings) -> None:
+    """Plan, drive and diagnose one case into ``out``."""
     begin = time.monotonic()
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
@@ -100,7 +98,6 @@ def _one(suite: Suite, entry: Entry, answers: Path, first: Path, out: Path, sett
         record = {"status": f"{type(error).__name__}: {error}"}
     record |= {"seconds": time.monotonic() - begin, "version": program_version()}
     write_json(out / RECORD, record)  # last: its presence says that the case is finished
-    return entry.name
 
 
 def _carried_out(

@@ -10,6 +10,7 @@ import numpy as np
 
 from residual_mpc.blind.best_fit import with_best_fit
 from residual_mpc.blind.families import levels_of, load_family, load_level, make_case
+from residual_mpc.blind.in_turn import Progress, in_turn, silent
 from residual_mpc.blind.seal import Sealed, digest, read_sealed, seal, write_sealed
 from residual_mpc.blind.suite import FIRST_TEST_SEED, Entry, Suite, program_version, write_suite
 from residual_mpc.errors import BadInput
@@ -73,9 +74,12 @@ class Made:
     failed: tuple[tuple[str, str], ...]
 
 
-def make_suite(settings: MakeSettings, folder: Path, answers: Path) -> Made:
-    """Write the cases to ``folder``, the sealed answers to ``answers``; resume where a call stopped."""
-    from joblib import Parallel, delayed
+def make_suite(settings: MakeSettings, folder: Path, answers: Path, progress: Progress = silent) -> Made:
+    """Write the cases to ``folder``, the sealed answers to ``answers``; resume where a call stopped.
+
+    Raises BadInput where a call that asked for other cases has begun a suite there.
+    """
+    from joblib import delayed
 
     _apart(folder, answers)
     (folder / "cases").mkdir(parents=True, exist_ok=True)
@@ -85,7 +89,8 @@ def make_suite(settings: MakeSettings, folder: Path, answers: Path) -> Made:
         name: entry for name, *job in plan if (entry := _kept(name, tuple(job), folder, answers))
     }
     todo = [case for case in plan if case[0] not in found]
-    outcomes = Parallel(n_jobs=settings.jobs)(delayed(_one)(*case, folder, answers) for case in todo)
+    calls = (delayed(_one)(*case, folder, answers) for case in todo)
+    outcomes = in_turn(calls, [name for name, *_ in todo], progress, n_jobs=settings.jobs)
     found |= {case[0]: outcome for case, outcome in zip(todo, outcomes, strict=True)}
     entries = [found[name] for name, *_ in plan]
     failed = tuple((name, str(found[name])) for name, *_ in plan if isinstance(found[name], str))
@@ -129,14 +134,23 @@ def _entry(name: str, family: str, sealed: Sealed) -> Entry:
 
 
 def _kept(name: str, job: tuple[object, ...], folder: Path, answers: Path) -> Entry | None:
-    """The case that an earlier call made for the same ``job`` (family, level, seed), if it is still whole."""
+    """The case that an earlier call made for the same ``job`` (family, level, seed), if it is still whole.
+
+    Raises BadInput for one that was made for another.
+    """
     case = folder / "cases" / name
     try:
         sealed = read_sealed(answers / f"{name}.json")
     except BadInput:
         return None
     answer = sealed.answer
-    if (answer.family, answer.level, answer.seed) != job or not case.is_dir() or digest(case) != sealed.data:
+    if (answer.family, answer.level, answer.seed) != job:
+        raise BadInput(
+            "a suite of other families, levels, seeds or numbers was begun here",
+            str(folder),
+            "Repeat the call that began it, or give a folder of its own",
+        )
+    if not case.is_dir() or digest(case) != sealed.data:
         return None
     return _entry(name, answer.family, sealed)
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from residual_mpc.blind.apart import call_apart, program
+from residual_mpc.blind.in_turn import Progress, in_turn, silent
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
 from residual_mpc.errors import BadInput
 
@@ -50,22 +51,25 @@ class RunSummary:
     seconds: float
 
 
-def run_suite(folder: Path, results: Path, settings: RunSettings) -> RunSummary:
+def run_suite(folder: Path, results: Path, settings: RunSettings, progress: Progress = silent) -> RunSummary:
     """Diagnose every case that ``results`` does not hold yet; a failing case fails alone, kept as failed."""
     suite = read_suite(folder)
     command = [*program(settings.command, "diagnose"), "--seed", str(settings.seed)]
     results.mkdir(parents=True, exist_ok=True)
     todo = [entry for entry in suite.cases if not (results / entry.name / "run.json").exists()]
     begin = time.monotonic()
-    outcomes = _spread(suite, todo, results, command, settings)
+    outcomes = _spread(suite, todo, results, command, settings, progress)
     good = sum(outcomes)
     return RunSummary(len(suite.cases), good, len(todo) - good, len(suite.cases) - len(todo), time.monotonic() - begin)
 
 
-def _spread(suite: Suite, todo: list[Entry], results: Path, command: list[str], settings: RunSettings) -> list[bool]:
+def _spread(
+    suite: Suite, todo: list[Entry], results: Path, command: list[str], settings: RunSettings, progress: Progress
+) -> list[bool]:
     """Whether each case was diagnosed, in order, on all workers."""
-    from joblib import Parallel, delayed, parallel_config
+    from joblib import delayed, parallel_config
 
+    names = [entry.name for entry in todo]
     calls = [
         delayed(diagnose_case)(suite.case(entry).resolve(), entry, (results / entry.name).resolve(), command,
                                settings.timeout)
@@ -73,7 +77,7 @@ def _spread(suite: Suite, todo: list[Entry], results: Path, command: list[str], 
     ]  # fmt: skip
     if settings.engine == "processes":
         # each case is a process of its own already; threads only wait for them
-        return list(Parallel(n_jobs=settings.jobs, prefer="threads")(calls))
+        return in_turn(calls, names, progress, n_jobs=settings.jobs, prefer="threads")
     try:
         from dask.distributed import Client, LocalCluster  # type: ignore[import-not-found, unused-ignore]
     except ImportError:
@@ -85,7 +89,7 @@ def _spread(suite: Suite, todo: list[Entry], results: Path, command: list[str], 
     workers = settings.jobs if settings.jobs > 0 else os.cpu_count()
     cluster = settings.address or LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
     with Client(cluster), parallel_config(backend="dask"):
-        return list(Parallel()(calls))
+        return in_turn(calls, names, progress)
 
 
 def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], timeout: float) -> bool:

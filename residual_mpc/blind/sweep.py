@@ -43,10 +43,12 @@ def sweep(
     from residual_mpc.cli.common import progress_bar
 
     settings = MakeSettings(families or family_names(), levels or tuple(LEVELS), cases, seed, jobs)
-    made = make_suite(settings, out / "suite", out / "answers")
+    with progress_bar() as progress:
+        made = make_suite(settings, out / "suite", out / "answers", progress)
     click.echo(f"{len(made.suite.cases)} cases made, {len(made.failed)} could not be drawn", err=True)
     results = {"diagnose": out / "results"}
-    run_suite(out / "suite", results["diagnose"], RunSettings(jobs=jobs))
+    with progress_bar() as progress:
+        run_suite(out / "suite", results["diagnose"], RunSettings(jobs=jobs), progress)
     with progress_bar() as progress:
         carry_out(
             out / "suite", out / "answers", results["diagnose"], out / "experiments", ExperimentSettings(jobs=jobs),
@@ -56,7 +58,8 @@ def sweep(
         results[name.replace("_", " ")] = out / f"results-{name}"
         program = Path(sys.executable).with_name("residual-mpc")
         command = shlex.join([str(program), "blind", "baseline", name])
-        run_suite(out / "suite", out / f"results-{name}", RunSettings(command, jobs))
+        with progress_bar() as progress:
+            run_suite(out / "suite", out / f"results-{name}", RunSettings(command, jobs), progress)
     scores = score_suite(out / "suite", out / "answers", results, out / "openings.jsonl", out / "experiments")
     first, *others = (s.document() for s in scores.summaries)
     found = scores.experiments

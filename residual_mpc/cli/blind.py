@@ -43,7 +43,8 @@ def make(
 
     settings = MakeSettings(families or family_names(), levels or tuple(LEVELS), cases, seed, jobs)
     kept = answers or default_answers(out)
-    made = make_suite(settings, out, kept)
+    with progress_bar() as progress:
+        made = make_suite(settings, out, kept, progress)
     for name, why in made.failed:
         click.echo(f"{name} could not be drawn: {why}", err=True)
     if as_json:
@@ -80,7 +81,8 @@ def run(
     """
     from residual_mpc.blind.run import RunSettings, run_suite
 
-    summary = run_suite(suite, out, RunSettings(command, jobs, timeout, engine, address, seed))
+    with progress_bar() as progress:
+        summary = run_suite(suite, out, RunSettings(command, jobs, timeout, engine, address, seed), progress)
     if as_json:
         emit({"run": {"cases": summary.cases, "diagnosed": summary.diagnosed, "failed": summary.failed,
                       "resumed": summary.resumed, "seconds": summary.seconds}})  # fmt: skip

@@ -112,6 +112,22 @@ def test_making_resumes_and_a_case_that_cannot_be_drawn_is_listed(tmp_path, monk
     monkeypatch.setattr(make_module, "make_case", never)
     again = make_suite(settings, tmp_path / "suite", tmp_path / "answers")
     assert again.suite.cases == made.suite.cases
+    other = MakeSettings(("wheeled",), ("double",), cases=4, first_seed=11, jobs=1)
+    before = sorted(p.name for p in (tmp_path / "suite" / "cases").iterdir())
+    with pytest.raises(BadInput, match="other families, levels"):
+        make_suite(other, tmp_path / "suite", tmp_path / "answers")
+    assert sorted(p.name for p in (tmp_path / "suite" / "cases").iterdir()) == before
+
+
+def test_a_sweep_says_how_far_it_is(tmp_path, monkeypatch):
+    monkeypatch.setattr(make_module, "make_case", small_case)
+    settings = MakeSettings(("wheeled",), ("single",), cases=2, first_seed=20, jobs=1)
+    said: list[tuple[str, float]] = []
+    made = make_suite(settings, tmp_path / "suite", tmp_path / "answers", lambda text, done: said.append((text, done)))
+    run_suite(tmp_path / "suite", tmp_path / "results", RunSettings(stub("no_gap"), jobs=2),
+              lambda text, done: said.append((text, done)))  # fmt: skip
+    names = [entry.name for entry in made.suite.cases]
+    assert said == [(f"{n} ({k} of 2)", k / 2) for _ in ("make", "run") for k, n in enumerate(names, 1)]
 
 
 def test_test_seeds_are_counted_when_they_are_opened(tmp_path, monkeypatch):
