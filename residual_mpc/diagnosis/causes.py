@@ -1,7 +1,6 @@
 """The causes of a diagnosis: each chosen effect with its probability, and its numbers with their intervals."""
 
 import numpy as np
-from scipy.stats import binomtest
 
 from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion, profile_sigma
 from residual_mpc.diagnosis.fit import Fit
@@ -54,6 +53,8 @@ def causes_of(
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
         causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only))
     if with_outliers:
+        from scipy.stats import binomtest  # half a second to load, for what few runs have
+
         channel = max(outliers.shares, key=lambda c: outliers.shares[c])
         marks = [m for (_, c), m in outliers.flagged.items() if c == channel]
         counted = binomtest(int(sum(m.sum() for m in marks)), sum(len(m) for m in marks))
