@@ -139,9 +139,9 @@ def enlarge(case: Path, size: int, folder: Path) -> Path:
 def diagnose(log: Path) -> Cost:
     """One diagnosis, timed by the stages that it reports."""
     from residual_mpc.cli.common import load
-    from residual_mpc.diagnosis.diagnose import Options
     from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
     from residual_mpc.diagnosis.document import to_document
+    from residual_mpc.diagnosis.options import Options
     from residual_mpc.report import sentence, write_report
     from residual_mpc.report.collect import collect
     from residual_mpc.residual.remainder import LEARNERS

@@ -11,8 +11,10 @@ from residual_mpc.closed_loop.estimator import build_filter
 from residual_mpc.closed_loop.loop import LoopSettings, run_closed_loop
 from residual_mpc.closed_loop.scenario import Progress, RunOptions
 from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.diagnose import Made, Options, diagnose
+from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.gap import gap_of, measure_scales
+from residual_mpc.diagnosis.opened import Made
+from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.export import Build, augment
 from residual_mpc.logs.run import Run

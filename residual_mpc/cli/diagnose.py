@@ -62,9 +62,9 @@ def diagnose(
 
     import numpy as np
 
-    from residual_mpc.diagnosis.diagnose import Options
     from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
     from residual_mpc.diagnosis.document import to_document
+    from residual_mpc.diagnosis.options import Options
     from residual_mpc.experiment.propose import FILE, propose
     from residual_mpc.models.load import load_robot
     from residual_mpc.report import sentence, write_report

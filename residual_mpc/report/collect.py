@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from residual_mpc.diagnosis.diagnose import Made
 from residual_mpc.diagnosis.gap import gap_from_squares, window_squares
+from residual_mpc.diagnosis.opened import Made
 from residual_mpc.report.evidence import Evidence, Panel, Windows
 
 PANELS = 6

@@ -10,8 +10,9 @@ from oracles.arms import robot_of
 from scipy.integrate import solve_ivp
 
 from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.diagnose import Options, diagnose
+from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.floor import start_bias
+from residual_mpc.diagnosis.options import Options
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 

@@ -11,7 +11,8 @@ import pytest
 from oracles.arms import arm_xml, robot_of
 from oracles.two_masses import Gear
 
-from residual_mpc.diagnosis.diagnose import Options, diagnose
+from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.options import Options
 from residual_mpc.logs.run import Run
 
 SIGMA, DT, SECONDS = 1e-3, 0.02, 10.0  # rad, s, s

@@ -7,7 +7,8 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.diagnose import Options, diagnose
+from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.records import Diagnosis
 from residual_mpc.diagnosis.thinning import DRAWS, FEWEST, FEWEST_DRAWS, evenly, floor_draws
 

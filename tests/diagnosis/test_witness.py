@@ -5,7 +5,8 @@ import pytest
 from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.diagnose import Options, diagnose
+from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.records import Diagnosis
 from residual_mpc.logs.run import Run
 

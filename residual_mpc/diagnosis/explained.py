@@ -1,0 +1,59 @@
+"""An explanation as it stands before the held-out windows are opened."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.fit import Fit
+from residual_mpc.diagnosis.gap import Scales
+from residual_mpc.diagnosis.hold_out import KeptBack
+from residual_mpc.diagnosis.how_far import Shrink
+from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.diagnosis.rivals import Rivalry
+from residual_mpc.diagnosis.space import Space
+from residual_mpc.diagnosis.spikes import Outliers
+from residual_mpc.diagnosis.testable import NotTestable
+from residual_mpc.models.settings import Term
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
+    has seen. problem: the others, all of them, on the weights of the search; base, final: the model alone and with the
+    effects, fitted to them. with_outliers: whether jumping samples are among the causes. vetoed: effects that the
+    encoders contradict. expected: the shrink, None where nothing explains anything."""
+
+    raw: Dataset
+    clean: Dataset
+    scales: Scales
+    kept: tuple[KeptBack, ...]
+    held: np.ndarray
+    problem: Problem
+    base: Fit
+    final: Fit
+    rivalry: Rivalry
+    untestable: tuple[NotTestable, ...]
+    outliers: Outliers
+    with_outliers: bool
+    vetoed: tuple[Term, ...]
+    expected: Shrink | None
+
+    @property
+    def space(self) -> Space:
+        return self.problem.space
+
+    @property
+    def anything(self) -> bool:
+        """Whether there is anything in the explanation."""
+        return bool(self.final.terms) or self.with_outliers
+
+    @property
+    def after_data(self) -> Dataset:
+        """What the explanation is judged on: samples that jump away are explained where they are among the causes."""
+        return self.clean if self.with_outliers else self.raw
+
+    @property
+    def test(self) -> np.ndarray:
+        """(W,) bool: the windows that the figures are printed for, all of them where none could be kept back."""
+        return self.held if self.held.any() else np.ones(self.raw.count, dtype=bool)
