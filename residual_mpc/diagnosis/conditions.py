@@ -3,10 +3,10 @@
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.fit import Fit
 from residual_mpc.diagnosis.records import Moved, Setup
-from residual_mpc.diagnosis.spikes import Outliers
-from residual_mpc.models.settings import TUNE, Term
+from residual_mpc.models.settings import TUNE
 
 
 def setup(data: Dataset, spread: float) -> Setup:
@@ -29,29 +29,32 @@ def moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
     return tuple(Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE)
 
 
-def notes(
-    raw: Dataset, held: np.ndarray, outliers: Outliers, with_outliers: bool, vetoed: tuple[Term, ...], final: Fit
-) -> tuple[str, ...]:
+def notes(of: Explained) -> tuple[str, ...]:
     """What a reader has to know before trusting the figures, a sentence each."""
     said = []
-    if vetoed:
+    if of.doubtful:
         said.append(
-            f"{', '.join(map(str, vetoed))} would close the gap, but the wheels' encoders read what it would have to "
-            "make up for: the cause lies before them."
+            f"{', '.join(map(str, of.doubtful))} helped on the windows of the search; on all of them the numbers "
+            "cannot be told from none."
         )
-    if not held.any():
+    if of.vetoed:
+        said.append(
+            f"{', '.join(map(str, of.vetoed))} would close the gap, but the wheels' encoders read what it "
+            "would have to make up for: the cause lies before them."
+        )
+    if not of.held.any():
         said.append("The runs are too short to keep windows back: every figure is on windows that the fit has seen.")
-    if raw.skipped:
+    if of.raw.skipped:
         said.append(
-            f"{raw.skipped} windows were skipped: a measured channel has no sample within 0.25 s of their start."
+            f"{of.raw.skipped} windows were skipped: a measured channel has no sample within 0.25 s of their start."
         )
-    if outliers.count and not with_outliers:
-        said.append(f"{outliers.count} samples jump away; they are left out of the fit, not of the gap.")
-    for knob, rests in zip(final.knobs, final.held, strict=True):
-        if rests and (knob.effect == TUNE or knob.term in final.terms):
+    if of.outliers.count and not of.with_outliers:
+        said.append(f"{of.outliers.count} samples jump away; they are left out of the fit, not of the gap.")
+    for knob, rests in zip(of.final.knobs, of.final.held, strict=True):
+        if rests and (knob.effect == TUNE or knob.term in of.final.terms):
             what = knob.parameter if knob.effect == TUNE else f"{knob.parameter} of {knob.term}"
             said.append(
-                f"{what} rests on the end of what is tried, {final.values[knob]:.3g}: its "
+                f"{what} rests on the end of what is tried, {of.final.values[knob]:.3g}: its "
                 "interval says nothing, and something else may be the cause."
             )
     said.append(

@@ -11,16 +11,20 @@ from residual_mpc.models.settings import Term
 CLOSEST = 3  # rivals outside the groups whose values are kept
 
 
-def candidates(rivalry: Rivalry, base: Fit, final: Fit, sure: float) -> tuple[Candidate, ...]:
-    """Every term that was seriously compared, with its probability and what the fit with it leaves."""
+def candidates(
+    rivalry: Rivalry, base: Fit, final: Fit, sure: float, left_out: tuple[Term, ...]
+) -> tuple[Candidate, ...]:
+    """Every term that was seriously compared, with its probability and what the fit with it leaves; left_out: what the
+    search had found and a later look refuted."""
     costs: dict[Term, float] = dict.fromkeys(final.terms, final.cost)
     for r in rivalry.rivals:
         for t in r.came:
             costs.setdefault(t, r.fit.cost * final.cost / max(rivalry.fit.cost, 1e-12))
     for t in rivalry.shares:  # what a group's first member took the place of
         costs.setdefault(t, final.cost)
+    shares = {t: s for t, s in rivalry.shares.items() if t not in left_out}
     out = [
-        Candidate(t, sure * rivalry.shares.get(t, 0.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
+        Candidate(t, sure * shares.get(t, 0.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
         for t, c in costs.items()
     ]
     return tuple(sorted(out, key=lambda c: -c.probability))

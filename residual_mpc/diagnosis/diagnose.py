@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.evidence import blocks_of
 from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.fit import Fit, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
@@ -19,6 +20,7 @@ from residual_mpc.diagnosis.remainder import Learner
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.rivals import find_rivals
 from residual_mpc.diagnosis.search import search, without
+from residual_mpc.diagnosis.significance import least_sure
 from residual_mpc.diagnosis.space import build_space
 from residual_mpc.diagnosis.spikes import Outliers, find_outliers
 from residual_mpc.diagnosis.testable import not_testable
@@ -80,6 +82,7 @@ def diagnose(
     final, base = polish(problem, [rivalry.fit.values, found.base.values], options.final_steps)
     before_fit = raw.take(~held)
     final, vetoed = _heed_witnesses(problem, final, options)
+    final, doubtful = _leave_doubtful(problem, final, options)
     with_outliers = _wanted(outliers, options) and (
         outliers.frequent or _weigh(before_fit, fitting, scales, space.settings([final.values]), rng, options)
     )
@@ -94,7 +97,7 @@ def diagnose(
     progress("opening the held-out windows", 0.9)
     explained = Explained(
         raw, clean, scales, kept, held, problem, base, final, rivalry, untestable, outliers, with_outliers, vetoed,
-        expected,
+        doubtful, expected,
     )  # fmt: skip
     return open_held_out(explained, options, rng, learners)
 
@@ -122,6 +125,15 @@ def _heed_witnesses(problem: Problem, final: Fit, options: Options) -> tuple[Fit
     for t in vetoed:
         left = without(left, t)
     return polish(problem, [left], options.final_steps)[0], vetoed
+
+
+def _leave_doubtful(problem: Problem, final: Fit, options: Options) -> tuple[Fit, tuple[Term, ...]]:
+    """The fit without the effects that cannot be told from none on all windows, and those."""
+    blocks, gone = blocks_of(problem.data), list[Term]()
+    while (term := least_sure(final, blocks)) is not None:
+        gone.append(term)
+        final = polish(problem, [without(final.values, term)], options.final_steps)[0]
+    return final, tuple(gone)
 
 
 def _wanted(outliers: Outliers, options: Options) -> bool:

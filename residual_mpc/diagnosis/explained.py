@@ -22,7 +22,8 @@ class Explained:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
     has seen. problem: the others, all of them, on the weights of the search; base, final: the model alone and with the
     effects, fitted to them. with_outliers: whether jumping samples are among the causes. vetoed: effects that the
-    encoders contradict. expected: the shrink, None where nothing explains anything."""
+    encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None where
+    nothing explains anything."""
 
     raw: Dataset
     clean: Dataset
@@ -37,11 +38,17 @@ class Explained:
     outliers: Outliers
     with_outliers: bool
     vetoed: tuple[Term, ...]
+    doubtful: tuple[Term, ...]
     expected: Shrink | None
 
     @property
     def space(self) -> Space:
         return self.problem.space
+
+    @property
+    def left_out(self) -> tuple[Term, ...]:
+        """Effects that the search had found."""
+        return self.vetoed + self.doubtful
 
     @property
     def anything(self) -> bool:

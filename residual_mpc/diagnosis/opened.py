@@ -52,7 +52,7 @@ def open_held_out(of: Explained, options: Options, rng: np.random.Generator, lea
     sure = most_sure(verdict, share)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere
     steps, stages = staged(of.after_data, scales, of.space, final if helps else None, gaps, options.final_steps // 2)
-    groups = tuple(g for g in of.rivalry.groups if not any(t in of.vetoed for m in g for t in m)) if helps else ()
+    groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     others = alternatives(of.rivalry, groups, final) if helps else ()
     diagnosis = Diagnosis(
         robot=of.space.robot.name,
@@ -64,7 +64,7 @@ def open_held_out(of: Explained, options: Options, rng: np.random.Generator, lea
         stages=stages,
         where=locate(of.raw, scales, before),
         causes=causes_of(final, of.problem, of.rivalry, of.outliers, of.with_outliers, share, sure) if helps else (),
-        candidates=candidates(of.rivalry, of.base, final, sure) if helps else (),
+        candidates=candidates(of.rivalry, of.base, final, sure, of.left_out) if helps else (),
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),
         alternatives=others,
@@ -83,7 +83,7 @@ def open_held_out(of: Explained, options: Options, rng: np.random.Generator, lea
             verdict=verdict,
         ),
         values=final.values if helps else of.base.values,
-        notes=notes(of.raw, of.held, of.outliers, of.with_outliers, of.vetoed, final),
+        notes=notes(of),
     )
     return Made(diagnosis, of.raw, scales, before, after, test)
 
@@ -104,6 +104,6 @@ def _left(
         remainder = remainder_of(seen, of.scales, row, predicted, error, of.held)
         learned = learn(remainder, learners, rng.spawn(1)[0])
     judge = Ruler(Replays(seen.take(of.test), of.space), of.scales, found.floor**2)
-    like = resembles(of.problem, current, of.vetoed, judge)
+    like = resembles(of.problem, current, of.left_out, judge)
     unspoilt = np.where(np.isfinite(of.clean.y), error, np.nan)
     return learned, describe(seen, of.scales, row, predicted, unspoilt, found.floors[:FEW], like, rng.spawn(1)[0])

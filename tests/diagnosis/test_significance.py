@@ -1,0 +1,48 @@
+"""What the last fit makes nothing of is not named."""
+
+import numpy as np
+
+from residual_mpc.diagnosis.fit import Fit
+from residual_mpc.diagnosis.significance import least_sure
+from residual_mpc.models.settings import Knob, Term
+
+WINDOWS, SAMPLES = 60, 20
+TRACK, DELAY = Knob("track_width", None, "scale"), Knob("command_delay", None, "delay")
+MASS, COM = Knob("link_mass", "l1", "mass"), Knob("link_mass", "l1", "com")
+ZONE = Knob("dead_zone", None, "width")
+
+
+def fitted(values: dict[Knob, float], correlated: float = 0.0) -> Fit:
+    """A fit under white residuals: each number's standard deviation is 0.01 / sqrt(1200), 0.0003, where the derivatives
+    are not correlated."""
+    rng, knobs = np.random.default_rng(0), tuple(values)
+    j = rng.standard_normal((WINDOWS, SAMPLES, len(knobs)))
+    if correlated:
+        j[..., 1] = correlated * j[..., 0] + np.sqrt(1.0 - correlated**2) * j[..., 1]
+    r = rng.standard_normal((WINDOWS, SAMPLES))
+    terms, held = tuple(dict.fromkeys(k.term for k in knobs)), np.zeros(len(knobs), dtype=bool)
+    return Fit(terms, knobs, values, np.full(len(knobs), 0.01), float(np.sum(r * r)), r, j, held)
+
+
+def asked(fit: Fit) -> Term | None:
+    return least_sure(fit, np.arange(WINDOWS))
+
+
+def test_effects_far_from_none_stay() -> None:
+    assert asked(fitted({TRACK: 1.002, DELAY: 0.002})) is None
+
+
+def test_the_one_nearest_to_none_goes_first() -> None:
+    assert asked(fitted({TRACK: 1.0002, DELAY: 0.0001})) == DELAY.term
+    assert asked(fitted({TRACK: 1.0, DELAY: 0.0001})) == TRACK.term
+
+
+def test_two_numbers_that_stand_for_each_other_are_asked_together() -> None:
+    """Each alone may be nothing, both may not."""
+    both = fitted({MASS: 0.002, COM: 0.002}, correlated=0.999)
+    assert asked(both) is None
+    assert asked(fitted({MASS: 0.0002, COM: -0.0002}, correlated=0.999)) == MASS.term
+
+
+def test_a_threshold_is_not_asked() -> None:
+    assert asked(fitted({ZONE: 1e-6})) is None
