@@ -3,7 +3,7 @@
 import json
 import shlex
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -163,7 +163,18 @@ def test_what_becomes_of_a_group(named, groups, outcome, tmp_path):
     group, rival = found.questions
     assert group.confounded and group.outcome == outcome and not rival.confounded
     assert found.groups.hits == (outcome == "resolved") and found.groups.count == 1
+    assert found.groups_holding == found.groups and found.rivals_holding.count == 0  # a lag stood for weak motors
     assert found.right_before.hits == 1 and found.right_after.hits == (outcome in ("resolved", "stayed"))
+
+
+def test_a_group_that_holds_no_cause_is_counted_apart(tmp_path):
+    """No experiment can show which of two is there where neither is."""
+    written(tmp_path / "first" / "x", [GAIN], [[GAIN, RADIUS]], verdict="partial")
+    written(tmp_path / "out" / "x" / "again", [GAIN], verdict="partial")
+    (tmp_path / "out" / "x" / "experiment.json").write_text(json.dumps({"status": "done"}))
+    hidden = replace(answer(LAG), withheld=("actuator_lag",))
+    found = score_experiments({"x": hidden}, tmp_path / "first", tmp_path / "out")
+    assert found.groups.count == 1 and found.groups_holding.count == 0 and found.stayed.hits == 1
 
 
 def test_members_that_are_all_there_are_no_question(tmp_path):

@@ -70,13 +70,14 @@ def settled(scores: Scores) -> list[tuple[str, str]]:
     e = scores.experiments
     if e is None:
         return []
-    rows = [("groups resolved by the experiment", e.groups)]
+    rows = [("groups resolved by the experiment", e.groups), ("of these, groups that hold the cause", e.groups_holding)]
     rows += [(f"groups resolved, {name.replace('_', ' ')}", r) for name, r in e.by_effects.items()]
     rows += [
         ("groups that stayed", e.stayed),
         ("groups whose second answer is wrong", e.became_wrong),
         ("groups whose experiment failed", e.failed),
         ("close rivals resolved", e.rivals),
+        ("of these, pairs that hold the cause", e.rivals_holding),
         ("right before, of the cases with an experiment", e.right_before),
         ("right after", e.right_after),
         ("right after without exchanging group members", e.named_after),

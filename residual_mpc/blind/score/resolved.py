@@ -22,25 +22,29 @@ Member = frozenset[Name]
 @dataclass(frozen=True)
 class Question:
     """What one first diagnosis left open, and what became of it: two or more members of which the data could not say
-    which is there. confounded: a group; else a close rival of the explanation."""
+    which is there. confounded: a group; else a close rival of the explanation. holds: whether one of them is really
+    there: where none is, no experiment can show which."""
 
     case: str
     answer: Answer
     members: tuple[Member, ...]
     confounded: bool
+    holds: bool
     outcome: str
     trouble: str = ""
 
 
 @dataclass(frozen=True)
 class Experiments:
-    """Every figure of one sweep of experiments. right_before, right_after: of the cases in which one was carried out;
-    named_after: answers right as they stand, without exchanging members of groups; lacking: the same two where the
-    library lacks the cause."""
+    """Every figure of one sweep of experiments. groups_holding, rivals_holding: of these, where one of the members is
+    really there. right_before, right_after: of the cases in which one was carried out; named_after: answers right as
+    they stand, without exchanging members of groups; lacking: the same two where the library lacks the cause."""
 
     questions: tuple[Question, ...]
     groups: Rate
+    groups_holding: Rate
     rivals: Rate
+    rivals_holding: Rate
     by_effects: Mapping[str, Rate]
     stayed: Rate
     became_wrong: Rate
@@ -53,8 +57,8 @@ class Experiments:
 
     def document(self) -> dict[str, Any]:
         """As score.json has it, under `experiments`."""
-        figures = ("groups", "rivals", "stayed", "became_wrong", "failed", "right_before", "right_after",
-                   "named_after", "lacking_before", "lacking_after")  # fmt: skip
+        figures = ("groups", "groups_holding", "rivals", "rivals_holding", "stayed", "became_wrong", "failed",
+                   "right_before", "right_after", "named_after", "lacking_before", "lacking_after")  # fmt: skip
         return {
             **{name: getattr(self, name).document() for name in figures},
             "by_effects": {name: r.document() for name, r in self.by_effects.items()},
@@ -86,12 +90,15 @@ def score_experiments(answers: Mapping[str, Answer], results: Path, out: Path) -
             wrong = [m for m in members if not _true(answer, m)]
             if wrong:
                 outcome = FAILED if again is None else _outcome(wrong, again, after)
-                questions.append(Question(name, answer, members, confounded, outcome, trouble))
-    groups = [q for q in questions if q.confounded]
+                holds = len(wrong) < len(members)
+                questions.append(Question(name, answer, members, confounded, holds, outcome, trouble))
+    groups, rivals = ([q for q in questions if q.confounded is kind] for kind in (True, False))
     return Experiments(
         questions=tuple(questions),
         groups=rate(q.outcome == RESOLVED for q in groups),
-        rivals=rate(q.outcome == RESOLVED for q in questions if not q.confounded),
+        groups_holding=rate(q.outcome == RESOLVED for q in groups if q.holds),
+        rivals=rate(q.outcome == RESOLVED for q in rivals),
+        rivals_holding=rate(q.outcome == RESOLVED for q in rivals if q.holds),
         by_effects={
             n: rate(q.outcome == RESOLVED for q in groups if _named(q) == n)
             for n in sorted({_named(q) for q in groups})
