@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from residual_mpc.models.settings import Settings
 if TYPE_CHECKING:
     from plants.mujoco_robot.robot import MujocoRobot
 
-FEW = 600  # rows times degrees of freedom
+WORTH_A_THREAD = 24  # rows times degrees of freedom: with fewer, waking it at every step costs more than it brings
 
 
 def replay(
@@ -53,6 +54,19 @@ def replay(
     return out
 
 
+def threads_for(size: int) -> int:
+    """Threads of a batch of that many rows times degrees of freedom."""
+    return max(1, min(_cores(), size // WORTH_A_THREAD))
+
+
+@cache
+def _cores() -> int:
+    """joblib's count, which heeds affinity, a container's quota and LOKY_MAX_CPU_COUNT."""
+    from joblib import cpu_count
+
+    return int(cpu_count())
+
+
 def _replay(
     robot: "MujocoRobot",
     start: Mapping[str, np.ndarray],
@@ -64,8 +78,7 @@ def _replay(
     from mujoco.batch import Batch
 
     model = robot.model
-    # with few rows, waking a second thread at every step costs more than it brings
-    batch = Batch(model, settings.rows, nthread=1 if settings.rows * model.nv < FEW else 0)
+    batch = Batch(model, settings.rows, nthread=threads_for(settings.rows * model.nv))
     if robot.differing and drive.setting is not None:
         for field in robot.differing:
             batch.expand(field)[:] = np.stack([getattr(r.model, field) for r in robot.settings])[drive.setting]

@@ -22,6 +22,7 @@ from oracles.arms import (
     settings_of,
 )
 
+from plants.mujoco_robot import replay as module
 from residual_mpc.effects.command import delayed_sequence
 from residual_mpc.models.settings import Settings
 
@@ -159,3 +160,11 @@ def test_a_motor_may_come_on_again(tmp_path: Path) -> None:
     for channel in CHANNELS:
         np.testing.assert_allclose(rolled[channel], stepped[channel], rtol=0, atol=1e-12)
     assert (stepped["output.j1"][0, 21:50] == 0.0).all() and (stepped["output.j1"][0, 51:60] != 0.0).all()
+
+
+@pytest.mark.parametrize(("size", "cores", "wanted"), [(3, 8, 1), (50, 8, 2), (10_000, 8, 8), (10_000, 1, 1)])
+def test_threads_are_as_many_as_the_batch_is_worth(
+    monkeypatch: pytest.MonkeyPatch, size: int, cores: int, wanted: int
+) -> None:
+    monkeypatch.setattr(module, "_cores", lambda: cores)
+    assert module.threads_for(size) == wanted
