@@ -99,7 +99,9 @@ def diagnose(
         progress("writing the report", 0.97)
         write_report(document, collect(made), out)
     write_atomically(out / "model.json", json.dumps(document["model"], indent=2, allow_nan=False) + "\n")
-    if proposal.table is not None:
+    if proposal.table is None:
+        (out / FILE).unlink(missing_ok=True)  # what an earlier diagnosis in this folder proposed
+    else:
         write_atomically(out / FILE, proposal.table)
     write_atomically(out / "diagnosis.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
     if as_json:
