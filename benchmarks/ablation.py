@@ -33,8 +33,9 @@ def ablation(cases: int, seed: int, lacking: tuple[str, ...], out: Path, jobs: i
     from residual_mpc.cli.common import progress_bar
 
     os.environ["PYTHONPATH"] = str(ROOT)  # the cases are diagnosed in folders of their own
+    drawn = MakeSettings(("wheeled",), tuple(LEVELS), cases, seed, jobs)
     with progress_bar() as progress:
-        make_suite(MakeSettings(("wheeled",), tuple(LEVELS), cases, seed, jobs), out / "suite", out / "answers", progress)
+        make_suite(drawn, out / "suite", out / "answers", progress)
     results = {}
     for name in ("", *(lacking or MEANS)):
         command = shlex.join([sys.executable, "-m", "benchmarks.without", name]) if name else ""

@@ -11,7 +11,6 @@ from typing import Any
 from residual_mpc.cli.main import main
 from residual_mpc.diagnosis import diagnose, problem, search
 from residual_mpc.diagnosis.additions import Ranked
-from residual_mpc.diagnosis.fit import Fit
 from residual_mpc.diagnosis.rivals import Rivalry
 from residual_mpc.diagnosis.search import Found
 from residual_mpc.diagnosis.spikes import Outliers
@@ -46,7 +45,7 @@ def exchange() -> None:
     """What the search ends with stands: nothing takes its place, and nothing is said to explain as much."""
 
     def alone(found: Found) -> Rivalry:
-        return Rivalry(found.fit, (), (), {t: 1.0 for t in found.fit.terms}, found.fit)
+        return Rivalry(found.fit, (), (), dict.fromkeys(found.fit.terms, 1.0), found.fit)
 
     everywhere("find_rivals", alone)
 
