@@ -54,6 +54,9 @@ def test_the_built_in_robot_by_name(folder: Path) -> None:
 
 def test_a_diagnosis_as_json_and_as_files(folder: Path) -> None:
     options = ("--robot", "rover.toml", "one.csv", "two.csv", "--out", "answers/rover", "--json", "--seed", "3")
+    earlier = folder / "answers" / "rover" / "next.csv"
+    earlier.parent.mkdir(parents=True)
+    earlier.write_text("what a diagnosis that left something open has proposed")
     done = call("diagnose", *options, cwd=folder)
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
@@ -61,6 +64,7 @@ def test_a_diagnosis_as_json_and_as_files(folder: Path) -> None:
     assert json.loads((out / "diagnosis.json").read_text()) == document
     assert {"diagnosis.json", "model.json", "report.html"} <= {p.name for p in out.iterdir()}
     assert not [p for p in out.iterdir() if p.suffix == ".part"]
+    assert document["next_experiment"] is None and not earlier.exists()
     assert done.stderr  # progress, which stdout has none of
 
 
