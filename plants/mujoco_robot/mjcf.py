@@ -12,6 +12,7 @@ from plants.mujoco_robot.compile import NO_LIMIT, prepared
 from plants.mujoco_robot.edits import edit_batch
 from plants.mujoco_robot.gears import ON_GEARS
 from plants.mujoco_robot.wheels import ON_WHEELS
+from residual_mpc.effects.library import PLUGGED
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 NOT_HELD = {
     "voltage_sag": "no actuator of MuJoCo weakens with time",
     "dead_zone": "no actuator of MuJoCo ignores small commands",
-    "stribeck_friction": "MuJoCo's dry friction does not change with the speed",
     "load_dependent_friction": "MuJoCo's dry friction does not change with the load",
     **dict.fromkeys(ON_GEARS, "it takes a joint more behind the motor, which the stepped simulator has"),
     **dict.fromkeys(ON_WHEELS, "wheels are bodies and shapes, which are not rewritten here"),
@@ -35,6 +35,7 @@ NOT_HELD = {
     "sensor_mounting": "what a sensor reports belongs to whoever reads it",
     "sensor_outliers": "what a sensor reports belongs to whoever reads it",
 }
+LEVEL = "stribeck_friction: dry friction halfway between static and kinetic, which in MuJoCo does not change with the speed"
 HELD_AS_NUMBERS = (  # fields of the compiled model -> where a specification keeps them
     "dof_damping", "dof_armature", "dof_frictionloss", "dof_solimp",
     "actuator_gainprm", "actuator_biasprm", "actuator_forcerange",
@@ -49,8 +50,9 @@ def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
     if robot.spec is None or robot.settings:
         why = "its model has no file of its own" if robot.spec is None else "its variants are several models"
         raise BadInput(f"{robot.name!r} is not written as an MJCF: {why}", "--to mjcf", "export each model file alone")
-    left_out = tuple(f"{e}: {NOT_HELD[e]}" for e in settings.effects if e in NOT_HELD)
-    held = Settings(1, {e: p for e, p in settings.effects.items() if e not in NOT_HELD}, settings.tuned)
+    reasons = NOT_HELD | {e.name: "an effect of your own is an equation, which no MJCF holds" for e in PLUGGED}
+    left_out = tuple(f"{e}: {reasons[e]}" for e in settings.effects if e in reasons)
+    held = _with_level(Settings(1, {e: p for e, p in settings.effects.items() if e not in reasons}, settings.tuned))
     spec, plain = robot.spec.copy(), robot.model
     _write_numbers(spec, robot, held)
     _write_memory(spec, held)
@@ -60,8 +62,18 @@ def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
         spec.meshdir = spec.texturedir = os.path.relpath(meshes, folder)
     text = spec.to_xml()
     spec.meshdir, spec.texturedir = robot.spec.meshdir, robot.spec.texturedir
-    apart, points = _apart(robot, held, spec)
-    return Mjcf(text, left_out, apart, points)
+    (apart, whole), points = _apart(robot, (held, settings), spec)
+    return Mjcf(text, (LEVEL,) if "stribeck_friction" in settings.effects else (), left_out, apart, whole, points)
+
+
+def _with_level(settings: Settings) -> Settings:
+    """Friction that falls with the speed as dry friction of its middle level, beside what is dry already."""
+    if "stribeck_friction" not in settings.effects:
+        return settings
+    falling, rest = settings.effects["stribeck_friction"], settings.without("stribeck_friction")
+    level = 0.5 * (falling["static"] + falling["kinetic"])
+    dry = rest.effects.get("coulomb_friction", {"torque": np.zeros_like(level)})
+    return Settings(1, {**rest.effects, "coulomb_friction": {"torque": dry["torque"] + level}}, rest.tuned)
 
 
 def _write_numbers(spec: "mujoco.MjSpec", robot: "MujocoRobot", settings: Settings) -> None:
@@ -132,9 +144,11 @@ def _write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
             actuator.actearly = True
 
 
-def _apart(robot: "MujocoRobot", settings: Settings, spec: "mujoco.MjSpec") -> tuple[float, int]:
-    """Largest difference of a joint between the written model and the replay, over drives about the model's home, and
-    at how many samples."""
+def _apart(
+    robot: "MujocoRobot", hypotheses: tuple[Settings, ...], spec: "mujoco.MjSpec"
+) -> tuple[tuple[float, ...], int]:
+    """Largest difference of a joint between the written model and the replay of each hypothesis (one row), over drives
+    about the model's home, and at how many samples; inf where one of the two diverges."""
     import mujoco
 
     model = prepared(spec.compile())
@@ -153,14 +167,14 @@ def _apart(robot: "MujocoRobot", settings: Settings, spec: "mujoco.MjSpec") -> t
     command = middle + 0.5 * size * wave  # begins at rest, so that no delay line and no filter has a past
     drive = Drive(robot.step, 0, command, None, np.zeros(DRIVES), None)
     wanted = tuple(f"position.{j}" for j in robot.joints)
-    expected = robot.replay(home, drive, settings.take(np.zeros(DRIVES, dtype=int)), wanted)
-    worst = 0.0
-    for row in range(DRIVES):
-        start: dict[str, Any] = {c: v[row : row + 1] for c, v in home.items()}
-        found = _played(robot, model, start, command[row])
-        for j, channel in enumerate(wanted):
-            worst = max(worst, float(np.abs(found[:, j] - expected[channel][row]).max()))
-    return worst, DRIVES * steps
+    starts: list[dict[str, Any]] = [{c: v[row : row + 1] for c, v in home.items()} for row in range(DRIVES)]
+    found = np.stack([_played(robot, model, start, u) for start, u in zip(starts, command, strict=True)])
+    worst = []
+    for settings in hypotheses:
+        expected = robot.replay(home, drive, settings.take(np.zeros(DRIVES, dtype=int)), wanted)
+        difference = np.abs(found - np.stack([expected[c] for c in wanted], axis=-1))
+        worst.append(float(np.nan_to_num(difference, nan=np.inf).max()))
+    return tuple(worst), DRIVES * steps
 
 
 def _played(robot: "MujocoRobot", model: "mujoco.MjModel", start: dict[str, Any], command: np.ndarray) -> np.ndarray:

@@ -44,9 +44,12 @@ def export(
     from residual_mpc.models.load import load_robot
     from residual_mpc.models.robot_file import read_robot_file
 
-    robot_model = load_robot(read_robot_file(named))
+    robot_file = read_robot_file(named)
+    robot_model = load_robot(robot_file)
     if to == "mjcf":
         result = write_mjcf(file, robot_model, where)
+        if robot_file.variants:
+            click.echo(f"note: the model is {robot_file.model}, without what the file's variants change", err=True)
     else:
         at = dt or _step_of(file) or float(getattr(robot_model, "period", USUAL_STEP))
         model = read_augmented(file, robot_model, Build(at, smooth))
@@ -57,10 +60,13 @@ def export(
         return
     for name, what in result["files"].items():
         click.echo(f"{where / name}: {what}")
-    for what in result.get("left_out", ()):
-        click.echo(f"left out: {what}", err=True)
+    for kind in ("approximated", "left_out"):
+        for what in result.get(kind, ()):
+            click.echo(f"{kind.replace('_', ' ')}: {what}", err=True)
     apart = result["largest_difference"]
     click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g}")
+    if "from_all_effects" in apart and (result["approximated"] or result["left_out"]):
+        click.echo(f"  from all that was diagnosed: {apart['from_all_effects']:.2g}")
 
 
 def _step_of(file: Path) -> float | None:

@@ -58,9 +58,12 @@ def write_mjcf(file: Path, robot: Robot, folder: Path) -> dict[str, Any]:
         "to": "mjcf",
         "robot": robot.name,
         "files": {"model.xml": "the model with the effects that MuJoCo can hold"},
+        "approximated": list(made.approximated),
         "left_out": list(made.left_out),
-        "largest_difference": {"joints": made.apart, "largest": made.apart, "points": made.points},
-    }
+        "largest_difference": {
+            "joints": made.apart, "largest": made.apart, "points": made.points, "from_all_effects": made.apart_from_all,
+        },
+    }  # fmt: skip
     (folder / "export.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     return document
 

@@ -67,13 +67,16 @@ class Simulating(Protocol):
 
 @dataclass(frozen=True)
 class Mjcf:
-    """text: an MJCF that holds the effects; left_out: those that it cannot hold, each with the reason; apart: the
-    largest difference of a joint (rad or m) between it and the replay over a few motions of a second, with the effects
-    that it holds, at `points` samples."""
+    """text: an MJCF that holds the effects; approximated: those that it holds in another form, and which;
+    left_out: those that it cannot hold, each with the reason; apart: the largest difference of a joint (rad or m)
+    between it and the replay over a few motions of a second, with the effects as it holds them, at `points` samples;
+    apart_from_all: the same with all effects as they were diagnosed."""
 
     text: str
+    approximated: tuple[str, ...]
     left_out: tuple[str, ...]
     apart: float
+    apart_from_all: float
     points: int
 
 

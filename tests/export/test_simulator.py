@@ -159,10 +159,23 @@ def test_an_mjcf_says_what_it_leaves_out(tmp_path: Path, capsys: pytest.CaptureF
     with pytest.raises(SystemExit):
         main(["export", str(path), "--to", "mjcf", "--out", str(tmp_path / "out")])
     said = capsys.readouterr()
-    for effect in ("voltage_sag", "dead_zone", "stribeck_friction", "load_dependent_friction"):
+    for effect in ("voltage_sag", "dead_zone", "load_dependent_friction"):
         assert f"left out: {effect}" in said.err
-    assert "largest difference" in said.out  # a lag is one filter of MuJoCo's, within half a step
-    assert json.loads((tmp_path / "out" / "export.json").read_text())["largest_difference"]["largest"] < 0.02
+    assert "approximated: stribeck_friction" in said.err
+    assert "largest difference" in said.out and "from all that was diagnosed" in said.out
+    apart = json.loads((tmp_path / "out" / "export.json").read_text())["largest_difference"]
+    assert apart["largest"] < 0.02  # a lag is one filter of MuJoCo's, within half a step
+    assert apart["from_all_effects"] > 2 * apart["largest"]
+
+
+def test_an_mjcf_brakes_by_the_middle_of_a_falling_friction(tmp_path: Path) -> None:
+    falling = {"static": 0.06, "kinetic": 0.02, "velocity": 0.1}
+    path = written(tmp_path, {"stribeck_friction": falling, "coulomb_friction": {"torque": 0.01}})
+    with pytest.raises(SystemExit):
+        main(["export", str(path), "--to", "mjcf", "--out", str(tmp_path / "out")])
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "model.xml"))
+    nominal = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    assert model.dof_frictionloss - nominal.dof_frictionloss == pytest.approx([0.05, 0.05])
 
 
 def test_the_rover_is_stepped_by_its_equation(tmp_path: Path) -> None:

@@ -166,7 +166,7 @@ def _partial() -> dict[str, Any]:
                 "probability": 0.06,
             }
         ],
-        "learned": {"shrink": 0.22, "where": [{"name": "standstill", "share": 0.4}]},
+        "learned": {"by": "network", "asked": ["ridge", "network"]},
         "audit": [
             {
                 "severity": "info",
@@ -290,6 +290,8 @@ def _unknown() -> dict[str, Any]:
             "parts": [],
             "what": "drive slow circles both ways, with the wheel encoders logged",
             "commands": None,
+            "sensors": ["velocity.left", "velocity.right"],
+            "excite": "residual-mpc excite out/diagnosis.json --robot arm.toml --out out/next.csv",
         },
     }
 

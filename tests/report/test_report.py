@@ -171,3 +171,13 @@ def test_many_runs_and_long_signals_stay_small():
     page = compose(document("effects"), Evidence((Panel("run1", "pose.x", "m", t, *noise),), windows))
     assert len(page.encode()) < 1_500_000
     assert "376 more runs" in Page(page).text
+
+
+def test_the_next_experiment_says_what_to_log_and_what_plans_its_commands():
+    said = Page(compose(document("unknown"), evidence("unknown"))).text
+    assert "Log besides: velocity.left , velocity.right ." in said
+    assert "residual-mpc excite out/diagnosis.json --robot arm.toml --out out/next.csv" in said
+
+
+def test_what_the_learned_residual_closes_says_who_learned():
+    assert "Closed by the network on top" in Page(compose(document("partial"), evidence("partial"))).text

@@ -1,6 +1,6 @@
 """What is left: the unexplained share, what a flexible learner finds in it, and constants that moved."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from residual_mpc.report.evidence import Evidence
@@ -9,6 +9,7 @@ from residual_mpc.report.section import Document, Section, render
 from residual_mpc.report.words.effects import name as effect_name
 from residual_mpc.report.words.rest import component_name, form_of, hint_of
 
+LEARNERS = {"ridge": "a ridge regression", "network": "the network"}
 LIFT = 1.2  # from which a regime is listed
 
 
@@ -23,9 +24,9 @@ def left(document: Document, evidence: Evidence) -> Section | None:
         "sections/left.html.jinja",
         verdict=document["verdict"],
         share=unexplained.get("share"),
-        learned=learned.get("shrink") if shrink is None else shrink,
+        learned=shrink,
+        by=LEARNERS.get(learned.get("by"), ""),
         asked=bool(learned.get("asked", True)),
-        learned_where=[_place(place) for place in _listed(learned.get("where"))],
         outliers=document.get("outliers"),
         moved=moved,
         rest=_rest(document.get("remainder")),
@@ -55,16 +56,3 @@ def _rest(remainder: Mapping[str, Any] | None) -> dict[str, Any] | None:
         ],
         "like": None if like is None else {**like, "name": effect_name(like)},
     }
-
-
-def _listed(places: Sequence[Any] | Mapping[str, Any] | None) -> list[Any]:
-    """The places as a list, whether they come as one, or by kind (regimes, channels) as in `where`."""
-    if isinstance(places, Mapping):
-        return [place for kind in places.values() for place in kind]
-    return list(places or [])
-
-
-def _place(place: Any) -> dict[str, Any]:
-    if isinstance(place, Mapping):
-        return {"name": place.get("name", place.get("run", "")), "share": place.get("share")}
-    return {"name": str(place), "share": None}

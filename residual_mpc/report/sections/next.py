@@ -15,5 +15,7 @@ def next_experiment(document: Document, evidence: Evidence) -> Section | None:
         what=experiment["what"],
         parts=[str(part).replace("_", " ") for part in experiment.get("parts") or []],
         commands=commands if isinstance(commands, str) else None,
+        sensors=experiment.get("sensors") or [],
+        excite=experiment.get("excite"),
     )
     return Section("next", "What to record next", body)
