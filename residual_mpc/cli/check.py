@@ -184,7 +184,7 @@ def _print_runs(described: list[dict[str, Any]]) -> None:
             ("motor switches", enabled),
             ("compared", compared),
             ("also measured", other),
-            ("not used", unused),
+            ("beside these", unused),
         ):
             if names:
                 click.echo(f"  {label}: {', '.join(names)}")

@@ -25,8 +25,14 @@ PERIOD, FINE = 0.05, 5e-3  # s: between the rows, and of the integration
 Cause = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
-def driven(seed: int, cause: Cause, gust: float = 0.0) -> Run:
-    """A rover whose rims do as the cause says; gust: rad/s of yaw, in bursts at times of each run's own."""
+def temperature(seed: int, t: np.ndarray) -> np.ndarray:
+    """K above the first, at times t (n,) s: up and down at another pace in each run."""
+    return 10.0 * (1.0 + np.sin(0.2 * (1 + seed % 3) * t + seed))
+
+
+def driven(seed: int, cause: Cause, gust: float = 0.0, hot: float = 0.0) -> Run:
+    """A rover whose rims do as the cause says; gust: rad/s of yaw, in bursts at times of each run's own; hot: share
+    that both rims lose per K, where the temperature is logged."""
     rng = np.random.default_rng(seed)
     n, every = round(20.0 / FINE), round(PERIOD / FINE)
     t = np.arange(n) * FINE
@@ -34,11 +40,11 @@ def driven(seed: int, cause: Cause, gust: float = 0.0) -> Run:
     wave = 6.0 + 3.0 * np.sin(2 * np.pi * frequency * t[:, None, None] + phase).sum(axis=1)
     command = np.repeat(wave[::every], every, axis=0)[:n]
     begins, sizes = rng.uniform(0.0, 19.0, 12), rng.standard_normal(12)
-    angle, pose, rows = rng.uniform(0.0, 6.28, 2), np.zeros(3), []
+    angle, pose, rows, warmth = rng.uniform(0.0, 6.28, 2), np.zeros(3), [], temperature(seed, t)
     for k in range(n):
         if k % every == 0:
             rows.append(np.concatenate([[t[k]], command[k], pose]))
-        left, right = WHEEL_RADIUS * command[k] * cause(t[k], angle, command[k])
+        left, right = WHEEL_RADIUS * command[k] * cause(t[k], angle, command[k]) * (1.0 - hot * warmth[k])
         angle = angle + FINE * command[k]
         forward, turn = 0.5 * (left + right), (right - left) / TRACK_WIDTH
         turn += gust * float(sizes @ ((t[k] >= begins) & (t[k] < begins + 0.5)))
@@ -46,11 +52,12 @@ def driven(seed: int, cause: Cause, gust: float = 0.0) -> Run:
     log = np.array(rows)
     log[:, 3:] += rng.standard_normal((len(log), 3)) * [0.001, 0.001, 0.004]
     names = ("command.left", "command.right", "pose.x", "pose.y", "pose.theta")
-    return Run(f"run{seed}", log[:, 0], dict(zip(names, log[:, 1:].T, strict=True)))
+    extra = {"temperature.motors": np.round(warmth[::every])} if hot else {}
+    return Run(f"run{seed}", log[:, 0], dict(zip(names, log[:, 1:].T, strict=True)), extra_columns=extra)
 
 
-def described(cause: Cause, gust: float = 0.0) -> Rest:
-    data = build_dataset([driven(seed, cause, gust) for seed in range(1, 6)], [ROVER] * 5, {})
+def described(cause: Cause, gust: float = 0.0, hot: float = 0.0) -> Rest:
+    data = build_dataset([driven(seed, cause, gust, hot) for seed in range(1, 6)], [ROVER] * 5, {})
     settings = Settings(1)
     predicted = predict(data, settings)[0]
     rng = np.random.default_rng(0)
@@ -78,6 +85,16 @@ def test_motors_that_warm_up_are_found_in_the_time() -> None:
     assert rest.depends[0].kind in ("time", "work") and rest.depends[0].form == "speed"
     assert rest.depends[0].curve.y[0] == pytest.approx(-0.2, abs=0.05)
     assert "warms up" in sentence(rest)
+
+
+def test_motors_that_the_heat_weakens_are_found_in_the_logged_temperature() -> None:
+    rest = described(lambda t, angle, speed: np.ones(2), hot=0.01)
+    first = rest.depends[0]
+    assert (first.kind, first.of, first.form) == ("logged", "temperature.motors", "speed")
+    assert first.share > 0.6 > first.by_chance
+    slope = np.polyfit(first.curve.x, first.curve.y, 1)[0]
+    assert slope == pytest.approx(-0.01, rel=0.2)
+    assert "temperature.motors" in sentence(rest)
 
 
 def test_turning_that_is_weak_to_one_side_is_found_in_the_turning_rate() -> None:
