@@ -94,7 +94,8 @@ def diagnose(
             document["remainder"]["sentence"] = rest_sentence(document["remainder"])
         progress("planning the next experiment", 0.96)
         call = ["residual-mpc", "excite", str(out / "diagnosis.json"), "--robot", robot, "--out", str(out / FILE)]
-        proposal = propose(document, load_robot(loaded.robot_file), shlex.join(call), seed)
+        logged = {c for r in loaded.runs for c in (*r.columns, *r.extra_columns)}
+        proposal = propose(document, load_robot(loaded.robot_file), shlex.join(call), seed, logged)
         document["next_experiment"] = proposal.next_experiment
         progress("writing the report", 0.97)
         write_report(document, collect(made), out)

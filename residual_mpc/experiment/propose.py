@@ -1,6 +1,6 @@
 """What a diagnosis proposes to do next: its words made concrete where planning costs next to nothing."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,11 +9,13 @@ import numpy as np
 from residual_mpc.errors import BadInput
 from residual_mpc.experiment.command_file import command_table
 from residual_mpc.experiment.plan import SECONDS, Plan, plan_next
+from residual_mpc.experiment.sensors import sensors_for
 from residual_mpc.models.protocol import Robot
 
 FILE = "next.csv"
 # numbers in the start state: a plan for a rover or one joint costs a second, one for an arm a minute, left to `excite`
 AT_ONCE = 3
+LISTED = 4  # sensors in the sentence
 
 
 @dataclass(frozen=True)
@@ -24,12 +26,16 @@ class Proposal:
     table: str | None
 
 
-def propose(document: Mapping[str, Any], robot: Robot, excite: str, seed: int) -> Proposal:
-    """The experiment of a diagnosis.json that leaves something open; excite: the command that plans it (again)."""
+def propose(
+    document: Mapping[str, Any], robot: Robot, excite: str, seed: int, logged: Collection[str] = ()
+) -> Proposal:
+    """The experiment of a diagnosis.json that leaves something open; excite: the command that plans it (again); logged:
+    columns that the runs have."""
     said = document["next_experiment"]
     if said is None:
         return Proposal(None, None)
-    said = {**said, "excite": excite}
+    wanted = () if said["parts"] else sensors_for(document["remainder"], robot.actuators, logged)
+    said = {**said, "what": said["what"] + _besides(wanted), "sensors": list(wanted), "excite": excite}
     if sum(1 if s.velocity is None else 2 for s in robot.states) > AT_ONCE:
         return Proposal(said, None)
     try:
@@ -39,7 +45,8 @@ def propose(document: Mapping[str, Any], robot: Robot, excite: str, seed: int) -
     if plan.purpose == "protocol":
         return Proposal(said, None)
     table = command_table([p.motion for p in plan.played], plan.bench.actuators)
-    planned = {"what": _words(plan), "commands": FILE, "sensors": plan.document["sensors"]}
+    sensors = [*plan.document["sensors"], *wanted]
+    planned = {"what": _words(plan) + _besides(sensors), "commands": FILE, "sensors": sensors}
     return Proposal({**said, **planned, "told_apart": plan.document["told_apart"]}, table)
 
 
@@ -47,5 +54,10 @@ def _words(plan: Plan) -> str:
     names = [p.motion.name for p in plan.played]
     if plan.purpose == "explore":
         return f"drive {names[0]} twice" + "".join(f", then {n}" for n in names[2:])
-    sensors = plan.document["sensors"]
-    return f"drive {', then '.join(names)}" + (f", and log {' and '.join(sensors)} besides" if sensors else "")
+    return f"drive {', then '.join(names)}"
+
+
+def _besides(sensors: Sequence[str]) -> str:
+    if len(sensors) > LISTED:
+        sensors = [*sensors[: LISTED - 1], "others"]
+    return f", and log {' and '.join(sensors)} besides" if sensors else ""
