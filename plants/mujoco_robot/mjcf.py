@@ -35,7 +35,7 @@ NOT_HELD = {
     "sensor_mounting": "what a sensor reports belongs to whoever reads it",
     "sensor_outliers": "what a sensor reports belongs to whoever reads it",
 }
-LEVEL = "stribeck_friction: dry friction halfway between static and kinetic, which in MuJoCo does not change with the speed"
+LEVEL = "stribeck_friction: dry friction halfway between static and kinetic; MuJoCo's does not change with the speed"
 HELD_AS_NUMBERS = (  # fields of the compiled model -> where a specification keeps them
     "dof_damping", "dof_armature", "dof_frictionloss", "dof_solimp",
     "actuator_gainprm", "actuator_biasprm", "actuator_forcerange",

@@ -21,7 +21,8 @@ def test_arms_of_more_than_one_joint_are_left_to_excite(joints, at_once, monkeyp
         raise Planned
 
     monkeypatch.setattr(module, "plan_next", plan)
-    robot = SimpleNamespace(actuators=("j0",), states=tuple(State(f"position.j{k}", f"velocity.j{k}") for k in range(joints)))
+    states = tuple(State(f"position.j{k}", f"velocity.j{k}") for k in range(joints))
+    robot = SimpleNamespace(actuators=("j0",), states=states)
     if at_once:
         with pytest.raises(Planned):
             module.propose(OPEN, robot, "residual-mpc excite", 0)
@@ -60,9 +61,8 @@ def test_a_gap_that_nothing_explains_asks_for_the_sensor_that_would_show_why(rem
 
 
 def test_the_sensor_stands_in_the_proposal():
-    robot = SimpleNamespace(
-        actuators=("j0", "j1"), states=tuple(State(f"position.j{k}", f"velocity.j{k}") for k in range(2))
-    )
+    states = tuple(State(f"position.j{k}", f"velocity.j{k}") for k in range(2))
+    robot = SimpleNamespace(actuators=("j0", "j1"), states=states)
     said = {"parts": [], "what": "drive it twice", "commands": None}
     made = module.propose({"next_experiment": said, "remainder": depends("work")}, robot, "residual-mpc excite", 0)
     assert made.next_experiment["sensors"] == list(HOT)
