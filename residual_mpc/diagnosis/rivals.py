@@ -64,8 +64,8 @@ def place(terms: tuple[Term, ...]) -> tuple[int, int, bool, str]:
 
 
 def find_rivals(found: Found) -> Rivalry:
-    """Replace each term (and each pair of rim scales) by every candidate that resembles it; swap where that is
-    better.
+    """Replace each term (each pair of rim scales, and one effect on several targets) by what resembles it; swap where
+    that is better.
     """
     fit, rivals = found.fit, list[Rival]()
     places, swaps = _places(fit), 0
@@ -75,7 +75,7 @@ def find_rivals(found: Found) -> Rivalry:
         if better is not None and better.ratio < BETTER and swaps < SWAPS:
             fit, rivals = on_problem(found.problem, better.fit), []
             places, swaps = _places(fit), swaps + 1
-    order = [(t,) for t in fit.terms] + _rim_pairs(fit.terms)
+    order = [(t,) for t in fit.terms] + _several(fit)
     rivals.sort(key=lambda r: order.index(r.gone))
     groups = _groups(rivals)
     preferred, groups = _prefer_first(fit, rivals, groups)
@@ -85,7 +85,12 @@ def find_rivals(found: Found) -> Rivalry:
 def _places(fit: Fit) -> list[tuple[Term, ...]]:
     """What may be replaced, the surest first: what was added last is the likeliest to stand for something else, and
     once it is exchanged all the others are to be looked at again."""
-    return _rim_pairs(fit.terms) + [(t,) for t in fit.terms]
+    return _several(fit) + [(t,) for t in fit.terms]
+
+
+def _several(fit: Fit) -> list[tuple[Term, ...]]:
+    """What may be replaced together, each once."""
+    return list(dict.fromkeys([*_rim_pairs(fit.terms), *_on_targets(fit.terms)]))
 
 
 def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float) -> list[Rival]:
@@ -95,7 +100,7 @@ def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float
     rest = fit_all(problem, [values], 4, near=[fit], fresh=[NONE])[0]
     kept = rest.terms
     candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
-    starts: list[Values] = []
+    starts = _on_all(problem, rest, fit, gone, candidates)
     if len(gone) == 1:
         starts = _elsewhere(problem, rest, fit, gone[0], candidates)
         seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
@@ -106,7 +111,7 @@ def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float
             if lead.term not in seen and len(starts) < most and lead.gain > RESEMBLES * own:
                 seen.add(lead.term)
                 starts.append({**rest.values, **lead.start})
-    else:
+    elif all(t.effect in RIM_SCALES for t in gone):
         rims = [c for c in candidates if c.effect in RIM_SCALES and c not in gone]
         for i, a in enumerate(rims):
             starts += [
@@ -122,6 +127,18 @@ def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float
         alike = ratio < ALIKE and difference < PARALLEL * (rest.cost - fit.cost)
         out.append(Rival(gone, came, other, ratio, alike))
     return out
+
+
+def _on_all(
+    problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], candidates: tuple[Term, ...]
+) -> list[Values]:
+    """One effect on several targets as the same on all of them, with the middle of the numbers that were found."""
+    all_alike = Term(gone[0].effect, None)
+    if len(gone) < 2 or len({t.effect for t in gone}) > 1 or all_alike not in candidates:
+        return []
+    found = [{k.parameter: v for k, v in fit.values.items() if k.term == t} for t in gone]
+    middle = {Knob(*all_alike, name): float(np.median([f[name] for f in found])) for name in found[0]}
+    return [{**rest.values, **{k: float(np.clip(v, *problem.space.bounds(k))) for k, v in middle.items()}}]
 
 
 def _elsewhere(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
@@ -161,6 +178,14 @@ def _rim_pairs(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
     return [(a, b) for i, a in enumerate(rims) for b in rims[i + 1 :]]
 
 
+def _on_targets(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
+    """The terms of each effect that stands on several targets."""
+    by_effect: dict[str, list[Term]] = {}
+    for t in terms:
+        by_effect.setdefault(t.effect, []).append(t)
+    return [tuple(ts) for ts in by_effect.values() if len(ts) > 1]
+
+
 def _groups(rivals: list[Rival]) -> tuple[tuple[tuple[Term, ...], ...], ...]:
     """One group per replaced member: it, and what stands in for it. A pair's group that only repeats the groups of its
     members says nothing new and is left out."""
@@ -173,7 +198,9 @@ def _groups(rivals: list[Rival]) -> tuple[tuple[tuple[Term, ...], ...], ...]:
     for gone, came in members.items():
         if len(gone) == 2:
             first, second = (single.get(t, {t}) for t in gone)
-            came = [c for c in came if not any(a in first and b in second for a, b in (c, c[::-1]))]
+            came = [
+                c for c in came if len(c) != 2 or not any(a in first and b in second for a, b in (c, c[::-1]))
+            ]
         if came:
             groups.append(tuple(sorted({gone, *came}, key=place)))
     return tuple(groups)

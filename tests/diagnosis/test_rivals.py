@@ -55,6 +55,27 @@ def test_an_effect_said_of_one_wheel_goes_to_both() -> None:
     assert BOTH in found.fit.terms and LEFT not in found.fit.terms
 
 
+def test_an_effect_said_of_each_wheel_goes_to_both() -> None:
+    found = rivals_of(
+        {"actuator_gain": {"gain": 0.9}},
+        {Knob("actuator_gain", "left", "gain"): 0.9, Knob("actuator_gain", "right", "gain"): 0.9},
+        ("actuator_gain", "track_width"),
+    )
+    assert found.fit.terms == (BOTH,)
+    assert found.fit.values[Knob("actuator_gain", None, "gain")] == pytest.approx(0.9, abs=0.01)
+    assert ((BOTH,), (LEFT, Term("actuator_gain", "right"))) in found.groups
+
+
+def test_wheels_that_differ_stay_apart() -> None:
+    found = rivals_of(
+        {"actuator_gain": {"gain": 0.9}},
+        {Knob("actuator_gain", "left", "gain"): 0.8, Knob("actuator_gain", "right", "gain"): 0.9},
+        ("actuator_gain", "track_width"),
+        left=0.9,
+    )
+    assert set(found.fit.terms) == {LEFT, Term("actuator_gain", "right")}
+
+
 def test_twins_make_a_group_and_share_the_probability() -> None:
     """From the pose alone a smaller wheel is a weaker motor."""
     found = rivals_of(

@@ -25,7 +25,7 @@ def left(document: Document, evidence: Evidence) -> Section | None:
         verdict=document["verdict"],
         share=unexplained.get("share"),
         learned=shrink,
-        by=LEARNERS.get(learned.get("by"), ""),
+        by=LEARNERS.get(str(learned.get("by")), ""),
         asked=bool(learned.get("asked", True)),
         outliers=document.get("outliers"),
         moved=moved,
