@@ -72,6 +72,14 @@ CASES = (
         "roll meets a stop that the model lacks. The cause is certified by nobody: here the test is the gap on motions "
         "that were not seen.",
     ),
+    *(
+        Withheld(
+            f"so101, fourth {k}",
+            f"Motions of the SO-101, fourth {k}",
+            "Each fourth motion by name. In the four of these diagnoses each motion is kept back once.",
+        )
+        for k in (1, 2, 3, 4)
+    ),
 )
 
 HEAD = """\
