@@ -106,7 +106,7 @@ def build_lqr(model: Augmented, path: np.ndarray, settings: MpcSettings, at: Map
     states = controlled(model)
     for k in range(n):
         u, state, _ = mpc.step(state, x, path[k + 1 : k + 1 + settings.horizon])
-        new, a, b = (np.array(v) for v in c.stage(x, u, model.p))
+        new, a, b = (np.array(v) for v in c.through(x, u, model.p))
         bigger = with_last_command(a[np.ix_(states, states)], b[states])
         A.append(bigger[0])
         B.append(bigger[1])

@@ -7,8 +7,9 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 
-# states that no command moves, or that only the network reads or writes
-UNCONTROLLED = ("clock", "disturbance.", "last.", "offset.")
+# states that no command moves, that only the network reads or writes, or where a motor is in its play
+UNCONTROLLED = ("clock", "disturbance.", "last.", "offset.", "play.")
+REACHED, BELOW = 0.9, 0.8  # share of the wanted speed that will do, and of its highest at which a robot is not limited
 SETTLED = 3.0  # s, after which a lag or delay of a steady command has settled
 
 
@@ -36,12 +37,13 @@ def steady_motion(model: Augmented, cruise: float) -> tuple[np.ndarray, np.ndarr
     """(x (nx,), u (nu,)): straight on along x at about `cruise` m/s, all memory settled, at the origin; a fixed robot:
     held at home.
 
-    Equal commands to all actuators, as large as the model needs: found by one secant step over a settled drive.
+    Equal commands to all actuators, as large as the model needs: found by secant steps over a settled drive; below its
+    limit where the robot is not that fast.
     """
     if model.stepped.holding is not None:
         u = model.hold(model.start())
         return _settle(model, u), u
-    u = np.full(model.nu, 1.0)
+    u, speed = np.full(model.nu, 1.0), 0.0
     for _ in range(4):
         x = _settle(model, u)
         there = model.numpy_step(x, u)
@@ -50,6 +52,8 @@ def steady_motion(model: Augmented, cruise: float) -> tuple[np.ndarray, np.ndarr
             u = 3.0 * u
             continue
         u = u * np.clip(cruise / speed, 0.2, 8.0)
+    if 0.0 < speed < REACHED * cruise:
+        return steady_motion(model, BELOW * speed)
     x = _settle(model, u)
     for name in model.stepped.poses:
         x[model.stepped.states.index(name)] = 0.0
@@ -57,8 +61,8 @@ def steady_motion(model: Augmented, cruise: float) -> tuple[np.ndarray, np.ndarr
 
 
 def linearise(model: Augmented, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A (nx, nx), B (nx, nu) of the step, the network's exact derivative in it."""
-    _, a, b = casadi_model(model).stage(x, u, model.p)
+    """A (nx, nx), B (nx, nu) of the step, the network's exact derivative in it, dead zone and play seen through."""
+    _, a, b = casadi_model(model).through(x, u, model.p)
     return np.array(a), np.array(b)
 
 

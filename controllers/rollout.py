@@ -52,7 +52,7 @@ def rollout(model: Augmented, steps: int, compile: bool) -> Rollout:
     import casadi as ca
 
     c = casadi_model(model)
-    stage, output = c.stage, c.output
+    stage, output = c.through, c.output
     x, plan, p = ca.MX.sym("x", model.nx), ca.MX.sym("plan", model.nu, steps), ca.MX.sym("p", len(model.p))
     states, a, b = [], [], []
     at = x

@@ -9,11 +9,17 @@ from residual_mpc.effects.ops import casadi_ops
 from residual_mpc.export.augmented import Augmented
 
 
+# Inside a dead zone or play no small change of a command does anything: by the exact derivatives an optimiser that
+# linearises there waits for ever. Controllers take the slopes of the robot with these numbers at 0.
+SWALLOWING = frozenset({("dead_zone", "width"), ("backlash", "gap")})
+
+
 @dataclass(frozen=True, eq=False)
 class CasadiModel:
     """x (nx, 1), u (nu, 1), p (np, 1): SX symbols; step: x+ as an SX expression of them.
 
     f: casadi Function (x, u, p) -> x+, named "step"; stage: (x, u, p) -> x+, A = dx+/dx (nx, nx), B = dx+/du (nx, nu).
+    through: the same x+, with A and B of a robot without what swallows small commands, see `SWALLOWING`.
     y: SX expression of x, and output: x -> y, C = dy/dx (ny, nx), where the robot tracks something else than its poses,
     else None. x_names, u_names, p_names, y_names say the order; p0 (np,) the values now.
     """
@@ -24,6 +30,7 @@ class CasadiModel:
     step: Any
     f: Any
     stage: Any
+    through: Any
     y: Any
     output: Any
     x_names: tuple[str, ...]
@@ -44,12 +51,16 @@ def casadi_model(model: Augmented) -> CasadiModel:
     f = ca.Function("step", [x, u, p], [new], names, ["x_next"])
     dense: list[Any] = [ca.densify(new), ca.densify(ca.jacobian(new, x)), ca.densify(ca.jacobian(new, u))]
     stage = ca.Function("stage", [x, u, p], dense, names, ["x_next", "A", "B"])
+    through, swallowing = stage, [(n.effect, n.parameter) in SWALLOWING for n in model.stepped.numbers]
+    if any(swallowing):
+        numbers = ca.vertcat(*(0.0 if s else p[i] for i, s in enumerate(swallowing)), p[len(swallowing) :])
+        through = ca.Function("through", [x, u, p], [dense[0], *stage(x, u, numbers)[1:]], names, ["x_next", "A", "B"])
     output, y = None, None
     if model.stepped.output is not None:
         y = ca.vertcat(*model.stepped.output(casadi_ops(), ca.vertsplit(x)))
         output = ca.Function("output", [x], [ca.densify(y), ca.densify(ca.jacobian(y, x))], ["x"], ["y", "C"])
     commands = tuple(f"command.{c}" for c in model.stepped.commands)
     return CasadiModel(
-        x, u, p, new, f, stage, y, output, model.stepped.states, commands, model.parameters, model.stepped.tracked,
+        x, u, p, new, f, stage, through, y, output, model.stepped.states, commands, model.parameters, model.stepped.tracked,
         model.p, model.build.dt,
     )  # fmt: skip

@@ -161,6 +161,30 @@ def test_what_the_model_lacks_costs_tracking_and_the_diagnosis_gets_it_back(plan
     assert result["seeds"] == 3 and set(c["oracle"]) >= {"tracking_rmse", "h2_norm", "solve_ms", "failures"}
 
 
+class Rock:
+    """Forth and back on a line, which begins gently: every wheel turns round, through its play and dead zone."""
+
+    def path(self, t):
+        t = np.where(t < 2.0, t * t / 4.0, t - 1.0)
+        return np.stack([0.2 * np.sin(1.2 * t), 0.0 * t, 0.0 * t], axis=-1)
+
+
+@pytest.mark.parametrize("path", [Rock(), Eight()], ids=["rock", "eight"])
+@pytest.mark.parametrize(
+    ("effect", "parameter", "value", "share"),
+    [("dead_zone", "width", 2.5, 0.5), ("backlash", "gap", 1.0, 0.6), ("saturation", "limit", 5.0, 0.95)],
+)
+def test_a_model_that_knows_what_swallows_commands_drives_better_by_it(path, effect, parameter, value, share):
+    """By the exact derivatives inside a dead zone or play a controller would wait there for ever."""
+    true = {Knob(effect, None, parameter): value}
+    rivals = {"nominal": contender({}), "effects": contender({k: 1.05 * v for k, v in true.items()})}
+    simulator = ModelSimulator(augment(ROBOT, true, None, Build(DT)), NOISE)
+    result = compare(simulator, {**rivals, "oracle": contender(true)}, path, LOOP, [0, 1])
+    c = document(result, "path", "rover", np.random.default_rng(0))["controllers"]
+    assert c["effects"]["tracking_rmse"] < share * c["nominal"]["tracking_rmse"]
+    assert c["effects"]["h2_norm"] < 0.7 * c["nominal"]["h2_norm"]
+
+
 def test_recovered_is_the_contracts_figure():
     nominal, mine, oracle = np.array([1.0, 1.2]), np.array([0.4, 0.6]), np.array([0.2, 0.4])
     share = recovered(nominal, mine, oracle, np.random.default_rng(0))
