@@ -198,9 +198,7 @@ def _groups(rivals: list[Rival]) -> tuple[tuple[tuple[Term, ...], ...], ...]:
     for gone, came in members.items():
         if len(gone) == 2:
             first, second = (single.get(t, {t}) for t in gone)
-            came = [
-                c for c in came if len(c) != 2 or not any(a in first and b in second for a, b in (c, c[::-1]))
-            ]
+            came = [c for c in came if len(c) != 2 or not any(a in first and b in second for a, b in (c, c[::-1]))]
         if came:
             groups.append(tuple(sorted({gone, *came}, key=place)))
     return tuple(groups)

@@ -8,7 +8,6 @@ import numpy as np
 from residual_mpc.effects.ops import casadi_ops
 from residual_mpc.export.augmented import Augmented
 
-
 # Inside a dead zone or play no small change of a command does anything: by the exact derivatives an optimiser that
 # linearises there waits for ever. Controllers take the slopes of the robot with these numbers at 0.
 SWALLOWING = frozenset({("dead_zone", "width"), ("backlash", "gap")})
@@ -61,6 +60,6 @@ def casadi_model(model: Augmented) -> CasadiModel:
         output = ca.Function("output", [x], [ca.densify(y), ca.densify(ca.jacobian(y, x))], ["x"], ["y", "C"])
     commands = tuple(f"command.{c}" for c in model.stepped.commands)
     return CasadiModel(
-        x, u, p, new, f, stage, through, y, output, model.stepped.states, commands, model.parameters, model.stepped.tracked,
-        model.p, model.build.dt,
+        x, u, p, new, f, stage, through, y, output, model.stepped.states, commands, model.parameters,
+        model.stepped.tracked, model.p, model.build.dt,
     )  # fmt: skip
