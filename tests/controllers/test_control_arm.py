@@ -16,6 +16,8 @@ from plants.scaler_arm.geometry import HOME, SCALER
 from plants.scaler_arm.servo_robot import ServoArm
 from residual_mpc.errors import BadInput
 from residual_mpc.export import Augmented, Build, augment
+from residual_mpc.models.load import load_robot
+from residual_mpc.models.robot_file import read_robot_file
 from residual_mpc.models.settings import Knob
 from scenarios.arm import CONTROL, DT, Path, circle_line, circle_z
 
@@ -63,6 +65,25 @@ def test_a_model_without_the_delay_and_the_load_follows_worse():
     bare = arm()
     blind = follow(build_mpc(bare, FAST), plant, circle_z(), 150, see=lambda x: x[: bare.nx])
     assert off(blind[0][50:]) > 5 * knows
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("dead_zone", {"width": 0.02}),
+        ("coulomb_friction", {"torque": 0.15}),
+        ("stribeck_friction", {"static": 0.2, "kinetic": 0.1, "velocity": 0.2}),
+        ("load_dependent_friction", {"coefficient": 0.1}),
+    ],
+)
+def test_what_swallows_commands_is_driven_through(effect, values):
+    robot = load_robot(read_robot_file("scaler_arm"))
+    bare = augment(robot, {}, None, Build(DT))
+    plant = augment(robot, {Knob(effect, None, name): v for name, v in values.items()}, None, Build(DT))
+    shared = [plant.stepped.states.index(s) for s in bare.stepped.states]
+    knows = off(follow(build_mpc(plant, FAST), plant, circle_z(), 100)[0][50:])
+    blind = off(follow(build_mpc(bare, FAST), plant, circle_z(), 100, see=lambda x: x[shared])[0][50:])
+    assert knows < 0.5 * blind
 
 
 def test_joint_limits_hold_on_commands_to_the_last_bit_and_on_angles_by_their_price():
