@@ -8,8 +8,9 @@ import numpy as np
 from residual_mpc.effects.ops import casadi_ops
 from residual_mpc.export.augmented import Augmented
 
-# Inside a dead zone or play, or while a joint sticks, no small change of a command does anything: by the exact derivatives
-# an optimiser that linearises there waits for ever. Controllers take the slopes of the robot with these numbers at 0.
+# Inside a dead zone or play, or while a joint sticks, no small change of a command does anything: by the exact
+# derivatives an optimiser that linearises there waits for ever. Controllers take the slopes of the robot with these
+# numbers at 0.
 SWALLOWING = frozenset({
     ("dead_zone", "width"), ("backlash", "gap"), ("coulomb_friction", "torque"), ("stribeck_friction", "static"),
     ("stribeck_friction", "kinetic"), ("load_dependent_friction", "coefficient"),
