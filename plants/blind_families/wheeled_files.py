@@ -92,6 +92,6 @@ def _logged(
     if setting.encoders:
         at = np.searchsorted(trajectory.t, t - 1e-9)
         for i, name in enumerate(ENCODERS):
-            speed = trajectory.wheel[at, i] + setting.encoder_sigma * rng.standard_normal(len(t))
+            speed = trajectory.motor[at, i] + setting.encoder_sigma * rng.standard_normal(len(t))
             table[name] = quantised(speed, 0.5 * setting.encoder_sigma)
     return table

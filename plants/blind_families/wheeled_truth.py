@@ -56,13 +56,14 @@ class WheeledTruth:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What happened, on the fine grid. ``t``, ``x``, ``y``, ``theta``: (m,); ``wheel``: (m, 2) rad/s."""
+    """What happened, on the fine grid. ``t``, ``x``, ``y``, ``theta``: (m,); ``motor``: (m, 2) rad/s in
+    wheel terms, before any play: where an encoder sits, by the product's convention too."""
 
     t: Array
     x: Array
     y: Array
     theta: Array
-    wheel: Array
+    motor: Array
     command: Array  # (n, 2) rad/s, one row a sample
 
     def pose(self, t: Array) -> Array:
@@ -83,6 +84,7 @@ class _Drive:
         self.moving = False
         self.speed, self.acceleration = 0.0, 0.0  # motor side
         self.wheel, self.twist = 0.0, play * truth.gap[side]  # wheel speed, motor minus wheel angle
+        self.motor = 0.0  # mean speed over the last step
 
     def send(self, t: float, value: float) -> None:
         self.events.append((t + self.truth.delay[self.side], value))
@@ -119,6 +121,7 @@ class _Drive:
             u = 0.5 * (before + self.speed)
         else:
             self.speed = u
+        self.motor = u
         return self._through_gear(u, h) if p.gap[i] > 0.0 else u
 
     def _through_gear(self, motor: float, h: float) -> float:
@@ -203,6 +206,6 @@ def simulate(
             y += h * (forward * s - sideways * c + vy)
             theta += h * yaw
             used += h * p.sag * (0.7 + 0.3 * hypot(*speed) / (0.6 * p.speed_scale))
-            rows.append((at + h, x, y, theta, speed[0], speed[1]))
+            rows.append((at + h, x, y, theta, wheels[0].motor, wheels[1].motor))
     table = np.array(rows)
     return Trajectory(table[:, 0], table[:, 1], table[:, 2], table[:, 3], table[:, 4:6], np.array(sent))

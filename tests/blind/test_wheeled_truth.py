@@ -53,6 +53,13 @@ def test_a_lag_loses_the_way_of_its_time_constant():
     assert lost == pytest.approx(R * 5.0 * parameters["time_constant"], rel=0.02)
 
 
+def test_inside_its_play_a_motor_turns_and_the_robot_stands():
+    truth, parameters = planted("backlash", 0.4)
+    loose = replace(truth, gap=(2.0, 2.0))
+    end = drive(loose, 0.1, 0.1)  # 0.8 rad in all, and the play begins in its middle
+    assert end.motor[-1] == pytest.approx([0.1, 0.1]) and abs(end.pose(T)[-1, 0]) < 1e-9
+
+
 def test_play_swallows_its_gap_when_the_wheels_reverse():
     truth, parameters = planted("backlash", 0.4)
 
@@ -69,14 +76,14 @@ def test_play_swallows_its_gap_when_the_wheels_reverse():
 def test_saturation_bites_above_its_limit_alone():
     truth, parameters = planted("saturation", 0.5)
     slow, fast = 0.6 * parameters["limit"], 1.5 * parameters["limit"]
-    assert drive(truth, slow, slow).wheel[-1, 0] == pytest.approx(slow, rel=1e-3)
-    assert drive(truth, fast, fast).wheel[-1, 0] == pytest.approx(parameters["limit"], rel=0.02)
+    assert drive(truth, slow, slow).motor[-1, 0] == pytest.approx(slow, rel=1e-3)
+    assert drive(truth, fast, fast).motor[-1, 0] == pytest.approx(parameters["limit"], rel=0.02)
 
 
 def test_a_dead_zone_swallows_small_commands_alone():
     truth, parameters = planted("dead_zone", 0.5)
-    assert drive(truth, 0.9 * parameters["width"], 0.0).wheel[-1, 0] == 0.0
-    assert drive(truth, 1.1 * parameters["width"], 0.0).wheel[-1, 0] == pytest.approx(1.1 * parameters["width"])
+    assert drive(truth, 0.9 * parameters["width"], 0.0).motor[-1, 0] == 0.0
+    assert drive(truth, 1.1 * parameters["width"], 0.0).motor[-1, 0] == pytest.approx(1.1 * parameters["width"])
 
 
 @pytest.mark.parametrize("direction", [1, -1])
