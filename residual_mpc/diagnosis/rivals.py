@@ -138,7 +138,12 @@ def _on_all(
         return []
     found = [{k.parameter: v for k, v in fit.values.items() if k.term == t} for t in gone]
     middle = {Knob(*all_alike, name): float(np.median([f[name] for f in found])) for name in found[0]}
-    return [{**rest.values, **{k: float(np.clip(v, *problem.space.bounds(k))) for k, v in middle.items()}}]
+    return [_with(problem, rest, middle)]
+
+
+def _with(problem: Problem, rest: Fit, found: Values) -> Values:
+    """The rest of a set, and numbers of another term as far as its bounds let them."""
+    return {**rest.values, **{k: float(np.clip(v, *problem.space.bounds(k))) for k, v in found.items()}}
 
 
 def _elsewhere(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
@@ -148,7 +153,7 @@ def _elsewhere(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tu
     starts: list[Values] = []
     for t in others:
         found = {Knob(t.effect, t.target, k.parameter): v for k, v in fit.values.items() if k.term == gone}
-        starts.append({**rest.values, **{k: float(np.clip(v, *problem.space.bounds(k))) for k, v in found.items()}})
+        starts.append(_with(problem, rest, found))
     if len(starts) > BEST:
         small, _ = smaller(problem, rest)
         costs = np.einsum("hwn,hwn->h", r := small.residuals(starts), r)

@@ -45,7 +45,7 @@ def propose(
     if plan.purpose == "protocol":
         return Proposal(said, None)
     table = command_table([p.motion for p in plan.played], plan.bench.actuators)
-    sensors = [*plan.document["sensors"], *wanted]
+    sensors = list(dict.fromkeys([*plan.document["sensors"], *wanted]))
     planned = {"what": _words(plan) + _besides(sensors), "commands": FILE, "sensors": sensors}
     return Proposal({**said, **planned, "told_apart": plan.document["told_apart"]}, table)
 

@@ -15,7 +15,7 @@ def next_experiment(document: Document, evidence: Evidence) -> Section | None:
         what=experiment["what"],
         parts=[str(part).replace("_", " ") for part in experiment.get("parts") or []],
         commands=commands if isinstance(commands, str) else None,
-        sensors=experiment.get("sensors") or [],
+        sensors=[s for s in experiment.get("sensors") or [] if s not in experiment["what"]],  # said once
         excite=experiment.get("excite"),
     )
     return Section("next", "What to record next", body)
