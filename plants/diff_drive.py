@@ -75,6 +75,13 @@ class DiffDrive:
     def nominal(self) -> Mapping[str, float]:
         return {"wheel_radius": self.wheel_radius, "track_width": self.track_width}
 
+    def outputs_from(self, value: Mapping[str, float], rate: Mapping[str, float]) -> Mapping[str, float]:
+        """Wheel speeds, rad/s, that move the pose at this rate: the inverse of the paper's wheel_prop."""
+        theta, yaw = value["pose.theta"], rate["pose.theta"]
+        forward = np.cos(theta) * rate["pose.x"] + np.sin(theta) * rate["pose.y"]
+        half = 0.5 * self.track_width * yaw
+        return {"left": (forward - half) / self.wheel_radius, "right": (forward + half) / self.wheel_radius}
+
     def one_step(self, settings: Settings, options: StepOptions) -> Stepped:
         """See residual_mpc.models.stepping.Stepping."""
         return drive_step(self.nominal(), self.name, settings, options, RESPONSE)

@@ -5,9 +5,17 @@ from typing import TypeVar
 import numpy as np
 
 from residual_mpc.diagnosis.evidence import dispersion
-from residual_mpc.diagnosis.fit import MOST, Fit, Race, fit_all, is_sensible, on_problem
+from residual_mpc.diagnosis.fit import MOST, Fit, Race, fit_all, on_problem, possible
 from residual_mpc.diagnosis.problem import Problem
-from residual_mpc.diagnosis.screen import Lead, compared_mask, glance, screen, smaller
+from residual_mpc.diagnosis.screen import (
+    Lead,
+    compared_mask,
+    gap_weights,
+    glance,
+    rankings,
+    screen,
+    smaller,
+)
 from residual_mpc.diagnosis.search_settings import SearchSettings
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -41,8 +49,9 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     for place, parent in enumerate(beam):
         candidates = tuple(c for c in eligible if compatible(c, parent.terms))
         leads = screen(problem, parent, candidates) if place == 0 else glance(problem, parent, candidates, SOME)
-        # precise encoders may shout down what moves the pose: half of the places go by what the gap compares
-        ranked = mixed(leads, sorted(leads, key=lambda lead: -lead.compared))
+        # precise encoders may outweigh the pose, and a channel whose cause is missing weighs least in the likelihood:
+        # a third of the places each go by the likelihood, by what the gap compares and by the gap itself
+        ranked = mixed(*rankings(leads))
         if place == 0 and len(beam) > 1:
             near = {lead.term for lead in ranked[: len(ranked) // PROMISING]}.union(parent.terms)
             eligible = tuple(c for c in eligible if c in near)
@@ -61,7 +70,7 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True, near=first, fresh=[f.fresh for f in first])
     finalists = distinct(in_turn(small, rough))[: settings.finalists + (2 if len(beam) > 1 else 0)]
     fits = closer(problem, small, finalists, Race(margin / weight), Race(margin, early=EARLY))
-    children = distinct(sorted(filter(is_sensible, fits), key=lambda f: f.cost))
+    children = distinct(sorted((f for f in fits if possible(f.values)), key=lambda f: f.cost))
     return [on_problem(problem, children[0]), *children[1:]] if children else []
 
 
@@ -84,10 +93,14 @@ def closer(
 
 
 def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:
-    """Best first, by cost and by what the gap compares in turn."""
-    mask = compared_mask(problem)
-    by_cost = sorted(fits, key=lambda f: f.cost)
-    return mixed(by_cost, sorted(fits, key=lambda f: float(np.sum(f.r.ravel()[mask] ** 2))))
+    """Best first, by cost, by what the gap compares and by the gap in turn."""
+    mask, size = compared_mask(problem), gap_weights(problem)
+    squares = {id(f): f.r.ravel() ** 2 for f in fits}
+    return mixed(
+        sorted(fits, key=lambda f: f.cost),
+        sorted(fits, key=lambda f: float(squares[id(f)][mask].sum())),
+        sorted(fits, key=lambda f: float(size @ squares[id(f)])),
+    )
 
 
 def varied(leads: list[Lead]) -> list[Lead]:
@@ -102,11 +115,11 @@ def varied(leads: list[Lead]) -> list[Lead]:
     return out
 
 
-def mixed(first: list[Ranked], second: list[Ranked]) -> list[Ranked]:
-    """Two rankings of the same things taken in turn, each thing once."""
+def mixed(*rankings: list[Ranked]) -> list[Ranked]:
+    """Rankings of the same things taken in turn, each thing once."""
     seen: dict[int, Ranked] = {}
-    for pair in zip(first, second, strict=True):
-        for item in pair:
+    for places in zip(*rankings, strict=True):
+        for item in places:
             seen.setdefault(id(item), item)
     return list(seen.values())
 

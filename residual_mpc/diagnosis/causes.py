@@ -1,13 +1,16 @@
 """The causes of a diagnosis: each chosen effect with its probability, and its numbers with their intervals."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion, profile_sigma
+from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.fit import Fit
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.records import Cause, Estimate
-from residual_mpc.diagnosis.rivals import Rivalry
 from residual_mpc.diagnosis.spikes import Outliers
+from residual_mpc.diagnosis.verdict import AS_GOOD
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Term
@@ -17,57 +20,92 @@ T95 = 1.96
 # is allowed for
 FORM = 0.5
 MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
+SHADOW = 0.2  # of the probability that is lost for each factor e by which more is left than the sensors can tell
+LEAST_SURE = 0.5  # factor that stays however much is left
+APART = 2.5  # half-widths beyond which an interval is that wide since two fits end apart
 
 
 def causes_of(
-    final: Fit,
-    problem: Problem,
-    rivalry: Rivalry,
-    outliers: Outliers,
-    with_outliers: bool,
-    unexplained: float,
-    sure: float,
+    of: Explained, unexplained: float, sure: float, evidence: Mapping[Term, tuple[str, ...]], doubt: Mapping[Term, float]
 ) -> tuple[Cause, ...]:
-    """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets."""
-    blocks = blocks_of(problem.data)
-    sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))
-    sigma = np.maximum(sigma, profile_sigma(problem, final, dispersion(final, blocks)))
+    """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets;
+    evidence and doubt: of each effect, see `support`."""
+    final, problem = of.final, of.problem
+    sigma = sigmas(problem, final)
     causes = []
     for term in final.terms:
-        estimates = []
-        for i, k in enumerate(final.knobs):
-            if k.effect == TUNE or k.term != term:
-                continue
-            value = final.values[k]
-            unit = _unit(problem.space.robot, term, BY_NAME[k.effect].parameter(k.parameter).unit)
-            if k.parameter == "heading":
-                value = float((value + np.pi) % (2 * np.pi) - np.pi)
-            half = float(
-                np.hypot(T95 * sigma[i], FORM * np.sqrt(unexplained) * _dose(k.parameter, value, problem.space.null(k)))
-            )
-            low, high = (-np.inf, np.inf) if k.parameter == "heading" else problem.space.bounds(k)
-            interval = float(max(value - half, min(low, value))), float(min(value + half, max(high, value)))
-            estimates.append(Estimate(k.parameter, value, interval, unit))
-        probability = sure * rivalry.shares.get(term, 1.0)
+        estimates = [
+            _estimate(of, i, float(sigma[i]), unexplained)
+            for i, k in enumerate(final.knobs)
+            if k.effect != TUNE and k.term == term
+        ]
         slots = problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
-        causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only))
-    if with_outliers:
-        from scipy.stats import binomtest  # half a second to load, for what few runs have
-
-        channel = max(outliers.shares, key=lambda c: outliers.shares[c])
-        marks = [m for (_, c), m in outliers.flagged.items() if c == channel]
-        counted = binomtest(int(sum(m.sum() for m in marks)), sum(len(m) for m in marks))
-        low, high = counted.proportion_ci(method="wilson")
-        estimate = Estimate("rate", outliers.share, (float(low), float(high)), "1")
-        causes.append(Cause(Term("sensor_outliers", None), MOST_SURE, (estimate,), BY_NAME["sensor_outliers"].summary))
+        probability = sure * of.rivalry.shares.get(term, 1.0) * doubt[term]
+        causes.append(
+            Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, evidence[term])
+        )
+    if of.with_outliers:
+        causes.append(_outliers(of.outliers))
     return tuple(causes)
 
 
-def most_sure(verdict: str, unexplained: float) -> float:
+def sigmas(problem: Problem, final: Fit) -> np.ndarray:
+    """(P,) 1-sigma of each free number: from the sandwich covariance, for a threshold from its cost's profile, and for
+    one that rests on a bound from its curvature alone."""
+    blocks = blocks_of(problem.data)
+    phi = dispersion(final, blocks)
+    sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))
+    curvature = np.einsum("wnp,wnp->p", final.jacobian, final.jacobian)
+    alone = final.scales * np.sqrt(phi / np.maximum(curvature, 1e-300))
+    return np.maximum(np.where(final.held & (curvature > 0.0), alone, sigma), profile_sigma(problem, final, phi))
+
+
+def _estimate(of: Explained, i: int, sigma: float, unexplained: float) -> Estimate:
+    knob, final, space = of.final.knobs[i], of.final, of.problem.space
+    value = final.values[knob]
+    unit = _unit(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)
+    low, high = space.bounds(knob)
+    ends = of.ends.get(knob, (value,))
+    if knob.parameter == "heading":
+        value, low, high, ends = float((value + np.pi) % (2 * np.pi) - np.pi), -np.inf, np.inf, ()
+    half = float(np.hypot(T95 * sigma, FORM * np.sqrt(unexplained) * _dose(knob.parameter, value, space.null(knob))))
+    interval = (
+        float(max(min([value - half, *ends]), min(low, value))),
+        float(min(max([value + half, *ends]), max(high, value))),
+    )
+    return Estimate(knob.parameter, value, interval, unit, _note(bool(final.held[i]), interval, half))
+
+
+def _note(held: bool, interval: tuple[float, float], half: float) -> str:
+    """What is wrong with a number, in words; empty where nothing is."""
+    if held:
+        return "rests on the bound of what is tried"
+    if interval[1] - interval[0] > APART * half:
+        return "two fits from different starts end apart and are equally good"
+    return ""
+
+
+def _outliers(outliers: Outliers) -> Cause:
+    from scipy.stats import binomtest  # half a second to load, for what few runs have
+
+    channel = max(outliers.shares, key=lambda c: outliers.shares[c])
+    marks = [m for (_, c), m in outliers.flagged.items() if c == channel]
+    counted = binomtest(int(sum(m.sum() for m in marks)), sum(len(m) for m in marks))
+    low, high = counted.proportion_ci(method="wilson")
+    estimate = Estimate("rate", outliers.share, (float(low), float(high)), "1")
+    term = Term("sensor_outliers", None)
+    return Cause(term, MOST_SURE, (estimate,), BY_NAME[term.effect].summary, None, ("fits",))
+
+
+def most_sure(verdict: str, unexplained: float, times_floor: float) -> float:
     """The probability of a cause without a rival: where much is left, something else than the library's effects is at
-    work, and what was named may be its shadow."""
-    return MOST_SURE * (1.0 - unexplained) if verdict == "partial" else MOST_SURE
+    work, and what was named may be its shadow. times_floor: the gap that is left over the noise floor, the largest of
+    all horizons."""
+    if verdict == "effects" and times_floor <= AS_GOOD:
+        return MOST_SURE
+    shadow = max(1.0 - SHADOW * float(np.log(max(times_floor / AS_GOOD, 1.0))), LEAST_SURE)
+    return MOST_SURE * (1.0 - unexplained) * shadow
 
 
 def _unit(robot: Robot, term: Term, unit: str) -> str:

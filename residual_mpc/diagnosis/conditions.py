@@ -5,6 +5,7 @@ import numpy as np
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.fit import Fit
+from residual_mpc.diagnosis.measured import USELESS, Measured
 from residual_mpc.diagnosis.records import Moved, Setup
 from residual_mpc.models.settings import TUNE
 
@@ -29,9 +30,21 @@ def moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
     return tuple(Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE)
 
 
-def notes(of: Explained) -> tuple[str, ...]:
+def notes(of: Explained, found: Measured) -> tuple[str, ...]:
     """What a reader has to know before trusting the figures, a sentence each."""
     said = []
+    first = found.looks[0]
+    if found.useless:
+        said.append(
+            f"The model is unusable for these runs: over {first.horizon:g} s it predicts worse "
+            f"({found.left.total:.2g}) than a forecast of constant velocity ({found.constant_velocity:.2g}), with or "
+            "without the effects that were tried."
+        )
+    elif first.nominal.total > max(found.constant_velocity, USELESS):
+        said.append(
+            f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a forecast of constant "
+            f"velocity ({found.constant_velocity:.2g})."
+        )
     if of.doubtful:
         said.append(
             f"{', '.join(map(str, of.doubtful))} helped on the windows of the search; on all of them the numbers "

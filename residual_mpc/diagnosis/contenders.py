@@ -1,5 +1,7 @@
 """The explanations that were compared, as the document lists them: candidates, whole sets, alternatives."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from residual_mpc.diagnosis.fit import Fit
@@ -12,10 +14,15 @@ CLOSEST = 3  # rivals outside the groups whose values are kept
 
 
 def candidates(
-    rivalry: Rivalry, base: Fit, final: Fit, sure: float, left_out: tuple[Term, ...]
+    rivalry: Rivalry,
+    base: Fit,
+    final: Fit,
+    sure: float,
+    left_out: tuple[Term, ...],
+    doubt: Mapping[Term, float],
 ) -> tuple[Candidate, ...]:
     """Every term that was seriously compared, with its probability and what the fit with it leaves; left_out: what the
-    search had found and a later look refuted."""
+    search had found and a later look refuted; doubt: factors on the named effects' probabilities."""
     costs: dict[Term, float] = dict.fromkeys(final.terms, final.cost)
     for r in rivalry.rivals:
         for t in r.came:
@@ -24,7 +31,7 @@ def candidates(
         costs.setdefault(t, final.cost)
     shares = {t: s for t, s in rivalry.shares.items() if t not in left_out}
     out = [
-        Candidate(t, sure * shares.get(t, 0.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
+        Candidate(t, sure * shares.get(t, 0.0) * doubt.get(t, 1.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
         for t, c in costs.items()
     ]
     return tuple(sorted(out, key=lambda c: -c.probability))

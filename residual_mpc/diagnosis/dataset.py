@@ -5,13 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.diagnosis.local_fit import local_fit
+from residual_mpc.diagnosis.noise_model import ChannelNoise
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run, held
 from residual_mpc.logs.signals import noise_sigma, resolution, unwrap_with_gaps
-from residual_mpc.models.protocol import Drive, Merging, Robot
+from residual_mpc.models.protocol import Drive, Inverting, Merging, Robot
 
 LEAD = 1.2  # s of commands before a window, that warm up what remembers
 POSITION_LIKE = ("position", "pose")
+MOVES_STEPS = 3.0  # of the resolution, within which a channel stands still
+MOVES_SHARE = 0.02  # of its samples that differ from the one before
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,8 @@ class Dataset:
 
     run (W,) index into `runs`; start (W,) s; t (W, M) s since the window's start, NaN where padded; y (W, M, C),
     NaN where missing; compared (W, C) whether the gap compares that channel; sigma (C,) and steps (C,) the 1-sigma
-    noise and the quantisation of each channel, channel units.
+    noise from sample to sample and the quantisation of each channel, channel units; noise: each channel's noise with
+    its colour, which `sigma` does not see; stated: the 1-sigma that the user gives for a channel.
     """
 
     runs: tuple[Run, ...]
@@ -51,6 +56,8 @@ class Dataset:
     compared: np.ndarray
     sigma: np.ndarray
     steps: np.ndarray
+    noise: tuple[ChannelNoise, ...]
+    stated: Mapping[str, float]
     horizon: float
     skipped: int
 
@@ -87,9 +94,14 @@ class Dataset:
 
 
 def build_dataset(
-    runs: Sequence[Run], robots: Sequence[Robot], noise: Mapping[str, float], horizon: float = 1.0
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    noise: Mapping[str, float],
+    horizon: float = 1.0,
+    starts: Sequence[np.ndarray] | None = None,
 ) -> Dataset:
-    """Cut runs into windows. robots[i] is the model of runs[i] (the same object for runs that share one).
+    """Cut runs into windows. robots[i] is the model of runs[i] (the same object for runs that share one). starts[i] (W,)
+    s: where the windows of runs[i] begin; None: as the gap has them.
 
     Raises BadInput where no window has a measured start.
     """
@@ -98,7 +110,7 @@ def build_dataset(
     measured = [r.measured for r in runs]
     channels = tuple(sorted({c for cs, m in zip(measured, robots, strict=True) for c in cs if c in m.channels}))
     signals = {(i, c): _signal(r, c) for i, r in enumerate(runs) for c in channels if c in measured[i]}
-    cut = [window_starts(r, horizon) for r in runs]
+    cut = [window_starts(r, horizon) for r in runs] if starts is None else list(starts)
     order = sorted(range(len(runs)), key=lambda i: [id(m) for m in robots].index(id(robots[i])))
     blocks, index, starts, first, skipped = [], [], [], 0, 0
     for robot in dict.fromkeys(robots[i] for i in order):
@@ -129,7 +141,11 @@ def build_dataset(
     of_run = [compared_channels(m, channels) for m in measured]
     compared = np.array([[c in of_run[i] for c in channels] for i in run])
     sigma, steps = _noise(channels, signals, noise)
-    return Dataset(runs, channels, tuple(blocks), signals, run, start, t, y, compared, sigma, steps, horizon, skipped)
+    white = tuple(ChannelNoise(float(s)) for s in sigma)
+    return Dataset(
+        runs, channels, tuple(blocks), signals, run, start, t, y, compared, sigma, steps, white, dict(noise), horizon,
+        skipped,
+    )  # fmt: skip
 
 
 def _merge(robots: Sequence[Robot]) -> tuple[Sequence[Robot], list[int] | None]:
@@ -168,8 +184,6 @@ def _signal(run: Run, channel: str) -> Signal:
 
 def _has_start(run: Run, starts: np.ndarray, signals: Mapping[tuple[int, str], Signal], i: int) -> np.ndarray:
     """(W,) whether every measured position-like channel has a sample within reach of the window's start."""
-    from residual_mpc.diagnosis.local_fit import local_fit
-
     good = np.ones(len(starts), dtype=bool)
     for (j, c), s in signals.items():
         if j == i and c.split(".")[0] in POSITION_LIKE:
@@ -208,17 +222,33 @@ def _samples(
 def _noise(
     channels: Sequence[str], signals: Mapping[tuple[int, str], Signal], given: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    sigma, steps = [], []
-    for c in channels:
+    """(C,) 1-sigma noise from sample to sample and (C,) resolution, channel units.
+
+    Both come from the longest runs in which the channel moves: a channel that stands still repeats itself, which says
+    nothing of its noise. One that never moves is given the largest noise among the channels of its kind.
+    """
+    sigma, steps = np.zeros(len(channels)), np.zeros(len(channels))
+    moves = np.zeros(len(channels), dtype=bool)
+    for k, c in enumerate(channels):
         mine = [s for (_, name), s in signals.items() if name == c and len(s.t) >= 8]
-        longest = sorted(mine, key=lambda s: -len(s.t))[:12]
-        step = float(np.median([resolution(s.y) for s in longest])) if longest else 0.0
+        step = float(np.median([resolution(s.y) for s in mine if np.ptp(s.y) > 0.0] or [0.0]))
+        moving = [s for s in mine if _moves(s, step)]
+        moves[k] = bool(moving) or c in given
+        longest = sorted(moving or mine, key=lambda s: -len(s.t))[:12]
         found = [x for s in longest if np.isfinite(x := noise_sigma(s.t, s.y))]
         estimate = float(np.median(found)) if found else 0.0
-        floor = max(step / np.sqrt(12.0), 1e-9)
-        sigma.append(max(given.get(c, estimate), floor))
-        steps.append(step)
-    return np.array(sigma), np.array(steps)
+        sigma[k] = max(given.get(c, estimate), step / np.sqrt(12.0), 1e-9)
+        steps[k] = step
+    for k in np.flatnonzero(~moves):
+        alike = [sigma[j] for j, c in enumerate(channels) if moves[j] and c.split(".")[0] == channels[k].split(".")[0]]
+        sigma[k] = max([sigma[k], *alike])
+    return sigma, steps
+
+
+def _moves(signal: Signal, step: float) -> bool:
+    """Whether a channel moves in a run: by more than a few steps, and in more than a few of its samples."""
+    changes = np.count_nonzero(np.diff(signal.y))
+    return bool(np.ptp(signal.y) > MOVES_STEPS * step) and changes > MOVES_SHARE * len(signal.y)
 
 
 def _drive(
@@ -236,7 +266,7 @@ def _drive(
     for run, t0, i in zip(runs, starts, index, strict=True):
         edges = t0[:, None] + dt * np.arange(-lead, steps + 1)[None, :]
         per_actuator = [
-            _mean_held(run, held(run, f"command.{a}"), edges, _resting(robot, k, i, signals))
+            _mean_held(run, held(run, f"command.{a}"), edges, _resting(robot, k, run, i, signals))
             for k, a in enumerate(robot.actuators)
         ]
         commands.append(np.stack(per_actuator, axis=-1))
@@ -260,12 +290,26 @@ def _drive(
     )
 
 
-def _resting(robot: Robot, k: int, i: int, signals: Mapping[tuple[int, str], Signal]) -> float | None:
-    """What the actuator held before the first stamp, if the run measured it: a wheel's speed, a servo's position."""
+def _resting(robot: Robot, k: int, run: Run, i: int, signals: Mapping[tuple[int, str], Signal]) -> float | None:
+    """What the actuator held before the first stamp, if the run measured it: a wheel's speed, a servo's position. Where
+    only the robot's own motion was measured, that tells standstill from the first command; None: the first command."""
     kind = {"speed": "velocity", "velocity": "velocity", "position": "position"}.get(robot.command_kinds[k])
     joints = getattr(robot, "actuator_joints", robot.actuators)
     signal = signals.get((i, f"{kind}.{joints[k]}"))
-    return None if signal is None or not len(signal.y) else float(signal.y[0])
+    if signal is not None and len(signal.y):
+        return float(signal.y[0])
+    sources = {s.position: signals.get((i, s.position)) for s in robot.states}
+    known = {c: s for c, s in sources.items() if s is not None and len(s.y) > 1}
+    if not isinstance(robot, Inverting) or len(known) < len(sources):
+        return None
+    at = run.t[:1]
+    fits = {c: (local_fit(s.t, at), s) for c, s in known.items()}
+    value = {c: float(np.nan_to_num(f.value(s.y)[0])) for c, (f, s) in fits.items()}
+    rate = {c: float(np.nan_to_num(f.slope(s.y)[0])) for c, (f, s) in fits.items()}
+    moving = robot.outputs_from(value, rate)
+    first = {a: float(held(run, f"command.{a}")[0]) for a in robot.actuators}
+    still = sum(moving[a] ** 2 - (moving[a] - first[a]) ** 2 for a in robot.actuators) < 0.0
+    return 0.0 if still else None
 
 
 def _mean_held(run: Run, u: np.ndarray, edges: np.ndarray, before: float | None) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from residual_mpc.diagnosis.records import Diagnosis
+from residual_mpc.diagnosis.records import Diagnosis, Estimate
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import Knob, Term, Values
 from residual_mpc.residual.record import KEY, Residual, from_json
@@ -42,6 +42,8 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             "skipped": d.gap.skipped,
             "still": list(d.gap.still),
             "channels": {c: {"before": b, "after": a, "noise_floor": f} for c, (b, a, f) in d.gap.channels.items()},
+            "horizons": [h.document() for h in d.gap.horizons],
+            "constant_velocity": d.gap.constant_velocity,
         },
         "shrink": shrink,
         "where": {
@@ -54,7 +56,8 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             {
                 **_term(c.term),
                 "probability": c.probability,
-                "parameters": {p.name: {"value": p.value, "ci95": list(p.ci95), "unit": p.unit} for p in c.parameters},
+                "parameters": {p.name: _estimate(p) for p in c.parameters},
+                "evidence": list(c.evidence),
                 "summary": c.summary,
                 "only_target": c.only_target,
             }
@@ -172,6 +175,11 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise BadInput("is no JSON object", str(path), "give a diagnosis.json or model.json")
     return content
+
+
+def _estimate(p: Estimate) -> dict[str, Any]:
+    figures = {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
+    return {**figures, "note": p.note} if p.note else figures
 
 
 def _rows(values: Values) -> list[dict[str, Any]]:

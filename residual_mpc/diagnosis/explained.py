@@ -1,5 +1,6 @@
 """An explanation as it stands before the held-out windows are opened."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,14 +15,15 @@ from residual_mpc.diagnosis.rivals import Rivalry
 from residual_mpc.diagnosis.space import Space
 from residual_mpc.diagnosis.spikes import Outliers
 from residual_mpc.diagnosis.testable import NotTestable
-from residual_mpc.models.settings import Term
+from residual_mpc.models.settings import Knob, Term
 
 
 @dataclass(frozen=True, eq=False)
 class Explained:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
-    has seen. problem: the others, all of them, on the weights of the search; base, final: the model alone and with the
-    effects, fitted to them. with_outliers: whether jumping samples are among the causes. vetoed: effects that the
+    has seen. problem: the windows that the last fit saw, on the weights of the search, and the scales of their motion:
+    those of the headline's horizon, or of a longer one where only that showed all; base, final: the model alone and with
+    the effects, fitted to them; ends: where other starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes. vetoed: effects that the
     encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None where
     nothing explains anything."""
 
@@ -31,8 +33,10 @@ class Explained:
     kept: tuple[KeptBack, ...]
     held: np.ndarray
     problem: Problem
+    problem_scales: Scales
     base: Fit
     final: Fit
+    ends: Mapping[Knob, tuple[float, ...]]
     rivalry: Rivalry
     untestable: tuple[NotTestable, ...]
     outliers: Outliers

@@ -180,8 +180,10 @@ def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:
     for run in runs:
         trials += [(run, damping, x) for damping, x in _distinct_steps(run)]
         trials += [(run, run.damping, x) for x in _scan(run)]
-    results = problem.residuals([run.values(x) for run, _, x in trials])
+    tried = [run.values(x) for run, _, x in trials]
+    results = problem.residuals(tried)
     costs = np.einsum("hwn,hwn->h", results, results)
+    costs = np.where([possible(values) for values in tried], costs, np.inf)
     for run in runs:
         assert run.jacobian is not None
         mine = [i for i, (owner, _, _) in enumerate(trials) if owner is run]
@@ -259,11 +261,11 @@ def _finish(run: _Run) -> Fit:
     return Fit(terms, run.knobs, run.values(run.x), run.scale, run.cost, run.r, run.jacobian, held, run.fresh)
 
 
-def is_sensible(fit: Fit) -> bool:
+def possible(values: Values) -> bool:
     """Whether every term has values that its effect can physically have."""
-    for term in fit.terms:
+    for term in {k.term for k in values if k.effect != TUNE}:
         check = BY_NAME[term.effect].sensible
-        if check is not None and not check({k.parameter: v for k, v in fit.values.items() if k.term == term}):
+        if check is not None and not check({k.parameter: v for k, v in values.items() if k.term == term}):
             return False
     return True
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset, Signal
 from residual_mpc.diagnosis.local_fit import REACH, local_fit
+from residual_mpc.diagnosis.noise_model import draw_coloured
 from residual_mpc.diagnosis.replay import earliest, predict, run_up
 from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.settings import Settings
@@ -75,11 +76,13 @@ def at_times(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
 
 
 def draw_noise(data: Dataset, channel: str, signal: Signal, rng: np.random.Generator) -> np.ndarray:
-    """(n,) channel unit: white noise of the channel's sigma, its quantisation, and the error of repeated samples."""
+    """(n,) channel unit: white and coloured noise of the channel, its quantisation, and the error of repeated samples."""
     k = data.channels.index(channel)
-    sigma, step = data.sigma[k], data.steps[k]
+    noise_of, step = data.noise[k], data.steps[k]
     n = len(signal.y)
-    analog = np.sqrt(max(sigma**2 - step**2 / 12.0, 0.0)) * rng.standard_normal(n)
+    analog = np.sqrt(max(noise_of.white**2 - step**2 / 12.0, 0.0)) * rng.standard_normal(n)
+    if noise_of.coloured:
+        analog = analog + draw_coloured(noise_of, signal.t, rng)
     if step > 0:
         true = signal.y + rng.uniform(-0.5, 0.5, n) * step
         noise = np.round((true + analog) / step) * step - true

@@ -22,6 +22,11 @@ class Scales:
     still: np.ndarray
     compared: np.ndarray  # (C,) bool: compared in some window
 
+    @property
+    def motion(self) -> np.ndarray:
+        """(C,) the size of the motion, channel units; infinite for a channel that the gap leaves out."""
+        return np.where(self.still, np.inf, self.s)
+
 
 @dataclass(frozen=True)
 class Gap:

@@ -11,6 +11,8 @@ from residual_mpc.errors import BadInput
 BY_RUN_FROM = 6  # runs: with fewer, each run's motion may be the only one of its kind, so that blocks are kept back
 SHARE = 0.25
 CHUNK = 3  # windows in a stretch that is kept back: what happens rarely is then on both sides
+LONG_CHUNK = 5  # in a run of LONG windows or more: such a stretch holds a window of the next horizon as well
+LONG = 30
 EVERY = 4
 FEWEST = 4  # windows that a run needs before some of it is kept back
 
@@ -54,7 +56,8 @@ def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
         mine = mine[np.argsort(data.start[mine])]
         if len(mine) < FEWEST:
             continue
-        chunk = np.arange(len(mine)) // max(1, min(CHUNK, len(mine) // EVERY))
+        most = LONG_CHUNK if len(mine) >= LONG else CHUNK
+        chunk = np.arange(len(mine)) // max(1, min(most, len(mine) // EVERY))
         phase = _typical(np.nan_to_num(nominal[mine]), chunk)
         for c in np.unique(chunk[chunk % EVERY == phase]):
             stretch = data.start[mine[chunk == c]]

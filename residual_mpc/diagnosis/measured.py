@@ -1,102 +1,203 @@
-"""The gaps of an explanation, on the held-out windows and on all, against those that noise alone makes."""
+"""The gaps of an explanation, over every horizon, against those that noise alone makes."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.diagnosis.constant_velocity import constant_velocity
+from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.floor import noise_errors
-from residual_mpc.diagnosis.gap import Gap, gap_of
-from residual_mpc.diagnosis.records import GapFigures, Verdict
+from residual_mpc.diagnosis.gap import Gap, Scales, gap_of, per_window
+from residual_mpc.diagnosis.horizons import FORETOLD, Look
+from residual_mpc.diagnosis.noise_fit import fit_noise, stated_sizes
+from residual_mpc.diagnosis.noise_model import ChannelNoise
+from residual_mpc.diagnosis.problem import build_problem
+from residual_mpc.diagnosis.records import GapFigures, HorizonFigures, Verdict
 from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.search import window_trust
 from residual_mpc.diagnosis.thinning import floor_draws
+from residual_mpc.diagnosis.verdict import AtHorizon, Floor, beyond, floor_from, floor_of, verdict_of
+from residual_mpc.models.settings import Settings
 
-LUCK = 4.0  # standard deviations of a perfect model's squared gap that chance is allowed
+USELESS = 0.3  # gap from which a model that is worse than a forecast of constant velocity says nothing
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """of: the explanation. predicted and errors (W, M, C), channel units, gaps on the held-out windows and totals
-    everywhere, each of the "nominal" model (gaps and errors alone), "before" (its tunable numbers fitted) and "after"
-    the effects. floors (draws, W, M, C): errors of a perfect model; draws, draws_everywhere (draws,) their squared
-    gaps."""
+    """of: the explanation, on data with the noise that it leaves. predicted and errors (W, M, C), channel units, of the
+    "nominal" model (errors alone), "before" (its tunable numbers fitted) and "after" the effects; looks: the gaps over
+    each horizon, the headline's first, and anywhere: whether they are beyond the noise on all windows; helps: whether
+    the explanation makes the gap smaller; useless: whether even the explained model is worse than a forecast of
+    constant velocity, whose gap stands beside it. floors (draws, W, M, C): errors of a perfect model."""
 
     of: Explained
+    noise: tuple[ChannelNoise, ...]
     predicted: dict[str, np.ndarray]
     errors: dict[str, np.ndarray]
-    gaps: dict[str, Gap]
     everywhere: dict[str, float]
     floors: np.ndarray
-    draws: np.ndarray
-    draws_everywhere: np.ndarray
+    floor_everywhere: Floor
+    looks: tuple[AtHorizon, ...]
+    anywhere: bool
+    helps: bool
+    useless: bool
+    constant_velocity: float
 
     @property
-    def floor(self) -> float:
-        return float(np.sqrt(self.draws.mean()))
-
-    @property
-    def floor_everywhere(self) -> float:
-        return float(np.sqrt(self.draws_everywhere.mean()))
-
-    @property
-    def helps(self) -> bool:
-        """Whether the explanation makes the gap on the held-out windows smaller."""
-        return self.of.anything and self.gaps["after"].total < self.gaps["before"].total
-
-    def verdict(self, margin: float) -> tuple[Verdict, float]:
-        """And the share of the squared gap beyond the floor that is left. margin: over the floor, that is no gap."""
+    def verdict(self) -> tuple[Verdict, float]:
+        """And the share of the squared gap beyond the floor that is left."""
         if not self.helps:
-            # beyond the noise everywhere, and on the very windows that the figures are printed for
-            beyond = self.everywhere["before"] > max(margin * self.floor_everywhere, with_luck(self.draws_everywhere))
-            beyond &= self.gaps["before"].total > with_luck(self.draws)
-            return ("unknown", 1.0) if beyond else ("no_gap", 0.0)
-        excess = max(self.gaps["before"].total ** 2 - self.floor**2, 1e-12)
-        share = float(np.clip((self.gaps["after"].total ** 2 - self.floor**2) / excess, 0.0, 1.0))
-        return "effects" if share <= 0.25 else "partial", share
+            return ("unknown", 1.0) if self.anywhere else ("no_gap", 0.0)
+        return verdict_of(self.looks, True)
 
-    def figures(self, horizon: float) -> GapFigures:
+    @property
+    def left(self) -> Gap:
+        """The gap that is left at the headline's horizon, on the windows that are judged."""
+        return self.looks[0].after if self.helps else self.looks[0].before
+
+    def figures(self) -> GapFigures:
         """As the document has them; an explanation that does not help leaves the gap as it was."""
-        data, after = self.of.raw, self.gaps["after" if self.helps else "before"]
-        test, clean = self.of.test, self.of.after_data
-        floor = np.sqrt(np.mean([gap_of(clean, self.of.scales, e, test).channels ** 2 for e in self.floors], axis=0))
-        still, before = self.of.scales.still, self.gaps["before"]
+        first, data = self.looks[0], self.of.raw
+        still, compared = self.of.scales.still, self.of.scales.compared
         return GapFigures(
-            nominal=self.gaps["nominal"].total,
-            before=before.total,
-            after=after.total,
-            noise_floor=self.floor,
-            horizon=horizon,
-            windows=int(test.sum()),
+            nominal=first.nominal.total,
+            before=first.before.total,
+            after=self.left.total,
+            noise_floor=first.floor.total,
+            horizon=first.horizon,
+            windows=first.windows,
             skipped=data.skipped,
-            still=tuple(c for c, s, m in zip(data.channels, still, self.of.scales.compared, strict=True) if s and m),
-            channels={
-                c: (float(before.channels[k]), float(after.channels[k]), float(floor[k]))
-                for k, c in enumerate(data.channels)
-                if not still[k]
+            still=tuple(c for c, s, m in zip(data.channels, still, compared, strict=True) if s and m),
+            channels=_channels(data, first, self.helps),
+            horizons=tuple(self._horizon(data, look) for look in self.looks),
+            constant_velocity=self.constant_velocity,
+        )
+
+    def _horizon(self, data: Dataset, look: AtHorizon) -> HorizonFigures:
+        return HorizonFigures(
+            horizon=look.horizon,
+            nominal=look.nominal.total,
+            before=look.before.total,
+            after=(look.after if self.helps else look.before).total,
+            noise_floor=look.floor.total,
+            windows=look.windows,
+            held_out=look.held_out,
+            channels=_channels(data, look, self.helps),
+            window_gaps={
+                "before": look.quantiles["before"],
+                "after": look.quantiles["after" if self.helps else "before"],
             },
         )
 
 
-def measure(of: Explained, steps: int, rng: np.random.Generator) -> Measured:
+def measure(of: Explained, longer: Sequence[Look], steps: int, rng: np.random.Generator) -> Measured:
     """Opens the held-out windows. steps: see `floor_draws`."""
-    after_data, scales, test = of.after_data, of.scales, of.test
     rows = of.space.settings([{}, of.base.values, of.final.values])
     nominal, before, _ = predict(of.raw, rows)
-    after = predict(after_data, rows)[2]
-    errors = {"nominal": of.raw.y - nominal, "before": of.raw.y - before, "after": after_data.y - after}
-    floors = noise_errors(after_data, of.space.settings([of.final.values]), rng, floor_draws(after_data, steps))
+    after = predict(of.after_data, rows)[2]
+    predicted = {"before": before, "after": after}
+    errors = {"nominal": of.raw.y - nominal, "before": of.raw.y - before, "after": of.after_data.y - after}
+    test, scales = of.test, of.scales
+    trust = window_trust(of.raw, scales, errors["before"])
+    helps = of.anything and (
+        gap_of(of.raw, scales, errors["after"], trust * test).total
+        < gap_of(of.raw, scales, errors["before"], trust * test).total
+    )
+    forecast = constant_velocity(of.raw)
+    steady = gap_of(of.raw, scales, of.raw.y - forecast, test).total
+    left = gap_of(of.raw, scales, errors["after" if helps else "before"], trust * test).total
+    useless = bool(left > max(steady, USELESS))
+    helps = helps and not useless
+    row = rows.take(np.array([2 if helps else 1]))
+    noise = _noise(of, longer, row)
+    raw, seen = replace(of.raw, noise=noise), replace(of.after_data, noise=noise)
+    floors = noise_errors(seen, row, rng, floor_draws(seen, steps))
+    floor = floor_from([gap_of(seen, scales, e, test) for e in floors])
+    everywhere = floor_from([gap_of(seen, scales, e) for e in floors])
+    looks = [_look(raw, scales, errors, test, of.held.any(), floor)]
+    # beyond the noise on all windows, and on the very windows that the figures are printed for
+    anywhere = beyond(gap_of(raw, scales, errors["before"]), everywhere) and _lucky(looks[0])
+    for look in longer:
+        more, all_before, all_floor = _longer(of, look, rows, row, noise, rng)
+        if all_floor.total < FORETOLD:
+            looks.append(more)
+            anywhere = anywhere or beyond(all_before, all_floor)
     return Measured(
-        of,
-        {"before": before, "after": after},
+        replace(of, raw=raw, clean=replace(of.clean, noise=noise)),
+        noise,
+        predicted,
         errors,
-        {k: gap_of(of.raw, scales, e, test) for k, e in errors.items()},
-        {k: gap_of(of.raw, scales, e).total for k, e in errors.items()},
+        {k: gap_of(raw, scales, e).total for k, e in errors.items()},
         floors,
-        np.square([gap_of(after_data, scales, e, test).total for e in floors]),
-        np.square([gap_of(after_data, scales, e).total for e in floors]),
+        everywhere,
+        tuple(looks),
+        anywhere,
+        helps,
+        useless,
+        steady,
     )
 
 
-def with_luck(draws: np.ndarray) -> float:
-    """The gap that noise hardly ever exceeds, from squared gaps that it alone made."""
-    return float(np.sqrt(draws.mean() + LUCK * draws.std(ddof=1)))
+def _lucky(look: AtHorizon) -> bool:
+    """Whether the gap is more than chance would make of the noise."""
+    with np.errstate(invalid="ignore"):
+        return look.before.total > look.floor.luck or bool((look.before.channels > look.floor.channel_luck).any())
+
+
+def _noise(of: Explained, longer: Sequence[Look], row: Settings) -> tuple[ChannelNoise, ...]:
+    """The noise that the model leaves on the windows of the longest horizon that fits may see, since slow noise does not
+    show in short ones."""
+    free = [look for look in longer if look.free is not None]
+    data, scales = (free[-1].free, free[-1].scales) if free else (of.clean.take(~of.held), of.scales)
+    assert data is not None
+    problem = build_problem(data, of.space, data.sigma)
+    return stated_sizes(data, fit_noise(problem, scales, predict(data, row)[0]))
+
+
+def _look(
+    data: Dataset, scales: Scales, errors: dict[str, np.ndarray], test: np.ndarray, held_out: bool, floor: Floor
+) -> AtHorizon:
+    gaps = {k: gap_of(data, scales, e, test) for k, e in errors.items()}
+    return AtHorizon(
+        data.horizon, int(test.sum()), bool(held_out), gaps["nominal"], gaps["before"], gaps["after"], floor,
+        {k: quantiles(per_window(data, scales, errors[k])[test]) for k in ("before", "after")},
+    )  # fmt: skip
+
+
+def _longer(
+    of: Explained,
+    look: Look,
+    rows: Settings,
+    row: Settings,
+    noise: tuple[ChannelNoise, ...],
+    rng: np.random.Generator,
+) -> tuple[AtHorizon, Gap, Floor]:
+    """The gaps over a longer horizon on the windows that are judged, and gap and floor of the model on all of them."""
+    raw = replace(look.raw, noise=noise)
+    seen = replace(look.clean, noise=noise) if of.with_outliers else raw
+    nominal, before, _ = predict(raw, rows)
+    errors = {"nominal": raw.y - nominal, "before": raw.y - before, "after": seen.y - predict(seen, rows)[2]}
+    floor = floor_of(seen, look.scales, row, rng)
+    judged = floor if look.test.all() else floor_of(seen.take(look.test), look.scales, row, rng)
+    here = _look(raw, look.scales, errors, look.test, look.held.any(), judged)
+    return here, gap_of(raw, look.scales, errors["before"]), floor
+
+
+def quantiles(square: np.ndarray) -> dict[str, float]:
+    """Median, ninth decile and maximum of the windows' own gaps, from their mean scaled squares (W,)."""
+    own = np.sqrt(square[np.isfinite(square)])
+    if not len(own):
+        return {"p50": float("nan"), "p90": float("nan"), "max": float("nan")}
+    p50, p90 = np.quantile(own, [0.5, 0.9])
+    return {"p50": float(p50), "p90": float(p90), "max": float(own.max())}
+
+
+def _channels(data: Dataset, look: AtHorizon, helps: bool) -> dict[str, tuple[float, float, float]]:
+    after = look.after if helps else look.before
+    return {
+        c: (float(look.before.channels[k]), float(after.channels[k]), float(look.floor.channels[k]))
+        for k, c in enumerate(data.channels)
+        if np.isfinite(look.before.channels[k])
+    }

@@ -1,6 +1,6 @@
 """The held-out windows opened: what is left of the gap, what it is like, and the diagnosis as a whole."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +12,9 @@ from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.gap import Scales
+from residual_mpc.diagnosis.horizons import Look
 from residual_mpc.diagnosis.how_far import shrink_of
-from residual_mpc.diagnosis.measured import Measured, measure, with_luck
+from residual_mpc.diagnosis.measured import Measured, measure
 from residual_mpc.diagnosis.next_experiment import next_experiment
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.records import Diagnosis, Verdict
@@ -24,7 +25,11 @@ from residual_mpc.diagnosis.rest.records import Rest
 from residual_mpc.diagnosis.rest.resemblance import resembles
 from residual_mpc.diagnosis.search import Ruler
 from residual_mpc.diagnosis.stages import staged
+from residual_mpc.diagnosis.support import doubts, evidence_of
+from residual_mpc.diagnosis.verdict import MARGIN
 from residual_mpc.diagnosis.where import locate
+
+Progress = Callable[[str, float], None]
 
 FEW = 4  # draws of the noise that tell what of a remainder is noise
 
@@ -41,30 +46,41 @@ class Made:
     held: np.ndarray
 
 
-def open_held_out(of: Explained, options: Options, rng: np.random.Generator, learners: Sequence[Learner]) -> Made:
+def open_held_out(
+    of: Explained,
+    longer: Sequence[Look],
+    options: Options,
+    rng: np.random.Generator,
+    learners: Sequence[Learner],
+    progress: Progress,
+) -> Made:
     """The diagnosis. From here on nothing is fitted to change the explanation."""
-    found = measure(of, options.final_steps, rng)
-    verdict, share = found.verdict(options.floor_margin)
-    helps, scales, final, test = found.helps, of.scales, of.final, of.test
+    found = measure(of, longer, options.final_steps, rng)
+    of, (verdict, share), helps = found.of, found.verdict, found.helps
+    scales, final, test = of.scales, of.final, of.test
     before, after = found.errors["before"], found.errors["after" if helps else "before"]
     achieved = shrink_of(of.raw.take(test), scales, before[test], after[test], rng) if helps else None
+    progress("looking at what is left", 0.9)
     learned, rest = _left(found, verdict, options, rng, learners)
-    sure = most_sure(verdict, share)
-    gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere
+    sure = most_sure(verdict, share, _times_floor(found))
+    progress("sharing the gap among the stages", 0.94)
+    gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
     steps, stages = staged(of.after_data, scales, of.space, final if helps else None, gaps, options.final_steps // 2)
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     others = alternatives(of.rivalry, groups, final) if helps else ()
+    evidence = evidence_of(of) if helps else {}
+    doubt = doubts(final.terms, evidence, rest) if helps else {}
     diagnosis = Diagnosis(
         robot=of.space.robot.name,
         verdict=verdict,
         held_out=of.kept if of.held.any() else (),
-        gap=found.figures(options.horizon),
+        gap=found.figures(),
         expected=of.expected if helps else None,
         achieved=achieved,
         stages=stages,
         where=locate(of.raw, scales, before),
-        causes=causes_of(final, of.problem, of.rivalry, of.outliers, of.with_outliers, share, sure) if helps else (),
-        candidates=candidates(of.rivalry, of.base, final, sure, of.left_out) if helps else (),
+        causes=causes_of(of, share, sure, evidence, doubt) if helps else (),
+        candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, doubt) if helps else (),
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),
         alternatives=others,
@@ -83,9 +99,17 @@ def open_held_out(of: Explained, options: Options, rng: np.random.Generator, lea
             verdict=verdict,
         ),
         values=final.values if helps else of.base.values,
-        notes=notes(of),
+        notes=notes(of, found),
     )
     return Made(diagnosis, of.raw, scales, before, after, test)
+
+
+def _times_floor(found: Measured) -> float:
+    """How many times the noise floor is left, at the horizon where that is most, of what is not small anyway."""
+    return max(
+        (look.after.total / max(look.floor.total, 1e-12) for look in found.looks),
+        default=1.0,
+    )
 
 
 def _left(
@@ -93,8 +117,8 @@ def _left(
 ) -> tuple[Learned, Rest | None]:
     """What the learners make of the rest, and what it is like; what a perfect model might have left under this noise is
     not worth their time."""
-    of, left = found.of, found.gaps["after" if found.helps else "before"].total
-    worth = verdict in ("partial", "unknown") or left > max(options.floor_margin * found.floor, with_luck(found.draws))
+    of, first = found.of, found.looks[0]
+    worth = verdict in ("partial", "unknown") or found.left.total > max(MARGIN * first.floor.total, first.floor.luck)
     if not worth or verdict == "no_gap":
         return NOTHING, None
     name, seen, current = ("after", of.after_data, of.final) if found.helps else ("before", of.raw, of.base)
@@ -103,7 +127,7 @@ def _left(
     if of.held.any():
         remainder = remainder_of(seen, of.scales, row, predicted, error, of.held)
         learned = learn(remainder, learners, rng.spawn(1)[0])
-    judge = Ruler(Replays(seen.take(of.test), of.space), of.scales, found.floor**2)
+    judge = Ruler(Replays(seen.take(of.test), of.space), of.scales, first.floor.total**2)
     like = resembles(of.problem, current, of.left_out, judge)
     unspoilt = np.where(np.isfinite(of.clean.y), error, np.nan)
     return learned, describe(seen, of.scales, row, predicted, unspoilt, found.floors[:FEW], like, rng.spawn(1)[0])

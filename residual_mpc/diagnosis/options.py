@@ -13,8 +13,6 @@ class Options:
     search_steps: simulation steps that one hypothesis may cost in the search (windows are thinned evenly to that);
     final_steps: likewise in the last fit but for its last steps, and half of it in the shares of the stages; a perfect
     model may cost 24 times that.
-    floor_margin: a gap within this factor of the noise floor is no gap; on development seeds perfect wheeled robots
-    came within 1.1.
     """
 
     horizon: float = 1.0
@@ -23,5 +21,4 @@ class Options:
     held_out: tuple[KeptBack, ...] | None = None
     search_steps: int = 16_000
     final_steps: int = 100_000
-    floor_margin: float = 1.25
     search: SearchSettings = field(default_factory=SearchSettings)

@@ -24,7 +24,8 @@ START_INFLATION = 3.0  # on the start's standard deviation: its own noise is als
 @dataclass(frozen=True)
 class Problem:
     """data: the windows judged; space: the hypotheses; sensitivity (W, M * C, k): prediction moved by one sigma of
-    each start coordinate, channel units; weight (C,) 1 / standard deviation of each channel's residual; replays: the
+    each start coordinate, channel units; weight (C,) 1 / standard deviation of each channel's residual; motion (C,) the
+    size of each channel's motion, channel units, infinite where the gap does not compare it; replays: the
     predictions on these windows, which know what was asked before."""
 
     data: Dataset
@@ -32,6 +33,7 @@ class Problem:
     replays: Replays
     sensitivity: np.ndarray
     weight: np.ndarray
+    motion: np.ndarray
     basis: np.ndarray  # (W, M * C, k) orthonormal
     shrink: np.ndarray  # (W, k) 1 - 1 / sqrt(1 + s^2)
     count: np.ndarray | None = None  # (W,) how many windows each one stands for; None: itself alone
@@ -54,31 +56,33 @@ class Problem:
         return np.asarray(left if self.count is None else left * np.sqrt(self.count)[:, None])
 
 
-def build_problem(data: Dataset, space: Space, sigma: np.ndarray) -> Problem:
-    """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better."""
-    return weighed(Replays(data, space), start_sensitivity(data, space, {}), sigma)
+def build_problem(data: Dataset, space: Space, sigma: np.ndarray, motion: np.ndarray | None = None) -> Problem:
+    """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better;
+    motion (C,): see Problem; None for a problem that no search ranks by."""
+    size = np.full(len(sigma), np.inf) if motion is None else motion
+    return weighed(Replays(data, space), start_sensitivity(data, space, {}), sigma, size)
 
 
 def reweigh(problem: Problem, sigma: np.ndarray) -> Problem:
     """The same problem with other standard deviations."""
-    return weighed(problem.replays, problem.sensitivity, sigma)
+    return weighed(problem.replays, problem.sensitivity, sigma, problem.motion)
 
 
-def weighed(replays: Replays, sensitivity: np.ndarray, sigma: np.ndarray) -> Problem:
+def weighed(replays: Replays, sensitivity: np.ndarray, sigma: np.ndarray, motion: np.ndarray) -> Problem:
     """The problem on the windows of `replays`."""
     weight = 1.0 / sigma
     w, n, k = sensitivity.shape
     scaled = sensitivity.reshape(w, -1, len(sigma), k) * weight[None, None, :, None]
     basis, s, _ = np.linalg.svd(scaled.reshape(w, n, k), full_matrices=False)
     shrink = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
-    return Problem(replays.data, replays.space, replays, sensitivity, weight, basis, shrink)
+    return Problem(replays.data, replays.space, replays, sensitivity, weight, motion, basis, shrink)
 
 
 def part_of(problem: Problem, keep: np.ndarray, times: np.ndarray | None = None) -> Problem:
     """The problem on the windows where the mask (W,) is true, with the same weights; `times`: how many windows of the
     problem each one that is kept stands for (None: itself alone)."""
     replays = problem.replays.of(problem.data.take(keep), keep)
-    small = weighed(replays, problem.sensitivity[keep], 1.0 / problem.weight)
+    small = weighed(replays, problem.sensitivity[keep], 1.0 / problem.weight, problem.motion)
     if problem.count is None and times is None:
         return small
     one = np.ones(small.data.count)

@@ -1,6 +1,6 @@
 """What a diagnosis is, once made: frozen records that the document and the report are written from."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 from residual_mpc.diagnosis.hold_out import KeptBack
@@ -15,8 +15,31 @@ Verdict = Literal["no_gap", "effects", "partial", "unknown"]
 
 
 @dataclass(frozen=True)
+class HorizonFigures:
+    """Gaps over one horizon, unitless. held_out: whether no fit has seen these windows; channels: name -> (before,
+    after, noise floor); window_gaps: quantiles of the windows' own gaps "before" and "after"."""
+
+    horizon: float
+    nominal: float
+    before: float
+    after: float
+    noise_floor: float
+    windows: int
+    held_out: bool
+    channels: dict[str, tuple[float, float, float]]
+    window_gaps: dict[str, dict[str, float]]
+
+    def document(self) -> dict[str, object]:
+        """As diagnosis.json has it."""
+        names = ("before", "after", "noise_floor")
+        channels = {c: dict(zip(names, figures, strict=True)) for c, figures in self.channels.items()}
+        return {**asdict(self), "channels": channels}
+
+
+@dataclass(frozen=True)
 class GapFigures:
-    """Gaps on the held-out windows, unitless; channels: name -> (before, after, noise floor)."""
+    """Gaps on the held-out windows, unitless; channels: name -> (before, after, noise floor); horizons: the same over
+    each horizon; constant_velocity: the gap of a forecast that knows no model."""
 
     nominal: float
     before: float
@@ -27,16 +50,19 @@ class GapFigures:
     skipped: int
     still: tuple[str, ...]
     channels: dict[str, tuple[float, float, float]]
+    horizons: tuple[HorizonFigures, ...]
+    constant_velocity: float
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted number with its 95 % interval."""
+    """A fitted number with its 95 % interval. note: what is wrong with it, empty where nothing is."""
 
     name: str
     value: float
     ci95: tuple[float, float]
     unit: str
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -46,6 +72,7 @@ class Cause:
     parameters: tuple[Estimate, ...]
     summary: str
     only_target: str | None = None  # what "all targets" means on a robot that has one, for the wording
+    evidence: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

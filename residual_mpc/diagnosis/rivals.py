@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.additions import EARLY, NONE, ROUGH, closer, compatible
-from residual_mpc.diagnosis.fit import Fit, Race, fit_all, is_sensible, on_problem
+from residual_mpc.diagnosis.fit import Fit, Race, fit_all, on_problem, possible
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.screen import glance, smaller
 from residual_mpc.diagnosis.search import ALIKE, Found, without
@@ -120,7 +120,7 @@ def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float
                 if compatible(b, (*kept, a))
             ]
     out = []
-    for other in filter(is_sensible, _fits(problem, rest, fit, starts, phi)):
+    for other in (f for f in _fits(problem, rest, fit, starts, phi) if possible(f.values)):
         came = tuple(t for t in other.terms if t not in kept)
         difference = other.cost - fit.cost
         ratio = difference / phi + PER_KNOB * (len(other.knobs) - len(fit.knobs))

@@ -28,14 +28,15 @@ MANY = 1_000_000  # that all probes may cost before the worse of them are looked
 @dataclass(frozen=True)
 class Lead:
     """A candidate worth fitting: where to start, the drop in cost that a line search along the probe promises, how
-    much of that drop is in the channels that the gap compares, and how far the probe moves the prediction
-    (whitened norm, after what
-    the free parameters can absorb)."""
+    much of that drop is in the channels that the gap compares, how much it removes of the squared gap itself (in
+    which every channel counts by the size of its motion, so that one whose cause is still missing counts in full), and
+    how far the probe moves the prediction (whitened norm, after what the free parameters can absorb)."""
 
     term: Term
     start: Values
     gain: float
     compared: float
+    gap: float
     reach: float
 
 
@@ -43,7 +44,7 @@ def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list
     """The best lead of each probe, largest gain first; probes of the same term stay apart.
 
     Where there are many probes (an arm of many joints), all of them are tried on a quarter of the windows, and only
-    the better third of them on the others as well: better by either of the two gains.
+    the better third of them on the others as well: better by any of the gains.
     """
     small, current, weight = _on_smaller(problem, current)
     probes = _probes(problem, candidates)
@@ -51,7 +52,7 @@ def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list
         return sorted(_leads(small, current, probes, weight), key=_gain)
     leads = _by_quarter(small, current, probes, weight)
     third = len(leads) // 3
-    good = {id(lead) for key in (_gain, _compared) for lead in sorted(leads, key=key)[:third]}
+    good = {id(lead) for key in (_gain, _compared, _gap) for lead in sorted(leads, key=key)[:third]}
     again = [p for p, lead in zip(probes, leads, strict=True) if id(lead) in good]
     leads = [lead for lead in leads if id(lead) not in good] + _leads(small, current, again, weight)
     return sorted(leads, key=_gain)
@@ -116,6 +117,15 @@ def _compared(lead: Lead) -> float:
     return -lead.compared
 
 
+def _gap(lead: Lead) -> float:
+    return -lead.gap
+
+
+def rankings(leads: Sequence[Lead]) -> list[list[Lead]]:
+    """The leads, best first, by each of the gains."""
+    return [sorted(leads, key=key) for key in (_gain, _compared, _gap)]
+
+
 def _steps(problem: Problem) -> int:
     """Simulation steps of one hypothesis."""
     return problem.data.count * max(b.drive.steps for b in problem.data.blocks)
@@ -141,7 +151,9 @@ def smaller(problem: Problem, current: Fit) -> tuple[Problem, float]:
     m, c = few.y.shape[1:]
     k = problem.sensitivity.shape[2]
     sensitivity = problem.sensitivity.reshape(data.count, -1, c, k)[pick, :m].reshape(len(few.start), m * c, k)
-    small = replace(weighed(problem.replays.of(few, pick), sensitivity, 1.0 / problem.weight), count=stands_for[pick])
+    count = stands_for[pick] if problem.count is None else stands_for[pick] * problem.count[pick]
+    small = weighed(problem.replays.of(few, pick), sensitivity, 1.0 / problem.weight, problem.motion)
+    small = replace(small, count=count)
     # errors grow within a window, so that the half that is left out holds more of a drop in cost than its samples say
     return small, GROWTH * data.y.shape[1] / m if half is not data else 1.0
 
@@ -202,18 +214,28 @@ def _lead(
     square = float(delta @ delta)
     direct = current.cost - float(moved @ moved)
     if square < 1e-12:
-        return Lead(term, probe, 0.0, 0.0, 0.0)
+        return Lead(term, probe, 0.0, 0.0, 0.0, 0.0)
     reach = (weight * square) ** 0.5
-    mask = compared_mask(problem)
-    alpha = float(np.clip(-(r @ delta) / square, *_room(problem, probe)))
+    room = _room(problem, probe)
+    alpha = float(np.clip(-(r @ delta) / square, *room))
     along = -(2.0 * alpha * float(r @ delta) + alpha**2 * square)
     threshold = any(BY_NAME[k.effect].parameter(k.parameter).threshold for k in probe)
+    mask, size = compared_mask(problem), gap_weights(problem)
     if direct >= along or threshold:
-        part = float(r[mask] @ r[mask]) - float(moved[mask] @ moved[mask])
-        return Lead(term, probe, weight * direct, weight * part, reach)
+        drop = r * r - moved * moved
+        return Lead(term, probe, weight * direct, weight * float(drop[mask].sum()), float(size @ drop), reach)
+    steepest, curvature = float(size @ (r * delta)), float(size @ (delta * delta))
+    best = float(np.clip(-steepest / max(curvature, 1e-300), *room))
     part = -(2.0 * alpha * float(r[mask] @ delta[mask]) + alpha**2 * float(delta[mask] @ delta[mask]))
     start = {k: _between(problem, k, v, alpha) for k, v in probe.items()}
-    return Lead(term, start, weight * along, weight * part, reach)
+    gap = -(2.0 * best * steepest + best**2 * curvature)
+    return Lead(term, start, weight * along, weight * part, gap, reach)
+
+
+def gap_weights(problem: Problem) -> np.ndarray:
+    """(W * M * C,) what turns the squares of whitened residuals into squares relative to the motion."""
+    each = (1.0 / (problem.weight * problem.motion)) ** 2
+    return np.broadcast_to(each, problem.data.y.shape).ravel()
 
 
 def compared_mask(problem: Problem) -> np.ndarray:

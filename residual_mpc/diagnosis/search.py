@@ -1,15 +1,16 @@
 """Which set of effects: forward by the best addition, back by pruning, across by swapping, until nothing changes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual_mpc.diagnosis.additions import HOPELESS, NONE, ROUGH, additions
+from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import Fit, Race, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
-from residual_mpc.diagnosis.gap import Scales, gap_of
+from residual_mpc.diagnosis.gap import Scales, gap_of, per_window
 from residual_mpc.diagnosis.problem import Problem, reweigh
 from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.search_settings import SearchSettings
@@ -46,10 +47,12 @@ class Ruler:
     floor: float  # squared gap of a perfect model
 
     def squared(self, fits: list[Fit]) -> np.ndarray:
-        """(H,) squared gap of each fit."""
+        """(H,) squared gap of each fit, in which the windows whose prediction diverges under the last of them count at
+        their limit."""
         data = self.replays.data
-        predicted = self.replays([f.values for f in fits])
-        return np.array([gap_of(data, self.scales, data.y - p).total ** 2 for p in predicted])
+        errors = [data.y - p for p in self.replays([f.values for f in fits])]
+        trust = window_trust(data, self.scales, errors[-1])
+        return np.array([gap_of(data, self.scales, e, trust).total ** 2 for e in errors])
 
 
 def build_ruler(replays: Replays, scales: Scales, base: Fit, rng: np.random.Generator) -> Ruler:
@@ -59,6 +62,8 @@ def build_ruler(replays: Replays, scales: Scales, base: Fit, rng: np.random.Gene
     return Ruler(replays, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
 
 
+DIVERGED = 0.5  # scaled error of a window: half of the motion is missed
+TYPICAL = 4.0  # times the median window's error
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 
 Report = Callable[[str, float], None]  # what is done, and the share of the search that is behind
@@ -70,17 +75,22 @@ def search(
     settings: SearchSettings,
     rng: np.random.Generator,
     report: Report = lambda text, done: None,
+    start: Values | None = None,
 ) -> Found:
-    """Search on the problem's windows. The problem's own weights are those of the pure sensor noise."""
+    """Search on the problem's windows. The problem's own weights are those of the pure sensor noise; start: the values
+    to go on from, None for the model alone."""
     noise = 1.0 / problem.weight
     blocks = blocks_of(problem.data)
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
     base = fit_all(problem, [base_values])[0]
     ruler = build_ruler(problem.replays, scales, base, rng)
     beam, steps = [base], list[Step]()
-    seen = {frozenset(base.terms)}
+    if start is not None and len(start) > len(base_values):
+        known = fit_all(problem, [start], 0)[0]
+        beam = refit(judge(problem, known, noise, scales), [known])
+    seen = {frozenset(beam[0].terms)}
     while len(beam[0].terms) < settings.largest:
-        here = judge(problem, beam[0], noise)
+        here = judge(problem, beam[0], noise, scales)
         beam = refit(here, beam[:1]) + refit(here, beam[1:], ROUGH)  # from the others one only looks on
         named = len(beam[0].terms)
         report(f"{named} effect{'' if named == 1 else 's'} named; looking for the next", named / settings.largest)
@@ -95,18 +105,32 @@ def search(
         seen.add(frozenset(best.terms))
         steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
         beam = [best, *others(ruler, base, best, children, settings)]
-    here = judge(problem, beam[0], noise)
+    here = judge(problem, beam[0], noise, scales)
     current, base = refit(here, [beam[0], base])
     return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps))
 
 
-def judge(problem: Problem, fit: Fit, noise: np.ndarray) -> Problem:
-    """The problem with each channel weighed by what this fit leaves of it, never less than its noise."""
+def judge(problem: Problem, fit: Fit, noise: np.ndarray, scales: Scales) -> Problem:
+    """The problem with each channel weighed by what this fit leaves of it, never less than its noise, and with the
+    windows in which the fit's prediction diverges weighing less (Huber's weights on whole windows)."""
     plain = reweigh(problem, noise)
     r = plain.residuals([fit.values])[0].reshape(*problem.data.y.shape)
     seen = np.isfinite(problem.data.y)
-    left = np.sqrt(np.sum(r * r, axis=(0, 1)) / np.maximum(seen.sum(axis=(0, 1)), 1))
-    return reweigh(problem, noise * np.maximum(left, 1.0))
+    trust = window_trust(problem.data, scales, problem.data.y - problem.replays([fit.values])[0])
+    left = np.sqrt(
+        np.einsum("w,wmc->c", trust, r * r) / np.maximum(np.einsum("w,wmc->c", trust, seen.astype(float)), 1.0)
+    )
+    fair = reweigh(problem, noise * np.maximum(left, 1.0))
+    return fair if (trust == 1.0).all() else replace(fair, count=trust)
+
+
+def window_trust(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray:
+    """(W,) weight of each window: 1, or less where its prediction has diverged. A window whose scaled error exceeds both
+    DIVERGED and TYPICAL times the median window's counts as one at that limit."""
+    square = per_window(data, scales, np.clip(np.nan_to_num(error, nan=np.nan), -1e6, 1e6))
+    limit = max(DIVERGED, TYPICAL * float(np.sqrt(np.nanmedian(square)))) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(square > limit, limit / square, 1.0)
 
 
 def refit(problem: Problem, fits: list[Fit], most: int = 6) -> list[Fit]:
@@ -142,25 +166,19 @@ def convincing(
     blocks: np.ndarray,
     settings: SearchSettings,
 ) -> bool:
-    """Beyond doubt against coloured residuals, and worth naming."""
-    first, was, now = ruler.squared([base, current, best])
+    """Beyond doubt against coloured residuals, and seen above the noise."""
+    _, was, now = ruler.squared([base, current, best])
     removed, left = was - now, max(was - ruler.floor, 0.0)
-    if removed < settings.over_floor * ruler.floor or removed < settings.worth_far * left:
+    if removed < settings.over_floor * ruler.floor:
         return False  # the cheap question first
-    fair = judge(problem, best, 1.0 / problem.weight)
+    fair = judge(problem, best, 1.0 / problem.weight, ruler.scales)
     after, before = fit_all(fair, [best.values, current.values], 3, fresh=[NONE, NONE])
     ratio = (before.cost - after.cost) / dispersion(after, blocks)
     knobs = len(after.knobs) - len(before.knobs)
     # far above the noise residuals are coloured and the ratio cautious: a quarter of what is left asks for less of it
     sizeable = left > 4.0 * ruler.floor and removed > settings.sizeable * left
     least = settings.beyond_doubt_sizeable if sizeable else settings.beyond_doubt
-    if ratio < least + settings.per_knob * knobs:
-        return False
-    # far above the noise, on a real robot, causes come one by one and each removes a little of a large remainder
-    far = left > 4.0 * ruler.floor and ratio > settings.massive
-    return bool(
-        far or sizeable or removed > settings.worth * left or removed > settings.worth_first * (first - ruler.floor)
-    )
+    return bool(ratio >= least + settings.per_knob * knobs)
 
 
 def prune(
@@ -174,7 +192,7 @@ def prune(
 ) -> Fit:
     """Drop terms that the others have made needless."""
     while len(current.terms) > 1:
-        here = judge(problem, current, noise)
+        here = judge(problem, current, noise, ruler.scales)
         full = refit(here, [current])[0]
         race = Race(HOPELESS * dispersion(full, blocks))
         starts = [without(full.values, t) for t in full.terms]

@@ -23,13 +23,20 @@ def thin(data: Dataset, steps: int) -> Dataset:
     return data if keep.all() else data.take(keep)
 
 
+def thin_whole(data: Dataset, steps: int) -> Dataset:
+    """As `thin`, of windows whose length is their point: none is cut short."""
+    keep = evenly(data, steps)
+    return data if keep.all() else data.take(keep)
+
+
 def evenly(data: Dataset, steps: int) -> np.ndarray:
     """(W,) bool: every so many windows, so that they cost at most about `steps` simulation steps."""
     cost = max(b.drive.steps for b in data.blocks)
     keep = np.ones(data.count, dtype=bool)
     if data.count * cost > steps:
         keep[:] = False
-        keep[np.unique(np.linspace(0, data.count - 1, max(FEWEST, steps // cost)).round().astype(int))] = True
+        fewest = int(np.ceil(FEWEST / max(data.horizon, 1.0)))
+        keep[np.unique(np.linspace(0, data.count - 1, max(fewest, steps // cost)).round().astype(int))] = True
     return keep
 
 

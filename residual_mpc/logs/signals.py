@@ -124,12 +124,13 @@ def noise_sigma(t: FloatArray, y: FloatArray) -> float:
     """
     fresh = fresh_samples(y)
     t, y = t[fresh], y[fresh]
-    found = [s for s in (_difference_sigma(t, y, order) for order in (3, 5, 7)) if np.isfinite(s)]
+    found = [s for s in (difference_sigma(t, y, order) for order in (3, 5, 7)) if np.isfinite(s)]
     return max(min(found, default=0.0), resolution(y) / np.sqrt(12.0))
 
 
-def _difference_sigma(t: FloatArray, y: FloatArray, order: int) -> float:
-    """1-sigma from normalised divided differences; NaN with fewer than eight of them."""
+def difference_sigma(t: FloatArray, y: FloatArray, order: int) -> float:
+    """1-sigma of white noise from normalised divided differences of fresh samples, which leave nothing of a motion that
+    is locally a polynomial of one order less; NaN with fewer than eight of them."""
     if len(t) < order + 8:
         return float("nan")
     count = len(t) - order

@@ -115,3 +115,13 @@ class Merging(Protocol):
     def merged(self, others: "list[Robot]") -> "Robot | None":
         """One robot for all of them, told apart by Drive.setting; None where that cannot be."""
         ...
+
+
+@runtime_checkable
+class Inverting(Protocol):
+    """A robot that can tell from how it moves what its actuators do. Optional: where no sensor sits on an actuator, it
+    says whether the robot stood still before the first stamp."""
+
+    def outputs_from(self, value: Mapping[str, float], rate: Mapping[str, float]) -> Mapping[str, float]:
+        """Actuator -> output, from the values and rates (per second) of the states' position channels."""
+        ...

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.diagnosis.additions import compatible, distinct, mixed
-from residual_mpc.diagnosis.fit import Fit, fit_all, is_sensible, on_problem
+from residual_mpc.diagnosis.fit import Fit, fit_all, on_problem, possible
 from residual_mpc.diagnosis.problem import Problem, part_of
 from residual_mpc.diagnosis.rest.records import Resemblance
-from residual_mpc.diagnosis.screen import glance
+from residual_mpc.diagnosis.screen import glance, rankings
 from residual_mpc.diagnosis.search import Ruler
 from residual_mpc.diagnosis.thinning import evenly
 from residual_mpc.models.settings import Term, Values
@@ -28,12 +28,12 @@ def resembles(problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: R
     if not eligible:
         return None
     leads = glance(small, here, eligible)
-    ranked = mixed(leads, sorted(leads, key=lambda lead: -lead.compared))
+    ranked = mixed(*rankings(leads))
     best: dict[Term, Values] = {}
     for lead in ranked:
         best.setdefault(lead.term, {**current.values, **lead.start})
     starts = list(best.values())[:FITTED]
-    fits = [f for f in distinct(fit_all(small, starts, MOST, rough=True, near=[here] * len(starts))) if is_sensible(f)]
+    fits = [f for f in distinct(fit_all(small, starts, MOST, rough=True, near=[here] * len(starts))) if possible(f.values)]
     if not fits:
         return None
     data = judge.replays.data

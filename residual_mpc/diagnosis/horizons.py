@@ -1,0 +1,121 @@
+"""The same runs over several horizons: what adds up slowly shows over seconds, not within one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset, build_dataset, window_starts
+from residual_mpc.diagnosis.floor import noise_errors
+from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales
+from residual_mpc.diagnosis.hold_out import KeptBack
+from residual_mpc.diagnosis.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.thinning import evenly
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.run import Run
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Settings
+
+LONGER = 5.0  # s
+LONGEST = 30.0  # s
+APART = 1.5  # times the horizon before it, from which a longer one says something new
+FEWEST = 3  # windows that a horizon needs
+FORETOLD = 0.1  # noise floor up to which a motion counts as foretold (contract, section 4)
+LOOK = 40_000  # simulation steps that the first look at a horizon may cost
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """The runs over one horizon. raw: all its W windows as they were logged, clean: less the samples that jump away;
+    held (W,) bool: the windows that lie in what is kept back; free: the windows that fits may see, cut from whatever
+    lies between, None where nothing is long enough."""
+
+    horizon: float
+    raw: Dataset
+    clean: Dataset
+    scales: Scales
+    held: np.ndarray
+    free: Dataset | None
+
+    @property
+    def test(self) -> np.ndarray:
+        """(W,) bool: the windows that figures are printed for: those kept back, all where there are none."""
+        return self.held if self.held.any() else np.ones(self.raw.count, dtype=bool)
+
+
+def longer_horizons(runs: Sequence[Run], horizon: float) -> tuple[float, ...]:
+    """s: 5 s and the longest up to 30 s that the runs hold at least FEWEST windows of, each well beyond the one
+    before."""
+    lengths = np.array([r.t[-1] - r.t[0] for r in runs])
+    out: list[float] = []
+    for wanted in (LONGER, float(min(LONGEST, np.floor(np.median(lengths) / LONGER) * LONGER))):
+        fits = int(np.floor(lengths / wanted + 1e-6).sum()) if wanted > 0.0 else 0
+        if fits >= FEWEST and wanted >= APART * max([horizon, *out]):
+            out.append(wanted)
+    return tuple(out)
+
+
+def look_at(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    noise: Mapping[str, float],
+    horizon: float,
+    kept: Sequence[KeptBack],
+    flagged: Mapping[tuple[int, str], np.ndarray],
+) -> Look | None:
+    """The runs over a horizon; None where nothing moves or no window has a measured start."""
+    whole = [window_starts(r, horizon) if r.t[-1] - r.t[0] >= horizon - r.period else r.t[:0] for r in runs]
+    if sum(map(len, whole)) < FEWEST:
+        return None
+    try:
+        raw = build_dataset(runs, robots, noise, horizon, whole)
+        scales = measure_scales(raw)
+    except BadInput:  # said already, of the first horizon
+        return None
+    clean = with_outliers_removed(raw, flagged)
+    spans = [_spans(r, kept) for r in runs]
+    held = np.array([_inside(spans[i], t, t + horizon) for i, t in zip(raw.run, raw.start, strict=True)])
+    between = [_free_starts(r, s, horizon) for r, s in zip(runs, spans, strict=True)]
+    free = None
+    if sum(map(len, between)) >= FEWEST:
+        try:
+            free = with_outliers_removed(build_dataset(runs, robots, noise, horizon, between), flagged)
+        except BadInput:
+            free = None
+    return Look(horizon, raw, clean, scales, held, free)
+
+
+def foretold(look: Look, rng: np.random.Generator) -> bool:
+    """Whether the nominal model predicts that far: its noise floor stays under FORETOLD, and it does not diverge."""
+    some = look.clean.take(evenly(look.clean, LOOK))
+    if not np.isfinite(predict(some, Settings(1))[0][np.isfinite(some.y)]).all():
+        return False
+    return bool(gap_of(some, look.scales, noise_errors(some, Settings(1), rng, 1)[0]).total < FORETOLD)
+
+
+def _spans(run: Run, kept: Sequence[KeptBack]) -> list[tuple[float, float]]:
+    """What is kept back of a run, s, neighbours joined, in order."""
+    mine = sorted(
+        (-np.inf, np.inf) if k.start is None or k.end is None else (k.start, k.end) for k in kept if k.run == run.name
+    )
+    out: list[tuple[float, float]] = []
+    for begin, end in mine:
+        if out and begin <= out[-1][1] + 1e-6:
+            out[-1] = (out[-1][0], max(out[-1][1], end))
+        else:
+            out.append((begin, end))
+    return out
+
+
+def _inside(spans: Sequence[tuple[float, float]], begin: float, end: float) -> bool:
+    return any(a - 1e-6 <= begin and end <= b + 1e-6 for a, b in spans)
+
+
+def _free_starts(run: Run, spans: Sequence[tuple[float, float]], horizon: float) -> np.ndarray:
+    """(W,) s: windows one after the other in each stretch between what is kept back."""
+    edges = [float(run.t[0]), *(x for span in spans for x in span), float(run.t[-1])]
+    out = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        count = int(np.floor((end - begin + run.period) / horizon + 1e-9)) if end > begin else 0
+        out.append(begin + horizon * np.arange(count))
+    return np.concatenate(out)

@@ -1,0 +1,201 @@
+"""The sensor noise that what a model leaves can hold: the largest stationary noise consistent with its increments.
+
+What a model misses is the sensors' noise plus what the model does wrong. Noise is stationary and rough: the mean square
+of its increments, D(lag) = E[(n(t + lag) - n(t))^2], is a sum of a constant (white) and of saturating exponentials
+(coloured), thus concave in the lag. A rate that a model lacks adds up instead, D(lag) ~ lag^2. The noise is fitted under
+the measured D by non-negative least squares that weigh an excess more than a shortfall, so that a missing effect is left
+over. What a learner predicts of the remainder on windows that it has not seen is no noise either, and is taken out first.
+
+High-order differences of the measurements themselves, of every n-th sample, bound the noise from above as well, whatever
+the model: they are those of the noise, and of what they leave of the motion.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.gap import Scales
+from residual_mpc.diagnosis.how_far import folds_of
+from residual_mpc.diagnosis.learner import learn, remove
+from residual_mpc.diagnosis.noise_model import ChannelNoise, ornstein_uhlenbeck
+from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.logs.signals import difference_sigma, fresh_samples
+
+TIMES = (0.03, 0.1, 0.3, 1.0, 3.0)  # s: correlation times that noise may have; slower errors count as the model's
+EXCESS = 30.0  # how much more a noise above the measured increments weighs than one below
+ROUNDS = 12  # of reweighting
+WINDOWS = 48  # that are looked at
+DRAWS = 3  # of each part, from which the increments that it would leave are measured
+ORDERS, STRIDES = (3, 5, 7), (1, 2, 4, 8)  # of the differences that bound the noise
+LEEWAY = 1.15  # factor on these bounds, in squares, for their own error
+FEWEST = 24  # pairs of samples that make a mean
+
+
+def with_noise(data: Dataset, problem: Problem, scales: Scales, predicted: np.ndarray) -> Dataset:
+    """The data with the noise that the prediction (W, M, C) leaves on the problem's windows, whose channels are the
+    same. What the user states of a channel stands; the colour is the data's."""
+    return replace(data, noise=stated_sizes(data, fit_noise(problem, scales, predicted)))
+
+
+def stated_sizes(data: Dataset, noise: tuple[ChannelNoise, ...]) -> tuple[ChannelNoise, ...]:
+    """The noise with the sizes that the user states."""
+    return tuple(
+        n.scaled_to(data.stated[c]) if c in data.stated and n.sigma > 0.0 else n
+        for c, n in zip(data.channels, noise, strict=True)
+    )
+
+
+def fit_noise(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[ChannelNoise, ...]:
+    """The noise of each channel, from what a model's prediction (W, M, C) leaves on the problem's windows.
+
+    The problem's weights are those of the white noise. Deterministic: the draws have a seed of their own.
+    """
+    data = problem.data
+    left = unlearnable(data, scales, data.y - predicted, predicted)
+    # evenly spread windows say as much as all of them
+    keep = np.unique(np.linspace(0, data.count - 1, min(data.count, WINDOWS)).round().astype(int))
+    left, y, t, basis = left[keep], data.y[keep], data.t[keep], problem.basis[keep]
+    seen = np.isfinite(y) & np.isfinite(left)
+    lags = _lags(t.shape[1])
+    scaled = np.where(seen, left * problem.weight, 0.0)
+    measured, sure = _increments(_projected(scaled, basis), seen, lags)  # (C, L)
+    period = float(np.nanmedian(np.diff(t, axis=1)))
+    times = [time for time in TIMES if time > 0.7 * period]
+    rng = np.random.default_rng(0)
+    c = len(data.channels)
+    parts = np.zeros((c, len(lags), c, 1 + len(times)))
+    for k in range(c):
+        if not seen[..., k].any():
+            continue
+        for p, time in enumerate([0.0, *times]):
+            for _ in range(DRAWS):
+                unit = np.zeros_like(scaled)
+                unit[..., k] = np.where(seen[..., k], _unit(t, period, time, rng), 0.0)
+                parts[:, :, k, p] += _increments(_projected(unit, basis), seen, lags)[0] / DRAWS
+    bounds = _bounds(data, problem.weight, [0.0, *times], period)
+    size = _envelope(measured, parts, sure, *bounds)  # (C, 1 + times) squared, in units of the white noise
+    out = []
+    for k in range(c):
+        sigma = np.sqrt(size[k]) / problem.weight[k]
+        out.append(
+            ChannelNoise(
+                max(float(sigma[0]), float(data.steps[k]) / np.sqrt(12.0)),
+                tuple((float(s), time) for s, time in zip(sigma[1:], times, strict=True) if s > 0.0),
+            )
+        )
+    return tuple(out)
+
+
+def unlearnable(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """The error (W, M, C) less what a ridge regression on the motion predicts of it on windows it was not fitted to."""
+    folds = folds_of(data)
+    out = error.copy()
+    for k in np.unique(folds):
+        test, train = folds == k, folds != k
+        if not train.any() or len(np.unique(folds[train])) < 2:
+            continue
+        some = data.take(train)
+        fitted = learn(some, scales, error[train], predicted[train], folds[train])
+        if fitted.weights.any():
+            out[test] = remove(fitted, data.take(test), scales, error[test], predicted[test])
+    return out
+
+
+def _lags(samples: int) -> np.ndarray:
+    """(L,) samples: about three a octave, to four fifths of a window."""
+    most = max(int(0.8 * samples), 1)
+    return np.unique(np.round(np.geomspace(1, most, max(3, int(3 * np.log2(most + 1))))).astype(int))
+
+
+def _projected(scaled: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """(W, M, C) without what an error of the window's start can make of it."""
+    flat = scaled.reshape(len(scaled), -1)
+    along = np.einsum("wnk,wn->wk", basis, flat)
+    return np.asarray(flat - np.einsum("wnk,wk->wn", basis, along)).reshape(scaled.shape)
+
+
+def _unit(t: np.ndarray, period: float, time: float, rng: np.random.Generator) -> np.ndarray:
+    """(W, M) noise of unit variance: white (time 0) or with a correlation time in s."""
+    if time == 0.0:
+        return rng.standard_normal(t.shape)
+    return ornstein_uhlenbeck(np.arange(t.shape[1]) * period, time, len(t), rng)
+
+
+def _increments(r: np.ndarray, seen: np.ndarray, lags: Sequence[int] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(C, L) mean squares of r (W, M, C) at t + lag less r at t, and on how many stretches of a lag's length each
+    rests."""
+    out = np.zeros((r.shape[2], len(lags)))
+    sure = np.zeros(out.shape)
+    for i, lag in enumerate(lags):
+        both = seen[:, lag:] & seen[:, :-lag]
+        count = both.sum(axis=(0, 1))
+        square = np.where(both, (r[:, lag:] - r[:, :-lag]) ** 2, 0.0).sum(axis=(0, 1))
+        out[:, i] = square / np.maximum(count, 1)
+        sure[:, i] = np.where(count >= FEWEST, count / lag, 0.0)
+    return out, sure
+
+
+def _bounds(data: Dataset, weight: np.ndarray, times: Sequence[float], period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Upper bounds that the measurements set: the mean square of normalised differences of ORDERS over every n-th sample
+    (B,), and what a unit of each part of each channel would add to it (B, C * P)."""
+    limits, rows = [], []
+    c, p = len(data.channels), len(times)
+    for k, channel in enumerate(data.channels):
+        mine = sorted((s for (_, name), s in data.signals.items() if name == channel), key=lambda s: -len(s.t))[:8]
+        fresh = [(s.t[f], s.y[f]) for s in mine if (f := fresh_samples(s.y)).any()]
+        for stride in STRIDES:
+            for order in ORDERS:
+                found = [difference_sigma(t[::stride], y[::stride], order) for t, y in fresh]
+                if not (good := [x for x in found if np.isfinite(x) and x > 0.0]):
+                    continue
+                row = np.zeros((c, p))
+                row[k] = [_difference_variance(order, stride * _spacing(fresh, period), time) for time in times]
+                limits.append((float(np.median(good)) * weight[k]) ** 2)
+                rows.append(row.ravel())
+    return np.array(limits), np.array(rows).reshape(-1, c * p)
+
+
+def _spacing(fresh: Sequence[tuple[np.ndarray, np.ndarray]], period: float) -> float:
+    """s between fresh samples."""
+    steps = [float(np.median(np.diff(t))) for t, _ in fresh if len(t) > 1]
+    return float(np.median(steps)) if steps else period
+
+
+def _difference_variance(order: int, step: float, time: float) -> float:
+    """Variance of the normalised difference of unit noise with a correlation time, sampled every `step` s; 1 if white."""
+    if time == 0.0:
+        return 1.0
+    weights = np.array([(-1.0) ** i * math.comb(order, i) for i in range(order + 1)])
+    apart = np.abs(np.subtract.outer(np.arange(order + 1), np.arange(order + 1)))
+    return float(weights @ np.exp(-apart * step / time) @ weights / (weights @ weights))
+
+
+def _envelope(
+    measured: np.ndarray, parts: np.ndarray, sure: np.ndarray, limits: np.ndarray, adds: np.ndarray
+) -> np.ndarray:
+    """(C, P) squared sizes of the parts whose increments lie under the measured ones, in relative least squares; a mean
+    of n independent squares has a relative variance of 2 / n. What exceeds the `limits` weighs as much as the best known
+    of the increments, what lies below them nothing."""
+    from scipy.optimize import nnls  # slow to import
+
+    c, p = parts.shape[2:]
+    use = (sure > 0.0) & (measured > 0.0)
+    rows, target = parts[use].reshape(-1, c * p), measured[use]
+    if not len(target):
+        return np.zeros((c, p))
+    rows = np.concatenate([rows / target[:, None], adds / limits[:, None]])
+    known = np.concatenate([np.sqrt(sure[use]), np.full(len(limits), float(np.sqrt(sure.max())))])
+    least = np.concatenate([np.ones(len(target)), np.zeros(len(limits))])
+    slack = np.concatenate([np.ones(len(target)), np.full(len(limits), LEEWAY)])
+    weight = known * least
+    size = np.zeros(c * p)
+    for _ in range(ROUNDS):
+        size = nnls(rows * weight[:, None], weight * np.where(least > 0.0, 1.0, LEEWAY), maxiter=500)[0]
+        again = known * np.sqrt(np.where(rows @ size > slack, EXCESS, least))
+        if np.array_equal(again, weight):
+            break
+        weight = again
+    return np.asarray(size.reshape(c, p))

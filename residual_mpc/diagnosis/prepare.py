@@ -1,0 +1,64 @@
+"""The first phase of a diagnosis: the runs cut into windows, what is kept back of them, and the hypotheses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.gap import Scales, measure_scales, per_window
+from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.horizons import Look, foretold, longer_horizons, look_at
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.space import Space, build_space
+from residual_mpc.diagnosis.spikes import Outliers, find_outliers
+from residual_mpc.logs.run import Run
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Settings
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
+    may see; longer: the same runs over the longer horizons that the nominal model can predict."""
+
+    raw: Dataset
+    clean: Dataset
+    scales: Scales
+    outliers: Outliers
+    kept: tuple[KeptBack, ...]
+    held: np.ndarray
+    space: Space
+    longer: tuple[Look, ...]
+
+    @property
+    def fitting(self) -> Dataset:
+        """The windows that fits may see, without outliers."""
+        return self.clean.take(~self.held)
+
+
+def prepare(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    noise: dict[str, float],
+    tunable: Sequence[str],
+    options: Options,
+    rng: np.random.Generator,
+) -> Prepared:
+    """robots[i] is the nominal model of runs[i]; noise: what the user states. Raises BadInput where nothing can be
+    compared."""
+    raw = build_dataset(runs, robots, noise, options.horizon)
+    scales = measure_scales(raw)
+    outliers = find_outliers(raw)
+    clean = with_outliers_removed(raw, outliers.flagged)
+    kept = options.held_out
+    if kept is None:
+        kept = choose_held_out(raw, per_window(raw, scales, raw.y - predict(raw, Settings(1))[0]))
+    held = held_out_mask(raw, kept)
+    space = build_space(clean.take(~held), tunable, options.only, options.without)
+    looks = (
+        look_at(runs, robots, noise, h, kept, outliers.flagged) for h in longer_horizons(raw.runs, options.horizon)
+    )
+    longer = tuple(look for look in looks if look is not None and foretold(look, rng))
+    return Prepared(raw, clean, scales, outliers, kept, held, space, longer)

@@ -1,0 +1,123 @@
+"""The third phase of a diagnosis: what the search found, fitted to the end and questioned, before anything is opened."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.evidence import blocks_of
+from residual_mpc.diagnosis.explained import Explained
+from residual_mpc.diagnosis.fit import Fit, on_problem
+from residual_mpc.diagnosis.floor import noise_errors
+from residual_mpc.diagnosis.gap import Scales, gap_of
+from residual_mpc.diagnosis.how_far import Shrink, expected_errors, foretold
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.polish import Polished, polish
+from residual_mpc.diagnosis.prepare import Prepared
+from residual_mpc.diagnosis.problem import Problem, build_problem
+from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.rivals import Rivalry
+from residual_mpc.diagnosis.search import Found, window_trust, without
+from residual_mpc.diagnosis.significance import least_sure
+from residual_mpc.diagnosis.testable import NotTestable
+from residual_mpc.diagnosis.thinning import evenly
+from residual_mpc.diagnosis.witness import contradicted, witnesses
+from residual_mpc.models.settings import Settings, Term, Values
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What the second phase found: the set, its rivals, what these runs cannot show, and the windows it was found on,
+    all of those that fits may see."""
+
+    found: Found
+    rivalry: Rivalry
+    untestable: tuple[NotTestable, ...]
+    windows: Dataset
+    scales: Scales
+
+
+def refine(ready: Prepared, searched: Searched, options: Options, rng: np.random.Generator) -> Explained:
+    """The explanation with its numbers, less the effects that a closer look refutes, and the shrink expected of it."""
+    found, windows, scales = searched.found, searched.windows, searched.scales
+    problem = build_problem(windows, ready.space, 1.0 / found.problem.weight, found.problem.motion)
+    problem = _trusting(problem, searched.rivalry.fit.values, scales)
+    polished, base = polish(problem, [searched.rivalry.fit.values, found.base.values], options.final_steps)
+    polished, vetoed = _heed_encoders(problem, polished, options)
+    polished, doubtful = _leave_doubtful(problem, polished, options)
+    final, before = polished.fit, base.fit
+    spoilt = ready.raw.take(~ready.held)
+    row = ready.space.settings([final.values])
+    with_outliers = _wanted(ready, options) and (
+        ready.outliers.frequent or _weigh(spoilt, ready.fitting, ready.scales, row, rng, options)
+    )
+    expected = None
+    if final.terms or with_outliers:
+        expected = _expected(ready, problem, final, before, with_outliers, rng)
+    return Explained(
+        ready.raw, ready.clean, ready.scales, ready.kept, ready.held, problem, scales, before, final, polished.ends,
+        searched.rivalry, searched.untestable, ready.outliers, with_outliers, vetoed, doubtful, expected,
+    )  # fmt: skip
+
+
+def _trusting(problem: Problem, values: Values, scales: Scales) -> Problem:
+    """The problem in which windows that diverge under these values weigh less."""
+    trust = window_trust(problem.data, scales, problem.data.y - problem.replays([values])[0])
+    return problem if (trust == 1.0).all() else replace(problem, count=trust)
+
+
+def _expected(
+    ready: Prepared, problem: Problem, final: Fit, base: Fit, with_outliers: bool, rng: np.random.Generator
+) -> Shrink:
+    """The shrink, by cross-validation on the windows of the headline's horizon."""
+    spoilt = ready.raw.take(~ready.held)
+    here = final
+    if problem.data.horizon != ready.raw.horizon and final.terms:
+        here = on_problem(build_problem(ready.fitting, ready.space, 1.0 / problem.weight), final)
+    before = spoilt.y - predict(spoilt, ready.space.settings([base.values]))[0]
+    after = expected_errors(ready.fitting if with_outliers else spoilt, ready.space, here)
+    kept_back = ready.raw.take(ready.held) if ready.held.any() else spoilt
+    return foretold(spoilt, kept_back, ready.scales, before, after, rng)
+
+
+def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
+    """The fit without the effects that the encoders contradict, and those."""
+    final = polished.fit
+    if not final.terms or not witnesses(problem.data):
+        return polished, ()
+    rows = [final.values, *(without(final.values, t) for t in final.terms)]
+    after, *less = predict(problem.data, problem.space.settings(rows))
+    bad = contradicted(problem.data, after, np.stack(less))
+    vetoed = tuple(t for t, b in zip(final.terms, bad, strict=True) if b)
+    if not vetoed:
+        return polished, ()
+    left = final.values
+    for t in vetoed:
+        left = without(left, t)
+    return polish(problem, [left], options.final_steps)[0], vetoed
+
+
+def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
+    """The fit without the effects that cannot be told from none on all windows, and those."""
+    blocks, gone = blocks_of(problem.data), list[Term]()
+    while (term := least_sure(polished.fit, blocks)) is not None:
+        gone.append(term)
+        polished = polish(problem, [without(polished.fit.values, term)], options.final_steps)[0]
+    return polished, tuple(gone)
+
+
+def _wanted(ready: Prepared, options: Options) -> bool:
+    name = "sensor_outliers"
+    return ready.outliers.enough and (not options.only or name in options.only) and name not in options.without
+
+
+def _weigh(
+    spoilt: Dataset, clean: Dataset, scales: Scales, row: Settings, rng: np.random.Generator, options: Options
+) -> bool:
+    """Whether the flagged samples, few as they are, make up much of what the effects leave: the search's own terms."""
+    keep = evenly(clean, options.final_steps)
+    spoilt, clean = spoilt.take(keep), clean.take(keep)
+    left, cleaned = (gap_of(d, scales, d.y - predict(d, row)[0]).total ** 2 for d in (spoilt, clean))
+    floor = float(np.mean([gap_of(clean, scales, e).total ** 2 for e in noise_errors(clean, row, rng, 4)]))
+    worth = max(2.0 * options.search.over_floor * floor, options.search.sizeable * (left - floor))
+    return left - cleaned > worth

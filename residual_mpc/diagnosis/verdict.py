@@ -1,0 +1,103 @@
+"""What the gaps say: none beyond the noise, explained, partly explained, or unknown (contract, section 5)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.dataset import Dataset
+from residual_mpc.diagnosis.floor import noise_errors
+from residual_mpc.diagnosis.gap import Gap, Scales, gap_of
+from residual_mpc.diagnosis.records import Verdict
+from residual_mpc.diagnosis.thinning import evenly
+from residual_mpc.models.settings import Settings
+
+LUCK = 4.0  # standard deviations of a perfect model's squared gap that chance is allowed
+MARGIN = 1.25  # a gap within this factor of the noise floor is none
+CHANNEL_MARGIN = 1.4  # likewise in one channel, of which there are several, each with less to average
+AS_GOOD = 2.0  # times the noise floor: as good as these sensors can tell
+SMALL = 0.05  # of the motion: small enough, whatever the noise
+DRAWS = 6
+STEPS = 100_000  # simulation steps that one draw may cost
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """The gap of a perfect model under the sensors' noise: its total and channels (C,), and what noise alone hardly
+    ever exceeds."""
+
+    total: float
+    channels: np.ndarray
+    luck: float
+    channel_luck: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class AtHorizon:
+    """The gaps over one horizon on the windows that are judged. held_out: whether no fit has seen these windows;
+    quantiles: of the windows' own gaps before and after, by "p50", "p90" and "max"."""
+
+    horizon: float
+    windows: int
+    held_out: bool
+    nominal: Gap
+    before: Gap
+    after: Gap
+    floor: Floor
+    quantiles: dict[str, dict[str, float]]
+
+
+def floor_of(
+    data: Dataset, scales: Scales, row: Settings, rng: np.random.Generator, draws: int = DRAWS, steps: int = STEPS
+) -> Floor:
+    """The noise floor of the model `row` on these windows (of very many, evenly chosen ones), with the data's noise."""
+    keep = evenly(data, steps)
+    some = data if keep.all() else data.take(keep)
+    return floor_from([gap_of(some, scales, e) for e in noise_errors(some, row, rng, draws)])
+
+
+def floor_from(drawn: Sequence[Gap]) -> Floor:
+    """The floor from the gaps that noise alone made."""
+    total = np.array([g.total**2 for g in drawn])
+    channels = np.array([g.channels**2 for g in drawn])
+    return Floor(
+        float(np.sqrt(total.mean())),
+        np.sqrt(channels.mean(axis=0)),
+        with_luck(total),
+        np.sqrt(channels.mean(axis=0) + LUCK * channels.std(axis=0, ddof=1)),
+    )
+
+
+def with_luck(draws: np.ndarray) -> float:
+    """The gap that noise hardly ever exceeds, from squared gaps that it alone made."""
+    return float(np.sqrt(draws.mean() + LUCK * draws.std(ddof=1)))
+
+
+def beyond(gap: Gap, floor: Floor) -> bool:
+    """Whether a gap is beyond the noise, in all or in one channel."""
+    if gap.total > max(MARGIN * floor.total, floor.luck):
+        return True
+    with np.errstate(invalid="ignore"):
+        return bool((gap.channels > np.maximum(CHANNEL_MARGIN * floor.channels, floor.channel_luck)).any())
+
+
+def as_good_as_told(gap: Gap, floor: Floor) -> bool:
+    """Whether a gap is as small as these sensors can tell, in all and in each channel."""
+    if gap.total > max(AS_GOOD * floor.total, SMALL):
+        return False
+    with np.errstate(invalid="ignore"):
+        return not bool((gap.channels > np.maximum(AS_GOOD * floor.channels, SMALL)).any())
+
+
+def verdict_of(looks: Sequence[AtHorizon], helps: bool) -> tuple[Verdict, float]:
+    """And the share of the squared gap beyond the floor that is left at the headline's horizon, the first of `looks`."""
+    if not helps:
+        return ("unknown", 1.0) if any(beyond(x.before, x.floor) for x in looks) else ("no_gap", 0.0)
+    share = left_share(looks[0])
+    return ("effects" if all(as_good_as_told(x.after, x.floor) for x in looks) else "partial"), share
+
+
+def left_share(look: AtHorizon) -> float:
+    """Of the squared gap beyond the noise floor, what is left."""
+    excess = max(look.before.total**2 - look.floor.total**2, 1e-12)
+    return float(np.clip((look.after.total**2 - look.floor.total**2) / excess, 0.0, 1.0))
