@@ -20,7 +20,8 @@ T95 = 1.96
 # is allowed for
 FORM = 0.5
 MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
-SHADOW = 0.2  # of the probability that is lost for each factor e by which more is left than the sensors can tell
+MOST_PARTIAL = 0.87  # factor where something is left that these sensors can tell
+SHADOW = 0.15  # of the probability that is lost for each factor e by which more is left than the sensors can tell
 LEAST_SURE = 0.5  # factor that stays however much is left
 APART = 2.5  # half-widths beyond which an interval is that wide since two fits end apart
 
@@ -104,7 +105,9 @@ def most_sure(verdict: str, unexplained: float, times_floor: float) -> float:
     all horizons."""
     if verdict == "effects" and times_floor <= AS_GOOD:
         return MOST_SURE
-    shadow = max(1.0 - SHADOW * float(np.log(max(times_floor / AS_GOOD, 1.0))), LEAST_SURE)
+    if verdict == "effects":
+        return MOST_SURE * (1.0 - unexplained)
+    shadow = max(MOST_PARTIAL - SHADOW * float(np.log(max(times_floor / AS_GOOD, 1.0))), LEAST_SURE)
     return MOST_SURE * (1.0 - unexplained) * shadow
 
 

@@ -93,6 +93,31 @@ class Dataset:
         )
 
 
+def joined(parts: Sequence[Dataset]) -> Dataset:
+    """The windows of several datasets of the same runs, of different horizons, as one."""
+    first = parts[0]
+    m = max(d.t.shape[1] for d in parts)
+
+    def padded(x: np.ndarray) -> np.ndarray:
+        return np.pad(x, [(0, 0), (0, m - x.shape[1])] + [(0, 0)] * (x.ndim - 2), constant_values=np.nan)
+
+    blocks, at = [], 0
+    for d in parts:
+        blocks += [Block(b.robot, slice(at + b.where.start, at + b.where.stop), b.drive) for b in d.blocks]
+        at += d.count
+    return replace(
+        first,
+        blocks=tuple(blocks),
+        run=np.concatenate([d.run for d in parts]),
+        start=np.concatenate([d.start for d in parts]),
+        t=np.concatenate([padded(d.t) for d in parts]),
+        y=np.concatenate([padded(d.y) for d in parts]),
+        compared=np.concatenate([d.compared for d in parts]),
+        horizon=max(d.horizon for d in parts),
+        skipped=sum(d.skipped for d in parts),
+    )
+
+
 def build_dataset(
     runs: Sequence[Run],
     robots: Sequence[Robot],

@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import Dataset
-from residual_mpc.diagnosis.gap import Scales, gap_of
-from residual_mpc.diagnosis.horizons import Look
+from residual_mpc.diagnosis.dataset import Dataset, joined
+from residual_mpc.diagnosis.evidence import blocks_of
+from residual_mpc.diagnosis.gap import Gap, Scales, gap_of
 from residual_mpc.diagnosis.learner import RidgeLearner
 from residual_mpc.diagnosis.noise_fit import with_noise
 from residual_mpc.diagnosis.opened import Made, open_held_out
@@ -20,11 +20,14 @@ from residual_mpc.diagnosis.rivals import find_rivals
 from residual_mpc.diagnosis.search import Found, search
 from residual_mpc.diagnosis.testable import not_testable
 from residual_mpc.diagnosis.thinning import thin, thin_whole, well_begun
-from residual_mpc.diagnosis.verdict import beyond, floor_of
+from residual_mpc.diagnosis.verdict import Floor, beyond, floor_of
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 
 Progress = Callable[[str, float], None]
+
+BLOCKS = 10  # stretches of time below which a search over longer windows needs a gap to explain: few say anything
+NEAR = 2.0  # times the noise floor within which longer windows sharpen the numbers of the last fit
 
 
 def diagnose(
@@ -53,23 +56,28 @@ def diagnose(
 
 def _search(ready: Prepared, options: Options, rng: np.random.Generator, progress: Progress) -> Searched:
     """The set of effects that the headline's horizon shows, and what longer ones add to it."""
-    windows, scales = ready.fitting, ready.scales
-    found = _on(
-        ready, windows, scales, None, options, rng, lambda text, done: progress(text, 0.1 + 0.4 * done)
+    windows = [(ready.fitting, ready.scales)]
+    found = first = _on(
+        ready, *windows[0], None, options, rng, lambda text, done: progress(text, 0.1 + 0.4 * done)
     )
-    first = found
     for look in ready.longer:
-        if look.free is None or not _shows_more(look, found, ready, rng):
+        if look.free is None:
             continue
-        progress(f"searching over {look.horizon:g} s", 0.5)
-        more = _on(ready, look.free, look.scales, found, options, rng, lambda text, done: None)
+        data, scales = look.free
+        data, gap, floor = _seen_over(data, scales, found, ready, rng)
+        if not beyond(gap, floor) and len(np.unique(blocks_of(data))) < BLOCKS:
+            continue
+        progress(f"searching over {data.horizon:g} s", 0.5)
+        more = _on(ready, data, scales, found, options, rng, lambda text, done: None)
         if more.steps:
-            found, windows, scales = more, look.free, look.scales
+            found, windows = more, [(data, scales)]
+        elif gap.total < NEAR * floor.total:
+            windows.append((data, scales))
     progress("comparing with rival explanations", 0.6)
     rivalry = find_rivals(found)
     by_noise = reweigh(first.problem, first.problem.data.sigma)
     untestable = not_testable(by_noise, first.base, rivalry.fit.terms)
-    return Searched(found, rivalry, untestable, windows, scales)
+    return Searched(found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])
 
 
 def _on(
@@ -89,12 +97,11 @@ def _on(
     return search(problem, scales, options.search, rng, report, None if start is None else start.fit.values)
 
 
-def _shows_more(look: Look, found: Found, ready: Prepared, rng: np.random.Generator) -> bool:
-    """Whether a longer horizon shows something beyond the noise, with what was found."""
-    assert look.free is not None
-    data = look.free
-    predicted = predict(data, ready.space.settings([found.fit.values]))[0]
-    problem = build_problem(data, ready.space, data.sigma)
-    data = with_noise(data, problem, look.scales, predicted)
-    floor = floor_of(data, look.scales, ready.space.settings([found.fit.values]), rng)
-    return beyond(gap_of(data, look.scales, data.y - predicted), floor)
+def _seen_over(
+    data: Dataset, scales: Scales, found: Found, ready: Prepared, rng: np.random.Generator
+) -> tuple[Dataset, Gap, Floor]:
+    """Longer windows with the noise that what was found leaves there, its gap and its floor."""
+    row = ready.space.settings([found.fit.values])
+    predicted = predict(data, row)[0]
+    data = with_noise(data, build_problem(data, ready.space, data.sigma), scales, predicted)
+    return data, gap_of(data, scales, data.y - predicted), floor_of(data, scales, row, rng)

@@ -20,6 +20,7 @@ LONGER = 5.0  # s
 LONGEST = 30.0  # s
 APART = 1.5  # times the horizon before it, from which a longer one says something new
 FEWEST = 3  # windows that a horizon needs
+LENGTHS = (20.0, 15.0, 10.0, 7.5)  # s: of windows that fits may see where none of a horizon's length is free
 FORETOLD = 0.1  # noise floor up to which a motion counts as foretold (contract, section 4)
 LOOK = 40_000  # simulation steps that the first look at a horizon may cost
 
@@ -28,14 +29,15 @@ LOOK = 40_000  # simulation steps that the first look at a horizon may cost
 class Look:
     """The runs over one horizon. raw: all its W windows as they were logged, clean: less the samples that jump away;
     held (W,) bool: the windows that lie in what is kept back; free: the windows that fits may see, cut from whatever
-    lies between, None where nothing is long enough."""
+    lies between and shorter where that is, with the scales of their motion; None where nothing there is longer than
+    the horizon before."""
 
     horizon: float
     raw: Dataset
     clean: Dataset
     scales: Scales
     held: np.ndarray
-    free: Dataset | None
+    free: "tuple[Dataset, Scales] | None"
 
     @property
     def test(self) -> np.ndarray:
@@ -60,10 +62,12 @@ def look_at(
     robots: Sequence[Robot],
     noise: Mapping[str, float],
     horizon: float,
+    shorter: float,
     kept: Sequence[KeptBack],
     flagged: Mapping[tuple[int, str], np.ndarray],
 ) -> Look | None:
-    """The runs over a horizon; None where nothing moves or no window has a measured start."""
+    """The runs over a horizon, of which `shorter` is the one before; None where nothing moves or no window has a
+    measured start."""
     whole = [window_starts(r, horizon) if r.t[-1] - r.t[0] >= horizon - r.period else r.t[:0] for r in runs]
     if sum(map(len, whole)) < FEWEST:
         return None
@@ -75,14 +79,31 @@ def look_at(
     clean = with_outliers_removed(raw, flagged)
     spans = [_spans(r, kept) for r in runs]
     held = np.array([_inside(spans[i], t, t + horizon) for i, t in zip(raw.run, raw.start, strict=True)])
-    between = [_free_starts(r, s, horizon) for r, s in zip(runs, spans, strict=True)]
-    free = None
-    if sum(map(len, between)) >= FEWEST:
+    return Look(horizon, raw, clean, scales, held, _free(runs, robots, noise, horizon, shorter, spans, flagged))
+
+
+def _free(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    noise: Mapping[str, float],
+    horizon: float,
+    shorter: float,
+    spans: Sequence[Sequence[tuple[float, float]]],
+    flagged: Mapping[tuple[int, str], np.ndarray],
+) -> tuple[Dataset, Scales] | None:
+    """The longest windows up to the horizon of which enough lie between what is kept back."""
+    for length in (horizon, *(x for x in LENGTHS if x < horizon)):
+        if length < APART * shorter:
+            break
+        between = [_free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
+        if sum(map(len, between)) < FEWEST:
+            continue
         try:
-            free = with_outliers_removed(build_dataset(runs, robots, noise, horizon, between), flagged)
-        except BadInput:
-            free = None
-    return Look(horizon, raw, clean, scales, held, free)
+            cut = with_outliers_removed(build_dataset(runs, robots, noise, length, between), flagged)
+            return cut, measure_scales(cut)
+        except BadInput:  # none has a measured start, or nothing moves
+            continue
+    return None
 
 
 def foretold(look: Look, rng: np.random.Generator) -> bool:

@@ -149,9 +149,8 @@ def _lucky(look: AtHorizon) -> bool:
 def _noise(of: Explained, longer: Sequence[Look], row: Settings) -> tuple[ChannelNoise, ...]:
     """The noise that the model leaves on the windows of the longest horizon that fits may see, since slow noise does not
     show in short ones."""
-    free = [look for look in longer if look.free is not None]
-    data, scales = (free[-1].free, free[-1].scales) if free else (of.clean.take(~of.held), of.scales)
-    assert data is not None
+    free = [look.free for look in longer if look.free is not None]
+    data, scales = free[-1] if free else (of.clean.take(~of.held), of.scales)
     problem = build_problem(data, of.space, data.sigma)
     return stated_sizes(data, fit_noise(problem, scales, predict(data, row)[0]))
 

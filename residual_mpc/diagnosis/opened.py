@@ -118,8 +118,7 @@ def _left(
     """What the learners make of the rest, and what it is like; what a perfect model might have left under this noise is
     not worth their time."""
     of, first = found.of, found.looks[0]
-    worth = verdict in ("partial", "unknown") or found.left.total > max(MARGIN * first.floor.total, first.floor.luck)
-    if not worth or verdict == "no_gap":
+    if verdict == "no_gap" or found.left.total <= max(MARGIN * first.floor.total, first.floor.luck):
         return NOTHING, None
     name, seen, current = ("after", of.after_data, of.final) if found.helps else ("before", of.raw, of.base)
     predicted, error, row = found.predicted[name], found.errors[name], of.space.settings([current.values])

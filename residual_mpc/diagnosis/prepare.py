@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -57,8 +58,9 @@ def prepare(
         kept = choose_held_out(raw, per_window(raw, scales, raw.y - predict(raw, Settings(1))[0]))
     held = held_out_mask(raw, kept)
     space = build_space(clean.take(~held), tunable, options.only, options.without)
+    wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon))
     looks = (
-        look_at(runs, robots, noise, h, kept, outliers.flagged) for h in longer_horizons(raw.runs, options.horizon)
+        look_at(runs, robots, noise, h, shorter, kept, outliers.flagged) for shorter, h in pairwise(wanted)
     )
     longer = tuple(look for look in looks if look is not None and foretold(look, rng))
     return Prepared(raw, clean, scales, outliers, kept, held, space, longer)

@@ -178,6 +178,8 @@ def convincing(
     # far above the noise residuals are coloured and the ratio cautious: a quarter of what is left asks for less of it
     sizeable = left > 4.0 * ruler.floor and removed > settings.sizeable * left
     least = settings.beyond_doubt_sizeable if sizeable else settings.beyond_doubt
+    if left > ruler.floor and removed > settings.most * left:  # the search is not finished while one effect closes that
+        least = min(least, settings.beyond_doubt_most)
     return bool(ratio >= least + settings.per_knob * knobs)
 
 

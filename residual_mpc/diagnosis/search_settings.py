@@ -10,7 +10,7 @@ class SearchSettings:
     beyond_doubt: likelihood ratio (drop in cost over dispersion) per added term, on top of `per_knob` for each knob;
     over_floor: an addition has to remove this multiple of the squared noise floor, below which nobody would see it;
     sizeable: share of the squared gap beyond the floor for which `beyond_doubt_sizeable` will do, where the gap is more
-    than twice the floor;
+    than twice the floor; most, beyond_doubt_most: likewise for an effect that closes most of what is left;
     shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set; beam: sets
     that a step starts from while more than the share `settled` of the squared gap beyond the floor is unexplained.
     """
@@ -20,8 +20,10 @@ class SearchSettings:
     over_floor: float = 0.3
     sizeable: float = 0.25
     beyond_doubt_sizeable: float = 12.0
+    most: float = 0.5
+    beyond_doubt_most: float = 8.0
     shortlist: int = 10
     finalists: int = 5
-    largest: int = 6
+    largest: int = 9
     beam: int = 4
     settled: float = 0.08
