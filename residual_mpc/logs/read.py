@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.cells import labels, numbers, numbers_or_none
+from residual_mpc.logs.cells import labels, numbers, numbers_or_none, whole_numbers
+from residual_mpc.logs.clock import IntArray, Stamps, count_from_start
 from residual_mpc.logs.columns import GROUPS, group, is_measured
 from residual_mpc.logs.find import find_tables, stem
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.layout import Layout, check_log, lay_out, recognised
+from residual_mpc.logs.layout import Layout, check_log, lay_out, logs_of, recognised
 from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.logs.stamps import CLASHES, Order, order_rows
 from residual_mpc.logs.table import Header, read_header, read_table
@@ -40,6 +41,7 @@ class _Piece:
     label: str  # the value of the column `run`, empty without one
     rows: NDArray[np.intp]  # (m,) rows of the table
     cells: dict[str, FloatArray]  # column of the table -> (rows of the table,)
+    whole: dict[str, IntArray]  # those that may be the time and hold whole numbers alone
     texts: frozenset[str]  # unknown columns that hold no numbers
     left_out: tuple[str, ...]  # unknown columns that were too large to keep
     warnings: tuple[str, ...]
@@ -100,7 +102,9 @@ def _pieces(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterato
         else:
             cells[name] = values
     left_out = tuple(name for name in header.names if name not in names)
-    rest = (cells, frozenset(texts), left_out, table.warnings)
+    clocks = {name: whole_numbers(table.columns[name]) for name in cells if _is_time(name, robot)}
+    whole = {name: values for name, values in clocks.items() if values is not None}
+    rest = (cells, whole, frozenset(texts), left_out, table.warnings)
     count = len(table.columns[names[0]]) if names else 0
     if count == 0:
         raise BadInput("the table has no rows", where, "leave it out, or record again")
@@ -116,9 +120,19 @@ def _pieces(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterato
         yield _Piece(header, label, rows, *rest)
 
 
+def _is_time(name: str, robot: RobotFile) -> bool:
+    """Whether a column holds the time stamps of some run."""
+    return name in {log.get("t", "t") for log in logs_of(robot)}
+
+
 def _shown(name: str, robot: RobotFile) -> str:
     """The log name where [log] renames the time column, whose cells have a message of their own."""
     return "t" if robot.log.get("t") == name else name
+
+
+def _stamps(piece: _Piece, column: str) -> Stamps:
+    whole = piece.whole.get(column)
+    return count_from_start(piece.cells[column][piece.rows], None if whole is None else whole[piece.rows])
 
 
 def _unique_names(pieces: Sequence[_Piece]) -> list[str]:
@@ -147,7 +161,11 @@ def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Fin
     layout = lay_out(piece.header.names, robot.log)
     _check_columns(layout, where, robot)
     findings = [Finding("warning", "table format", name, "", None, text) for text in piece.warnings]
-    order = order_rows(piece.cells[layout.columns["t"]][piece.rows], where)
+    stamps = _stamps(piece, layout.columns["t"])
+    if stamps.unit == "ns":
+        text = "the time stamps are in nanoseconds and were converted to seconds"
+        findings.append(Finding("info", "stamps in ns", name, "t", None, text))
+    order = order_rows(stamps, where)
     findings += [Finding("warning", kind, name, "t", None, text) for kind, text in order.warnings]
     columns = {
         key: order.apply(piece.cells[column][piece.rows])
@@ -174,12 +192,13 @@ def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Fin
         raise BadInput(what, where, "leave the run out")
     run = Run(
         name,
-        order.t[start:],
+        order.t[start:] - order.t[start],
         {key: values[start:] for key, values in columns.items()},
         layout.served_as_command,
         layout.extra,
         {key: values[start:] for key, values in extra_columns.items()},
         str(piece.header.path),
+        float(stamps.start + order.t[start]),
     )
     return run, findings + _remarks(run, piece, layout)
 

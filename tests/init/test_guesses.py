@@ -108,11 +108,20 @@ def test_encoder_counts_and_their_zero(model: Path, recorded: pd.DataFrame) -> N
     )
 
 
-@pytest.mark.parametrize(("column", "size"), [("t_ms", 1e3), ("timestamp", 1e3), ("stamp_us", 1e6), ("time", 1e9)])
+@pytest.mark.parametrize(("column", "size"), [("t_ms", 1e3), ("timestamp", 1e3), ("stamp_us", 1e6)])
 def test_units_of_time(model: Path, recorded: pd.DataFrame, column: str, size: float) -> None:
     table = recorded.rename(columns={"t": column})
-    table[column] = table[column] * size + (1.7e9 * size if size == 1e9 else 0.0)
+    table[column] *= size
     assert mends_of(drafted(model, table)) == {column: (pytest.approx(1 / size), 0.0)}
+
+
+@pytest.mark.parametrize("start", [0, 5 * 10**12, 1_700_000_000 * 10**9])
+def test_nanoseconds_need_no_mending(model: Path, recorded: pd.DataFrame, start: int) -> None:
+    table = recorded.rename(columns={"t": "stamp"})
+    table["stamp"] = start + (1e9 * table["stamp"]).astype("int64")
+    found = drafted(model, table)
+    assert found.mends == () and found.log == {"t": "stamp"}
+    assert ("unit of stamp", "ns") in {(g.what, g.value) for g in found.guesses}
 
 
 def test_dates_are_times(model: Path, recorded: pd.DataFrame) -> None:
