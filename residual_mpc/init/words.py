@@ -39,7 +39,6 @@ UNIT_WORDS = frozenset(
 GENERIC_WORDS = frozenset(
     "joint joints jnt motor motors servo servos actuator actuators axis robot dof data value".split()
 )
-RUN_WORDS = frozenset("run runs episode episodes trial trials rollout rollouts experiment trajectory traj".split())
 TIME_WORDS = frozenset(
     "t time times timestamp timestamps stamp stamps clock sec secs seconds second nsec nsecs nanosec nanoseconds"
     " millis ms us ns msec usec micros nanos elapsed".split()

@@ -49,12 +49,13 @@ class Order:
         return np.isfinite(sorted_values) & (sorted_values != self.apply(values)[sample])
 
 
-def order_rows(stamps: Stamps, where: str) -> Order:
+def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'") -> Order:
     """Drop rows without a stamp, sort the few that are out of order, and gather those of one stamp.
 
     Args:
         stamps: of m rows, as they came.
         where: the run, for messages.
+        apart: what would tell several runs of a table apart, for messages.
 
     Raises:
         BadInput: fewer than two stamps, stamps that run backwards or start again, or are not in seconds.
@@ -73,7 +74,7 @@ def order_rows(stamps: Stamps, where: str) -> Order:
         )
     late = _out_of_order(t)
     if late.size:
-        t, rows = _sorted(stamps, rows, late, where)
+        t, rows = _sorted(stamps, rows, late, where, apart)
         warnings.append(("stamps out of order", f"{late.size} rows were out of order and were sorted"))
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0.0)
     if len(first) < len(t):
@@ -93,7 +94,7 @@ def _out_of_order(t: FloatArray) -> NDArray[np.intp]:
 
 
 def _sorted(
-    stamps: Stamps, rows: NDArray[np.intp], late: NDArray[np.intp], where: str
+    stamps: Stamps, rows: NDArray[np.intp], late: NDArray[np.intp], where: str, apart: str
 ) -> tuple[FloatArray, NDArray[np.intp]]:
     t = stamps.t[rows]
     order = np.argsort(t, kind="stable")
@@ -104,7 +105,7 @@ def _sorted(
             f"data row {rows[k] + 1} is stamped {stamps.logged(t[k])} s, the row before it {stamps.logged(t[k - 1])} s;"
             f" {late.size} of {len(t)} rows are out of order",
             where,
-            "if the table holds several runs, tell them apart by a column 'run'; else sort it by 't'",
+            f"if the table holds several runs, tell them apart by {apart}; else sort it by 't'",
         )
     return t[order], rows[order]
 
