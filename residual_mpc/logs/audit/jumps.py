@@ -11,7 +11,7 @@ from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run
 from residual_mpc.logs.signals import Jumps, find_jumps, noise_sigma
 
-MANY_SPIKES = 0.005  # share of the samples
+MANY_SPIKES = 0.005  # share of the samples of all runs
 FEW_LATE = 5  # late stamps, and their share of a run's samples, below which nothing is said
 LATE = 0.002
 AGREEING = 0.8  # share of them that are late and not early
@@ -38,8 +38,9 @@ def _spikes(name: str, runs: Sequence[Run], found: Sequence[Mapping[str, Jumps]]
     row = int(np.flatnonzero(flags)[0])
     alone = len(jumping) == 1
     count = sum(int(flags.sum()) for _, flags in jumping)
-    total = sum(int(np.isfinite(run.columns[name]).sum()) for run, _ in (jumping if alone else having))
-    severity = "warning" if count > MANY_SPIKES * total else "info"
+    sizes = {run.name: int(np.isfinite(run.columns[name]).sum()) for run, _ in having}
+    severity = "warning" if count > MANY_SPIKES * sum(sizes.values()) else "info"
+    total = sizes[first.name] if alone else sum(sizes.values())
     message = f"{count} of {total} samples of {name} jump away and come back, first at t = {first.t[row]:.6g} s"
     if alone:
         return [Finding(severity, "spikes", first.name, name, row, message)]  # type: ignore[arg-type]
