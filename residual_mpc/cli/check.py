@@ -132,7 +132,10 @@ def _fault(kind: str, run: str, fault: BadInput) -> "Finding":
 
 
 def _described(run: "Run", model: "Robot") -> dict[str, Any]:
-    """One run as `--json` has it: s and Hz; a channel's rate counts neither missing nor repeated samples."""
+    """One run as `--json` has it: s and Hz; `start` is what the log's own clock showed at t = 0.
+
+    A channel's rate counts neither missing nor repeated samples.
+    """
     import numpy as np
 
     from residual_mpc.diagnosis.dataset import compared_channels
@@ -152,6 +155,7 @@ def _described(run: "Run", model: "Robot") -> dict[str, Any]:
     return {
         "run": run.name,
         "source": run.source,
+        "start": run.start,
         "samples": len(run.t),
         "seconds": seconds,
         "rate": 1.0 / run.period,

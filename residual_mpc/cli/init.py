@@ -65,7 +65,9 @@ def init(
 
 
 def _say(drafted: "Draft") -> None:
-    """One line on stderr for everything guessed, to be mended, and left."""
+    """One line on stderr for everything noted, guessed, to be mended, and left."""
+    for note in drafted.notes:
+        click.echo(f"note: {note}", err=True)
     for guess in drafted.guesses:
         click.echo(f"guess: {guess}", err=True)
     for item in drafted.missing:
@@ -118,6 +120,7 @@ def _document(drafted: "Draft", trial: "Trial", out: Path, following: str, ready
     ]
     return {
         "robot": str(out),
+        "notes": list(drafted.notes),
         "guesses": guesses,
         "unmatched": [asdict(u) for u in drafted.unmatched],
         "missing": [asdict(u) for u in drafted.missing],

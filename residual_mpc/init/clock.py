@@ -12,6 +12,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.init.guess import Guess, Mend
 from residual_mpc.init.recording import Recording
 from residual_mpc.init.words import TIME_WORDS, tokens
+from residual_mpc.logs.clock import count_from_start
 from residual_mpc.logs.run import FloatArray
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
@@ -67,7 +68,7 @@ def find_clock(recordings: Sequence[Recording]) -> Clock:
     if any(best in r.dates for r in recordings):
         why = "the log format wants numbers, in s, and these are dates (the factor is for ns since 1970)"
         mends.append(Mend(best, 1e-9, 0.0, why, 1.0))
-    elif unit != "s":
+    elif unit != "s" and not (unit == "ns" and _read_as_nanoseconds(best, recordings)):
         mends.append(Mend(best, UNITS[unit], 0.0, f"the log format wants s, and these are {unit}: {reason}", sure))
     return Clock(best, UNITS[unit], tuple(guesses), tuple(mends))
 
@@ -76,6 +77,11 @@ def seconds(clock: Clock, recording: Recording) -> FloatArray:
     """(n,) s from the first stamp, NaN where one is missing."""
     raw = recording.columns[clock.column]
     return np.asarray((raw - np.nanmin(raw)) * clock.unit)
+
+
+def _read_as_nanoseconds(name: str, recordings: Sequence[Recording]) -> bool:
+    """Whether a column needs no mending, since every command reads it as nanoseconds by itself."""
+    return all(count_from_start(r.columns[name], None).unit == "ns" for r in recordings)
 
 
 def _named(name: str) -> bool:

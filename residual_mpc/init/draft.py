@@ -49,6 +49,7 @@ class Draft:
         guesses: everything guessed, in the order of the file.
         mends: columns that have to be written anew.
         unmatched: columns that are not used. missing: names without a column.
+        notes: how the tables were read, where that needs a word.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Draft:
     mends: tuple[Mend, ...]
     unmatched: tuple[Unmatched, ...]
     missing: tuple[Unmatched, ...]
+    notes: tuple[str, ...]
 
 
 def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
@@ -124,6 +126,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
         mends,
         _unmatched(whole, roles, recordings, {**_no_pose(anatomy, words), **left}),
         _missing(case, roles),
+        tuple(dict.fromkeys(r.note for r in recordings if r.note)),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from residual_mpc.init.assign import NEVER, Odds, Rule
 from residual_mpc.init.case import Case, Roles
+from residual_mpc.init.pace import ALIKE, paced
 from residual_mpc.init.signals import CLEAR, NOTHING, Signals
 from residual_mpc.init.words import Words, called
 from residual_mpc.logs.columns import PER_BODY, group
@@ -90,13 +91,14 @@ def _inside(signals: Signals, words: Words, joint: Joint) -> tuple[float, str]:
 
 def velocities(case: Case, roles: Roles) -> dict[str, Rule]:
     found = roles.of("position")
+    unnamed = paced(case, found)
     return {
-        f"velocity.{joint.name}": partial(_velocity, case, i, found.get(joint.name))
+        f"velocity.{joint.name}": partial(_velocity, case, unnamed, i, found.get(joint.name))
         for i, joint in enumerate(case.anatomy.joints)
     }
 
 
-def _velocity(case: Case, member: int, position: str | None, words: Words) -> Odds:
+def _velocity(case: Case, unnamed: frozenset[str], member: int, position: str | None, words: Words) -> Odds:
     if words.quantity not in (None, "velocity") or words.commanded and not words.measured:
         return NEVER, ()
     whose, why = case.joints.evidence(words, member)
@@ -110,7 +112,7 @@ def _velocity(case: Case, member: int, position: str | None, words: Words) -> Od
         reasons.append(f"it goes like the rate of {position} (correlation {seen.correlation:.2f})")
     elif position and seen is not NOTHING and r < 0.3:
         odds -= 2.0
-    if words.quantity is None and r < 0.9:
+    if words.quantity is None and (words.name not in unnamed or r < ALIKE):
         return NEVER, ()
     return odds, tuple(reasons)
 
@@ -121,7 +123,7 @@ def efforts(case: Case) -> dict[str, Rule]:
 
 def _effort(case: Case, member: int, words: Words) -> Odds:
     # a current is no torque, though it may be proportional to one
-    amps = {"current", "currents", "amps", "amp", "load"} & set(words.every)
+    amps = {"current", "currents", "curr", "iq", "amps", "amp", "ampere", "amperes", "load"} & set(words.every)
     if words.quantity != "effort" or words.commanded or amps:
         return NEVER, ()
     whose, why = case.joints.evidence(words, member)

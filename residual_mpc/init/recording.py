@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.words import RUN_WORDS, TIME_WORDS, tokens
+from residual_mpc.init.words import TIME_WORDS, tokens
 from residual_mpc.logs.cells import labels, numbers_or_none
+from residual_mpc.logs.columns import RUNS as RUN_WORDS
 from residual_mpc.logs.find import find_tables, stem
 from residual_mpc.logs.run import FloatArray
 from residual_mpc.logs.table import read_header, read_table
@@ -29,6 +30,7 @@ class Recording:
     dates: names of columns that hold dates.
     run_column: which tells the runs of the table apart, None where it holds one.
     label: the value of run_column, empty without one.
+    note: what became of the table's list columns, empty without any.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Recording:
     dates: frozenset[str] = frozenset()
     run_column: str | None = None
     label: str = ""
+    note: str = ""
 
     @property
     def rows(self) -> int:
@@ -67,13 +70,14 @@ def _read(path: Path) -> list[Recording]:
             texts.append(name)
         else:
             cells[name] = values
+    texts += list(table.faults)
     rows = len(next(iter(table.columns.values()), ()))
     if rows < 2:
         came = "one sample" if rows == 1 else "no sample"
         raise BadInput(f"{came} came, at least two were wanted", str(path), "leave the table out, or record again")
     if not cells:
         raise BadInput("no column holds numbers", str(path), "write numbers with a decimal point, empty where missing")
-    whole = Recording(stem(path), path, cells, tuple(texts), frozenset(dates))
+    whole = Recording(stem(path), path, cells, tuple(texts), frozenset(dates), note=header.note)
     run_column = _run_column(table.columns, cells, rows)
     return [whole] if run_column is None else _split(whole, run_column, table.columns[run_column])
 
@@ -98,7 +102,7 @@ def _split(whole: Recording, run_column: str, column: Any) -> list[Recording]:
         rows = np.flatnonzero(of_row == label)
         cells = {name: values[rows] for name, values in whole.columns.items() if name != run_column}
         name = f"{whole.name}/{label}"
-        parts.append(Recording(name, whole.source, cells, whole.texts, whole.dates, run_column, label))
+        parts.append(replace(whole, name=name, columns=cells, run_column=run_column, label=label))
     return parts
 
 

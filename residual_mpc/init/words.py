@@ -22,7 +22,11 @@ QUANTITY_WORDS: Mapping[str, Quantity] = {
     for quantity, words in (
         ("position", "position positions pos q qpos angle angles ang theta encoder enc ticks counts displacement"),
         ("velocity", "velocity velocities vel speed speeds dq qd qdot qvel omega rate dtheta thetadot rpm dps w"),
-        ("effort", "effort efforts torque torques tau force load moment trq current currents amps amp"),
+        (
+            "effort",
+            "effort efforts eff torque torques torq trq tq nm tau force load moment"
+            " current currents curr iq amps amp ampere amperes",
+        ),
         ("acceleration", "acceleration accelerations acc accel qdd ddq qddot"),
         ("enabled", "enabled enable on active engaged"),
         (
@@ -39,7 +43,6 @@ UNIT_WORDS = frozenset(
 GENERIC_WORDS = frozenset(
     "joint joints jnt motor motors servo servos actuator actuators axis robot dof data value".split()
 )
-RUN_WORDS = frozenset("run runs episode episodes trial trials rollout rollouts experiment trajectory traj".split())
 TIME_WORDS = frozenset(
     "t time times timestamp timestamps stamp stamps clock sec secs seconds second nsec nsecs nanosec nanoseconds"
     " millis ms us ns msec usec micros nanos elapsed".split()

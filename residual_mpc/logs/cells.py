@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import FloatArray
@@ -36,6 +37,19 @@ def numbers(column: Any, name: str, where: str) -> FloatArray:
 def numbers_or_none(column: Any) -> FloatArray | None:
     """An Arrow column as (n,) floats, or None where it holds anything else."""
     return _cast(column)
+
+
+def whole_numbers(column: Any) -> NDArray[np.int64] | None:
+    """An Arrow column of whole numbers as (n,), 0 where a cell is empty; None where it holds anything else."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not pa.types.is_integer(column.type):
+        return None
+    try:
+        return np.array(pc.fill_null(column.cast(pa.int64()), 0).to_numpy(), dtype=np.int64)
+    except pa.ArrowInvalid:  # beyond 63 bits
+        return None
 
 
 def labels(column: Any, name: str, where: str) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 
 PLANAR = ("x", "y", "theta")
@@ -11,6 +12,8 @@ PER_JOINT = ("position", "velocity", "effort")
 PER_BODY = ("pose", "twist")
 GROUPS = PER_ACTUATOR + PER_JOINT + PER_BODY
 SPECIAL = ("t", "run")
+TIMES = ("timestamp", "time", "stamp", "clock", "seconds", "secs", "sec", "t")  # the likeliest first
+RUNS = frozenset("run runs episode episodes trial trials rollout rollouts experiment trajectory traj".split())
 
 
 def group(name: str) -> str | None:
@@ -31,6 +34,21 @@ def member(name: str) -> str:
 def is_measured(name: str) -> bool:
     """Whether a name stands for something that the robot's sensors or its localisation reported."""
     return group(name) in PER_JOINT + PER_BODY
+
+
+def likely_time(names: Iterable[str]) -> str | None:
+    """The column whose name is most like that of a time, or None."""
+    words = {name: _words(name) for name in names}
+    return next((name for time in TIMES for name in words if time in words[name]), None)
+
+
+def likely_run(names: Iterable[str]) -> str | None:
+    """The first column whose name is like that of a run, or None."""
+    return next((name for name in names if _words(name) & RUNS), None)
+
+
+def _words(name: str) -> set[str]:
+    return set(re.findall("[a-z]+", name.lower()))
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

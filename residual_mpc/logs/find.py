@@ -7,8 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from residual_mpc.errors import BadInput
+from residual_mpc.logs.formats import recognise_file
+from residual_mpc.logs.lists import DATA_SET
 
 SUFFIXES = (".parquet", ".csv", ".csv.gz", ".tsv")
+MANY = 50  # files of a folder that are looked into to say what it holds
 
 
 def find_tables(paths: Sequence[str | Path]) -> tuple[Path, ...]:
@@ -56,10 +59,22 @@ def _expand(text: str) -> list[Path]:
 
 def _tables_of(folder: Path) -> list[Path]:
     try:
-        files = [f for f in sorted(folder.iterdir()) if f.name.lower().endswith(SUFFIXES) and f.is_file()]
+        inside = [f for f in sorted(folder.iterdir()) if f.is_file() and not f.name.startswith(".")]
     except OSError as fault:
         raise BadInput(f"the folder cannot be read ({fault.strerror})", str(folder)) from fault
-    files = [f for f in files if not f.name.startswith(".")]
+    files = [f for f in inside if f.name.lower().endswith(SUFFIXES)]
     if not files:
-        raise BadInput("this folder holds no table", str(folder), f"runs are files ending in {', '.join(SUFFIXES)}")
+        raise _no_table(folder, inside)
     return files
+
+
+def _no_table(folder: Path, inside: Sequence[Path]) -> BadInput:
+    """A folder without tables, and what it holds instead."""
+    if (folder / DATA_SET).is_file():
+        tables = folder / "data" / "chunk-*" / "*.parquet"
+        return BadInput("this is a LeRobot data set", str(folder), f"give its tables: '{tables}'")
+    for file in inside[:MANY]:
+        other = recognise_file(file)
+        if other is not None:
+            return BadInput(f"this folder holds no table; {file.name} is {other.name}", str(folder), other.remedy)
+    return BadInput("this folder holds no table", str(folder), f"runs are files ending in {', '.join(SUFFIXES)}")

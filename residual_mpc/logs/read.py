@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.cells import labels, numbers, numbers_or_none
-from residual_mpc.logs.columns import GROUPS, group, is_measured
+from residual_mpc.logs.cells import labels, numbers, numbers_or_none, whole_numbers
+from residual_mpc.logs.clock import IntArray, Stamps, count_from_start
+from residual_mpc.logs.columns import GROUPS, group, is_measured, likely_run, likely_time
 from residual_mpc.logs.find import find_tables, stem
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.layout import Layout, check_log, lay_out, recognised
+from residual_mpc.logs.layout import Layout, check_log, lay_out, logs_of, recognised
 from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.logs.stamps import CLASHES, Order, order_rows
 from residual_mpc.logs.table import Header, read_header, read_table
@@ -40,6 +41,7 @@ class _Piece:
     label: str  # the value of the column `run`, empty without one
     rows: NDArray[np.intp]  # (m,) rows of the table
     cells: dict[str, FloatArray]  # column of the table -> (rows of the table,)
+    whole: dict[str, IntArray]  # those that may be the time and hold whole numbers alone
     texts: frozenset[str]  # unknown columns that hold no numbers
     left_out: tuple[str, ...]  # unknown columns that were too large to keep
     warnings: tuple[str, ...]
@@ -93,6 +95,11 @@ def _pieces(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterato
     for name in names:
         if name == run_column:
             continue
+        if name in table.faults:
+            if name in needed:
+                raise BadInput(table.faults[name], where, "write lists of one length, or a column for each element")
+            texts.add(name)
+            continue
         values = numbers(table.columns[name], _shown(name, robot), where) if name in needed else None
         values = numbers_or_none(table.columns[name]) if values is None else values
         if values is None:
@@ -100,8 +107,10 @@ def _pieces(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterato
         else:
             cells[name] = values
     left_out = tuple(name for name in header.names if name not in names)
-    rest = (cells, frozenset(texts), left_out, table.warnings)
-    count = len(table.columns[names[0]]) if names else 0
+    clocks = {name: whole_numbers(table.columns[name]) for name in cells if _is_time(name, robot)}
+    whole = {name: values for name, values in clocks.items() if values is not None}
+    rest = (cells, whole, frozenset(texts), left_out, table.warnings)
+    count = max((len(column) for column in table.columns.values()), default=0)
     if count == 0:
         raise BadInput("the table has no rows", where, "leave it out, or record again")
     if run_column is None:
@@ -116,9 +125,19 @@ def _pieces(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterato
         yield _Piece(header, label, rows, *rest)
 
 
+def _is_time(name: str, robot: RobotFile) -> bool:
+    """Whether a column holds the time stamps of some run."""
+    return name in {log.get("t", "t") for log in logs_of(robot)}
+
+
 def _shown(name: str, robot: RobotFile) -> str:
     """The log name where [log] renames the time column, whose cells have a message of their own."""
     return "t" if robot.log.get("t") == name else name
+
+
+def _stamps(piece: _Piece, column: str) -> Stamps:
+    whole = piece.whole.get(column)
+    return count_from_start(piece.cells[column][piece.rows], None if whole is None else whole[piece.rows])
 
 
 def _unique_names(pieces: Sequence[_Piece]) -> list[str]:
@@ -147,7 +166,13 @@ def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Fin
     layout = lay_out(piece.header.names, robot.log)
     _check_columns(layout, where, robot)
     findings = [Finding("warning", "table format", name, "", None, text) for text in piece.warnings]
-    order = order_rows(piece.cells[layout.columns["t"]][piece.rows], where)
+    if piece.header.note:
+        findings.append(Finding("info", "list columns", name, "", None, piece.header.note))
+    stamps = _stamps(piece, layout.columns["t"])
+    if stamps.unit == "ns":
+        text = "the time stamps are in nanoseconds and were converted to seconds"
+        findings.append(Finding("info", "stamps in ns", name, "t", None, text))
+    order = order_rows(stamps, where, _apart(layout))
     findings += [Finding("warning", kind, name, "t", None, text) for kind, text in order.warnings]
     columns = {
         key: order.apply(piece.cells[column][piece.rows])
@@ -174,12 +199,13 @@ def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Fin
         raise BadInput(what, where, "leave the run out")
     run = Run(
         name,
-        order.t[start:],
+        order.t[start:] - order.t[start],
         {key: values[start:] for key, values in columns.items()},
         layout.served_as_command,
         layout.extra,
         {key: values[start:] for key, values in extra_columns.items()},
         str(piece.header.path),
+        float(stamps.start + order.t[start]),
     )
     return run, findings + _remarks(run, piece, layout)
 
@@ -188,10 +214,11 @@ def _check_columns(layout: Layout, where: str, robot: RobotFile) -> None:
     here = [*layout.columns, *layout.extra]
     listed = ", ".join(here[:30]) + (", ..." if len(here) > 30 else "")
     if "t" not in layout.columns:
+        likely = likely_time(here) or "the column's name"
         raise BadInput(
             f"there is no column 't' (time stamps in s); the columns are {listed}",
             where,
-            'name it in the robot file, under [log]: "t" = "the column\'s name"',
+            f'name it in the robot file, under [log]: "t" = "{likely}"',
         )
     for wanted, example, found in (
         ("command", "command.<actuator>", [n for n in layout.columns if group(n) == "command"]),
@@ -207,6 +234,12 @@ def _check_columns(layout: Layout, where: str, robot: RobotFile) -> None:
                 where,
                 'rename columns in the robot file, under [log]: "' + example.split(",")[0] + '" = "the column\'s name"',
             )
+
+
+def _apart(layout: Layout) -> str:
+    """What would tell the runs of a table apart."""
+    likely = None if "run" in layout.columns else likely_run(layout.extra)
+    return "a column 'run'" if likely is None else f'"run" = "{likely}" under [log] in the robot file'
 
 
 def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str) -> None:

@@ -19,12 +19,13 @@ class Run:
 
     Attributes:
         name: unique among the runs of a call.
-        t: (n,) s, strictly increasing, finite, n >= 2.
+        t: (n,) s, strictly increasing, finite, n >= 2; runs that were read count from their first sample.
         columns: recognised columns, each (n,) in the unit of the log format; NaN is a missing sample.
         served_as_command: measured columns of `columns` that also serve as a command and are not compared.
         extra: names of the table's other columns, which nothing here understands.
         extra_columns: those of them that are numeric, each (n,).
         source: the file, for messages.
+        start: s, what the log's own clock showed at t = 0.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Run:
     extra: tuple[str, ...] = ()
     extra_columns: Mapping[str, FloatArray] = field(default_factory=dict)
     source: str = ""
+    start: float = 0.0
 
     def __post_init__(self) -> None:
         n = len(self.t)

@@ -7,6 +7,7 @@ as (n,) s, strictly increasing.
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,20 @@ FLANK = 0.3  # of a spike's height: the most that the samples beside it may shar
 REACH = 11  # samples in the window of a local polynomial
 STRETCH = 61  # samples over which errors of prediction are usual
 SPIKE = 6.0  # times the noise, and times the local error of prediction
+STAMP = 0.1  # of the period: how far any stamp may be off; one that is early by more is rather late by the rest
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Samples of a channel that lie off the curve of their neighbours.
+
+    Attributes:
+        outlier: (n,) bool: no time at which the sample may have been taken puts it on the curve.
+        late: (n,) s: by how much the stamp is late where another time does; NaN elsewhere.
+    """
+
+    outlier: BoolArray
+    late: FloatArray
 
 
 def unwrap_with_gaps(y: FloatArray) -> FloatArray:
@@ -151,19 +166,28 @@ def difference_sigma(t: FloatArray, y: FloatArray, order: int) -> float:
 
 
 def spikes(t: FloatArray, y: FloatArray, sigma: float) -> BoolArray:
-    """The samples that jump away and come back within three samples, (n,).
+    """The samples that jump away and come back within three samples, (n,): the outliers of `find_jumps`."""
+    return find_jumps(t, y, sigma).outlier
 
-    A spike lies off a robust quadratic through its eleven nearest fresh samples, and off the line of either
+
+def find_jumps(t: FloatArray, y: FloatArray, sigma: float) -> Jumps:
+    """The samples that jump away and come back within three samples, and those whose stamps are late instead.
+
+    An outlier lies off a robust quadratic through its eleven nearest fresh samples, and off the line of either
     side continued to it, by more than six sigma of the noise, of the quadratic's errors at its neighbours,
     and of what is usual in that stretch, so that fast motion, steps and corners are none. The first and the
     last three samples of a run cannot be seen to come back, and are never flagged.
+
+    While a robot moves with v, a sample whose stamp is late by d lies v d behind the curve. How late it may be is
+    seen from the stamps: by how much they leave the even grid of their neighbours, and a tenth of the period that no
+    stamp shows. What such a shift explains is no outlier.
 
     Args:
         t: (n,) s.
         y: (n,).
         sigma: 1-sigma noise of the channel, in its unit; see `noise_sigma`.
     """
-    out = np.zeros(len(y), dtype=bool)
+    out = Jumps(np.zeros(len(y), dtype=bool), np.full(len(y), np.nan))
     where = np.flatnonzero(fresh_samples(y))
     if len(where) < REACH:
         return out
@@ -171,18 +195,22 @@ def spikes(t: FloatArray, y: FloatArray, sigma: float) -> BoolArray:
     for part in np.array_split(where, max(1, len(where) // 100_000)):
         first, last = np.searchsorted(where, [part[0], part[-1]])
         around = where[max(0, first - STRETCH) : last + 1 + STRETCH]  # no trace of the cuts
-        out[part] = np.isin(part, around[_jumps(t[around], y[around], floor)])
+        found = _jumps(t[around], y[around], floor)
+        mine = slice(first - np.searchsorted(where, around[0]), None)
+        out.outlier[part] = found.outlier[mine][: len(part)]
+        out.late[part] = found.late[mine][: len(part)]
     return out
 
 
-def _jumps(t: FloatArray, y: FloatArray, floor: float) -> BoolArray:
-    """The spikes among consecutive fresh samples, (n,); floor is the smallest that counts."""
+def _jumps(t: FloatArray, y: FloatArray, floor: float) -> Jumps:
+    """The jumps among consecutive fresh samples; floor is the smallest that counts."""
     n = len(t)
     first = np.clip(np.arange(n) - REACH // 2, 0, n - REACH)
     window = first[:, None] + np.arange(REACH)  # (n, REACH)
     own = window == np.arange(n)[:, None]
     tau = t[window] - t[:, None]
-    tau /= np.abs(tau).max(axis=1, keepdims=True)
+    reach = np.abs(tau).max(axis=1)  # (n,) s
+    tau /= reach[:, None]
     square = tau * tau
     powers = np.stack([np.ones_like(tau), tau, square, square * tau, square * square])  # (5, n, REACH)
     values = y[window] - y[:, None]  # about the sample itself, for the sake of the digits
@@ -191,7 +219,8 @@ def _jumps(t: FloatArray, y: FloatArray, floor: float) -> BoolArray:
     for _ in range(6):  # reweighted least squares, without the sample itself
         scale = np.median(np.abs(error), axis=1, keepdims=True) + 0.1 * floor + 1e-300
         weight = np.where(own, 0.0, 1.0 / (1.0 + np.minimum(np.abs(error) / scale, 1e6) ** 2))
-        error = values - _quadratic(powers, values, weight)
+        fit, slope = _quadratic(powers, values, weight)
+        error = values - fit
     away = error[own]  # (n,) one own sample a window
     nearest = np.abs(away)
     for side in (tau < 0.0, tau > 0.0):  # at a corner one side's line, continued, meets the sample
@@ -201,15 +230,49 @@ def _jumps(t: FloatArray, y: FloatArray, floor: float) -> BoolArray:
     others = np.sort(np.where(own, np.inf, np.abs(error)), axis=1)
     local = others[:, REACH - 2 - BURST]  # the largest three of the ten neighbours may be spikes themselves
     usual = _running_quantile(np.abs(away), 0.8) / 1.28  # 1 sigma of normal errors, with room for 20 % spikes
-    jump = nearest > np.maximum(floor, SPIKE * np.maximum(local, usual))
+    threshold = np.maximum(floor, SPIKE * np.maximum(local, usual))
+    slope /= reach
+    jump = np.minimum(nearest, _unexplained(away, slope, t[window], np.arange(n) - first)) > threshold
+    late = np.where((nearest > threshold) & ~jump, -away / np.where(slope == 0.0, np.inf, slope), np.nan)
     jump[:3] = jump[-3:] = False
     place = np.arange(n) - first
     before, after = (np.abs(error[np.arange(n), np.clip(place + k, 0, REACH - 1)]) for k in (-1, 1))
-    return _bursts(jump, before < FLANK * np.abs(away), after < FLANK * np.abs(away))
+    return Jumps(_bursts(jump, before < FLANK * np.abs(away), after < FLANK * np.abs(away)), late)
 
 
-def _quadratic(powers: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:
-    """The weighted least squares quadratic of every window at its samples, (n, k).
+def _unexplained(away: FloatArray, slope: FloatArray, times: FloatArray, place: NDArray[np.intp]) -> FloatArray:
+    """How far each sample is off its curve at the best of the times at which it may have been taken, (n,).
+
+    Args:
+        away: (n,) how far it is off at its stamp.
+        slope: (n,) of the curve, 1/s.
+        times: (n, k) s, the stamps around each.
+        place: (n,) of the sample among them.
+    """
+    late, period = _lateness(times, place)
+    margin = np.abs(slope) * STAMP * period
+    low, high = (edge(0.0, -slope * late) - sign * margin for edge, sign in ((np.minimum, 1.0), (np.maximum, -1.0)))
+    left = np.maximum(0.0, np.maximum(low - away, away - high))
+    by_the_rest = np.maximum(0.0, np.abs(away + slope * (late + period)) - margin)
+    return np.where(late < -STAMP * period, np.minimum(left, by_the_rest), left)
+
+
+def _lateness(times: FloatArray, place: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    """By how much a stamp is later than on the even grid of the stamps around it, and the grid's period, (n,) s."""
+    middle = (times.shape[1] - 2) // 2
+    period = np.partition(np.diff(times, axis=1), middle, axis=1)[:, middle]
+    since = times[np.arange(len(times)), place][:, None] - times  # (n, k) s: whole periods on an even grid
+    off = since / period[:, None]
+    # half a period late is half a period early to some neighbours, by rounding: take the turn that they agree on
+    turns = np.stack([off - np.rint(off), off - np.floor(off)])  # (2, n, k)
+    median = np.median(turns, axis=2)  # (2, n)
+    spread = np.abs(turns - median[:, :, None]).sum(axis=2)
+    late = np.where(spread[0] <= spread[1], median[0], median[1] - (median[1] > 0.5))
+    return late * period, period
+
+
+def _quadratic(powers: FloatArray, values: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The weighted least squares quadratic of every window: at its samples (n, k), and its slope at tau = 0 (n,).
 
     Args:
         powers: (5, n, k) tau^0 to tau^4.
@@ -224,7 +287,7 @@ def _quadratic(powers: FloatArray, values: FloatArray, weight: FloatArray) -> Fl
     a = (c00 * r0 + c01 * r1 + c02 * r2) * scale
     b = (c01 * r0 + c11 * r1 + c12 * r2) * scale
     c = (c02 * r0 + c12 * r1 + c22 * r2) * scale
-    return a[:, None] + b[:, None] * powers[1] + c[:, None] * powers[2]
+    return a[:, None] + b[:, None] * powers[1] + c[:, None] * powers[2], b
 
 
 def _line_at_zero(powers: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:

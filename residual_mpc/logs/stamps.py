@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from residual_mpc.errors import BadInput
+from residual_mpc.logs.clock import Stamps
 from residual_mpc.logs.run import FloatArray
 
 DISORDER = 0.01  # share of rows out of order up to which they are sorted
@@ -20,7 +21,7 @@ class Order:
     """How the rows of a run become its samples.
 
     Attributes:
-        t: (n,) s, strictly increasing.
+        t: (n,) s, strictly increasing from 0.
         rows: (m,) rows that have a stamp, sorted by it, m >= n.
         first: (n,) where in `rows` each sample begins; rows of one stamp form one sample.
         warnings: what was mended, as (kind, message).
@@ -48,22 +49,23 @@ class Order:
         return np.isfinite(sorted_values) & (sorted_values != self.apply(values)[sample])
 
 
-def order_rows(stamps: FloatArray, where: str) -> Order:
+def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'") -> Order:
     """Drop rows without a stamp, sort the few that are out of order, and gather those of one stamp.
 
     Args:
-        stamps: (m,) s as they came; NaN is missing.
+        stamps: of m rows, as they came.
         where: the run, for messages.
+        apart: what would tell several runs of a table apart, for messages.
 
     Raises:
         BadInput: fewer than two stamps, stamps that run backwards or start again, or are not in seconds.
     """
-    rows = np.flatnonzero(np.isfinite(stamps))
+    rows = np.flatnonzero(np.isfinite(stamps.t))
     warnings = []
-    if len(rows) < len(stamps):
-        missing = len(stamps) - len(rows)
+    if len(rows) < len(stamps.t):
+        missing = len(stamps.t) - len(rows)
         warnings.append(("missing stamps", f"{missing} rows without a time stamp were left out"))
-    t = stamps[rows]
+    t = stamps.t[rows]
     if len(np.unique(t)) < 2:
         raise BadInput(
             f"the run has {'one time stamp' if len(t) else 'no time stamp'}, at least two were wanted",
@@ -72,7 +74,7 @@ def order_rows(stamps: FloatArray, where: str) -> Order:
         )
     late = _out_of_order(t)
     if late.size:
-        t, rows = _sorted(t, rows, late, where)
+        t, rows = _sorted(stamps, rows, late, where, apart)
         warnings.append(("stamps out of order", f"{late.size} rows were out of order and were sorted"))
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0.0)
     if len(first) < len(t):
@@ -92,17 +94,18 @@ def _out_of_order(t: FloatArray) -> NDArray[np.intp]:
 
 
 def _sorted(
-    t: FloatArray, rows: NDArray[np.intp], late: NDArray[np.intp], where: str
+    stamps: Stamps, rows: NDArray[np.intp], late: NDArray[np.intp], where: str, apart: str
 ) -> tuple[FloatArray, NDArray[np.intp]]:
+    t = stamps.t[rows]
     order = np.argsort(t, kind="stable")
     clash = np.isin(t[late], np.delete(t, late)).any() or len(np.unique(t[late])) < late.size
     if late.size > max(1.0, DISORDER * len(t)) or clash:
         k = int(np.flatnonzero(np.diff(t) < 0.0)[0]) + 1
         raise BadInput(
-            f"data row {rows[k] + 1} is stamped {t[k]:.9g} s, the row before it {t[k - 1]:.9g} s;"
+            f"data row {rows[k] + 1} is stamped {stamps.logged(t[k])} s, the row before it {stamps.logged(t[k - 1])} s;"
             f" {late.size} of {len(t)} rows are out of order",
             where,
-            "if the table holds several runs, tell them apart by a column 'run'; else sort it by 't'",
+            f"if the table holds several runs, tell them apart by {apart}; else sort it by 't'",
         )
     return t[order], rows[order]
 

@@ -7,12 +7,14 @@ import gzip
 import io
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from residual_mpc.errors import BadInput
+from residual_mpc.logs.formats import ENOUGH, UNKNOWN, recognise
+from residual_mpc.logs.lists import Element, element_of, find_elements, note_of
 
 HEADER_LIMIT = 4 << 20  # bytes; a first line longer than this is no header
 GZIP_RATIO = 12  # text of numbers rarely shrinks more
@@ -25,11 +27,13 @@ class Header:
 
     Attributes:
         path: the file.
-        names: its columns, in order, no two alike.
+        names: its columns, in order, no two alike; a list column stands as its elements.
         size: estimated memory of all columns as numbers, bytes.
         separator: between the cells of a CSV file; empty for Parquet.
         skip: lines of a CSV file before its first row.
         zipped: whether a CSV file is compressed by gzip.
+        elements: of list columns, by name.
+        note: what became of its list columns, empty without any.
     """
 
     path: Path
@@ -38,30 +42,42 @@ class Header:
     separator: str
     skip: int
     zipped: bool
+    elements: Mapping[str, Element] = field(default_factory=dict)
+    note: str = ""
 
 
 @dataclass(frozen=True)
 class Table:
-    """The rows: columns by name as Arrow arrays, and what was mended on the way."""
+    """The rows.
+
+    Attributes:
+        columns: by name, as Arrow arrays.
+        warnings: what was mended on the way.
+        faults: columns that cannot be had, by name, and why.
+    """
 
     columns: dict[str, Any]
     warnings: tuple[str, ...]
+    faults: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_header(path: Path) -> Header:
     """The column names of a table.
 
     Raises:
-        BadInput: an empty, unreadable, binary or damaged file, or two columns of one name.
+        BadInput: an empty, unreadable or damaged file, one of another format, or two columns of one name.
     """
     try:
         with open(path, "rb") as file:
-            start = file.read(4)
+            start = file.read(ENOUGH)
         size = os.stat(path).st_size
         if not start:
             raise BadInput("the file is empty; a table with a header was wanted", str(path))
-        if start == b"PAR1":
+        if start.startswith(b"PAR1"):
             return _parquet_header(path)
+        other = recognise(start, path.name)
+        if other is not None:
+            raise other.refusal(path)
         if path.suffix.lower() == ".parquet":
             raise BadInput("this is no Parquet file, whatever its name says", str(path), "write it again")
         return _csv_header(path, size, zipped=start[:2] == b"\x1f\x8b")
@@ -84,13 +100,15 @@ def _parquet_header(path: Path) -> Header:
 
     try:
         with pq.ParquetFile(path) as file:
-            names = tuple(str(name) for name in file.schema_arrow.names)
+            lists = find_elements(file, path)
+            names = tuple(n for column in file.schema_arrow.names for n in lists.get(column, (str(column),)))
             rows = file.metadata.num_rows
     except (pa.ArrowException, OSError, ValueError) as fault:
         what = f"the Parquet file is damaged ({_first_line(fault)})"
         raise BadInput(what, str(path), "write it again") from fault
     _no_twins(names, path)
-    return Header(path, names, 8.0 * rows * len(names), "", 0, False)
+    elements = {name: element for column in lists.values() for name, element in column.items()}
+    return Header(path, names, 8.0 * rows * len(names), "", 0, False, elements, note_of(lists))
 
 
 def _read_parquet(header: Header, columns: Sequence[str]) -> Table:
@@ -99,11 +117,20 @@ def _read_parquet(header: Header, columns: Sequence[str]) -> Table:
 
     try:
         with pq.ParquetFile(header.path) as file:  # a dataset would invent columns from folder names
-            table = file.read(columns=list(columns), use_pandas_metadata=False)
+            needed = {header.elements[name].column if name in header.elements else name for name in columns}
+            table = file.read(columns=sorted(needed), use_pandas_metadata=False)
     except (pa.ArrowException, OSError, ValueError) as fault:
         what = f"the Parquet file is damaged ({_first_line(fault)})"
         raise BadInput(what, str(header.path), "write it again") from fault
-    return Table({name: table.column(name) for name in columns}, ())
+    found, faults = {}, {}
+    for name in columns:
+        element = header.elements.get(name)
+        column = table.column(name) if element is None else element_of(table.column(element.column), element)
+        if isinstance(column, str):
+            faults[name] = column
+        else:
+            found[name] = column
+    return Table(found, (), faults)
 
 
 def _csv_header(path: Path, size: int, zipped: bool) -> Header:
@@ -111,7 +138,7 @@ def _csv_header(path: Path, size: int, zipped: bool) -> Header:
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise BadInput("this text is UTF-16, UTF-8 was wanted", str(path), "save the table as UTF-8")
     if b"\0" in raw:
-        raise BadInput("this is a binary file; a CSV or Parquet table was wanted", str(path))
+        raise (recognise(raw[:ENOUGH], path.name) or UNKNOWN).refusal(path)
     lines = raw.removeprefix(b"\xef\xbb\xbf").splitlines()
     blank = next((i for i, line in enumerate(lines) if line.strip()), len(lines))
     if blank == len(lines):

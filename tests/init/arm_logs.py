@@ -83,3 +83,39 @@ def write(folder: Path, table: pd.DataFrame, name: str = "run1.csv") -> Path:
     path = folder / name
     table.to_csv(path, index=False)
     return path
+
+
+VISCOUS = (60.0, 57.0, 52.0, 9.3, 56.0, 3.1)  # N m s/rad of six joints: torques that go like their speeds
+
+
+def six_joint_mjcf() -> str:
+    """An arm whose joints run in thick grease."""
+    body = ""
+    for k, (damping, axis) in enumerate(
+        zip(VISCOUS, ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"), strict=True)
+    ):
+        body += f"""<body name="l{k}" pos="0.1 0 0.05">
+        <inertial pos="0.05 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/>
+        <joint name="j{k}" axis="{axis}" range="-3 3" damping="{damping}"/>"""
+    servos = "".join(f'<position name="j{k}" joint="j{k}" kp="{20 * d}" kv="{d}"/>' for k, d in enumerate(VISCOUS))
+    return f"""<mujoco model="six"><compiler angle="radian" autolimits="true"/>
+    <option integrator="implicitfast" timestep="{STEP}"/>
+    <worldbody>{body}{"</body>" * len(VISCOUS)}</worldbody><actuator>{servos}</actuator></mujoco>"""
+
+
+def simulate_six_joints(seconds: float = 15.0, seed: int = 0) -> pd.DataFrame:
+    """A run with the columns t, goal_position_K, position_K, velocity_K (rad/s) and torque_K (N m)."""
+    rng = np.random.default_rng(seed)
+    model = mujoco.MjModel.from_xml_string(six_joint_mjcf())
+    data = mujoco.MjData(model)
+    phases, rates = rng.uniform(0.0, 6.28, (6, 3)), rng.uniform(0.6, 4.0, (6, 3))
+    rows = []
+    for i in range(int(seconds / STEP)):
+        data.ctrl[:] = 0.35 * np.sin(rates * i * STEP + phases).sum(axis=1)
+        if i % EVERY == 0:
+            rows.append([i * STEP, *data.ctrl, *data.qpos, *data.qvel, *data.qfrc_actuator])
+        mujoco.mj_step(model, data)
+    columns = [f"{group}_{k}" for group in ("goal_position", "position", "velocity", "torque") for k in range(6)]
+    table = pd.DataFrame(rows, columns=["t", *columns])
+    table[columns[6:12]] += 1e-4 * rng.standard_normal((len(table), 6))
+    return table

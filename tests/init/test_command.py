@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from init.arm_logs import mjcf, simulate, write
+from init.arm_logs import JOINTS, mjcf, simulate, write
 
 from residual_mpc.cli.main import main
 from residual_mpc.models.load import load_robot
@@ -105,3 +105,27 @@ def test_a_folder_that_is_not_there(folder: Path, tmp_path: Path, capsys: pytest
     words = ("init", folder / "arm.xml", folder / "log.csv", "--out", tmp_path / "new" / "robot.toml")
     status, _, err = call(capsys, *words)
     assert status == 2 and "no such folder" in err and list(tmp_path.iterdir()) == []
+
+
+def test_a_data_set_of_lerobot(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = pd.read_csv(folder / "log.csv")
+    lists = {
+        "action": [f"command.{j}" for j in JOINTS],
+        "observation.state": [f"{g}.{j}" for g in ("position", "velocity") for j in JOINTS],
+    }
+    heard = {"action": [f"{j}.pos" for j in JOINTS]}
+    heard["observation.state"] = [f"{j}.{g}" for g in ("pos", "vel") for j in JOINTS]
+    columns = {name: list(table[members].to_numpy()) for name, members in lists.items()}
+    data = tmp_path / "set" / "data" / "chunk-000"
+    data.mkdir(parents=True)
+    pd.DataFrame({**columns, "timestamp": table["t"]}).to_parquet(data / "file-000.parquet")
+    (tmp_path / "set" / "meta").mkdir()
+    features = {name: {"names": names} for name, names in heard.items()}
+    (tmp_path / "set" / "meta" / "info.json").write_text(json.dumps({"features": features}))
+    out = tmp_path / "arm.toml"
+    status, said, guesses = call(capsys, "init", folder / "arm.xml", data / "file-000.parquet", "--out", out)
+    assert status == 0 and said.rstrip().splitlines()[-2] == "usable"
+    assert "note: list columns are read one element at a time" in guesses
+    assert '"command.elbow" = "action.elbow.pos"' in out.read_text()
+    assert '"velocity.elbow" = "observation.state.elbow.vel"' in out.read_text()
+    assert call(capsys, "check", "--robot", out, data / "file-000.parquet")[0] == 0

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from init.arm_logs import JOINTS, KP, URDF, mjcf, simulate, write
+from init.arm_logs import JOINTS, KP, URDF, mjcf, simulate, simulate_six_joints, six_joint_mjcf, write
 
 from residual_mpc.init.draft import Draft, draft
 from residual_mpc.logs.columns import group, member
@@ -108,11 +108,20 @@ def test_encoder_counts_and_their_zero(model: Path, recorded: pd.DataFrame) -> N
     )
 
 
-@pytest.mark.parametrize(("column", "size"), [("t_ms", 1e3), ("timestamp", 1e3), ("stamp_us", 1e6), ("time", 1e9)])
+@pytest.mark.parametrize(("column", "size"), [("t_ms", 1e3), ("timestamp", 1e3), ("stamp_us", 1e6)])
 def test_units_of_time(model: Path, recorded: pd.DataFrame, column: str, size: float) -> None:
     table = recorded.rename(columns={"t": column})
-    table[column] = table[column] * size + (1.7e9 * size if size == 1e9 else 0.0)
+    table[column] *= size
     assert mends_of(drafted(model, table)) == {column: (pytest.approx(1 / size), 0.0)}
+
+
+@pytest.mark.parametrize("start", [0, 5 * 10**12, 1_700_000_000 * 10**9])
+def test_nanoseconds_need_no_mending(model: Path, recorded: pd.DataFrame, start: int) -> None:
+    table = recorded.rename(columns={"t": "stamp"})
+    table["stamp"] = start + (1e9 * table["stamp"]).astype("int64")
+    found = drafted(model, table)
+    assert found.mends == () and found.log == {"t": "stamp"}
+    assert ("unit of stamp", "ns") in {(g.what, g.value) for g in found.guesses}
 
 
 def test_dates_are_times(model: Path, recorded: pd.DataFrame) -> None:
@@ -210,3 +219,55 @@ def test_a_column_without_a_value_hinders_nothing(model: Path, recorded: pd.Data
 
 def test_a_handful_of_samples_is_enough_for_the_names(model: Path, recorded: pd.DataFrame) -> None:
     assert columns_of(drafted(model, recorded.head(3))) == {c: c for c in recorded}
+
+
+@pytest.fixture(scope="module")
+def greased() -> pd.DataFrame:
+    """Six joints whose torques go like their speeds, three of them about 57 times, as degrees go like radians."""
+    return simulate_six_joints()
+
+
+def of_six(folder: Path, table: pd.DataFrame, names: dict[str, str]) -> Draft:
+    """The draft of such a log under other names: group -> name, with {} for the joint's number."""
+    columns = {f"{g}_{k}": name.format(k) for g, name in names.items() for k in range(6)}
+    kept = [c for c in table if c == "t" or c.rpartition("_")[0] in {*names, "goal_position", "position"}]
+    (folder / "six.xml").write_text(six_joint_mjcf())
+    return drafted(folder / "six.xml", table[kept].rename(columns=columns))
+
+
+NEUTRAL = ("x_{}", "sensor[{}]", "s{}", "t_{}", "actual_m{}", "observation.state.{}")
+
+
+@pytest.mark.parametrize("name", [*NEUTRAL, "tau_{}", "tq_{}", "torq{}", "current_{}", "iq_{}", "curr{}", "joint{}_nm"])
+def test_torques_are_no_velocities(tmp_path: Path, greased: pd.DataFrame, name: str) -> None:
+    found = of_six(tmp_path, greased, {"torque": name})
+    torques = {name.format(k) for k in range(6)}
+    claimed = {g.what for g in found.guesses if g.value in torques}
+    assert all(what.startswith("effort.") for what in claimed) and found.mends == ()
+    assert {f"position.j{k}": f"position_{k}" for k in range(6)}.items() <= found.log.items()
+
+
+@pytest.mark.parametrize("name", ["effort_{}", "tau_{}", "torq{}", "tq_{}", "joint{}_nm"])
+def test_torques_are_efforts_by_their_names(tmp_path: Path, greased: pd.DataFrame, name: str) -> None:
+    found = of_six(tmp_path, greased, {"torque": name})
+    assert {f"effort.j{k}": name.format(k) for k in range(6)}.items() <= found.log.items()
+
+
+@pytest.mark.parametrize("name", NEUTRAL)
+@pytest.mark.parametrize("size", [1.0, 180.0 / pi, 30.0 / pi])
+def test_velocities_need_no_name(tmp_path: Path, greased: pd.DataFrame, name: str, size: float) -> None:
+    table = greased.copy()
+    table[[f"velocity_{k}" for k in range(6)]] *= size
+    found = of_six(tmp_path, table, {"velocity": name, "torque": "tau_{}"})
+    assert {f"velocity.j{k}": name.format(k) for k in range(6)}.items() <= found.log.items()
+    factors = {m.column: m.factor for m in found.mends}
+    assert factors == ({} if size == 1.0 else {name.format(k): pytest.approx(1.0 / size) for k in range(6)})
+
+
+def test_velocities_and_torques_under_the_same_name(tmp_path: Path, greased: pd.DataFrame) -> None:
+    table = greased.rename(columns={f"torque_{k}": f"x_{6 + k}" for k in range(6)})
+    table = table.rename(columns={f"velocity_{k}": f"x_{k}" for k in range(6)})
+    (tmp_path / "six.xml").write_text(six_joint_mjcf())
+    found = drafted(tmp_path / "six.xml", table)
+    claimed = {g.value for g in found.guesses if g.what.startswith("velocity.")}
+    assert claimed <= {f"x_{k}" for k in range(6)}

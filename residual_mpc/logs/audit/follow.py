@@ -41,6 +41,35 @@ class Follow:
         return float(self.lags[k] + shift * (self.lags[1] - self.lags[0]))
 
 
+@dataclass(frozen=True)
+class Alignment:
+    """How much of an answer its source leaves unexplained, by the shift between them.
+
+    Attributes:
+        lags: (k,) s, positive where the answer comes after the source; 0 in the middle.
+        unexplained: (k,) share of the answer's power.
+    """
+
+    lags: FloatArray
+    unexplained: FloatArray
+
+    @property
+    def lag(self) -> float | None:
+        """The shift that explains the most, s, between the samples by a parabola; None where it may lie beyond."""
+        k = int(np.argmin(self.unexplained))
+        if k in (0, len(self.lags) - 1):
+            return None
+        left, middle, right = self.unexplained[k - 1 : k + 2]
+        bend = left - 2.0 * middle + right
+        shift = 0.5 * (left - right) / bend if bend > 0.0 else 0.0
+        return float(self.lags[k] + shift * (self.lags[1] - self.lags[0]))
+
+    @property
+    def gain(self) -> float:
+        """How many times more no shift leaves unexplained than the best shift."""
+        return float(self.unexplained[len(self.lags) // 2] / max(1e-12, self.unexplained.min()))
+
+
 def on_grid(run: Run, values: FloatArray, dt: float) -> FloatArray:
     """A measured column at even times, straight lines between its fresh samples; angles must be unwrapped."""
     fresh = fresh_samples(values)
@@ -125,6 +154,37 @@ def follow(sources: Sequence[FloatArray], answers: Sequence[FloatArray], dt: flo
     product *= count.sum() / np.maximum(1, np.maximum(0, count - shifts).sum(axis=0))
     lags = dt * np.arange(-most, most + 1, dtype=np.float64)
     return Follow(lags, product / np.sqrt(source_power * answer_power), product / source_power)
+
+
+def align(sources: Sequence[FloatArray], answers: Sequence[FloatArray], dt: float, reach: float) -> Alignment | None:
+    """How well sources explain answers over shifts of up to `reach` either way, by the same answers at every shift.
+
+    Args:
+        sources, answers: one (n_i,) signal each a run, sampled every dt s.
+        reach: s; at most a third of the usual run is taken.
+
+    Returns:
+        None where either stands still.
+    """
+    most = int(min(round(reach / dt), np.median([len(u) for u in sources]) // 3))
+    product, source_power, answer_power = np.zeros(2 * most + 1), np.zeros(2 * most + 1), 0.0
+    shifts = np.arange(-most, most + 1)
+    for u, y in zip(sources, answers, strict=True):
+        n = len(u)
+        if n <= 2 * most:
+            continue
+        inner = np.zeros(n)
+        inner[most : n - most] = y[most : n - most]
+        size = 1 << int(np.ceil(np.log2(n + most + 1)))
+        shifted = np.fft.irfft(np.conj(np.fft.rfft(u, size)) * np.fft.rfft(inner, size), size)
+        product += np.concatenate([shifted[size - most :], shifted[: most + 1]])
+        power = np.concatenate([[0.0], np.cumsum(u * u)])
+        source_power += power[n - most - shifts] - power[most - shifts]
+        answer_power += float(inner @ inner)
+    if source_power.min() <= 1e-18 or answer_power <= 1e-18:
+        return None
+    lags = dt * shifts.astype(np.float64)
+    return Alignment(lags, 1.0 - product**2 / (source_power * answer_power))
 
 
 def _grid(run: Run, dt: float) -> FloatArray:

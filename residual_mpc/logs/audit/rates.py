@@ -7,16 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from residual_mpc.logs.audit.facts import RobotFacts
-from residual_mpc.logs.audit.follow import follow, on_grid, position_on_grid, tame
+from residual_mpc.logs.audit.follow import align, follow, on_grid, position_on_grid, tame
 from residual_mpc.logs.columns import group, member
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.run import Run
+from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.logs.signals import fresh_samples, noise_sigma
 
 REACH = 0.3  # s
 SURE = 0.9
 OFF = 0.15  # deviation of a slope from one that is worth a word
 DEGREES = 180.0 / np.pi
+STEPS = 1.5  # samples of the slower sensor: a smaller shift may come from how differences are centred
+GAIN = 1.5  # times less that a shift leaves unexplained, from which it is one
 SLOWER = 0.7  # share of fresh samples below which a sensor is slower than its log
 
 
@@ -45,7 +47,7 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
     if seen is None:
         return []
     k = int(np.argmax(np.abs(seen.correlation)))
-    strength, slope, lag = float(seen.correlation[k]), float(seen.slope[k]), seen.lag
+    strength, slope = float(seen.correlation[k]), float(seen.slope[k])
     if abs(strength) < SURE:
         return []
     if strength < 0.0:
@@ -86,20 +88,26 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
                 "check the unit of both, and the gear between their sensors",
             )
         )
-    if abs(lag) > 1.5 * dt:
-        word = "behind" if lag > 0.0 else "ahead of"
-        findings.append(
-            Finding(
-                "info",
-                "channels out of step",
-                "",
-                name,
-                None,
-                f"{name} is {abs(lag) * 1e3:.0f} ms {word} the rate of {rate_of}",
-                "a filter in the sensor, or two clocks",
-            )
-        )
-    return findings
+    coarsest = max(_fresh_period(run, column) for run in moving for column in (name, rate_of))
+    return findings + _out_of_step(name, rate_of, rates, velocities, dt, STEPS * max(dt, coarsest))
+
+
+def _out_of_step(
+    name: str, rate_of: str, rates: Sequence[FloatArray], velocities: Sequence[FloatArray], dt: float, least: float
+) -> list[Finding]:
+    """A shift of more than `least` s that explains clearly more of the velocities than no shift does."""
+    seen = align(rates, velocities, dt, REACH)
+    if seen is None or seen.lag is None or abs(seen.lag) <= least or seen.gain < GAIN:
+        return []
+    word = "behind" if seen.lag > 0.0 else "ahead of"
+    message = f"{name} is {abs(seen.lag) * 1e3:.0f} ms {word} the rate of {rate_of}"
+    remedy = "a filter in the sensor, or two clocks"
+    return [Finding("info", "channels out of step", "", name, None, message, remedy)]
+
+
+def _fresh_period(run: Run, name: str) -> float:
+    """The mean time between new values of a channel, s."""
+    return float(run.t[-1] - run.t[0]) / max(1, int(fresh_samples(run.columns[name]).sum()) - 1)
 
 
 def _smooth(x: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Single columns: wrapped angles, spikes, coarse steps, clipped commands, joints beyond their range."""
+"""Single columns: wrapped angles, coarse steps, clipped commands, joints beyond their range."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from residual_mpc.logs.audit.facts import RobotFacts
 from residual_mpc.logs.columns import group, member
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import FloatArray, Run
-from residual_mpc.logs.signals import noise_sigma, resolution, spikes
+from residual_mpc.logs.signals import resolution
 
 TURN, TURN_DEGREES = 2.0 * np.pi, 360.0
 WRAP = 0.15  # of a turn: how near to it a jump has to be
-MANY_SPIKES = 0.005  # share of the samples
 CLIPPED = 0.02  # share of a command's samples at its very end
 COARSE = 0.05  # rounding step over the spread of the motion
 
@@ -27,7 +26,6 @@ def check_values(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         having = [run for run in runs if name in run.measured]
         findings += _wraps(name, having, robot)
         findings += _beyond_limits(name, having, robot)
-        findings += _spikes(name, having)
         findings += _steps(name, having)
     commands = dict.fromkeys(name for run in runs for name in run.columns if group(name) == "command")
     for name in commands:
@@ -119,22 +117,6 @@ def _many_turns(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Findi
         return []
     message = f"{name} reaches {reach:.4g} rad, {reach / TURN:.2g} turns: is it in degrees?"
     return [Finding("warning", "many turns", farthest.name, name, None, message, "angles are in radians")]
-
-
-def _spikes(name: str, runs: Sequence[Run]) -> list[Finding]:
-    count, total, first = 0, 0, None
-    for run in runs:
-        y = run.columns[name]
-        flags = spikes(run.t, y, noise_sigma(run.t, y))
-        count, total = count + int(flags.sum()), total + int(np.isfinite(y).sum())
-        if first is None and flags.any():
-            first = (run, int(np.flatnonzero(flags)[0]))
-    if first is None:
-        return []
-    run, row = first
-    share = count / total
-    message = f"{count} of {total} samples of {name} jump away and come back, first at t = {run.t[row]:.6g} s"
-    return [Finding("warning" if share > MANY_SPIKES else "info", "spikes", run.name, name, row, message)]
 
 
 def _steps(name: str, runs: Sequence[Run]) -> list[Finding]:

@@ -1,0 +1,71 @@
+"""Samples that lie off their channel's curve: values that jump away, or stamps that are late."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from residual_mpc.logs.audit.facts import RobotFacts
+from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.run import Run
+from residual_mpc.logs.signals import Jumps, find_jumps, noise_sigma
+
+MANY_SPIKES = 0.005  # share of the samples of all runs
+FEW_LATE = 5  # late stamps, and their share of a run's samples, below which nothing is said
+LATE = 0.002
+AGREEING = 0.8  # share of them that are late and not early
+NAMED = 3  # runs
+
+
+def check_jumps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
+    """Every column that the robot has over all runs, and the stamps of each run by all its columns."""
+    names = dict.fromkeys(name for run in runs for name in run.measured if name in robot.channels)
+    found = [
+        {n: find_jumps(run.t, run.columns[n], noise_sigma(run.t, run.columns[n])) for n in names if n in run.measured}
+        for run in runs
+    ]
+    spikes = [finding for name in names for finding in _spikes(name, runs, found)]
+    return spikes + [finding for run, jumps in zip(runs, found, strict=True) for finding in _late(run, jumps)]
+
+
+def _spikes(name: str, runs: Sequence[Run], found: Sequence[Mapping[str, Jumps]]) -> list[Finding]:
+    having = [(run, jumps[name].outlier) for run, jumps in zip(runs, found, strict=True) if name in jumps]
+    jumping = [(run, flags) for run, flags in having if flags.any()]
+    if not jumping:
+        return []
+    first, flags = jumping[0]
+    row = int(np.flatnonzero(flags)[0])
+    alone = len(jumping) == 1
+    count = sum(int(flags.sum()) for _, flags in jumping)
+    sizes = {run.name: int(np.isfinite(run.columns[name]).sum()) for run, _ in having}
+    severity = "warning" if count > MANY_SPIKES * sum(sizes.values()) else "info"
+    total = sizes[first.name] if alone else sum(sizes.values())
+    message = f"{count} of {total} samples of {name} jump away and come back, first at t = {first.t[row]:.6g} s"
+    if alone:
+        return [Finding(severity, "spikes", first.name, name, row, message)]  # type: ignore[arg-type]
+    shares = ", ".join(f"{run.name} ({int(flags.sum())})" for run, flags in jumping[:NAMED])
+    more = f" and {len(jumping) - NAMED} more runs" if len(jumping) > NAMED else ""
+    message = f"{message} of {first.name}; in {shares}{more}"
+    return [Finding(severity, "spikes", "", name, None, message)]  # type: ignore[arg-type]
+
+
+def _late(run: Run, jumps: Mapping[str, Jumps]) -> list[Finding]:
+    """Stamps that are late by what all columns agree on, where they say anything."""
+    if not jumps:
+        return []
+    late = np.stack([found.late for found in jumps.values()])  # (columns, n) s
+    outlier = np.any([found.outlier for found in jumps.values()], axis=0)
+    rows = np.flatnonzero(np.isfinite(late).any(axis=0) & ~outlier)
+    if len(rows) < max(FEW_LATE, LATE * len(run.t)):
+        return []
+    by = np.nanmedian(late[:, rows], axis=0)  # (m,) s
+    if np.mean(by > 0.0) < AGREEING:
+        return []
+    usual = float(np.median(by[by > 0.0]))
+    message = (
+        f"{len(rows)} of {len(run.t)} samples lie where the robot was {usual * 1e3:.2g} ms before:"
+        f" their stamps look late by about {usual * 1e3:.2g} ms"
+    )
+    remedy = "stamp a sample when it is taken; as it is, a fast motion is off by that much"
+    return [Finding("info", "late stamps", run.name, "t", int(rows[0]), message, remedy)]
