@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from benchmarks.findings import perfect, slow
+from benchmarks.findings import changed, perfect, skid, slow
 from benchmarks.findings.records import Case
 
-SETS = (perfect, slow)
+SETS = (perfect, slow, skid, changed)
 
 
 def catalogue() -> list[Case]:

@@ -92,7 +92,8 @@ def best_reading(named: Sequence[Any], groups: Sequence[Any], planted: set[str],
         return len(planted - reading) + len(reading - planted - background), reading != base
 
     readings: list[frozenset[str]] = [exchanged(base, swaps) for swaps in product(*choices)]
-    return set(min(readings, key=distance))
+    nearest = min(readings, key=distance)
+    return set(nearest)
 
 
 def exchanged(base: frozenset[str], swaps: Iterable[tuple[frozenset[str], frozenset[str]]]) -> frozenset[str]:

@@ -32,6 +32,7 @@ class Drive:
     delay: float = 0.0
     lag: float = 0.0
     limit: float = np.inf
+    acceleration: float = np.inf  # rad/s^2, the most that the lag lets through
     gain_after: tuple[float, float] = (1.0, 1.0)  # of left and right, from `changes_at` on
     changes_at: float = np.inf
     growth: float = 0.0  # s, a wheel's radius grows by this times its speed
@@ -56,7 +57,7 @@ def moved(robot: Drive, commands: Array, command_rate: float, rng: Rng) -> tuple
     u = np.repeat(commands, round(1 / command_rate / STEP), axis=0)
     late = round(robot.delay / STEP)
     u = np.concatenate([np.repeat(u[:1], late, axis=0), u])[: len(u)]
-    w = lagged(np.clip(u, -robot.limit, robot.limit), robot.lag)
+    w = lagged(np.clip(u, -robot.limit, robot.limit), robot.lag, robot.acceleration)
     after = np.arange(len(w)) * STEP >= robot.changes_at
     w = np.where(after[:, None], w * np.array(robot.gain_after), w)
     radius = robot.wheel_radius * robot.scale * np.array([1.0, robot.ratio]) * (1 + robot.growth * np.abs(w))
@@ -66,15 +67,24 @@ def moved(robot: Drive, commands: Array, command_rate: float, rng: Rng) -> tuple
     return w, rolled(ground, robot.track_width * robot.track_scale)
 
 
-def lagged(u: Array, time_constant: float) -> Array:
-    """Semi-implicit Euler of a first-order lag that starts at its first input."""
+def lagged(u: Array, time_constant: float, acceleration: float = np.inf) -> Array:
+    """Semi-implicit Euler of a first-order lag of limited acceleration that starts at its first input."""
     from scipy.signal import lfilter
 
     if not time_constant:
         return u
     a = STEP / (time_constant + STEP)
-    out, _ = lfilter([a], [1.0, a - 1.0], u, axis=0, zi=(1 - a) * u[:1])
-    return np.asarray(out)
+    if np.isinf(acceleration):
+        out, _ = lfilter([a], [1.0, a - 1.0], u, axis=0, zi=(1 - a) * u[:1])
+        return np.asarray(out)
+    return np.stack([_limited(wheel.tolist(), a, acceleration * STEP) for wheel in u.T], axis=1)
+
+
+def _limited(u: list[float], a: float, most: float) -> Array:
+    w = [u[0]]
+    for value in u[1:]:
+        w.append(w[-1] + min(max(a * (value - w[-1]), -most), most))
+    return np.array(w)
 
 
 def rolled(ground: Array, track: float) -> Array:
