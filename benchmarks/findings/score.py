@@ -64,10 +64,9 @@ def verdict_of(
         return verdict in ADMITS, ""
     if truth.get("closes") is not None:
         return closed is not None and closed >= truth["closes"], f"wanted {truth['closes']:.0%} closed"
-    if truth.get("lacking") and verdict in ADMITS and not wrong:
-        return True, ""
     missed = sorted(set(truth["planted"]) - names)
-    if wrong or missed:
+    admitted = bool(truth.get("lacking")) and verdict in ADMITS
+    if wrong or (missed and not admitted):
         return False, f"missed {', '.join(missed)}" if missed else ""
     off = values_off(document["explanation"], truth)
     return not off, f"value of {', '.join(off)}" if off else ""
