@@ -22,7 +22,7 @@ Controller = Callable[[int, Array, Array], Array]  # (tick, q, dq) -> the comman
 
 @dataclass(frozen=True)
 class Servos:
-    """Position servos: stiffness (N m/rad), damping (N m s/rad), largest torque (N m); the first two are 0 for motors."""
+    """Position servos: stiffness (N m/rad), damping (N m s/rad), largest torque (N m); motors have the last alone."""
 
     kp: Array
     kv: Array

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from benchmarks.findings import arm_cases, changed, perfect, skid, slow
+from benchmarks.findings import arm_cases, changed, ice, perfect, recorded, rover, skid, slow
 from benchmarks.findings.records import Case
 
-SETS = (perfect, slow, skid, changed, arm_cases)
+SETS = (perfect, slow, skid, changed, arm_cases, recorded, rover, ice)
 
 
 def catalogue() -> list[Case]:

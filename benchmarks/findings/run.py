@@ -58,7 +58,7 @@ class Outcome:
 def program_at(path: Path) -> Program:
     """The program with its version: what it prints, and the state of its checkout where it runs from one."""
     said = _text([str(path), "--version"])
-    where = _text([str(path.parent / "python"), "-c", "import residual_mpc as m; print(m.__file__)"])
+    where = _text([str(path.parent / "python"), "-P", "-c", "import residual_mpc as m; print(m.__file__)"])
     if not where:
         return Program(path, said)
     git = ["git", "-C", str(Path(where).parents[1])]

@@ -60,6 +60,9 @@ def verdict_of(
     level, verdict = truth["level"], document["verdict"]
     if level in NO_GAP_LEVELS:
         return verdict == "no_gap", ""
+    absurd = sorted({c["effect"] for c in document["explanation"]} & set(truth.get("forbidden", ())))
+    if absurd:
+        return False, f"{', '.join(absurd)} cannot be at work"
     if level in UNNAMED_LEVELS:
         return verdict in ADMITS, ""
     if truth.get("closes") is not None:
@@ -153,6 +156,8 @@ def values_off(named: Sequence[Any], truth: Mapping[str, Any]) -> list[str]:
 def near(cause: Mapping[str, Any], entries: Sequence[Mapping[str, Any]], factor: float) -> bool:
     """Whether the value lies within the factor of the target's true one, or of the mean where it has no target."""
     mine = [e for e in entries if joint_of(e.get("target")) == joint_of(cause["target"])] or list(entries)
-    parameter = next(p for p in cause["parameters"] if p in mine[0])
+    parameter = next((p for p in cause["parameters"] if p in mine[0]), None)
+    if parameter is None:
+        return True
     value, true = cause["parameters"][parameter]["value"], float(np.mean([e[parameter] for e in mine]))
     return bool(value * true > 0 and max(value / true, true / value) <= factor)
