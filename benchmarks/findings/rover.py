@@ -1,6 +1,7 @@
 """Finding 10: a rover on four wheels in contact with the ground, with 60 ms of delay and wheels 3 % small.
 
-MuJoCo at 0.5 ms moves bodies and contacts; delay and the motors' law act outside the engine.
+MuJoCo at 0.5 ms moves bodies and contacts; delay and the motors' law act outside the engine. At the model's 2 ms its
+contacts turn the rover by up to 10 mrad a second otherwise, which is near the noise: a perfect one is no case.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ class Rover:
     scale: float
 
 
-ROWS = (Rover("rover_delay_radius", 0.06, 0.97), Rover("rover_perfect", 0.0, 1.0))
+ROWS = (Rover("rover_delay_radius", 0.06, 0.97), Rover("rover_delay_radius_late", 0.12, 0.95))
 
 
 def cases() -> list[Case]:
-    """The rover with both effects, and one without any, whose contacts are solved in other steps all the same."""
+    """The rover with both effects, and one with more of them."""
     return [Case(row.name, 10, partial(make, row, SEED + k)) for k, row in enumerate(ROWS)]
 
 
@@ -71,11 +72,9 @@ def make(row: Rover, seed: int, folder: Path, _: Path) -> None:
     for number, kind in enumerate(("steps", "multisine", "smooth"), start=1):
         sides = drive(rng, kind, SECONDS, COMMAND_RATE, TOP)
         write_run(folder, f"run{number}", logged(row, sides, rng))
-    planted: dict[str, Any] = {}
-    if row.delay:
-        planted = {"command_delay": {"delay": row.delay}, "wheel_radius": {"scale": row.scale}}
-    said = "`unknown`, and then command delay closes 100 % of it" if planted else "not tried"
-    Truth("double" if planted else "none", planted, encoders=True, said=said).write(folder)
+    planted: dict[str, Any] = {"command_delay": {"delay": row.delay}, "wheel_radius": {"scale": row.scale}}
+    said = "`unknown`, and then command delay closes 100 % of it"
+    Truth("double", planted, encoders=True, said=said).write(folder)
 
 
 def logged(row: Rover, sides: Array, rng: Rng) -> dict[str, Array]:
