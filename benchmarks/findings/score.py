@@ -26,6 +26,9 @@ TWINS = (
 )
 
 
+Reading = frozenset[tuple[str, str | None]]  # (effect, target)
+
+
 @dataclass(frozen=True)
 class Score:
     """`mark` is right, wrong or doubted; `targets` None where they do not count; the rest describes wrong effects."""
@@ -41,9 +44,10 @@ def score(document: Mapping[str, Any], truth: Mapping[str, Any], closed: float |
     """Mark diagnosis.json against truth.json; `closed` is the share of the gap closed on motions not seen."""
     planted, background = truth["planted"], truth.get("background") or {}
     named = document["explanation"]
-    names = best_reading(named, document["confounded"], set(planted), set(background))
+    reading = best_reading(named, document["confounded"], set(planted), set(background))
+    names = {effect for effect, _ in reading}
     fine = {*planted, *background, *LAWS} - set(truth.get("forbidden", ()))
-    wrong = [c for c, name in zip(named, read_as(named, names), strict=True) if name not in fine]
+    wrong = [c for c, name in zip(named, read_as(named, reading), strict=True) if name not in fine]
     if truth.get("closes") is not None:  # nobody knows the causes
         wrong = []
     highest = max((c["probability"] for c in wrong), default=0.0)
@@ -80,46 +84,47 @@ def doubts(document: Mapping[str, Any], truth: Mapping[str, Any], highest: float
     return truth["level"] not in NO_GAP_LEVELS and document["verdict"] in ADMITS and highest < STATED
 
 
-def best_reading(named: Sequence[Any], groups: Sequence[Any], planted: set[str], background: set[str]) -> set[str]:
-    """The names, with members of reported groups exchanged so that they are nearest to what was planted."""
-    base = frozenset(c["effect"] for c in named)
-    choices: list[list[tuple[frozenset[str], frozenset[str]]]] = []
+def best_reading(named: Sequence[Any], groups: Sequence[Any], planted: set[str], background: set[str]) -> Reading:
+    """What is named, with members of reported groups exchanged so that it is nearest to what was planted."""
+    base = parts_of(list(named))
+    choices: list[list[tuple[Reading, Reading]]] = []
     for group in groups:
-        members = [effects_of(member) for member in group]
+        members = [parts_of(member) for member in group]
         held = next((m for m in members if m <= base), None)
         if held is not None and (len(members) <= LARGEST_GROUP or twins(members)):
             choices.append([(held, m) for m in members])
 
-    def distance(reading: frozenset[str]) -> tuple[int, bool]:
-        return len(planted - reading) + len(reading - planted - background), reading != base
+    def distance(reading: Reading) -> tuple[int, bool]:
+        names = {effect for effect, _ in reading}
+        return len(planted - names) + len(names - planted - background), reading != base
 
-    readings: list[frozenset[str]] = [exchanged(base, swaps) for swaps in product(*choices)]
+    readings: list[Reading] = [exchanged(base, swaps) for swaps in product(*choices)]
     nearest = min(readings, key=distance)
-    return set(nearest)
+    return nearest
 
 
-def exchanged(base: frozenset[str], swaps: Iterable[tuple[frozenset[str], frozenset[str]]]) -> frozenset[str]:
+def exchanged(base: Reading, swaps: Iterable[tuple[Reading, Reading]]) -> Reading:
     """`base` with each first of `swaps` replaced by its second."""
     for out, into in swaps:
         base = (base - out) | into
     return base
 
 
-def effects_of(member: Any) -> frozenset[str]:
-    """The effects of a group's member, which is one effect or a list of them."""
-    return frozenset(part["effect"] for part in (member if isinstance(member, list) else [member]))
+def parts_of(member: Any) -> Reading:
+    """Effect and target of each part of a group's member, which is one effect or a list of them."""
+    return frozenset((p["effect"], p["target"]) for p in (member if isinstance(member, list) else [member]))
 
 
-def twins(members: Sequence[frozenset[str]]) -> bool:
+def twins(members: Sequence[Reading]) -> bool:
     """Whether a group holds nothing but twins."""
-    every = frozenset().union(*members)
+    every = {effect for member in members for effect, _ in member}
     return any(every <= pair for pair in TWINS)
 
 
-def read_as(named: Sequence[Any], names: set[str]) -> list[str]:
+def read_as(named: Sequence[Any], reading: Reading) -> list[str]:
     """The name of each effect in the best reading: its own, or, where it was exchanged, another one's."""
-    free = sorted(names - {c["effect"] for c in named})
-    return [c["effect"] if c["effect"] in names or not free else free[0] for c in named]
+    free = sorted(effect for effect, _ in reading - parts_of(list(named)))
+    return [free[0] if free and (c["effect"], c["target"]) not in reading else c["effect"] for c in named]
 
 
 def plants(entry: Any) -> list[Mapping[str, Any]]:

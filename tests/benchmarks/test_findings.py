@@ -28,7 +28,7 @@ def said(verdict, *causes, confounded=()):
         {"effect": e, "target": t, "probability": p, "parameters": {k: {"value": v} for k, v in values.items()}}
         for e, t, p, values in causes
     ]
-    groups = [[{"effect": e, "target": None} for e in group] for group in confounded]
+    groups = [[{"effect": e, "target": t} for e, t in group] for group in confounded]
     return {"verdict": verdict, "explanation": explanation, "confounded": groups}
 
 
@@ -73,11 +73,14 @@ def test_coloured_noise_is_stationary_with_the_stated_sigma():
 def test_right_up_to_small_groups_that_hold_the_true_one():
     gain = ("actuator_gain", "right", 0.9, {"gain": 1.04})
     assert score(said("effects", gain), RATIO).mark == "wrong"
-    group = [("actuator_gain", "wheel_radius_mismatch")]
+    group = [(gain[:2], ("wheel_radius_mismatch", None))]
     exchanged = score(said("effects", gain, confounded=group), RATIO)
     assert (exchanged.mark, exchanged.extras) == ("right", 0)
-    large = [("actuator_gain", "wheel_radius_mismatch", "slope", "dead_zone")]
+    large = [(*group[0], ("slope", None), ("dead_zone", None))]
     assert score(said("effects", gain, confounded=large), RATIO).mark == "wrong"
+    left = ("actuator_gain", "left", 0.8, {"gain": 1.1})
+    beside = score(said("effects", gain, left, confounded=group), RATIO)
+    assert (beside.mark, beside.extras, beside.highest_wrong) == ("wrong", 1, 0.8)
 
 
 def test_a_faint_background_is_no_error_and_other_extras_are():
