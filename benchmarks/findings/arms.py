@@ -99,12 +99,13 @@ def torque_control(xml: str, setpoints: Array, kp: Array, kv: Array) -> Controll
 
 @dataclass(frozen=True)
 class Logging:
-    """The log's rate (Hz), the sigmas of position (rad) and velocity (rad/s), the first stamp in ns (None: in s)."""
+    """The log's rate (Hz), the sigmas of position (rad) and velocity (rad/s), the first stamp (s), the stamps' unit."""
 
     rate: float = 100.0
     position: float = 0.0005
     velocity: float = 0.01
-    epoch: int | None = None
+    epoch: int = 0
+    nanoseconds: bool = False
 
 
 def table(arm: Arm, controller: Controller, start: Array, seconds: float, log: Logging, rng: Rng) -> dict[str, Any]:
@@ -112,8 +113,10 @@ def table(arm: Arm, controller: Controller, start: Array, seconds: float, log: L
     u, q, dq = moved(arm, controller, start, seconds, log.rate)
     q, dq = q + log.position * rng.standard_normal(q.shape), dq + log.velocity * rng.standard_normal(q.shape)
     ticks = np.arange(len(u))
-    stamps = ticks / log.rate if log.epoch is None else log.epoch + ticks * round(1e9 / log.rate)
-    columns = {"t": stamps}
+    each = round(1e9 / log.rate)  # ns
+    columns: dict[str, Any] = {
+        "t": log.epoch * 10**9 + ticks * each if log.nanoseconds else log.epoch + ticks / log.rate
+    }
     for kind, values in (("command.m", u), ("position.j", q), ("velocity.j", dq)):
         columns |= {f"{kind}{k + 1}": values[:, k] for k in range(values.shape[1])}
     return columns
