@@ -103,11 +103,8 @@ def most_sure(verdict: str, unexplained: float, times_floor: float) -> float:
     """The probability of a cause without a rival: where much is left, something else than the library's effects is at
     work, and what was named may be its shadow. times_floor: the gap that is left over the noise floor, the largest of
     all horizons."""
-    if verdict == "effects" and times_floor <= AS_GOOD:
-        return MOST_SURE
-    if verdict == "effects":
-        return MOST_SURE * (1.0 - unexplained)
-    shadow = max(MOST_PARTIAL - SHADOW * float(np.log(max(times_floor / AS_GOOD, 1.0))), LEAST_SURE)
+    most = 1.0 if verdict == "effects" else MOST_PARTIAL
+    shadow = max(most - SHADOW * float(np.log(max(times_floor / AS_GOOD, 1.0))), LEAST_SURE)
     return MOST_SURE * (1.0 - unexplained) * shadow
 
 
