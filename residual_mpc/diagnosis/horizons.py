@@ -57,6 +57,11 @@ def longer_horizons(runs: Sequence[Run], horizon: float) -> tuple[float, ...]:
     return tuple(out)
 
 
+def full_windows(runs: Sequence[Run], horizon: float) -> list[np.ndarray]:
+    """Where the windows of each run begin, s; a run that is shorter than the horizon has none."""
+    return [window_starts(r, horizon) if r.t[-1] - r.t[0] >= horizon - r.period else r.t[:0] for r in runs]
+
+
 def look_at(
     runs: Sequence[Run],
     robots: Sequence[Robot],
@@ -68,7 +73,7 @@ def look_at(
 ) -> Look | None:
     """The runs over a horizon, of which `shorter` is the one before; None where nothing moves or no window has a
     measured start."""
-    whole = [window_starts(r, horizon) if r.t[-1] - r.t[0] >= horizon - r.period else r.t[:0] for r in runs]
+    whole = full_windows(runs, horizon)
     if sum(map(len, whole)) < FEWEST:
         return None
     try:

@@ -1,26 +1,35 @@
 """The gap of the nominal model and of a diagnosed one on the same runs: what `residual-mpc gap` prints."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.constant_velocity import constant_velocity
+from residual_mpc.diagnosis.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.document import read_json, read_model, read_residual
 from residual_mpc.diagnosis.floor import noise_errors
-from residual_mpc.diagnosis.gap import gap_of, measure_scales
+from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales, per_window
 from residual_mpc.diagnosis.hold_out import KeptBack, held_out_mask
+from residual_mpc.diagnosis.horizons import FORETOLD, full_windows, longer_horizons
+from residual_mpc.diagnosis.measured import quantiles
+from residual_mpc.diagnosis.noise_fit import fit_noise, no_more_than_left, stated_sizes
+from residual_mpc.diagnosis.noise_model import ChannelNoise
+from residual_mpc.diagnosis.problem import build_problem
 from residual_mpc.diagnosis.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.space import build_space
 from residual_mpc.diagnosis.spikes import find_outliers
+from residual_mpc.diagnosis.verdict import floor_from
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile, noise_over
-from residual_mpc.models.settings import Values, assemble
+from residual_mpc.models.settings import Settings, Values, assemble
+from residual_mpc.residual.record import Residual
 from residual_mpc.residual.robot import with_residual
 
 
@@ -48,35 +57,82 @@ def measure(
             str(model),
             "give the robot file that it was learned with",
         )
-    data = build_dataset(runs, robots, noise_over(robot_file, [run.name for run in runs]), horizon)
-    scales = measure_scales(data)
-    if held_out_of is not None:
-        data = data.take(held_out_mask_of(held_out_of, data))
-    nominal = data.y - predict(data, assemble([{}], {}))[0]
-    seen = with_outliers_removed(data, find_outliers(data).flagged) if leaves_out else data
-    if residual is not None:
-        blocks = with_residual([b.robot for b in seen.blocks], residual, str(model))
+    noise = noise_over(robot_file, [run.name for run in runs])
+    model_of = Explaining(values, leaves_out, None if residual is None else (residual, str(model)), model is not None)
+    kept = None if held_out_of is None else _kept(held_out_of)
+    first = build_dataset(runs, robots, noise, horizon)
+    mask = None if held_out_of is None else held_out_mask_of(held_out_of, first)
+    longer = [h for h in longer_horizons(first.runs, horizon) if kept is None or not any(k.start for k in kept)]
+    wholes = [build_dataset(runs, robots, noise, h, full_windows(first.runs, h)) for h in longer]
+    coloured = _noise_of(wholes[0] if wholes else first, first, model_of)
+    headline = _figures(replace(first, noise=coloured), measure_scales(first), mask, model_of, seed)
+    more = []
+    for data in wholes:
+        scales = measure_scales(data)
+        of_runs = None if kept is None else held_out_mask(data, kept)
+        found = _figures(replace(data, noise=coloured), scales, of_runs, model_of, seed)
+        if found["noise_floor"] < FORETOLD:
+            more.append(found)
+    g = {k: v for k, v in headline.items() if k != "channels"}
+    return {**g, "skipped": first.skipped, "channels": headline["channels"], "horizons": [headline, *more]}
+
+
+@dataclass(frozen=True)
+class Explaining:
+    """A model beside the nominal one: its effects' values, whether samples that jump away are among them, and what was
+    learned, with its file. given: whether there is such a model at all."""
+
+    values: Values
+    leaves_out: bool
+    residual: tuple[Residual, str] | None
+    given: bool
+
+
+def _noise_of(data: Dataset, headline: Dataset, model: Explaining) -> tuple[ChannelNoise, ...]:
+    """The noise that the model leaves, no more than there is at the headline's horizon."""
+    seen, settings = _seen(data, model)
+    problem = build_problem(seen, build_space(data, ()), seen.sigma)
+    noise = fit_noise(problem, measure_scales(data), predict(seen, settings)[0])
+    return stated_sizes(seen, no_more_than_left(noise, _seen(headline, model)[0], measure_scales(headline), settings))
+
+
+def _seen(data: Dataset, model: Explaining) -> tuple[Dataset, Settings]:
+    """The data as the model sees them, and its settings."""
+    seen = with_outliers_removed(data, find_outliers(data).flagged) if model.leaves_out else data
+    if model.residual is not None:
+        blocks = with_residual([b.robot for b in seen.blocks], *model.residual)
         seen = replace(seen, blocks=tuple(replace(b, robot=r) for b, r in zip(seen.blocks, blocks, strict=True)))
-    settings = assemble([values], {e.name: robots[0].slots(e.name) for e in LIBRARY})
-    other = seen.y - predict(seen, settings)[0] if model is not None else None
-    floors = noise_errors(seen, settings, np.random.default_rng(seed))
+    robot = data.blocks[0].robot
+    return seen, assemble([model.values], {e.name: robot.slots(e.name) for e in LIBRARY})
+
+
+def _figures(data: Dataset, scales: Scales, mask: np.ndarray | None, model: Explaining, seed: int) -> dict[str, Any]:
+    """The gap object of one horizon."""
+    data = data if mask is None else data.take(mask)
+    seen, settings = _seen(data, model)
+    nominal = data.y - predict(data, Settings(1))[0]
+    other = seen.y - predict(seen, settings)[0] if model.given else None
     g = gap_of(data, scales, nominal)
     m = None if other is None else gap_of(seen, scales, other)
-    f = [gap_of(seen, scales, e) for e in floors]
-    floor_channels = np.sqrt(np.mean([x.channels**2 for x in f], axis=0))
+    floor = floor_from([gap_of(seen, scales, e) for e in noise_errors(seen, settings, np.random.default_rng(seed))])
+    steady = gap_of(data, scales, data.y - constant_velocity(data)).total
+    windows = {"nominal": quantiles(per_window(data, scales, nominal))}
+    if other is not None:
+        windows["model"] = quantiles(per_window(seen, scales, other))
     return {
         "nominal": g.total,
         "model": None if m is None else m.total,
-        "noise_floor": float(np.sqrt(np.mean([x.total**2 for x in f]))),
-        "horizon": horizon,
+        "noise_floor": floor.total,
+        "constant_velocity": steady,
+        "horizon": data.horizon,
         "windows": data.count,
-        "skipped": data.skipped,
         "still": [c for c, s, k in zip(data.channels, scales.still, scales.compared, strict=True) if s and k],
+        "window_gaps": windows,
         "channels": {
             c: {
                 "nominal": float(g.channels[k]),
                 "model": None if m is None else float(m.channels[k]),
-                "noise_floor": float(floor_channels[k]),
+                "noise_floor": float(floor.channels[k]),
             }
             for k, c in enumerate(data.channels)
             if not scales.still[k]

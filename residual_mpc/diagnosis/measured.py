@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Gap, Scales, gap_of, per_window
 from residual_mpc.diagnosis.horizons import FORETOLD, Look
-from residual_mpc.diagnosis.noise_fit import fit_noise, stated_sizes
+from residual_mpc.diagnosis.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.noise_model import ChannelNoise
 from residual_mpc.diagnosis.problem import build_problem
 from residual_mpc.diagnosis.records import GapFigures, HorizonFigures, Verdict
@@ -147,12 +147,14 @@ def _lucky(look: AtHorizon) -> bool:
 
 
 def _noise(of: Explained, longer: Sequence[Look], row: Settings) -> tuple[ChannelNoise, ...]:
-    """The noise that the model leaves on the windows of the longest horizon that fits may see, since slow noise does not
-    show in short ones."""
+    """The noise that the model leaves on the windows that fits may see: of the next longer horizon, where there is one,
+    since slow noise does not show in short windows, and no more than there is in short ones."""
+    headline = of.clean.take(~of.held)
     free = [look.free for look in longer if look.free is not None]
-    data, scales = free[-1] if free else (of.clean.take(~of.held), of.scales)
+    data, scales = free[0] if free else (headline, of.scales)
     problem = build_problem(data, of.space, data.sigma)
-    return stated_sizes(data, fit_noise(problem, scales, predict(data, row)[0]))
+    noise = fit_noise(problem, scales, predict(data, row)[0])
+    return stated_sizes(data, no_more_than_left(noise, headline, of.scales, row))
 
 
 def _look(

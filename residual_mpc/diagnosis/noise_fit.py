@@ -17,12 +17,15 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
-from residual_mpc.diagnosis.gap import Scales
+from residual_mpc.diagnosis.floor import noise_errors
+from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.how_far import folds_of
 from residual_mpc.diagnosis.learner import learn, remove
 from residual_mpc.diagnosis.noise_model import ChannelNoise, ornstein_uhlenbeck
 from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.diagnosis.replay import predict
 from residual_mpc.logs.signals import difference_sigma, fresh_samples
+from residual_mpc.models.settings import Settings
 
 TIMES = (0.03, 0.1, 0.3, 1.0, 3.0)  # s: correlation times that noise may have; slower errors count as the model's
 EXCESS = 30.0  # how much more a noise above the measured increments weighs than one below
@@ -38,6 +41,18 @@ def with_noise(data: Dataset, problem: Problem, scales: Scales, predicted: np.nd
     """The data with the noise that the prediction (W, M, C) leaves on the problem's windows, whose channels are the
     same. What the user states of a channel stands; the colour is the data's."""
     return replace(data, noise=stated_sizes(data, fit_noise(problem, scales, predicted)))
+
+
+def no_more_than_left(
+    noise: tuple[ChannelNoise, ...], data: Dataset, scales: Scales, row: Settings
+) -> tuple[ChannelNoise, ...]:
+    """The noise with each channel's size such that it makes no more of a gap than the model `row` leaves there."""
+    left = gap_of(data, scales, data.y - predict(data, row)[0]).channels
+    drawn = noise_errors(replace(data, noise=noise), row, np.random.default_rng(0), DRAWS)
+    makes = np.sqrt(np.mean([gap_of(data, scales, e).channels ** 2 for e in drawn], axis=0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(makes > left, left / makes, 1.0)
+    return tuple(n.scaled_to(n.sigma * float(r)) for n, r in zip(noise, np.nan_to_num(ratio, nan=1.0), strict=True))
 
 
 def stated_sizes(data: Dataset, noise: tuple[ChannelNoise, ...]) -> tuple[ChannelNoise, ...]:
