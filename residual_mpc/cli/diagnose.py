@@ -15,14 +15,14 @@ from residual_mpc.cli.common import (
     load,
     name_robot_file,
     out_option,
-    progress_bar,
     robot_option,
     runs_argument,
     seed_option,
     writable_folder,
-    write_atomically,
 )
+from residual_mpc.cli.progress import progress_bar
 from residual_mpc.errors import BadInput
+from residual_mpc.files import write_atomically
 
 
 @click.command()
