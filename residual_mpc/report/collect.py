@@ -21,7 +21,8 @@ def collect(made: Made) -> Evidence:
     windows = Windows(
         [names[i] for i in order], made.data.start[order], np.asarray(before)[order], np.asarray(after)[order]
     )
-    return Evidence(_panels(made, before), windows)
+    starts = {run.name: float(run.t[0]) for run in made.data.runs}
+    return Evidence(_panels(made, before), windows, starts)
 
 
 def _panels(made: Made, per_window: np.ndarray) -> tuple[Panel, ...]:
