@@ -1,12 +1,13 @@
 """Drawings and the records behind them."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from fabricated_diagnosis import document, evidence
 
-from residual_mpc.report import Panel, Windows
+from residual_mpc.report import Panel, Windows, collect
 from residual_mpc.report.figures import inline as inline_module
 from residual_mpc.report.figures.curve import curve
 from residual_mpc.report.figures.strips import PIECES, strips
@@ -88,3 +89,10 @@ def test_a_coordinate_of_epoch_stamps_has_short_labels():
     labels = re.findall(r">([^<>]+)</text>", svg)
     assert "the time in the run - 1760000000 (s)" in labels
     assert max(len(label) for label in labels if label.replace(".", "").isdigit()) <= 6
+
+
+def test_a_panel_shows_windows_that_follow_each_other():
+    data = SimpleNamespace(start=np.array([3.0, 12.0, 1.0, 13.0, 0.0, 2.0, 14.0]), horizon=1.0)
+    assert collect._around(1, np.array([0, 1, 2, 3, 4, 5, 6]), data).tolist() == [1, 3, 6]
+    long = SimpleNamespace(start=np.arange(30.0), horizon=1.0)
+    assert collect._around(29, np.arange(30), long).tolist() == list(range(22, 30))

@@ -65,7 +65,7 @@ def few_ticks(axes: "Axes") -> None:
     """So few labels along the bottom that they never touch, however wide the numbers."""
     from matplotlib.ticker import MaxNLocator
 
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=6))
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
 
 
 def inline(figure: "Figure", name: str, alt: str) -> "Markup":
