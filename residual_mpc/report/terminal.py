@@ -71,11 +71,14 @@ def _shrink(document: Document) -> list[str]:
 
 def _cause(effect: Document) -> str:
     numbers = [
-        f"{name} = {measure_interval(p['value'], p.get('ci95'), p.get('unit', '1'))}"
+        f"{name} = {measure_interval(p['value'], p.get('ci95'), p.get('unit', '1'))}{_remark(p)}"
         for name, p in numbers_of(effect).items()
     ]
     named = f"{effect['effect']} [{effect['target']}]" if effect.get("target") else str(effect["effect"])
     sure = effect.get("probability")
     parts = [*numbers, *([] if sure is None else [f"probability {sure:.2f}"])]
-    note = f" ({effect['note']})" if effect.get("note") else ""
-    return f"{named}: {', '.join(parts)}{note}"
+    return f"{named}: {', '.join(parts)}{_remark(effect)}"
+
+
+def _remark(entry: Document) -> str:
+    return f" ({entry['note']})" if entry.get("note") else ""

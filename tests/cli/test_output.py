@@ -154,7 +154,8 @@ def test_every_horizon_has_a_line() -> None:
 
 def test_a_diagnosis_in_lines() -> None:
     effect = {"effect": "actuator_gain", "target": "left", "probability": 0.97, "note": "rests on a bound",
-              "parameters": {"gain": {"value": 0.9, "ci95": [0.88, 0.92], "unit": "1"}}}  # fmt: skip
+              "parameters": {"gain": {"value": 0.9, "ci95": [0.88, 0.92], "unit": "1",
+                                      "note": "at its bound"}}}  # fmt: skip
     document = {
         "verdict": "effects", "held_out": ["two"], "explanation": [effect], "confounded": [],
         "gap": {"before": 0.2, "after": 0.03, "noise_floor": 0.02, "horizon": 1.0, "constant_velocity": 0.4},
@@ -165,5 +166,5 @@ def test_a_diagnosis_in_lines() -> None:
         "  gap at 1 s: 0.2 -> 0.03 (noise floor 0.02)",
         "  gap of a forecast of constant velocity: 0.4",
         "  shrink expected 85 % (80 % to 90 %), achieved 86 % on held-out runs",
-        "  actuator_gain [left]: gain = 0.900 (0.880 to 0.920), probability 0.97 (rests on a bound)",
+        "  actuator_gain [left]: gain = 0.900 (0.880 to 0.920) (at its bound), probability 0.97 (rests on a bound)",
     ]

@@ -3,7 +3,7 @@
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
 from residual_mpc.report.wording import sentence, unseen
-from residual_mpc.report.words.gaps import size, warnings
+from residual_mpc.report.words.gaps import size
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.rest import rest_sentence
 
@@ -30,7 +30,6 @@ def verdict(document: Document, evidence: Evidence) -> Section:
         shrink=document.get("shrink"),
         unseen=unseen(document["held_out"]),
         rest=rest_sentence(document["remainder"]) if document.get("remainder") else "",
-        warnings=warnings(document["gap"], bool(document["explanation"])),
         doubts=[group_sentence(group) for group in document.get("confounded") or []],
         notes=document.get("notes") or [],
     )

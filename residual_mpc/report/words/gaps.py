@@ -7,6 +7,7 @@ from residual_mpc.report.words.numbers import count, number, percent
 
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json, or what `gap --json` prints; or one of its `horizons`
 RULES = 3.0  # times the median window's gap, from which a few windows make up the whole
+USELESS = 0.3  # gap from which a model that is worse than a forecast of constant velocity says nothing
 DIVERGES = 10.0  # a gap from which the prediction runs away
 
 
@@ -72,14 +73,12 @@ def warnings(gap: Gap, explained: bool) -> list[str]:
     models = [("nominal", nominal)] if last is None else [("nominal", nominal), ("final", last)]
     said = []
     if constant is not None:
-        worse = [name for name, value in models if value > constant]
+        worse = {name: value for name, value in models if value > constant}
         if worse:
             who = "This model" if len(models) == 1 else f"The {' and the '.join(worse)} model"
             verb, their = ("predicts", "its") if len(worse) == 1 else ("predict", "their")
-            said.append(
-                f"{who} {verb} worse than a forecast of constant velocity ({number(constant)}): {their} figures say "
-                "nothing about these runs."
-            )
+            nothing = f": {their} figures say nothing about these runs" if max(worse.values()) > USELESS else ""
+            said.append(f"{who} {verb} worse than a forecast of constant velocity ({number(constant)}){nothing}.")
     if nominal >= 1.0:
         said.append(f"The nominal model {size(nominal)}: a model that stands still would do better.")
     return said
