@@ -30,7 +30,7 @@ def ablation(cases: int, seed: int, lacking: tuple[str, ...], out: Path, jobs: i
     from residual_mpc.blind.make import MakeSettings, make_suite
     from residual_mpc.blind.run import RunSettings, run_suite
     from residual_mpc.blind.score.score import score_suite
-    from residual_mpc.cli.common import progress_bar
+    from residual_mpc.cli.progress import progress_bar
 
     os.environ["PYTHONPATH"] = str(ROOT)  # the cases are diagnosed in folders of their own
     drawn = MakeSettings(("wheeled",), tuple(LEVELS), cases, seed, jobs)

@@ -16,6 +16,7 @@ from typing import Any
 
 from residual_mpc.blind.records import Answer, answer_from
 from residual_mpc.errors import BadInput
+from residual_mpc.files import write_atomically
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def digest(case: Path) -> str:
 def write_sealed(sealed: Sealed, path: Path) -> None:
     """Keep ``sealed`` for the day it is revealed."""
     document = {"answer": sealed.answer.document(), "data": sealed.data, "salt": sealed.salt}
-    path.write_text(json.dumps(document, indent=1) + "\n")
+    write_atomically(path, json.dumps(document, indent=1) + "\n")
 
 
 def read_sealed(path: Path) -> Sealed:

@@ -7,12 +7,12 @@ cases/<name>/       robot.toml, the nominal model, the runs
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 
 from residual_mpc.errors import BadInput
+from residual_mpc.files import write_atomically
 
 SCHEMA = "residual-mpc/blind-suite/1"
 FIRST_TEST_SEED = 100_000  # seeds under it are for development, the others for tests
@@ -74,6 +74,4 @@ def read_suite(folder: Path) -> Suite:
 
 def write_json(path: Path, document: object) -> None:
     """Write JSON so that a reader sees the old file or the new one, never half of it."""
-    beside = path.with_name(path.name + f".{os.getpid()}.part")
-    beside.write_text(json.dumps(document, indent=1) + "\n")
-    beside.replace(path)
+    write_atomically(path, json.dumps(document, indent=1) + "\n")

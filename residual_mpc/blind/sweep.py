@@ -40,7 +40,7 @@ def sweep(
     from residual_mpc.blind.score.page import figures, settled, write_page
     from residual_mpc.blind.score.score import score_suite
     from residual_mpc.blind.suite import write_json
-    from residual_mpc.cli.common import progress_bar
+    from residual_mpc.cli.progress import progress_bar
 
     settings = MakeSettings(families or family_names(), levels or tuple(LEVELS), cases, seed, jobs)
     with progress_bar() as progress:

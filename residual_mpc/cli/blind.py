@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from residual_mpc.cli.common import emit, json_option, load, progress_bar, robot_option, runs_argument
+from residual_mpc.cli.common import emit, json_option, load, robot_option, runs_argument
+from residual_mpc.cli.progress import progress_bar
 from residual_mpc.errors import BadInput
 
 _folder = click.Path(path_type=Path, file_okay=False)

@@ -2,8 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -136,44 +135,6 @@ def writable_folder(folder: Path) -> None:
         raise BadInput(came, str(folder), "name a folder with --out")
     if not os.access(there, os.W_OK | os.X_OK):
         raise BadInput(f"{there} may not be written", str(folder), "choose another folder with --out")
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write a file whole or not at all. Raises BadInput where the folder cannot be written."""
-    import os
-    import tempfile
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False) as part:
-            part.write(text)
-        os.chmod(part.name, 0o644)
-        os.replace(part.name, path)
-    except OSError as error:
-        raise BadInput(f"cannot be written: {error.strerror}", str(path), "choose another folder with --out") from error
-
-
-@contextmanager
-def progress_bar() -> Iterator[Callable[[str, float], None]]:
-    """A bar on stderr with the stage and the time left; plain lines where stderr is no terminal."""
-    if not sys.stderr.isatty():
-        last = ""
-
-        def plain(stage: str, done: float) -> None:
-            nonlocal last
-            if stage != last:
-                click.echo(f"[{done:4.0%}] {stage}", err=True)
-                last = stage
-
-        yield plain
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("starting", total=1.0)
-        yield lambda stage, done: bar.update(task, description=stage, completed=done)
 
 
 def allow_user_modules() -> None:

@@ -1,28 +1,32 @@
 """`residual-mpc diagnose`."""
 
-import json
 import shlex
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from residual_mpc.cli.common import (
+    Loaded,
     emit,
     horizon_option,
     json_option,
     load,
     name_robot_file,
     out_option,
-    progress_bar,
     robot_option,
     runs_argument,
     seed_option,
     writable_folder,
-    write_atomically,
 )
+from residual_mpc.cli.diagnosis_files import ANSWER, COMMANDS, REPORT, write_answer, write_whole
+from residual_mpc.cli.progress import progress_bar
 from residual_mpc.errors import BadInput
+
+if TYPE_CHECKING:
+    from residual_mpc.diagnosis.records import Diagnosis
+    from residual_mpc.experiment.propose import Proposal
 
 
 @click.command()
@@ -30,16 +34,16 @@ from residual_mpc.errors import BadInput
 @runs_argument
 @out_option("diagnosis.json, report.html, model.json")
 @click.option(
-    "--only", multiple=True, metavar="EFFECT", help="Look at these effects alone; may be repeated or a comma list."
+    "--only", multiple=True, metavar="EFFECT", help="Consider only these effects; comma-separated or repeated."
 )
 @click.option(
-    "--without", multiple=True, metavar="EFFECT", help="Leave these effects out; may be repeated or a comma list."
+    "--without", multiple=True, metavar="EFFECT", help="Leave these effects out; comma-separated or repeated."
 )
 @click.option(
     "--held-out",
     multiple=True,
     metavar="RUN",
-    help="Runs kept back from every fit (file or run name); may be repeated.",
+    help="Runs to hold out of every fit (file or run name); may be repeated.",
 )
 @horizon_option
 @json_option
@@ -55,7 +59,7 @@ def diagnose(
     as_json: bool,
     seed: int,
 ) -> None:
-    """Say where the gap lies, which unmodelled effects cause it, and how far it shrinks once they are added."""
+    """Find where the gap lies, which unmodelled effects cause it, and by how much it shrinks once they are modelled."""
     writable_folder(out)
     chosen = _effects(only, "--only"), _effects(without, "--without")
     loaded = load(robot, runs)
@@ -63,18 +67,19 @@ def diagnose(
     import numpy as np
 
     from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
-    from residual_mpc.diagnosis.document import to_document
     from residual_mpc.diagnosis.options import Options
-    from residual_mpc.experiment.propose import FILE, propose
-    from residual_mpc.models.load import load_robot
-    from residual_mpc.report import sentence, write_report
+    from residual_mpc.report import compose
     from residual_mpc.report.collect import collect
-    from residual_mpc.report.words.rest import rest_sentence
     from residual_mpc.residual.remainder import LEARNERS
 
     kept = None if not held_out else _kept(held_out, [r.name for r in loaded.runs])
     options = Options(horizon=horizon, only=chosen[0], without=chosen[1], held_out=kept)
     with progress_bar() as progress:
+
+        def found(diagnosis: "Diagnosis") -> None:
+            """The answer stands; what is still to come takes a while and changes none of it."""
+            write_answer(_document(diagnosis, loaded, out), out)
+
         made = run_diagnosis(
             loaded.runs,
             loaded.robots,
@@ -85,30 +90,44 @@ def diagnose(
             progress,
             LEARNERS,
         )
-        document = to_document(made.diagnosis)
-        document["audit"] = [_finding(f) for f in loaded.findings]
-        name_robot_file(document["model"], loaded.robot_file, out)
-        document["command"] = shlex.join(["residual-mpc", *sys.argv[1:]])
-        document["verdict_sentence"] = sentence(document)
-        if document["remainder"]:
-            document["remainder"]["sentence"] = rest_sentence(document["remainder"])
+        found(made.diagnosis)
         progress("planning the next experiment", 0.96)
-        call = ["residual-mpc", "excite", str(out / "diagnosis.json"), "--robot", robot, "--out", str(out / FILE)]
-        logged = {c for r in loaded.runs for c in (*r.columns, *r.extra_columns)}
-        proposal = propose(document, load_robot(loaded.robot_file), shlex.join(call), seed, logged)
+        document = _document(made.diagnosis, loaded, out)
+        proposal = _proposal(document, loaded, robot, out, seed)
         document["next_experiment"] = proposal.next_experiment
-        progress("writing the report", 0.97)
-        write_report(document, collect(made), out)
-    write_atomically(out / "model.json", json.dumps(document["model"], indent=2, allow_nan=False) + "\n")
-    if proposal.table is None:
-        (out / FILE).unlink(missing_ok=True)  # what an earlier diagnosis in this folder proposed
-    else:
-        write_atomically(out / FILE, proposal.table)
-    write_atomically(out / "diagnosis.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
+        progress("drawing the report", 0.98)
+        write_whole(document, compose(document, collect(made)), proposal.table, out)
     if as_json:
         emit(document)
     else:
-        _summary(document, out)
+        _print(document, out)
+
+
+def _document(diagnosis: "Diagnosis", loaded: Loaded, out: Path) -> dict[str, Any]:
+    """diagnosis.json, but for the next experiment made concrete."""
+    from dataclasses import asdict
+
+    from residual_mpc.diagnosis.document import to_document
+    from residual_mpc.report import sentence
+    from residual_mpc.report.words.rest import rest_sentence
+
+    document = to_document(diagnosis)
+    document["audit"] = [asdict(finding) for finding in loaded.findings]
+    name_robot_file(document["model"], loaded.robot_file, out)
+    document["command"] = shlex.join(["residual-mpc", *sys.argv[1:]])
+    document["verdict_sentence"] = sentence(document)
+    if document["remainder"]:
+        document["remainder"]["sentence"] = rest_sentence(document["remainder"])
+    return document
+
+
+def _proposal(document: dict[str, Any], loaded: Loaded, robot: str, out: Path, seed: int) -> "Proposal":
+    from residual_mpc.experiment.propose import propose
+    from residual_mpc.models.load import load_robot
+
+    call = ["residual-mpc", "excite", str(out / ANSWER), "--robot", robot, "--out", str(out / COMMANDS)]
+    logged = {c for r in loaded.runs for c in (*r.columns, *r.extra_columns)}
+    return propose(document, load_robot(loaded.robot_file), shlex.join(call), seed, logged)
 
 
 def _effects(given: tuple[str, ...], option: str) -> tuple[str, ...]:
@@ -118,7 +137,7 @@ def _effects(given: tuple[str, ...], option: str) -> tuple[str, ...]:
     names = tuple(n.strip() for g in given for n in g.split(",") if n.strip())
     for name in names:
         if name not in BY_NAME:
-            raise BadInput(f"no effect is called {name!r}", option, did_you_mean(name, BY_NAME))
+            raise BadInput(f"there is no effect {name!r}", option, did_you_mean(name, BY_NAME))
     return names
 
 
@@ -135,47 +154,19 @@ def _kept(given: tuple[str, ...], names: list[str]) -> Any:
             if n == text or n == Path(text).stem or fnmatchcase(n, text) or fnmatchcase(n, Path(text).stem)
         ]
         if not found:
-            raise BadInput(f"no run is called {text!r}", "--held-out", f"the runs are {', '.join(names[:12])}")
+            raise BadInput(f"there is no run {text!r}", "--held-out", f"the runs are {', '.join(names[:12])}")
         out += [KeptBack(n) for n in found]
     return tuple(dict.fromkeys(out))
 
 
-def _finding(finding: Any) -> dict[str, Any]:
-    from dataclasses import asdict
+def _print(document: dict[str, Any], out: Path) -> None:
+    from residual_mpc.report import diagnosis_lines
 
-    return asdict(finding)
-
-
-def _summary(document: dict[str, Any], out: Path) -> None:
-    click.echo(document["verdict_sentence"])
-    gap, shrink = document["gap"], document["shrink"]
-    click.echo(
-        f"  gap {gap['before']:.3g} -> {gap['after']:.3g} (noise floor {gap['noise_floor']:.2g}), "
-        "on windows that no fit has seen"
-    )
-    if shrink:
-        low, high = shrink["expected_ci95"]
-        click.echo(
-            f"  shrink expected {shrink['expected']:.0%} ({low:.0%} to {high:.0%}), achieved {shrink['value']:.0%}"
-        )
-    for cause in document["explanation"]:
-        numbers = ", ".join(
-            f"{n} = {p['value']:.4g} {p['unit']} ({p['ci95'][0]:.4g} to {p['ci95'][1]:.4g})"
-            for n, p in cause["parameters"].items()
-        )
-        click.echo(f"  {_named(cause)}: {numbers}; probability {cause['probability']:.2f}")
-    for group in document["confounded"]:
-        names = [" + ".join(_named(t) for t in (m if isinstance(m, list) else [m])) for m in group]
-        click.echo(f"  cannot be told apart on these runs: {', '.join(dict.fromkeys(names))}")
-    if document["remainder"]:
-        click.echo(f"  {document['remainder']['sentence']}")
+    for line in diagnosis_lines(document):
+        click.echo(line)
     following = document["next_experiment"]
     if following:
-        click.echo(f"  next: {following['what']}")
-        where = f"{out / following['commands']}" if following["commands"] else f"planned by: {following['excite']}"
-        click.echo(f"  its commands: {where}")
-    click.echo(f"  report: {out / 'report.html'}")
-
-
-def _named(term: dict[str, Any]) -> str:
-    return f"{term['effect']} [{term['target']}]" if term["target"] else str(term["effect"])
+        click.echo(f"  next experiment: {following['what']}")
+        planned = out / following["commands"] if following["commands"] else f"plan them with: {following['excite']}"
+        click.echo(f"  its commands: {planned}")
+    click.echo(f"  report: {out / REPORT}")

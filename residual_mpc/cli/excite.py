@@ -9,11 +9,11 @@ from residual_mpc.cli.common import (
     allow_user_modules,
     emit,
     json_option,
-    progress_bar,
     robot_option,
     seed_option,
-    write_atomically,
 )
+from residual_mpc.cli.progress import progress_bar
+from residual_mpc.files import write_atomically
 
 
 def _limits(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, tuple[float, float]]:

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from residual_mpc.cli.common import emit, json_option, seed_option, write_atomically
+from residual_mpc.cli.common import emit, json_option, seed_option
 from residual_mpc.errors import BadInput
+from residual_mpc.files import write_atomically
 
 if TYPE_CHECKING:
     from residual_mpc.init.draft import Draft

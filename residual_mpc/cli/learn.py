@@ -17,9 +17,9 @@ from residual_mpc.cli.common import (
     runs_argument,
     seed_option,
     writable_folder,
-    write_atomically,
 )
 from residual_mpc.errors import BadInput
+from residual_mpc.files import write_atomically
 
 if TYPE_CHECKING:
     from residual_mpc.residual.train import Learned, Task

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from residual_mpc.cli.common import emit, json_option, progress_bar, seed_option, writable_folder
+from residual_mpc.cli.common import emit, json_option, seed_option, writable_folder
+from residual_mpc.cli.progress import progress_bar
 
 
 @click.command()

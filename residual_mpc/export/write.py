@@ -12,6 +12,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.agreement import Agreement, Step, agreement
 from residual_mpc.export.augmented import Augmented, read_settings
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
+from residual_mpc.files import write_atomically
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.simulating import WritesMjcf
 
@@ -32,7 +33,7 @@ def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Gener
     files, step = writers[to](model, c, folder)
     apart = agreement(model, step, rng)
     document = describe(model, c, to, files, apart)
-    (folder / "export.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
     return document
 
 
@@ -53,7 +54,7 @@ def write_mjcf(file: Path, robot: Robot, folder: Path) -> dict[str, Any]:
         raise BadInput("an MJCF holds no network", str(file), "export the diagnosis that it was learned on")
     made = robot.to_mjcf(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "model.xml").write_text(made.text, encoding="utf-8")
+    write_atomically(folder / "model.xml", made.text)
     document = {
         "to": "mjcf",
         "robot": robot.name,
@@ -64,7 +65,7 @@ def write_mjcf(file: Path, robot: Robot, folder: Path) -> dict[str, Any]:
             "joints": made.apart, "largest": made.apart, "points": made.points, "from_all_effects": made.apart_from_all,
         },
     }  # fmt: skip
-    (folder / "export.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
     return document
 
 
@@ -134,7 +135,7 @@ def _jax(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str]
     from residual_mpc.export.jax_source import jax_source
 
     source = jax_source(c, f"The augmented model of {model.robot.name}.", model.start().tolist())
-    (folder / "model_jax.py").write_text(source, encoding="utf-8")
+    write_atomically(folder / "model_jax.py", source)
     try:
         import jax
         import jax.numpy as jnp
@@ -169,7 +170,7 @@ def _onnx(model: Augmented, folder: Path) -> dict[str, Any]:
         "files": {"residual.onnx": "the network alone: z -> delta, physical units"},
         "largest_difference": {"network": apart, "largest": apart, "points": 500},
     }
-    (folder / "export.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
     return document
 
 

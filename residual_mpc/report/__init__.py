@@ -2,6 +2,16 @@
 
 from residual_mpc.report.evidence import Evidence, Panel, Windows
 from residual_mpc.report.report import compose, write_report
+from residual_mpc.report.terminal import diagnosis_lines, gap_lines
 from residual_mpc.report.wording import sentence
 
-__all__ = ["Evidence", "Panel", "Windows", "compose", "sentence", "write_report"]
+__all__ = [
+    "Evidence",
+    "Panel",
+    "Windows",
+    "compose",
+    "diagnosis_lines",
+    "gap_lines",
+    "sentence",
+    "write_report",
+]

@@ -2,17 +2,18 @@
 
 import numpy as np
 
+from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.gap import gap_from_squares, window_squares
 from residual_mpc.diagnosis.opened import Made
 from residual_mpc.report.evidence import Evidence, Panel, Windows
 
 PANELS = 6
-STRETCH = 8  # windows shown in one panel
+STRETCH = 8  # windows shown in one panel, at most
 UNITS = {"pose.theta": "rad", "pose.x": "m", "pose.y": "m", "twist.theta": "rad/s", "twist.x": "m/s", "twist.y": "m/s"}
 
 
 def collect(made: Made) -> Evidence:
-    """The channels with the largest gap over the held-out stretch that shows it, and the gap of every window."""
+    """The channels with the largest gap, around the held-out window that shows it best, and the gap of every window."""
     eye = np.eye(made.data.count)
     before = gap_from_squares(*window_squares(made.data, made.scales, made.before), eye)
     after = gap_from_squares(*window_squares(made.data, made.scales, made.after), eye)
@@ -21,7 +22,8 @@ def collect(made: Made) -> Evidence:
     windows = Windows(
         [names[i] for i in order], made.data.start[order], np.asarray(before)[order], np.asarray(after)[order]
     )
-    return Evidence(_panels(made, before), windows)
+    starts = {run.name: float(run.t[0]) for run in made.data.runs}
+    return Evidence(_panels(made, before), windows, starts)
 
 
 def _panels(made: Made, per_window: np.ndarray) -> tuple[Panel, ...]:
@@ -33,13 +35,20 @@ def _panels(made: Made, per_window: np.ndarray) -> tuple[Panel, ...]:
         if not usable.any():
             continue
         worst = int(np.flatnonzero(usable)[np.nanargmax(per_window[usable])])
-        mine = np.flatnonzero(usable & (data.run == data.run[worst]))
-        mine = mine[np.argsort(data.start[mine])]
-        first = int(
-            np.clip(np.searchsorted(data.start[mine], data.start[worst]) - STRETCH // 2, 0, max(len(mine) - STRETCH, 0))
+        out.append(
+            _panel(made, channel, k, _around(worst, np.flatnonzero(usable & (data.run == data.run[worst])), data))
         )
-        out.append(_panel(made, channel, k, mine[first : first + STRETCH]))
     return tuple(out)
+
+
+def _around(worst: int, windows: np.ndarray, data: Dataset) -> np.ndarray:
+    """At most STRETCH of the windows, one after the other in time, with `worst` among them."""
+    windows = windows[np.argsort(data.start[windows])]
+    breaks = np.flatnonzero(np.diff(data.start[windows]) > 1.5 * data.horizon) + 1
+    (mine,) = (part for part in np.split(windows, breaks) if worst in part)
+    place = int(np.flatnonzero(mine == worst)[0])
+    first = min(max(place - STRETCH // 2, 0), max(len(mine) - STRETCH, 0))
+    return np.asarray(mine[first : first + STRETCH])
 
 
 def _panel(made: Made, channel: str, k: int, windows: np.ndarray) -> Panel:

@@ -1,6 +1,6 @@
 """What the report shows beside the diagnosis document: signals, and the gap window by window."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,9 +11,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Panel:
-    """One channel over one stretch of a run: several consecutive windows, kept back from every fit.
+    """One channel over part of a run: several consecutive held-out windows.
 
-    A row in which all three signals are NaN parts two windows; a NaN in one of them alone is a missing
+    A row in which all three signals are NaN separates two windows; a NaN in one of them alone is a missing
     sample, over which its line runs on. Raises ValueError where the lengths differ or the stretch is empty.
     """
 
@@ -49,6 +49,7 @@ class Evidence:
 
     panels: tuple[Panel, ...] = ()
     windows: Windows = field(default_factory=Windows)
+    starts: Mapping[str, float] = field(default_factory=dict)  # s: each run's first stamp, from which times count
 
 
 def _one_length(record: object, *names: str) -> int:

@@ -1,9 +1,8 @@
 """One HTML file that says what was found: it needs no network, no script and no second file."""
 
-import os
-import tempfile
 from pathlib import Path
 
+from residual_mpc.files import write_atomically
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Maker, Section, render
 from residual_mpc.report.sections.audit import audit
@@ -30,13 +29,8 @@ def write_report(document: Document, evidence: Evidence, folder: Path) -> Path:
 
     The file appears whole or not at all. Raises KeyError where the document lacks a key.
     """
-    page = compose(document, evidence)
-    folder.mkdir(parents=True, exist_ok=True)
     target = folder / NAME
-    with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=folder, suffix=".part", delete=False) as part:
-        part.write(page)
-    os.chmod(part.name, 0o644)  # a temporary file is the owner's alone; a report is there to be passed on
-    os.replace(part.name, target)
+    write_atomically(target, compose(document, evidence))
     return target
 
 

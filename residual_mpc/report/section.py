@@ -47,10 +47,12 @@ def environment() -> "Environment":
         "measure_interval": numbers.measure_interval,
         "percent_interval": numbers.percent_interval,
         "effect_name": effects.name,
+        "effect_numbers": effects.numbers_of,
         "effect_sentence": effects.sentence_of,
         "effect_stage": effects.stage,
         "capital": lambda text: text[:1].upper() + text[1:],
         "listed": numbers.listed,
+        "count": numbers.count,
     }
     return jinja
 

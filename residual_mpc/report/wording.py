@@ -4,10 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from residual_mpc.report.words.effects import name, sentence_of
+from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, size
 from residual_mpc.report.words.numbers import listed, number, percent
 
 NAMED = 3  # causes named in the sentence; the rest are counted
-WORTH_SAYING = 0.05  # a learned residual that closes less than this is not worth the sentence
+SURE = 0.5  # probability below which an effect is a possibility
+WORTH_SAYING = 0.05  # a learned residual that removes less than this is not worth the sentence
 
 # Effects of which one says "adding that delay" rather than "modelling that".
 ADDED = ("delay", "lag", "friction", "payload", "bias", "armature", "slope")
@@ -19,10 +21,16 @@ def sentence(document: Mapping[str, Any]) -> str:
     return say[document["verdict"]](document)
 
 
+def surest_first(effects: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """An explanation by falling probability; one without a probability counts as sure."""
+    return sorted(effects, key=lambda effect: -_probability(effect))
+
+
 def unseen(held_out: Sequence[Any]) -> str:
-    """What was kept back: whole runs, or stretches of runs."""
-    whole = all(isinstance(part, str) for part in held_out)
-    return "runs no fit has seen" if whole else "stretches no fit has seen"
+    """What the figures were measured on: whole runs, or parts of runs, that were kept back."""
+    if not held_out:
+        return "the runs that were fitted"
+    return "held-out runs" if all(isinstance(part, str) for part in held_out) else "held-out parts of the runs"
 
 
 def _no_gap(document: Mapping[str, Any]) -> str:
@@ -30,29 +38,39 @@ def _no_gap(document: Mapping[str, Any]) -> str:
 
 
 def _effects(document: Mapping[str, Any]) -> str:
-    return f"{_causes(document)}; {_adding(document)} removes {_achieved(document)}."
+    return f"{_causes(document)}; {_adding(document)} {_achieved(document)}."
 
 
 def _partial(document: Mapping[str, Any]) -> str:
-    explained = f"{_causes(document)}; {_adding(document)} removes {_achieved(document)}"
-    return f"{explained}, and no known effect explains the rest."
+    gap = document["gap"]
+    worst = hardest(gap, "after")
+    times = ratio(worst, "after")
+    left = "part of the gap" if times is None else f"{number(times, 2)} times the noise floor"
+    where = at_horizon(worst, gap["horizon"])
+    return f"{_causes(document)}; {_adding(document)} {_achieved(document)} and leaves {left} unexplained{where}."
 
 
 def _unknown(document: Mapping[str, Any]) -> str:
-    gap = document["gap"]
-    size = f"In {number(gap['horizon'], 2)} s the model misses {percent(gap['before'])} of the motion"
+    worst = hardest(document["gap"], "before")
+    times = ratio(worst, "before")
+    noise = "more than the sensor noise" if times is None else f"{number(times, 2)} times the noise floor"
     learned = (document.get("unexplained") or {}).get("learned_residual_shrink") or 0.0
-    hope = f", though a learned residual closes {percent(learned)} of it" if learned >= WORTH_SAYING else ""
-    return f"{size}, more than sensor noise can do, and no known effect explains it{hope}."
+    hope = f"; a learned residual removes {percent(learned)} of it" if learned >= WORTH_SAYING else ""
+    missed = f"Over {number(worst['horizon'], 2)} s the model {size(worst['before'])}, {noise}"
+    return f"{missed}, and no known effect explains it beyond doubt{hope}."
 
 
 def _causes(document: Mapping[str, Any]) -> str:
-    effects = document["explanation"]
+    """The surest causes first; those below an even chance after the word "possibly"."""
+    effects = surest_first(document["explanation"])
     said = effects if len(effects) <= NAMED + 1 else effects[:NAMED]  # "1 more" is no shorter than the effect
-    sentences = [sentence_of(effect) for effect in said]
-    if len(effects) > len(said):
-        sentences.append(f"{len(effects) - len(said)} more effects add to it")
-    text = listed(sentences)
+    sure = [sentence_of(effect) for effect in said if _probability(effect) >= SURE]
+    maybe = [f"possibly {sentence_of(effect)}" for effect in said if _probability(effect) < SURE]
+    hidden = effects[len(said) :]
+    if hidden:
+        doubted = "possibly " if all(_probability(effect) < SURE for effect in hidden) else ""
+        (maybe if maybe else sure).append(f"{doubted}{len(hidden)} more effects contribute")
+    text = listed([*sure, *maybe])
     return text[:1].upper() + text[1:]
 
 
@@ -61,8 +79,16 @@ def _adding(document: Mapping[str, Any]) -> str:
     if len(effects) > 1:
         return "adding these to the model"
     last = name(effects[0]).split()[-1]
-    return f"adding that {last}" if last in ADDED else "modelling that"
+    return f"adding that {last} to the model" if last in ADDED else "modelling that"
 
 
 def _achieved(document: Mapping[str, Any]) -> str:
-    return f"{percent(document['shrink']['value'])} of the gap on {unseen(document['held_out'])}"
+    shrink, where = (document.get("shrink") or {}).get("value"), unseen(document["held_out"])
+    if shrink is None or shrink <= 0.0:
+        return f"does not reduce the gap on {where}"
+    return f"removes {percent(shrink)} of the gap on {where}"
+
+
+def _probability(effect: Mapping[str, Any]) -> float:
+    probability = effect.get("probability")
+    return 1.0 if probability is None else float(probability)

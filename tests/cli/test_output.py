@@ -11,6 +11,7 @@ import pytest
 from oracles.rover_log import ROBOT, rover_run, write_run
 
 from residual_mpc.cli.main import main
+from residual_mpc.report import diagnosis_lines, gap_lines
 
 TRACK = {"track_width": {"scale": 1.25}}
 
@@ -104,3 +105,66 @@ def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(["--version"])
     assert end.value.code == 0 and capsys.readouterr().out.strip()
+
+
+def test_the_answer_is_on_disk_before_its_report(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever stops what comes after the answer, the answer is whole, and no older report stands beside it."""
+    import residual_mpc.report
+
+    def stopped(*arguments: object) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(residual_mpc.report, "compose", stopped)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.html").write_text("of an earlier diagnosis")
+    call = ["diagnose", "--robot", str(folder / "rover.toml"), str(folder / "one.csv"), "--out", str(out)]
+    with pytest.raises(SystemExit) as end:
+        main([*call, "--only", "track_width"])
+    assert end.value.code == 1
+    assert {p.name for p in out.iterdir()} == {"diagnosis.json", "model.json"}
+    document = json.loads((out / "diagnosis.json").read_text())
+    assert document["verdict"] == "effects" and "still running, or was stopped" in document["notes"][-1]
+    assert json.loads((out / "model.json").read_text()) == document["model"]
+
+
+def test_the_gap_of_a_model_that_diverges_comes_with_words() -> None:
+    gap = {
+        "nominal": 4080.0, "model": None, "noise_floor": 0.1, "horizon": 1.0, "windows": 3, "skipped": 1,
+        "still": ["pose.y"],
+        "channels": {"pose.x": {"nominal": 4080.0, "model": None, "noise_floor": 0.1}}, "constant_velocity": 0.4,
+    }  # fmt: skip
+    said = gap_lines(gap)
+    assert said[0] == "gap at 1 s: 4080 (noise floor 0.1), 3 windows"
+    assert "This model predicts worse than a forecast of constant velocity (0.4)" in said[3]
+    assert "diverges to 4080 times the motion itself" in said[4]
+    assert said[-1] == "1 window skipped: no sample within 0.25 s of the start"
+
+
+def test_every_horizon_has_a_line() -> None:
+    one = {"nominal": 0.12, "model": 0.03, "noise_floor": 0.02, "horizon": 1.0, "windows": 24, "skipped": 0,
+           "still": [], "channels": {}, "window_gaps": {"model": {"p50": 0.001, "p90": 0.02, "max": 0.3}}}  # fmt: skip
+    far = {**one, "horizon": 5.0, "held_out": False, "windows": 4}
+    assert gap_lines({**one, "horizons": [one, far]}) == [
+        "gap at 1 s: 0.12 -> 0.03 (noise floor 0.02), 24 windows",
+        "gap at 5 s: 0.12 -> 0.03 (noise floor 0.02), 4 windows, seen by the fit",
+        "A few windows dominate the gap at 1 s: half of the windows are below 0.001, the largest is at 0.3.",
+    ]
+
+
+def test_a_diagnosis_in_lines() -> None:
+    effect = {"effect": "actuator_gain", "target": "left", "probability": 0.97, "note": "rests on a bound",
+              "parameters": {"gain": {"value": 0.9, "ci95": [0.88, 0.92], "unit": "1",
+                                      "note": "at its bound"}}}  # fmt: skip
+    document = {
+        "verdict": "effects", "held_out": ["two"], "explanation": [effect], "confounded": [],
+        "gap": {"before": 0.2, "after": 0.03, "noise_floor": 0.02, "horizon": 1.0, "constant_velocity": 0.4},
+        "shrink": {"expected": 0.85, "expected_ci95": [0.8, 0.9], "value": 0.86, "ci95": [0.83, 0.89]},
+    }  # fmt: skip
+    assert diagnosis_lines(document) == [
+        "The left wheel delivers 90 % of its modelled output; modelling that removes 86 % of the gap on held-out runs.",
+        "  gap at 1 s: 0.2 -> 0.03 (noise floor 0.02)",
+        "  gap of a forecast of constant velocity: 0.4",
+        "  shrink expected 85 % (80 % to 90 %), achieved 86 % on held-out runs",
+        "  actuator_gain [left]: gain = 0.900 (0.880 to 0.920) (at its bound), probability 0.97 (rests on a bound)",
+    ]

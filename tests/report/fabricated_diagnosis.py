@@ -54,6 +54,23 @@ def _channels(before: float, after: float) -> dict[str, Any]:
     }
 
 
+def _horizon(horizon: float, before: float, after: float, windows: int, held_out: bool = True) -> dict[str, Any]:
+    return {
+        "horizon": horizon,
+        "nominal": before,
+        "before": before,
+        "after": after,
+        "noise_floor": 0.02,
+        "windows": windows,
+        "held_out": held_out,
+        "channels": _channels(before, after),
+        "window_gaps": {
+            "before": {"p50": 0.8 * before, "p90": 1.4 * before, "max": 2.5 * before},
+            "after": {"p50": 0.2 * after, "p90": 0.9 * after, "max": 9.0 * after},
+        },
+    }
+
+
 def _base() -> dict[str, Any]:
     return {
         "schema": "residual-mpc/diagnosis/1",
@@ -119,6 +136,12 @@ def _effects() -> dict[str, Any]:
             "skipped": 1,
             "still": ["pose.y"],
             "channels": _channels(0.21, 0.03),
+            "constant_velocity": 0.38,
+            "horizons": [
+                _horizon(HORIZON, 0.21, 0.03, 47),
+                _horizon(5.0, 0.12, 0.034, 9),
+                _horizon(30.0, 0.09, 0.031, 3, held_out=False),
+            ],
         },
         "shrink": {"expected": 0.85, "expected_ci95": [0.80, 0.90], "value": 0.86, "ci95": [0.83, 0.89]},
         "where": _where(),
@@ -128,6 +151,8 @@ def _effects() -> dict[str, Any]:
                 "target": None,
                 "probability": 0.97,
                 "parameters": {"delay": {"value": 0.081, "ci95": [0.078, 0.084], "unit": "s"}},
+                "evidence": ["fits", "predicts", "survives"],
+                "note": "rests on the bound of what is tried",
             }
         ],
         "candidates": _candidates(),
@@ -192,7 +217,8 @@ def _partial() -> dict[str, Any]:
         "outliers": {"share": 0.004, "channels": {"position.elbow": 0.012}},
         "seconds": 41.2,
         "command": "residual-mpc diagnose --robot arm.toml logs",
-        "gap": {"nominal": 0.9, "before": 0.66, "after": 0.41, "noise_floor": 0.02, "horizon": HORIZON},
+        "gap": {"nominal": 0.9, "before": 0.66, "after": 0.41, "noise_floor": 0.02, "horizon": HORIZON}
+        | {"constant_velocity": 0.38},
         "shrink": {"expected": 0.52, "expected_ci95": [0.45, 0.60], "value": 0.38, "ci95": [0.30, 0.44]},
         "where": _where(),
         "explanation": [
@@ -211,7 +237,9 @@ def _partial() -> dict[str, Any]:
             {
                 "effect": "actuator_gain",
                 "target": "wrist",
-                "probability": 0.81,
+                "probability": 0.31,
+                "since": {"run": "run1", "t": 31.5},
+                "by_run": {"run1": 0.62, "run2": 0.66},
                 "parameters": {"gain": {"value": 0.62, "ci95": [0.58, 0.66], "unit": "1"}},
             },
             {

@@ -2,6 +2,7 @@
 
 import copy
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -111,17 +112,17 @@ def test_intervals_may_be_missing():
     some["explanation"][0]["parameters"]["delay"]["ci95"] = None
     some["shrink"] |= {"expected": None, "expected_ci95": None}
     some["candidates"][0]["shrink"] = None
-    assert "Promised and kept" not in Page(compose(some, evidence("effects"))).text
+    assert "Expected and achieved" not in Page(compose(some, evidence("effects"))).text
 
 
 def test_sections_follow_the_verdict():
     def titles(verdict):
         return re.findall(r"<h2[^>]*>([^<]*)</h2>", compose(document(verdict), evidence(verdict)))
 
-    assert "Where the gap lies" not in titles("no_gap") and "What is left" not in titles("no_gap")
-    assert "What cannot be told apart" in titles("effects")
+    assert "Where the gap lies" not in titles("no_gap") and "Remaining error" not in titles("no_gap")
+    assert "Effects that cannot be told apart" in titles("effects")
     for verdict in VERDICTS:
-        assert titles(verdict)[0] == "Verdict" and titles(verdict)[-1] == "What the figures mean"
+        assert titles(verdict)[0] == "Verdict" and titles(verdict)[-1] == "Definitions"
 
 
 def test_what_a_user_named_is_escaped():
@@ -135,8 +136,8 @@ def test_what_a_user_named_is_escaped():
 
 
 def test_missed_promise_is_said():
-    assert "less than the interval that was stated" in Page(compose(document("partial"), Evidence())).text
-    assert "inside the interval that was stated" in Page(compose(document("effects"), Evidence())).text
+    assert "less than the expected interval" in Page(compose(document("partial"), Evidence())).text
+    assert "inside the expected interval" in Page(compose(document("effects"), Evidence())).text
 
 
 def test_the_shown_sentence_is_the_one_in_the_document():
@@ -175,9 +176,61 @@ def test_many_runs_and_long_signals_stay_small():
 
 def test_the_next_experiment_says_what_to_log_and_what_plans_its_commands():
     said = Page(compose(document("unknown"), evidence("unknown"))).text
-    assert "Log besides: velocity.left , velocity.right ." in said
+    assert "Also log velocity.left , velocity.right ." in said
     assert "residual-mpc excite out/diagnosis.json --robot arm.toml --out out/next.csv" in said
 
 
 def test_what_the_learned_residual_closes_says_who_learned():
-    assert "Closed by the network on top" in Page(compose(document("partial"), evidence("partial"))).text
+    assert "Removed by a neural network on top" in Page(compose(document("partial"), evidence("partial"))).text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "badge"),
+    [("effects", "Explained"), ("partial", "Partly explained"), ("unknown", "Unknown"), ("no_gap", "No gap")],
+)
+def test_the_badge_says_the_verdict(verdict, badge):
+    assert f'<span class="badge {verdict}">{badge}</span>' in compose(document(verdict), evidence(verdict))
+
+
+def test_every_horizon_has_a_row_and_one_that_the_fit_has_seen_is_marked():
+    text = " ".join(Page(compose(document("effects"), evidence("effects"))).text.split())
+    assert "By horizon" in text and "30 s * 0.09 0.031 0.02" in text
+    assert "* At 30 s no whole window could be held out" in text and "The channels over 5 s" in text
+    assert "By horizon" not in Page(compose(document("partial"), evidence("partial"))).text  # an older document
+
+
+def test_the_forecast_of_constant_velocity_is_a_line_and_a_warning():
+    page = compose(document("partial"), evidence("partial"))
+    assert "forecast of constant velocity from the same start states: 0.38" in page and 'style="--at:42.2%"' in page
+    assert "The nominal and the final model predict worse" in Page(page).text
+    without = document("partial")
+    del without["gap"]["constant_velocity"]
+    assert "forecast of constant velocity" not in compose(without, evidence("partial"))
+
+
+def test_an_effect_in_doubt_is_a_possibility_and_says_what_supports_it():
+    text = Page(compose(document("partial"), evidence("partial"))).text
+    assert "Possibly actuator wrist delivers" in text and "Begins 31 s into run1." in text
+    assert "Is found whichever run" not in text
+    named = Page(compose(document("effects"), evidence("effects"))).text
+    assert "Fits better beyond doubt, predicts held-out runs better and is found whichever run is left out." in named
+    assert "Rests on the bound of what is tried." in named
+
+
+EPOCH = 1_760_000_000.0  # s
+
+
+def test_times_count_from_the_start_of_each_run():
+    ours, shown = document("partial"), evidence("partial")
+    late = Evidence(
+        tuple(replace(p, t=p.t + EPOCH) for p in shown.panels),
+        replace(shown.windows, start=shown.windows.start + EPOCH),
+        dict.fromkeys(("run1", "run2", "run3"), EPOCH),
+    )
+    for part in [*ours["held_out"], *ours["where"]["times"]]:
+        part |= {"from": part["from"] + EPOCH, "to": part["to"] + EPOCH}
+    ours["explanation"][2]["since"]["t"] += EPOCH
+    page = compose(ours, late)
+    assert "1760" not in page and "10⁹" not in page
+    text = Page(page).text
+    assert "12 to 15.98 s" in text and "from 0.5 to 20.5 s" in text and "Begins 31.5 s into run1." in text

@@ -7,9 +7,11 @@ from fabricated_diagnosis import document
 
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.report.wording import sentence
-from residual_mpc.report.words.effects import PHRASES, STAGES, sentence_of, stage
+from residual_mpc.report.words.effects import name, remarks, sentence_of, stage
+from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
 from residual_mpc.report.words.groups import group_sentence
-from residual_mpc.report.words.numbers import listed, measure, measure_interval, number, percent
+from residual_mpc.report.words.numbers import in_brackets, listed, measure, measure_interval, number, percent, spelled
+from residual_mpc.report.words.phrases import PHRASES, STAGES
 from residual_mpc.report.words.rest import hint_of, rest_sentence
 
 
@@ -64,7 +66,7 @@ def test_listed():
 @pytest.mark.parametrize("target", [None, "elbow"])
 @pytest.mark.parametrize("value", [0.2, -0.2])
 def test_every_effect_of_the_library_has_a_sentence(effect, target, value):
-    assert effect.name in PHRASES, "give it a phrase in words/effects.py"
+    assert effect.name in PHRASES, "give it a phrase in words/phrases.py"
     assert stage({"effect": effect.name}) == effect.stage and effect.stage in STAGES
     parameters = {p.name: {"value": value, "ci95": None, "unit": p.unit} for p in effect.parameters}
     words = sentence_of({"effect": effect.name, "target": target, "parameters": parameters})
@@ -83,24 +85,152 @@ def test_a_negative_value_turns_the_sentence():
         "target": "position.j2",
         "parameters": {"bias": {"value": -0.1, "unit": "m"}},
     }
-    assert plain(sentence_of(bias)) == "the channel position.j2 reads 0.1 m too low"
+    assert plain(sentence_of(bias)) == "channel position.j2 reads 0.1 m too low"
 
 
 def test_wheels_are_called_wheels():
     gain = {"effect": "actuator_gain", "target": "left", "parameters": {"gain": {"value": 0.9, "unit": "1"}}}
-    assert plain(sentence_of(gain)) == "the left wheel gives 90 % of what the model expects"
+    assert plain(sentence_of(gain)) == "the left wheel delivers 90 % of its modelled output"
+
+
+@pytest.mark.parametrize(
+    ("effect", "target", "parameters", "text"),
+    [
+        ("dead_zone", "elbow", {"width": (0.01, "rad")},
+         "actuator elbow ignores position errors smaller than 0.01 rad (0.57°)"),
+        ("dead_zone", "left", {"width": (0.3, "rad/s")}, "the left wheel ignores commands smaller than 0.3 rad/s"),
+        ("saturation", "elbow", {"limit": (3.0, "N m")}, "the torque of actuator elbow saturates at 3 N m"),
+        ("saturation", None, {"limit": (8.0, "rad/s")}, "the speed of every actuator saturates at 8 rad/s"),
+        ("armature", None, {"inertia": (-0.2, "kg m^2")}, "every joint has 0.2 kg m² less rotor inertia than modelled"),
+        ("track_width", None, {"scale": (3.34, "1")}, "the robot turns as if its track were 3.34 times as wide"),
+        ("command_delay", "j2", {"delay": (0.09, "s")}, "commands to j2 take effect 90 ms late"),
+        ("torque_ripple", "j2", {"amplitude": (0.2, "N m"), "cycles": (12.0, "1/turn")},
+         "the torque of joint j2 ripples by 0.2 N m (12 per turn)"),
+        ("clock_skew", None, {"rate": (-4e-5, "1")}, "the sensor clock runs 40 ppm slow"),
+        ("stribeck_friction", "j1", {"static": (-0.2, "N m"), "kinetic": (-0.1, "N m")},
+         "the friction of joint j1 differs from the model by -0.2 N m near standstill and -0.1 N m at speed"),
+    ],
+)  # fmt: skip
+def test_clauses_fit_arms_and_wheels(effect, target, parameters, text):
+    written = {k: {"value": v, "ci95": None, "unit": u} for k, (v, u) in parameters.items()}
+    assert plain(sentence_of({"effect": effect, "target": target, "parameters": written})) == text
+
+
+def test_a_fitted_law_is_told_from_an_effect_with_a_name():
+    law = {"effect": "fitted_law", "target": "j2", "on": "the speed of j2",
+           "parameters": {"values": {"value": [0.1, -0.2], "unit": "N m"}}}  # fmt: skip
+    assert sentence_of(law) == "a law in the speed of j2, fitted to the runs, corrects j2"
+
+
+def test_people_are_written_with_a_capital():
+    assert name({"effect": "coulomb_friction"}) == "Coulomb friction"
+
+
+def test_what_supports_an_effect_in_words():
+    entry = {"evidence": ["fits", "survives"], "since": {"run": "one", "t": 131.0}, "by_run": {"one": 0.8, "two": 0.9},
+             "note": "rests on the bound of what is tried"}  # fmt: skip
+    assert [plain(text) for text in remarks(entry, lambda run, t: t - 100.0)] == [
+        "fits better beyond doubt and is found whichever run is left out",
+        "begins 31 s into one",
+        "by run: one 0.8, two 0.9",
+        "rests on the bound of what is tried",
+    ]
+    assert remarks({"effect": "payload"}, lambda run, t: t) == []
+
+
+@pytest.mark.parametrize(
+    ("unit", "text", "label"),
+    [("1", "", ""), ("", "", ""), ("rad/s^2", "rad/s²", " (rad/s²)"), ("1/turn", "per turn", " (per turn)")],
+)
+def test_units_as_they_are_printed(unit, text, label):
+    assert plain(spelled(unit)) == text and plain(in_brackets(unit)) == label
 
 
 def test_the_verdict_in_one_sentence():
     assert plain(sentence(document("effects"))) == (
-        "The robot answers 81 ms late; adding that delay removes 86 % of the gap on runs no fit has seen."
+        "Commands take effect 81 ms late; adding that delay to the model removes 86 % of the gap on held-out runs."
     )
     partial = plain(sentence(document("partial")))
-    assert "on stretches no fit has seen" in partial and "no known effect explains the rest" in partial
-    assert "learned residual closes 55 %" in plain(sentence(document("unknown")))
+    assert partial.endswith(
+        "removes 38 % of the gap on held-out parts of the runs and leaves 20 times the noise floor unexplained."
+    )
+    assert plain(sentence(document("unknown"))) == (
+        "Over 1 s the model misses 21 % of the motion, 10 times the noise floor, and no known effect explains it "
+        "beyond doubt; a learned residual removes 55 % of it."
+    )
     assert sentence(document("no_gap")).endswith("there is no gap to explain.")
     with pytest.raises(KeyError):
         sentence(document("effects") | {"verdict": "perhaps"})
+
+
+def test_the_surest_effect_comes_first_and_a_doubtful_one_is_a_possibility():
+    said = plain(sentence(document("partial")))
+    assert said.startswith("Joint elbow has 13.1 mN m more dry friction than modelled, the gear of shoulder_lift has ")
+    assert "too low and possibly actuator wrist delivers 62 % of its modelled output; adding" in said
+    alone = document("effects")
+    alone["explanation"][0]["probability"] = 0.19
+    assert sentence(alone).startswith("Possibly commands take effect")
+
+
+@pytest.mark.parametrize(("probability", "text"), [(0.9, "3 more effects"), (0.2, "possibly 3 more effects")])
+def test_effects_that_are_counted_are_doubted_like_the_rest(probability, text):
+    many = document("partial")
+    many["explanation"] = [many["explanation"][0]] + [many["explanation"][2] | {"probability": probability}] * 5
+    assert f" and {text} contribute; adding" in sentence(many)
+
+
+def test_what_is_left_is_said_at_the_horizon_where_most_is():
+    slow = document("partial")
+    far = {"horizon": 5.0, "before": 0.6, "after": 0.3, "noise_floor": 0.03}
+    slow["gap"] |= {"after": 0.03, "horizons": [slow["gap"] | {"after": 0.03}, far]}
+    assert plain(sentence(slow)).endswith("and leaves 10 times the noise floor unexplained at 5 s.")
+
+
+def test_no_gain_on_held_out_runs_is_said():
+    worse = document("partial")
+    worse["shrink"] |= {"value": -0.04}
+    assert "does not reduce the gap on held-out parts of the runs" in sentence(worse)
+    assert "on the runs that were fitted" in sentence(document("effects") | {"held_out": []})
+
+
+@pytest.mark.parametrize(
+    ("gap", "explained", "text"),
+    [
+        ({"horizon": 5.0, "before": 0.12, "after": 0.03, "noise_floor": 0.02}, True,
+         "gap at 5 s: 0.12 -> 0.03 (noise floor 0.02)"),
+        ({"horizon": 1.0, "before": 0.12, "after": 0.12, "noise_floor": 0.02, "windows": 1}, False,
+         "gap at 1 s: 0.12 (noise floor 0.02), 1 window"),
+        ({"horizon": 30.0, "nominal": 0.12, "model": 0.03, "noise_floor": 0.0213, "held_out": False}, True,
+         "gap at 30 s: 0.12 -> 0.03 (noise floor 0.021), seen by the fit"),
+        ({"horizon": 1.0, "nominal": 0.12, "model": None, "noise_floor": 0.02}, True,
+         "gap at 1 s: 0.12 (noise floor 0.02)"),
+    ],
+)  # fmt: skip
+def test_a_horizon_in_one_line(gap, explained, text):
+    assert plain(horizon_line(gap, explained)) == text
+
+
+def test_a_model_that_is_worse_than_constant_velocity_is_said():
+    gap = {"nominal": 0.6, "before": 0.5, "after": 0.3, "noise_floor": 0.02, "horizon": 1.0, "constant_velocity": 0.38}
+    nothing = "a forecast of constant velocity (0.38): its figures say nothing about these runs."
+    assert warnings(gap, True) == [f"The nominal model predicts worse than {nothing}"]
+    assert warnings(gap | {"after": 0.4}, True)[0].startswith("The nominal and the final model predict worse")
+    assert warnings(gap, False) == [f"This model predicts worse than {nothing}"]
+    assert warnings(gap | {"constant_velocity": 0.7}, True) == []
+    small = {"nominal": 0.1, "before": 0.1, "noise_floor": 0.02, "horizon": 1.0, "constant_velocity": 0.08}
+    assert warnings(small, False) == ["This model predicts worse than a forecast of constant velocity (0.08)."]
+    assert warnings({"nominal": 4080.0, "model": None, "noise_floor": 0.1, "horizon": 1.0}, True) == [
+        "The nominal model diverges to 4080 times the motion itself: a model that stands still would do better."
+    ]
+
+
+def test_a_few_windows_that_rule_the_gap_are_said():
+    quantiles = {"p50": 0.06, "p90": 0.3, "max": 5.0}
+    gap = {"horizon": 1.0, "before": 0.5, "after": 0.35, "noise_floor": 0.02, "window_gaps": {"after": quantiles}}
+    assert few_windows(gap, True) == (
+        "A few windows dominate the gap at 1 s: half of the windows are below 0.06, the largest is at 5."
+    )
+    assert few_windows(gap, False) == "" and few_windows(gap | {"after": 0.1}, True) == ""
 
 
 def test_a_group_in_words():
@@ -108,17 +238,31 @@ def test_a_group_in_words():
         {"effect": "backlash", "target": "j1"},
         [{"effect": "payload", "target": None}, {"effect": "armature"}],
     ]
-    assert group_sentence(group) == ("On these runs backlash (j1) and payload with armature cannot be told apart.")
+    assert group_sentence(group) == (
+        "On these runs backlash (j1) and payload together with armature cannot be told apart."
+    )
 
 
 def test_what_is_left_in_words():
     assert plain(rest_sentence(document("unknown")["remainder"])) == (
-        "What is left sits in elbow in slow motion and depends on the angle of elbow (62 % of it, 12 times per "
-        "revolution): cogging of a motor or the teeth of a gear would look like that. Of the known effects it "
-        "resembles viscous friction of elbow most, which closes 31 % of it."
+        "The remaining error is mainly in elbow in slow motion and depends on the angle of elbow (62 % of it, 12 times "
+        "per revolution), consistent with motor cogging or gear teeth. Viscous friction of elbow would close 31 % of "
+        "it, but the runs do not show it beyond doubt."
     )
     nothing = plain(rest_sentence(document("partial")["remainder"]))
-    assert "depends on nothing that was logged; half of it comes in 12 % of the time, as gusts or bumps" in nothing
+    assert "depends on nothing that was logged; it comes in bursts: half of it falls in 12 % of the time." in nothing
+
+
+def test_an_effect_that_closes_most_and_is_not_named_comes_with_the_reason():
+    rest = document("unknown")["remainder"]
+    why = "the search stopped before it."
+    near = rest | {"resembles": {"effect": "command_delay", "target": None, "closes": 1.0, "why": why}}
+    assert plain(rest_sentence(near)).endswith(
+        "Command delay would close 100 % of it, but the runs do not show it beyond doubt: the search stopped before it."
+    )
+    near["resembles"]["closes"] = 0.31
+    assert rest_sentence(near).endswith("but the runs do not show it beyond doubt.")
+    assert "would close" not in rest_sentence(rest | {"resembles": None})
 
 
 def test_a_curve_over_a_speed_is_one_sided_where_its_halves_differ():

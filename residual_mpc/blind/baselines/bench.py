@@ -22,6 +22,7 @@ from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.space import Space, build_space
 from residual_mpc.diagnosis.thinning import thin
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.files import write_atomically
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Term, Values
@@ -120,5 +121,4 @@ def _explanation(fit: Fit) -> list[dict[str, Any]]:
 
 def write_document(document: dict[str, Any], folder: Path) -> None:
     """Write ``diagnosis.json``."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "diagnosis.json").write_text(json.dumps(document, indent=1) + "\n")
+    write_atomically(folder / "diagnosis.json", json.dumps(document, indent=1) + "\n")

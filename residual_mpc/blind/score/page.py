@@ -9,6 +9,7 @@ from residual_mpc.blind.score.calibration import calibration_error
 from residual_mpc.blind.score.rates import Rate
 from residual_mpc.blind.score.score import Scores
 from residual_mpc.blind.score.summary import Summary
+from residual_mpc.files import write_atomically
 
 
 def write_page(scores: Scores, path: Path) -> None:
@@ -19,7 +20,8 @@ def write_page(scores: Scores, path: Path) -> None:
         loader=PackageLoader("residual_mpc.blind"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     first = scores.summaries[0]
-    path.write_text(
+    write_atomically(
+        path,
         environment.get_template("page.html").render(
             scores=scores,
             first=first,
@@ -32,7 +34,7 @@ def write_page(scores: Scores, path: Path) -> None:
             percent=percent,
             number=number,
             calibration_error=calibration_error(first.bins),
-        )
+        ),
     )
 
 

@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.report.figures.inline import COLOURS, house_style, inline
+from residual_mpc.report.clock import offset_of
+from residual_mpc.report.figures.inline import COLOURS, few_ticks, house_style, inline
+from residual_mpc.report.words.numbers import in_brackets, spelled
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -22,28 +24,32 @@ def curve(dependence: Mapping[str, Any], what: str, name: str) -> "Markup":
     if c["repeats"]:  # the first point comes again a period later
         period = 2.0 * np.pi / c["repeats"]
         x, y, se = (np.append(a, b) for a, b in ((x, period), (y, y[0]), (se, se[0])))
+    offset = offset_of(x)
     apart = dependence["kind"] in ("run", "direction")
     with house_style():
         figure = Figure(figsize=SIZE, layout="constrained")
         axes = figure.add_subplot()
         axes.axhline(0.0, color=COLOURS["floor"], ls=":", lw=1.4)
         if not apart:
-            axes.fill_between(x, y - 2.0 * se, y + 2.0 * se, color=COLOURS["after"], alpha=0.18, lw=0)
-        axes.errorbar(x, y, 2.0 * se, color=COLOURS["after"], marker="o", ms=4, lw=1.4, ls="none" if apart else "-")
-        axes.set_xlabel(dependence["on"] + (f" ({c['x_unit']})" if c["x_unit"] else ""))
+            axes.fill_between(x - offset, y - 2.0 * se, y + 2.0 * se, color=COLOURS["after"], alpha=0.18, lw=0)
+        axes.errorbar(
+            x - offset, y, 2.0 * se, color=COLOURS["after"], marker="o", ms=4, lw=1.4, ls="none" if apart else "-"
+        )
+        axes.set_xlabel(dependence["on"] + (f" - {offset:.0f}" if offset else "") + in_brackets(c["x_unit"]))
         axes.set_ylabel(_y_label(dependence, what))
         axes.margins(x=0.03)
+        few_ticks(axes)
         return inline(figure, name, _alt(dependence, what, x, y))
 
 
 def _y_label(dependence: Mapping[str, Any], what: str) -> str:
-    unit = dependence["curve"]["y_unit"]
+    unit = str(dependence["curve"]["y_unit"])
     lacking = f"missing in {what}"
     if dependence["kind"] == "wheel_angle":
-        return f"{lacking}\n({unit} of the wheel)"
+        return f"{lacking}\n({spelled(unit)} of the wheel)"
     if dependence["form"] == "speed":
-        return f"{lacking},\nof its speed" + ("" if unit == "1" else f" ({unit})")
-    return f"{lacking}\n({unit})"
+        return f"{lacking},\nof its speed{in_brackets(unit)}"
+    return f"{lacking}\n{in_brackets(unit).strip()}".rstrip()
 
 
 def _alt(dependence: Mapping[str, Any], what: str, x: np.ndarray, y: np.ndarray) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from markupsafe import Markup
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 LARGEST_SVG = 300_000  # bytes; a page of twelve such drawings still opens at once on a phone
@@ -58,6 +59,13 @@ def house_style() -> Iterator[None]:
 
     with matplotlib.rc_context(SETTINGS):
         yield
+
+
+def few_ticks(axes: "Axes") -> None:
+    """So few labels along the bottom that they never touch, however wide the numbers."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
 
 
 def inline(figure: "Figure", name: str, alt: str) -> "Markup":

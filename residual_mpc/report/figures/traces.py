@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from residual_mpc.report.evidence import Array, Panel
-from residual_mpc.report.figures.inline import COLOURS, house_style, inline
+from residual_mpc.report.figures.inline import COLOURS, few_ticks, house_style, inline
+from residual_mpc.report.words.numbers import measure, number, spelled
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -14,10 +15,12 @@ SIZE = (5.4, 2.5)  # inches; at a phone's width the text is still about 8 px
 DOTTED = 60  # with fewer measured samples than this, each is shown as a dot
 
 
-def traces(panel: Panel, name: str) -> "Markup":
-    """The panel's three signals over time. `name` is unique on the page."""
+def traces(panel: Panel, name: str, start: float) -> "Markup":
+    """The panel's three signals over the time since `start`, the run's first stamp (s). `name` is unique on the
+    page."""
     from matplotlib.figure import Figure
 
+    t = panel.t - start
     breaks = np.isnan(panel.measured) & np.isnan(panel.before) & np.isnan(panel.after)
     explained = bool(np.isfinite(panel.after).any())
     with house_style():
@@ -26,14 +29,15 @@ def traces(panel: Panel, name: str) -> "Markup":
         measured = bridged(panel.measured, breaks)
         few = int(np.isfinite(panel.measured).sum()) < DOTTED
         dot = "." if few else ""
-        axes.plot(panel.t, measured, color=COLOURS["ink"], lw=2.2, alpha=0.55, marker=dot, ms=4)
-        axes.plot(panel.t, bridged(panel.before, breaks), color=COLOURS["before"], ls=(0, (4, 1.6)))
+        axes.plot(t, measured, color=COLOURS["ink"], lw=2.2, alpha=0.55, marker=dot, ms=4)
+        axes.plot(t, bridged(panel.before, breaks), color=COLOURS["before"], ls=(0, (4, 1.6)))
         if explained:
-            axes.plot(panel.t, bridged(panel.after, breaks), color=COLOURS["after"])
+            axes.plot(t, bridged(panel.after, breaks), color=COLOURS["after"])
         axes.set_xlabel("time in the run (s)")
-        axes.set_ylabel(panel.unit)
+        axes.set_ylabel(spelled(panel.unit))
         axes.margins(x=0.01)
-        return inline(figure, name, _alt(panel, explained))
+        few_ticks(axes)
+        return inline(figure, name, _alt(panel, t, explained))
 
 
 def bridged(signal: Array, breaks: np.ndarray) -> Array:
@@ -62,10 +66,10 @@ def rms_error(panel: Panel, signal: Array) -> float:
     return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
 
 
-def _alt(panel: Panel, explained: bool) -> str:
+def _alt(panel: Panel, t: Array, explained: bool) -> str:
     text = (
-        f"{panel.channel} of run {panel.run} from {panel.t[0]:.4g} to {panel.t[-1]:.4g} s: measured, and"
-        f" predicted before (root mean square error {rms_error(panel, panel.before):.2g} {panel.unit})"
+        f"{panel.channel} of run {panel.run} from {number(t[0], 4)} to {number(t[-1], 4)} s: measured, and"
+        f" predicted before (root mean square error {measure(rms_error(panel, panel.before), panel.unit)})"
     )
-    after = f" and after ({rms_error(panel, panel.after):.2g} {panel.unit})" if explained else ""
+    after = f" and after ({measure(rms_error(panel, panel.after), panel.unit)})" if explained else ""
     return text + after + "."

@@ -8,9 +8,9 @@ SHOWN = 12  # findings in the table; the rest fold away
 
 
 def audit(document: Document, evidence: Evidence) -> Section | None:
-    """There where the document says what the audit found, be it nothing."""
+    """There where the document holds an audit, even an empty one."""
     if document.get("audit") is None:
         return None
     findings = sorted(document["audit"], key=lambda finding: ORDER.get(finding["severity"], len(ORDER)))
     body = render("sections/audit.html.jinja", shown=findings[:SHOWN], folded=findings[SHOWN:])
-    return Section("audit", "What the logs are like", body)
+    return Section("audit", "Log audit", body)

@@ -1,14 +1,18 @@
-"""What causes the gap: the named set with its parameters, its rivals, and all candidates by probability."""
+"""The causes: the named set with its parameters, the alternatives to it, and all candidates by probability."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
+from residual_mpc.report.clock import since_start
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.wording import SURE, surest_first
+from residual_mpc.report.words.effects import remarks
 from residual_mpc.report.words.groups import member_name
 
 SHOWN = 10  # candidates in the table; the rest fold away
-RIVALS = 6  # rival sets listed; the document holds them all
+RIVALS = 6  # alternatives listed; the document holds them all
 
 
 def causes(document: Document, evidence: Evidence) -> Section | None:
@@ -16,17 +20,19 @@ def causes(document: Document, evidence: Evidence) -> Section | None:
     candidates = sorted(document.get("candidates") or [], key=_rank)
     if not document["explanation"] and not candidates:
         return None
+    since = partial(since_start, evidence)
     rivals = sorted(document.get("rivals") or [], key=lambda rival: -rival["probability"])
     body = render(
         "sections/causes.html.jinja",
         verdict=document["verdict"],
-        explanation=document["explanation"],
+        explanation=[(effect, remarks(effect, since)) for effect in surest_first(document["explanation"])],
+        sure=SURE,
         shown=candidates[:SHOWN],
         folded=candidates[SHOWN:],
         named={(effect["effect"], effect.get("target")) for effect in document["explanation"]},
         rivals=[(member_name(rival["terms"]), rival["probability"]) for rival in rivals[:RIVALS]],
     )
-    return Section("causes", "What causes it", body)
+    return Section("causes", "Causes", body)
 
 
 def _rank(candidate: Mapping[str, Any]) -> tuple[float, float]:

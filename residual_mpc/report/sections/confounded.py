@@ -1,4 +1,4 @@
-"""Causes whose predictions on these runs cannot be told apart."""
+"""Effects whose predictions on these runs cannot be told apart."""
 
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
@@ -18,7 +18,7 @@ def confounded(document: Document, evidence: Evidence) -> Section | None:
     parted = [len(parts & _names(group)) >= 2 for group in groups]
     body = render("sections/confounded.html.jinja", groups=list(zip(shown, parted, strict=True)),
                   what=experiment.get("what"))  # fmt: skip
-    return Section("confounded", "What cannot be told apart", body)
+    return Section("confounded", "Effects that cannot be told apart", body)
 
 
 def _is_chosen(member: Member, chosen: set[tuple[str, str | None]]) -> bool:

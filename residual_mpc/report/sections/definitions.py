@@ -1,4 +1,4 @@
-"""What each figure of the report means, and how it was made."""
+"""What each figure of the report means."""
 
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
@@ -13,4 +13,4 @@ def definitions(document: Document, evidence: Evidence) -> Section:
         command=document.get("command"),
         seconds=document.get("seconds"),
     )
-    return Section("definitions", "What the figures mean", body)
+    return Section("definitions", "Definitions", body)

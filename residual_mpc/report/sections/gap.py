@@ -1,55 +1,66 @@
-"""How large the gap is: before, after, and what the sensor noise alone would leave."""
+"""The size of the gap: before, after, and what the sensor noise alone would leave."""
 
 import numpy as np
 
+from residual_mpc.report.clock import since_start
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.figures.windows import spread
 from residual_mpc.report.held_out import held_out
 from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.sections.horizons import channel_rows, horizon_rows, reference, scale
+from residual_mpc.report.words.gaps import few_windows, horizons_of, seen_horizons, warnings
+from residual_mpc.report.words.numbers import listed, number
 
 FEW = 8  # windows, below which their spread says nothing
 
 
 def gap(document: Document, evidence: Evidence) -> Section:
-    """Always there: the bars, the steps, the promise beside what was kept, the channels and the windows."""
+    """Always there: the bars, the horizons, the steps, expected beside achieved, the channels and the windows."""
     figures, shrink = document["gap"], document.get("shrink")
     bars = _bars(document)
-    channels = [{"name": name, **values} for name, values in (figures.get("channels") or {}).items()]
+    largest = scale(figures, max(value for _, _, value in bars))
+    explained = bool(document["explanation"])
+    rows = horizon_rows(figures, explained)
     steps = document.get("stages_of_gap") or []
     body = render(
         "sections/gap.html.jinja",
         bars=bars,
-        largest=max(value for _, _, value in bars) or 1.0,
+        largest=largest,
+        reference=reference(figures, largest),
+        warnings=warnings(figures, explained),
+        dominated=next((text for row in horizons_of(figures) if (text := few_windows(row, explained))), ""),
+        rows=rows if len(rows) > 1 or rows[0].quantiles else [],
+        seen=listed([f"{number(h)} s" for h in seen_horizons(horizons_of(figures))] or [""]),
         gap=figures,
         steps=steps if len(steps) > 2 else [],  # before and after alone are the bars above
         step_largest=max((step["gap"] for step in steps), default=0.0) or 1.0,
         shrink=shrink,
-        promise=_promise(shrink),
-        explained=bool(document["explanation"]),
-        channels=sorted(channels, key=lambda channel: -channel["before"]),
-        held_out=document["held_out"],
+        ranges=_ranges(shrink),
+        explained=explained,
+        channels=channel_rows(figures) or rows[0].channels,
+        held_out=[_kept_back(part, evidence) for part in document["held_out"]],
         fit=document.get("fit") or {},
         figure=_spread(document, evidence),
     )
-    return Section("gap", "How large the gap is", body)
+    return Section("gap", "Size of the gap", body)
 
 
 def _bars(document: Document) -> list[tuple[str, str, float]]:
-    """(kind, label, gap) from the largest to the least, as the story goes."""
+    """(kind, label, gap), from the model as it came to the sensor noise alone."""
     figures = document["gap"]
     nominal = figures.get("nominal")
-    bars = [("before", "Model as it is", figures["before"])]
+    bars = [("before", "Nominal model", figures["before"])]
     if nominal is not None and not np.isclose(nominal, figures["before"]):
         bars = [
-            ("nominal", "Model as it was given", nominal),
-            ("before", "The same, retuned", figures["before"]),
+            ("nominal", "Nominal model", nominal),
+            ("before", "Nominal model, retuned", figures["before"]),
         ]
     if document["explanation"]:
         bars.append(("after", "With the named effects", figures["after"]))
     return [*bars, ("floor", "Sensor noise alone", figures["noise_floor"])]
 
 
-def _promise(shrink: Document | None) -> dict[str, object] | None:
+def _ranges(shrink: Document | None) -> dict[str, object] | None:
     """The expected and the achieved shrink on one axis, in per cent of its width; None without both."""
     if not shrink or any(shrink.get(key) is None for key in ("expected", "expected_ci95", "value", "ci95")):
         return None
@@ -60,8 +71,16 @@ def _promise(shrink: Document | None) -> dict[str, object] | None:
     ends = [end for row in rows.values() for end in row]
     low, high = min(0.0, *ends), max(1.0, *ends)
     place = {key: [100 * (end - low) / (high - low) for end in row] for key, row in rows.items()}
-    kept = shrink["expected_ci95"][0] <= shrink["value"] <= shrink["expected_ci95"][1]
-    return {"place": place, "low": low, "kept": kept, "above": shrink["value"] > shrink["expected"]}
+    inside = shrink["expected_ci95"][0] <= shrink["value"] <= shrink["expected_ci95"][1]
+    return {"place": place, "low": low, "inside": inside, "above": shrink["value"] > shrink["expected"]}
+
+
+def _kept_back(part: str | Document, evidence: Evidence) -> Document:
+    """A run, or part of one with its times from the run's start."""
+    if isinstance(part, str):
+        return {"run": part, "from": None, "to": None}
+    run = part["run"]
+    return {"run": run, **{end: since_start(evidence, run, part[end]) for end in ("from", "to")}}
 
 
 def _spread(document: Document, evidence: Evidence) -> object:

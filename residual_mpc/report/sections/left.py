@@ -1,4 +1,4 @@
-"""What is left: the unexplained share, what a flexible learner finds in it, and constants that moved."""
+"""The remaining error: the unexplained share, what a learned residual removes of it, and constants that moved."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,10 +6,9 @@ from typing import Any
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.figures.curve import curve
 from residual_mpc.report.section import Document, Section, render
-from residual_mpc.report.words.effects import name as effect_name
-from residual_mpc.report.words.rest import component_name, form_of, hint_of
+from residual_mpc.report.words.rest import component_name, form_of, hint_of, resemblance
 
-LEARNERS = {"ridge": "a ridge regression", "network": "the network"}
+LEARNERS = {"ridge": "a ridge regression", "network": "a neural network"}
 LIFT = 1.2  # from which a regime is listed
 
 
@@ -31,14 +30,13 @@ def left(document: Document, evidence: Evidence) -> Section | None:
         moved=moved,
         rest=_rest(document.get("remainder")),
     )
-    return Section("left", "What is left", body)
+    return Section("left", "Remaining error", body)
 
 
 def _rest(remainder: Mapping[str, Any] | None) -> dict[str, Any] | None:
     """What the template says of the remainder; None where there is none worth describing."""
     if not remainder:
         return None
-    like = remainder["resembles"]
     return {
         "components": [{**c, "name": component_name(c["name"])} for c in remainder["components"]],
         "regimes": [r for r in remainder["regimes"] if r["share"] >= 0.05 and r["lift"] >= LIFT],
@@ -54,5 +52,5 @@ def _rest(remainder: Mapping[str, Any] | None) -> dict[str, Any] | None:
             }
             for k, d in enumerate(remainder["depends_on"])
         ],
-        "like": None if like is None else {**like, "name": effect_name(like)},
+        "like": resemblance(remainder["resembles"]),
     }

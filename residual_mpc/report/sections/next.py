@@ -1,4 +1,4 @@
-"""What to do next: the experiment or the sensor that would tell the rest."""
+"""The next experiment: the motion or the sensor that would settle what is open."""
 
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
@@ -18,4 +18,4 @@ def next_experiment(document: Document, evidence: Evidence) -> Section | None:
         sensors=[s for s in experiment.get("sensors") or [] if s not in experiment["what"]],  # said once
         excite=experiment.get("excite"),
     )
-    return Section("next", "What to record next", body)
+    return Section("next", "Next experiment", body)

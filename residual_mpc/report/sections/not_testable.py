@@ -12,5 +12,5 @@ def not_testable(document: Document, evidence: Evidence) -> Section | None:
     reasons: dict[str, list[Document]] = {}
     for effect in effects:
         reasons.setdefault(effect["why"], []).append(effect)
-    return Section("not-testable", "What could not be tested",
+    return Section("not-testable", "Effects that could not be tested",
                    render("sections/not_testable.html.jinja", reasons=reasons))  # fmt: skip

@@ -1,5 +1,6 @@
-"""What the robot did and what the model predicts, on stretches that no fit has seen."""
+"""What the robot did and what the model predicts, on held-out data."""
 
+from residual_mpc.report.clock import first_stamp, since_start
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.figures import traces as figures
 from residual_mpc.report.section import Document, Section, render
@@ -12,9 +13,9 @@ def traces(document: Document, evidence: Evidence) -> Section | None:
     panels = [
         {
             "panel": panel,
-            "from": float(panel.t[0]),
-            "to": float(panel.t[-1]),
-            "svg": figures.traces(panel, f"trace{index}"),
+            "from": since_start(evidence, panel.run, panel.t[0]),
+            "to": since_start(evidence, panel.run, panel.t[-1]),
+            "svg": figures.traces(panel, f"trace{index}", first_stamp(evidence, panel.run)),
             "before": figures.rms_error(panel, panel.before),
             "after": figures.rms_error(panel, panel.after),
         }
@@ -22,4 +23,4 @@ def traces(document: Document, evidence: Evidence) -> Section | None:
     ]
     body = render("sections/traces.html.jinja", panels=panels, horizon=document["gap"]["horizon"],
                   explained=bool(document["explanation"]))  # fmt: skip
-    return Section("traces", "Measured against predicted", body)
+    return Section("traces", "Measured and predicted", body)

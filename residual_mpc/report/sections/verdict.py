@@ -3,6 +3,7 @@
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.section import Document, Section, render
 from residual_mpc.report.wording import sentence, unseen
+from residual_mpc.report.words.gaps import size
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.rest import rest_sentence
 
@@ -10,7 +11,7 @@ TITLES = {
     "no_gap": "No gap",
     "effects": "Explained",
     "partial": "Partly explained",
-    "unknown": "Cause unknown",
+    "unknown": "Unknown",
 }
 LONG = 180  # characters, above which the sentence is set smaller
 
@@ -25,6 +26,7 @@ def verdict(document: Document, evidence: Evidence) -> Section:
         headline=headline,
         long=len(headline) > LONG,
         gap=document["gap"],
+        missed=size(document["gap"]["before"]),
         shrink=document.get("shrink"),
         unseen=unseen(document["held_out"]),
         rest=rest_sentence(document["remainder"]) if document.get("remainder") else "",

@@ -1,12 +1,15 @@
 """The map of where the gap lies: along the chain, by channel, by regime, and in time."""
 
+from functools import partial
+
 import numpy as np
 
+from residual_mpc.report.clock import first_stamp, since_start
 from residual_mpc.report.evidence import Evidence
 from residual_mpc.report.figures.strips import strips
 from residual_mpc.report.held_out import held_out
 from residual_mpc.report.section import Document, Section, render
-from residual_mpc.report.words.effects import STAGES
+from residual_mpc.report.words.phrases import STAGES
 
 RUNS = 24  # strips shown; runs with the largest gap come first
 MOMENTS = 8  # moments listed; the document holds them all
@@ -24,7 +27,8 @@ def where(document: Document, evidence: Evidence) -> Section | None:
     times = places.get("times") or []
     dark = float(np.quantile(gaps, DARKEST)) if gaps.size else 0.0
     horizon = document["gap"]["horizon"]
-    runs = strips(windows, held_out(document, windows), horizon, dark, times) if dark > 0 else []
+    kept = held_out(document, windows)
+    runs = strips(windows, kept, horizon, dark, times, partial(first_stamp, evidence)) if dark > 0 else []
     body = render(
         "sections/where.html.jinja",
         chain=chain if any(share for _, share in chain) else [],
@@ -32,10 +36,14 @@ def where(document: Document, evidence: Evidence) -> Section | None:
         largest=max(share or 0.0 for _, share in chain),
         channels=places.get("channels") or [],
         regimes=places.get("regimes") or [],
-        moments=sorted(times, key=lambda time: -time["share"])[:MOMENTS],
+        moments=[_moment(time, evidence) for time in sorted(times, key=lambda time: -time["share"])[:MOMENTS]],
         strips=runs[:RUNS],
         longest=max((strip.length for strip in runs[:RUNS]), default=1.0),
         left_out=max(0, len(runs) - RUNS),
         dark=dark,
     )
     return Section("where", "Where the gap lies", body)
+
+
+def _moment(time: Document, evidence: Evidence) -> Document:
+    return {**time, **{end: since_start(evidence, time["run"], time[end]) for end in ("from", "to")}}

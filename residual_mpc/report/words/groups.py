@@ -1,4 +1,4 @@
-"""Groups of causes that cannot be told apart, in words."""
+"""Groups of effects that cannot be told apart, in words."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,8 +15,8 @@ def effects_of(member: Member) -> list[Mapping[str, Any]]:
 
 
 def member_name(member: Member) -> str:
-    """ "backlash (elbow) with stribeck friction (elbow)"."""
-    return " with ".join(
+    """ "backlash (elbow) together with Stribeck friction (elbow)"."""
+    return " together with ".join(
         name(effect) + (f" ({effect['target']})" if effect.get("target") else "") for effect in effects_of(member)
     )
 

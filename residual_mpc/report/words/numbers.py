@@ -1,6 +1,7 @@
 """Numbers as people write them: few digits, a unit that suits the size, precision set by the interval."""
 
 import math
+import re
 from collections.abc import Sequence
 
 SPACE = "\N{NO-BREAK SPACE}"
@@ -52,7 +53,7 @@ def percent_interval(interval: Interval | None) -> str:
 
 
 def measure(value: float | None, unit: str) -> str:
-    """A value with its unit: 0.081 s as 81 ms; radians carry their degrees; the unit 1 is left away."""
+    """A value with its unit: 0.081 s as 81 ms; radians carry their degrees; the unit 1 is left out."""
     if value is None or not math.isfinite(value):
         return "\N{EN DASH}"
     factor, shown = _scale(value, unit)
@@ -70,6 +71,11 @@ def measure_interval(value: float | None, interval: Interval | None, unit: str) 
     degrees = f", {number(math.degrees(value), 2)}{DEGREE}" if unit == "rad" else ""
     middle, low_text, high_text = (_fixed(factor * x, decimals) for x in (value, low, high))
     return f"{middle}{_suffix(shown)} ({low_text} to {high_text}){degrees}"
+
+
+def count(number_of: int, noun: str) -> str:
+    """ "1 window", "3 windows"."""
+    return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
 
 
 def listed(words: Sequence[str], joint: str = "and") -> str:
@@ -102,5 +108,23 @@ def _trimmed(text: str) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+def spelled(unit: str) -> str:
+    """A unit as it is printed: nothing for 1, "rad/s²" for rad/s^2, "per turn" for 1/turn."""
+    if unit in ("", "1"):
+        return ""
+    unit = f"per {unit[2:]}" if unit.startswith("1/") else unit
+    return re.sub(r"\^(-?\d+)", lambda power: power[1].translate(SUPERSCRIPTS), unit).replace(" ", SPACE)
+
+
+def in_brackets(unit: str) -> str:
+    """ " (rad)", for a label; empty for the unit 1."""
+    return f" ({spelled(unit)})" if spelled(unit) else ""
+
+
+def plain(text: str) -> str:
+    """`text` for a terminal: the spaces and signs that a keyboard has, so that a search finds them."""
+    return text.replace(SPACE, " ").replace(MINUS, "-")
+
+
 def _suffix(unit: str) -> str:
-    return "" if unit in ("", "1") else SPACE + unit.replace(" ", SPACE)
+    return SPACE + spelled(unit) if spelled(unit) else ""

@@ -1,9 +1,9 @@
-"""What is left, in words: where it sits, what it depends on, what would look like that."""
+"""The remaining error in words: where it is, what it depends on, what would cause that, which effect comes closest."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from residual_mpc.report.words.effects import name as effect_name
+from residual_mpc.report.words.effects import name_at
 from residual_mpc.report.words.numbers import listed, percent
 
 SITS, LIFT = 0.25, 1.3  # share and lift from which a regime is worth naming
@@ -12,34 +12,56 @@ BURST = 0.15  # share of the time that holds half of what comes in bursts
 SIDES = 0.2  # share of a curve's squares that is alike to both sides, from which its sides differ
 
 COMPONENTS = {"forward": "the forward motion", "sideways": "the sideways motion", "yaw": "yaw", "twist.theta": "yaw"}
+# What would leave an error of that kind.
 HINTS = {
-    "wheel_angle": "an eccentric wheel or a bent axle would look like that",
-    "angle": "cogging of a motor or the teeth of a gear would look like that",
-    "time": "something that warms up, wears in or runs down would look like that",
-    "work": "something that warms up, wears in or runs down would look like that",
-    "position": "a dragging cable, a spring or a stop would look like that",
-    "direction": "play or friction would look like that",
-    "run": "something that was changed between the runs would look like that",
-    "order": "something that changed from run to run would look like that",
-    "heading": "a floor that is not level would look like that",
-    "place": "a floor that is not the same everywhere would look like that",
+    "wheel_angle": "an eccentric wheel or a bent axle",
+    "angle": "motor cogging or gear teeth",
+    "time": "something that warms up, wears in or runs down",
+    "work": "something that warms up, wears in or runs down",
+    "position": "a dragging cable, a spring or an end stop",
+    "direction": "play or friction",
+    "run": "something that was changed between the runs",
+    "order": "something that changed from run to run",
+    "heading": "a floor that is not level",
+    "place": "an uneven floor",
 }
-AT_ONE_TIME = "something that comes at the same time of every run would look like that"
-ONE_SIDED = "something that is weaker to one side would look like that"
+AT_ONE_TIME = "something that happens at the same time in every run"
+ONE_SIDED = "something that is weaker to one side"
+REGIMES = {
+    "large command": "under large commands",
+    "actuator off": "with the actuators off",
+    "command step": "after command steps",
+    "command reversal": "after command reversals",
+    "standstill": "at standstill",
+    "slow": "in slow motion",
+    "fast": "in fast motion",
+}
+CLOSE = 0.5  # share of the rest from which an effect that was not added needs a reason
 
 
 def rest_sentence(remainder: Mapping[str, Any]) -> str:
     """`remainder` of diagnosis.json in one or two plain sentences."""
-    sits = f"What is left sits in {_components(remainder['components'])}{_regime(remainder['regimes'])}"
+    where = f"The remaining error is mainly in {_components(remainder['components'])}{_regime(remainder['regimes'])}"
     depends = remainder["depends_on"]
     if depends:
         hint = hint_of(depends[0])
-        said = f"{sits} and {_depends(depends[0])}{': ' + hint if hint else ''}."
+        said = f"{where} and {_depends(depends[0])}{', consistent with ' + hint if hint else ''}."
     else:
         bursts = remainder["half_within"] <= BURST
-        how = f"half of it comes in {percent(remainder['half_within'])} of the time, as gusts or bumps would"
-        said = f"{sits} and depends on nothing that was logged{'; ' + how if bursts else ''}."
-    return f"{said}{_resembles(remainder['resembles'])}"
+        how = f"; it comes in bursts: half of it falls in {percent(remainder['half_within'])} of the time"
+        said = f"{where} and depends on nothing that was logged{how if bursts else ''}."
+    like = resemblance(remainder["resembles"])
+    return f"{said} {like}" if like else said
+
+
+def resemblance(resembles: Mapping[str, Any] | None) -> str:
+    """The known effect that comes closest to the rest, and why it is not named as its cause; empty for none."""
+    if not resembles:
+        return ""
+    name, closes, why = name_at(resembles), resembles["closes"], resembles.get("why")
+    reason = f": {why.rstrip('.')}" if why and closes >= CLOSE else ""
+    closest = f"{name[:1].upper()}{name[1:]} would close {percent(closes)} of it"
+    return f"{closest}, but the runs do not show it beyond doubt{reason}."
 
 
 def component_name(name: str) -> str:
@@ -48,7 +70,7 @@ def component_name(name: str) -> str:
 
 
 def hint_of(dependence: Mapping[str, Any]) -> str:
-    """What would look like that; empty where nothing comes to mind."""
+    """What would leave such an error; empty where nothing is known to."""
     kind = dependence["kind"]
     if kind in ("turning", "speed"):
         return ONE_SIDED if _one_sided(dependence["curve"]) else ""
@@ -72,41 +94,29 @@ def form_of(dependence: Mapping[str, Any]) -> str:
 def _components(components: Sequence[Mapping[str, Any]]) -> str:
     named = [c for c in components if c["share"] >= PART] or list(components[:1])
     if len(named) > 3 or sum(c["share"] for c in named) < 0.5:
-        return "several channels alike"
+        return "several channels"
     return listed([component_name(c["name"]) for c in named]) if named else "no channel"
 
 
 def _regime(regimes: Sequence[Mapping[str, Any]]) -> str:
     for r in sorted(regimes, key=lambda r: -r["lift"]):
         if r["share"] >= SITS and r["lift"] >= LIFT:
-            where = {"large command": "under large commands", "actuator off": "with the actuators off",
-                     "command step": "after steps of a command", "command reversal": "after reversals",
-                     "standstill": "at standstill", "slow": "in slow motion", "fast": "in fast motion"}  # fmt: skip
-            text = where.get(
-                r["name"], f"while {r['name']}" if r["name"].startswith("turning") else f"in the {r['name']}"
-            )
-            return f" {text}"
+            name = r["name"]
+            return " " + REGIMES.get(name, f"while {name}" if name.startswith("turning") else f"in the {name}")
     return ""
 
 
 def _depends(d: Mapping[str, Any]) -> str:
+    share = f"{percent(d['share'])} of it"
     if d["kind"] == "steady":
         return {
-            "added": f"is a steady drift ({percent(d['share'])} of it)",
-            "speed": f"grows in proportion to the speed ({percent(d['share'])} of it)",
-            "direction": f"has the direction of the motion, whatever its speed ({percent(d['share'])} of it)",
+            "added": f"is a steady drift ({share})",
+            "speed": f"grows in proportion to the speed ({share})",
+            "direction": f"follows the direction of motion, whatever the speed ({share})",
         }[d["form"]]
     form = form_of(d)
-    others = f"; {listed(d['alike'])} would do as well" if d["alike"] else ""
-    return f"depends on {d['on']} ({percent(d['share'])} of it{', ' + form if form else ''}{others})"
-
-
-def _resembles(resembles: Mapping[str, Any] | None) -> str:
-    if not resembles:
-        return ""
-    target = f" of {resembles['target']}" if resembles["target"] else ""
-    closes = percent(resembles["closes"])
-    return f" Of the known effects it resembles {effect_name(resembles)}{target} most, which closes {closes} of it."
+    others = f"; {listed(d['alike'])} would fit as well" if d["alike"] else ""
+    return f"depends on {d['on']} ({share}{', ' + form if form else ''}{others})"
 
 
 def _one_sided(curve: Mapping[str, Any]) -> bool:

@@ -1,0 +1,84 @@
+"""A diagnosis and a measured gap as lines for a terminal."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from residual_mpc.report.wording import sentence, surest_first, unseen
+from residual_mpc.report.words.effects import numbers_of
+from residual_mpc.report.words.gaps import few_windows, horizon_line, horizons_of, warnings
+from residual_mpc.report.words.groups import group_sentence
+from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
+from residual_mpc.report.words.rest import rest_sentence
+
+Document = Mapping[str, Any]
+
+
+def diagnosis_lines(document: Document) -> list[str]:
+    """The verdict, then a line for each figure, cause, doubt and note that a reader needs."""
+    explained = bool(document["explanation"])
+    gap = document["gap"]
+    details = [
+        *(horizon_line(one, explained) for one in horizons_of(gap)),
+        *_reference(gap),
+        *_doubts(gap, explained),
+        *_shrink(document),
+        *(_cause(effect) for effect in surest_first(document["explanation"])),
+        *(group_sentence(group) for group in document.get("confounded") or []),
+    ]
+    if document.get("remainder"):
+        details.append(rest_sentence(document["remainder"]))
+    headline = document.get("verdict_sentence") or sentence(document)
+    return [plain(headline), *(f"  {plain(line)}" for line in details)]
+
+
+def gap_lines(gap: Document) -> list[str]:
+    """What `gap --json` prints, in words: the horizons, then the channels of the headline one."""
+    other = gap["model"] is not None
+    first, *longer = horizons_of(gap)
+    lines = [horizon_line({**first, "windows": gap["windows"]}, other)]
+    for name, c in gap["channels"].items():
+        arrow = "" if c["model"] is None else f" -> {number(c['model'])}"
+        lines.append(f"  {name:<24} {number(c['nominal'])}{arrow}  (noise floor {number(c['noise_floor'], 2)})")
+    lines += [horizon_line(one, other) for one in longer]
+    lines += _reference(gap)
+    lines += _doubts(gap, other)
+    if gap["still"]:
+        lines.append(f"left out because they hardly moved: {', '.join(gap['still'])}")
+    if gap["skipped"]:
+        lines.append(f"{count(gap['skipped'], 'window')} skipped: no sample within 0.25 s of the start")
+    return [plain(line) for line in lines]
+
+
+def _reference(gap: Document) -> list[str]:
+    constant = gap.get("constant_velocity")
+    return [] if constant is None else [f"gap of a forecast of constant velocity: {number(constant)}"]
+
+
+def _doubts(gap: Document, explained: bool) -> list[str]:
+    few = [text for one in horizons_of(gap) if (text := few_windows(one, explained))]
+    return [*warnings(gap, explained), *few[:1]]
+
+
+def _shrink(document: Document) -> list[str]:
+    shrink = document.get("shrink")
+    if not shrink:
+        return []
+    achieved = f"achieved {percent(shrink['value'])} on {unseen(document['held_out'])}"
+    if shrink.get("expected") is None:
+        return [f"shrink {achieved}"]
+    return [f"shrink expected {percent(shrink['expected'])} ({percent_interval(shrink['expected_ci95'])}), {achieved}"]
+
+
+def _cause(effect: Document) -> str:
+    numbers = [
+        f"{name} = {measure_interval(p['value'], p.get('ci95'), p.get('unit', '1'))}{_remark(p)}"
+        for name, p in numbers_of(effect).items()
+    ]
+    named = f"{effect['effect']} [{effect['target']}]" if effect.get("target") else str(effect["effect"])
+    sure = effect.get("probability")
+    parts = [*numbers, *([] if sure is None else [f"probability {sure:.2f}"])]
+    return f"{named}: {', '.join(parts)}{_remark(effect)}"
+
+
+def _remark(entry: Document) -> str:
+    return f" ({entry['note']})" if entry.get("note") else ""
