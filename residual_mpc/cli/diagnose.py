@@ -89,8 +89,8 @@ def diagnose(
             np.random.default_rng(seed),
             progress,
             LEARNERS,
+            found,
         )
-        found(made.diagnosis)
         progress("planning the next experiment", 0.96)
         document = _document(made.diagnosis, loaded, out)
         proposal = _proposal(document, loaded, robot, out, seed)

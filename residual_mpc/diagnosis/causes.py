@@ -27,7 +27,11 @@ APART = 2.5  # half-widths beyond which an interval is that wide since two fits 
 
 
 def causes_of(
-    of: Explained, unexplained: float, sure: float, evidence: Mapping[Term, tuple[str, ...]], doubt: Mapping[Term, float]
+    of: Explained,
+    unexplained: float,
+    sure: float,
+    evidence: Mapping[Term, tuple[str, ...]],
+    doubt: Mapping[Term, float],
 ) -> tuple[Cause, ...]:
     """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets;
     evidence and doubt: of each effect, see `support`."""
@@ -43,9 +47,7 @@ def causes_of(
         slots = problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
         probability = sure * of.rivalry.shares.get(term, 1.0) * doubt[term]
-        causes.append(
-            Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, evidence[term])
-        )
+        causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, evidence[term]))
     if of.with_outliers:
         causes.append(_outliers(of.outliers))
     return tuple(causes)

@@ -42,8 +42,8 @@ def notes(of: Explained, found: Measured) -> tuple[str, ...]:
         )
     elif first.nominal.total > max(found.constant_velocity, USELESS):
         said.append(
-            f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a forecast of constant "
-            f"velocity ({found.constant_velocity:.2g})."
+            f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a forecast of "
+            f"constant velocity ({found.constant_velocity:.2g})."
         )
     if of.doubtful:
         said.append(

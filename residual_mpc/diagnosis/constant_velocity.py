@@ -8,8 +8,8 @@ REACH = 0.15  # s: half of the stretch around a start through which the line is 
 
 
 def constant_velocity(data: Dataset) -> np.ndarray:
-    """(W, M, C) channel units: the line through each channel's samples around the window's start, continued; NaN where a
-    channel has none there. A model that is worse than this says nothing about the runs."""
+    """(W, M, C) channel units: the line through each channel's samples around the window's start, continued; NaN where
+    a channel has none there. A model that is worse than this says nothing about the runs."""
     out = np.full(data.y.shape, np.nan)
     for (i, c), signal in data.signals.items():
         k = data.channels.index(c)

@@ -31,7 +31,11 @@ def candidates(
         costs.setdefault(t, final.cost)
     shares = {t: s for t, s in rivalry.shares.items() if t not in left_out}
     out = [
-        Candidate(t, sure * shares.get(t, 0.0) * doubt.get(t, 1.0), float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))))
+        Candidate(
+            t,
+            sure * shares.get(t, 0.0) * doubt.get(t, 1.0),
+            float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))),
+        )
         for t, c in costs.items()
     ]
     return tuple(sorted(out, key=lambda c: -c.probability))

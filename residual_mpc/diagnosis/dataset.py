@@ -125,8 +125,8 @@ def build_dataset(
     horizon: float = 1.0,
     starts: Sequence[np.ndarray] | None = None,
 ) -> Dataset:
-    """Cut runs into windows. robots[i] is the model of runs[i] (the same object for runs that share one). starts[i] (W,)
-    s: where the windows of runs[i] begin; None: as the gap has them.
+    """Cut runs into windows. robots[i] is the model of runs[i] (the same object for runs that share one);
+    starts[i] (W,) s: where the windows of runs[i] begin; None: as the gap has them.
 
     Raises BadInput where no window has a measured start.
     """
@@ -264,7 +264,7 @@ def _noise(
         estimate = float(np.median(found)) if found else 0.0
         sigma[k] = max(given.get(c, estimate), step / np.sqrt(12.0), 1e-9)
         steps[k] = step
-    for k in np.flatnonzero(~moves):
+    for k in map(int, np.flatnonzero(~moves)):
         alike = [sigma[j] for j, c in enumerate(channels) if moves[j] and c.split(".")[0] == channels[k].split(".")[0]]
         sigma[k] = max([sigma[k], *alike])
     return sigma, steps
@@ -273,7 +273,7 @@ def _noise(
 def _moves(signal: Signal, step: float) -> bool:
     """Whether a channel moves in a run: by more than a few steps, and in more than a few of its samples."""
     changes = np.count_nonzero(np.diff(signal.y))
-    return bool(np.ptp(signal.y) > MOVES_STEPS * step) and changes > MOVES_SHARE * len(signal.y)
+    return bool(np.ptp(signal.y) > MOVES_STEPS * step and changes > MOVES_SHARE * len(signal.y))
 
 
 def _drive(

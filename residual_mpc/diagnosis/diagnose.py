@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.opened import Made, open_held_out
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.prepare import Prepared, prepare
 from residual_mpc.diagnosis.problem import build_problem, reweigh
+from residual_mpc.diagnosis.records import Diagnosis
 from residual_mpc.diagnosis.refine import Searched, refine
 from residual_mpc.diagnosis.remainder import Learner
 from residual_mpc.diagnosis.replay import predict
@@ -39,8 +40,10 @@ def diagnose(
     rng: np.random.Generator,
     progress: Progress = lambda stage, done: None,
     learners: Sequence[Learner] = (RidgeLearner(),),
+    answered: Callable[[Diagnosis], None] = lambda diagnosis: None,
 ) -> Made:
-    """robots[i] is the nominal model of runs[i]; learners: who is asked what can be learned of the rest.
+    """robots[i] is the nominal model of runs[i]; learners: those that try to learn what is left; answered: told the
+    answer as soon as it stands, before what is left is described.
 
     Raises BadInput where nothing can be compared.
     """
@@ -51,15 +54,13 @@ def diagnose(
     progress("fitting on all windows", 0.75)
     explained = refine(ready, searched, options, rng)
     progress("opening the held-out windows", 0.85)
-    return open_held_out(explained, ready.longer, options, rng, learners, progress)
+    return open_held_out(explained, ready.longer, options, rng, learners, progress, answered)
 
 
 def _search(ready: Prepared, options: Options, rng: np.random.Generator, progress: Progress) -> Searched:
     """The set of effects that the headline's horizon shows, and what longer ones add to it."""
     windows = [(ready.fitting, ready.scales)]
-    found = first = _on(
-        ready, *windows[0], None, options, rng, lambda text, done: progress(text, 0.1 + 0.4 * done)
-    )
+    found = first = _on(ready, *windows[0], None, options, rng, lambda text, done: progress(text, 0.1 + 0.4 * done))
     for look in ready.longer:
         if look.free is None:
             continue

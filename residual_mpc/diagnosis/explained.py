@@ -21,11 +21,11 @@ from residual_mpc.models.settings import Knob, Term
 @dataclass(frozen=True, eq=False)
 class Explained:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
-    has seen. problem: the windows that the last fit saw, on the weights of the search, and the scales of their motion:
-    those of the headline's horizon, or of a longer one where only that showed all; base, final: the model alone and with
-    the effects, fitted to them; ends: where other starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes. vetoed: effects that the
-    encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None where
-    nothing explains anything."""
+    has seen. problem: the windows that the last fit saw, of one horizon or several, on the weights of the search, and
+    the scales of their motion; base, final: the model alone and with the effects, fitted to them; ends: where other
+    starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes. vetoed: effects
+    that the encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None
+    where nothing explains anything."""
 
     raw: Dataset
     clean: Dataset

@@ -76,7 +76,8 @@ def at_times(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
 
 
 def draw_noise(data: Dataset, channel: str, signal: Signal, rng: np.random.Generator) -> np.ndarray:
-    """(n,) channel unit: white and coloured noise of the channel, its quantisation, and the error of repeated samples."""
+    """(n,) channel unit: white and coloured noise of the channel, its quantisation, and the error of repeated
+    samples."""
     k = data.channels.index(channel)
     noise_of, step = data.noise[k], data.steps[k]
     n = len(signal.y)

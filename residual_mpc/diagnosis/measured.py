@@ -116,7 +116,7 @@ def measure(of: Explained, longer: Sequence[Look], steps: int, rng: np.random.Ge
     floors = noise_errors(seen, row, rng, floor_draws(seen, steps))
     floor = floor_from([gap_of(seen, scales, e, test) for e in floors])
     everywhere = floor_from([gap_of(seen, scales, e) for e in floors])
-    looks = [_look(raw, scales, errors, test, of.held.any(), floor)]
+    looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor)]
     # beyond the noise on all windows, and on the very windows that the figures are printed for
     anywhere = beyond(gap_of(raw, scales, errors["before"]), everywhere) and _lucky(looks[0])
     for look in longer:
@@ -182,7 +182,7 @@ def _longer(
     errors = {"nominal": raw.y - nominal, "before": raw.y - before, "after": seen.y - predict(seen, rows)[2]}
     floor = floor_of(seen, look.scales, row, rng)
     judged = floor if look.test.all() else floor_of(seen.take(look.test), look.scales, row, rng)
-    here = _look(raw, look.scales, errors, look.test, look.held.any(), judged)
+    here = _look(raw, look.scales, errors, look.test, bool(look.held.any()), judged)
     return here, gap_of(raw, look.scales, errors["before"]), floor
 
 

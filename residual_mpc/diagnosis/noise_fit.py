@@ -2,12 +2,13 @@
 
 What a model misses is the sensors' noise plus what the model does wrong. Noise is stationary and rough: the mean square
 of its increments, D(lag) = E[(n(t + lag) - n(t))^2], is a sum of a constant (white) and of saturating exponentials
-(coloured), thus concave in the lag. A rate that a model lacks adds up instead, D(lag) ~ lag^2. The noise is fitted under
-the measured D by non-negative least squares that weigh an excess more than a shortfall, so that a missing effect is left
-over. What a learner predicts of the remainder on windows that it has not seen is no noise either, and is taken out first.
+(coloured), and thus concave in the lag. A rate that a model lacks adds up instead, D(lag) ~ lag^2. The noise is fitted
+under the measured D by non-negative least squares that weigh an excess more than a shortfall, so that a missing effect
+is left over. What a learner predicts of the remainder on windows that it has not seen is no noise either, and is taken
+out first.
 
-High-order differences of the measurements themselves, of every n-th sample, bound the noise from above as well, whatever
-the model: they are those of the noise, and of what they leave of the motion.
+High-order differences of the measurements themselves, of every n-th sample, bound the noise from above as well,
+whatever the model: they are those of the noise, and of what they leave of the motion.
 """
 
 import math
@@ -154,8 +155,8 @@ def _increments(r: np.ndarray, seen: np.ndarray, lags: Sequence[int] | np.ndarra
 
 
 def _bounds(data: Dataset, weight: np.ndarray, times: Sequence[float], period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Upper bounds that the measurements set: the mean square of normalised differences of ORDERS over every n-th sample
-    (B,), and what a unit of each part of each channel would add to it (B, C * P)."""
+    """Upper bounds that the measurements set: the mean square of normalised differences of ORDERS over every n-th
+    sample (B,), and what a unit of each part of each channel would add to it (B, C * P)."""
     limits, rows = [], []
     c, p = len(data.channels), len(times)
     for k, channel in enumerate(data.channels):
@@ -180,7 +181,7 @@ def _spacing(fresh: Sequence[tuple[np.ndarray, np.ndarray]], period: float) -> f
 
 
 def _difference_variance(order: int, step: float, time: float) -> float:
-    """Variance of the normalised difference of unit noise with a correlation time, sampled every `step` s; 1 if white."""
+    """Variance of the normalised difference of unit noise with a correlation time, sampled every `step` s."""
     if time == 0.0:
         return 1.0
     weights = np.array([(-1.0) ** i * math.comb(order, i) for i in range(order + 1)])
@@ -192,8 +193,8 @@ def _envelope(
     measured: np.ndarray, parts: np.ndarray, sure: np.ndarray, limits: np.ndarray, adds: np.ndarray
 ) -> np.ndarray:
     """(C, P) squared sizes of the parts whose increments lie under the measured ones, in relative least squares; a mean
-    of n independent squares has a relative variance of 2 / n. What exceeds the `limits` weighs as much as the best known
-    of the increments, what lies below them nothing."""
+    of n independent squares has a relative variance of 2 / n. What exceeds the `limits` weighs as much as the best
+    known of the increments, what lies below them nothing."""
     from scipy.optimize import nnls  # slow to import
 
     c, p = parts.shape[2:]

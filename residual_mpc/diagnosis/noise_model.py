@@ -41,8 +41,8 @@ def draw_coloured(noise: ChannelNoise, t: np.ndarray, rng: np.random.Generator) 
 
 
 def ornstein_uhlenbeck(t: np.ndarray, time: float, rows: int, rng: np.random.Generator) -> np.ndarray:
-    """(rows, n) stationary, unit variance, exp(-dt / time) from one stamp of t (n,) s to the next: exact for stamps that
-    are evenly spaced, and by the median spacing otherwise (Gillespie 1996, eq. 3.1)."""
+    """(rows, n) stationary, unit variance, exp(-dt / time) from one stamp of t (n,) s to the next: exact for stamps
+    that are evenly spaced, and by the median spacing otherwise (Gillespie 1996, eq. 3.1)."""
     from scipy.signal import lfilter  # slow to import, and only noise that is drawn needs it
 
     x = rng.standard_normal((rows, len(t)))

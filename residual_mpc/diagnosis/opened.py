@@ -1,6 +1,6 @@
 """The held-out windows opened: what is left of the gap, what it is like, and the diagnosis as a whole."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.gap import Scales
 from residual_mpc.diagnosis.horizons import Look
-from residual_mpc.diagnosis.how_far import shrink_of
+from residual_mpc.diagnosis.how_far import Shrink, shrink_of
 from residual_mpc.diagnosis.measured import Measured, measure
 from residual_mpc.diagnosis.next_experiment import next_experiment
 from residual_mpc.diagnosis.options import Options
@@ -24,10 +24,11 @@ from residual_mpc.diagnosis.rest.describe import describe
 from residual_mpc.diagnosis.rest.records import Rest
 from residual_mpc.diagnosis.rest.resemblance import resembles
 from residual_mpc.diagnosis.search import Ruler
-from residual_mpc.diagnosis.stages import staged
+from residual_mpc.diagnosis.stages import Chain, Shares, staged
 from residual_mpc.diagnosis.support import doubts, evidence_of
 from residual_mpc.diagnosis.verdict import MARGIN
 from residual_mpc.diagnosis.where import locate
+from residual_mpc.models.settings import Term
 
 Progress = Callable[[str, float], None]
 
@@ -46,6 +47,17 @@ class Made:
     held: np.ndarray
 
 
+@dataclass(frozen=True)
+class Extras:
+    """What is computed once the answer stands: the gap as effects are added, the stages' shares, what was learned of
+    the remainder, and what it is like."""
+
+    steps: Chain = ()
+    stages: Shares = ()
+    learned: Learned = NOTHING
+    rest: Rest | None = None
+
+
 def open_held_out(
     of: Explained,
     longer: Sequence[Look],
@@ -53,32 +65,46 @@ def open_held_out(
     rng: np.random.Generator,
     learners: Sequence[Learner],
     progress: Progress,
+    answered: Callable[[Diagnosis], None],
 ) -> Made:
-    """The diagnosis. From here on nothing is fitted to change the explanation."""
+    """The diagnosis. From here on nothing is fitted to change the explanation. answered: told the answer before the
+    extras are computed."""
     found = measure(of, longer, options.final_steps, rng)
-    of, (verdict, share), helps = found.of, found.verdict, found.helps
-    scales, final, test = of.scales, of.final, of.test
-    before, after = found.errors["before"], found.errors["after" if helps else "before"]
-    achieved = shrink_of(of.raw.take(test), scales, before[test], after[test], rng) if helps else None
-    progress("looking at what is left", 0.9)
-    learned, rest = _left(found, verdict, options, rng, learners)
-    sure = most_sure(verdict, share, _times_floor(found))
+    of, helps = found.of, found.helps
+    errors = found.errors["before"], found.errors["after" if helps else "before"]
+    test = of.test
+    achieved = shrink_of(of.raw.take(test), of.scales, errors[0][test], errors[1][test], rng) if helps else None
+    evidence = evidence_of(of) if helps else {}
+    answered(_diagnosis(found, achieved, evidence, Extras()))
+    progress("describing the remaining error", 0.9)
+    learned, rest = _left(found, found.verdict[0], options, rng, learners)
     progress("sharing the gap among the stages", 0.94)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
-    steps, stages = staged(of.after_data, scales, of.space, final if helps else None, gaps, options.final_steps // 2)
+    final = of.final if helps else None
+    steps, stages = staged(of.after_data, of.scales, of.space, final, gaps, options.final_steps // 2)
+    diagnosis = _diagnosis(found, achieved, evidence, Extras(steps, stages, learned, rest))
+    return Made(diagnosis, of.raw, of.scales, *errors, test)
+
+
+def _diagnosis(
+    found: Measured, achieved: Shrink | None, evidence: Mapping[Term, tuple[str, ...]], extras: Extras
+) -> Diagnosis:
+    """The records of what was found."""
+    of, helps, final = found.of, found.helps, found.of.final
+    verdict, share = found.verdict
+    sure = most_sure(verdict, share, _times_floor(found))
+    doubt = doubts(final.terms, evidence, extras.rest) if helps else {}
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     others = alternatives(of.rivalry, groups, final) if helps else ()
-    evidence = evidence_of(of) if helps else {}
-    doubt = doubts(final.terms, evidence, rest) if helps else {}
-    diagnosis = Diagnosis(
+    return Diagnosis(
         robot=of.space.robot.name,
         verdict=verdict,
         held_out=of.kept if of.held.any() else (),
         gap=found.figures(),
         expected=of.expected if helps else None,
         achieved=achieved,
-        stages=stages,
-        where=locate(of.raw, scales, before),
+        stages=extras.stages,
+        where=locate(of.raw, of.scales, found.errors["before"]),
         causes=causes_of(of, share, sure, evidence, doubt) if helps else (),
         candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, doubt) if helps else (),
         groups=groups,
@@ -88,9 +114,9 @@ def open_held_out(
         not_testable=of.untestable,
         moved=moved(of.base, final) if helps else (),
         unexplained=share,
-        learned=learned,
-        rest=rest,
-        steps=steps,
+        learned=extras.learned,
+        rest=extras.rest,
+        steps=extras.steps,
         outlier_share=of.outliers.share if of.with_outliers else 0.0,
         outlier_channels={c: s for c, s in of.outliers.shares.items() if s > 0} if of.with_outliers else {},
         next_experiment=next_experiment(
@@ -101,7 +127,6 @@ def open_held_out(
         values=final.values if helps else of.base.values,
         notes=notes(of, found),
     )
-    return Made(diagnosis, of.raw, scales, before, after, test)
 
 
 def _times_floor(found: Measured) -> float:

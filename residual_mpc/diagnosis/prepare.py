@@ -59,8 +59,6 @@ def prepare(
     held = held_out_mask(raw, kept)
     space = build_space(clean.take(~held), tunable, options.only, options.without)
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon))
-    looks = (
-        look_at(runs, robots, noise, h, shorter, kept, outliers.flagged) for shorter, h in pairwise(wanted)
-    )
+    looks = (look_at(runs, robots, noise, h, shorter, kept, outliers.flagged) for shorter, h in pairwise(wanted))
     longer = tuple(look for look in looks if look is not None and foretold(look, rng))
     return Prepared(raw, clean, scales, outliers, kept, held, space, longer)

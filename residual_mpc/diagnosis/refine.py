@@ -1,4 +1,5 @@
-"""The third phase of a diagnosis: what the search found, fitted to the end and questioned, before anything is opened."""
+"""The third phase of a diagnosis: what the search found is fitted to the end and questioned, before anything is
+opened."""
 
 from dataclasses import dataclass, replace
 

@@ -125,8 +125,8 @@ def judge(problem: Problem, fit: Fit, noise: np.ndarray, scales: Scales) -> Prob
 
 
 def window_trust(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray:
-    """(W,) weight of each window: 1, or less where its prediction has diverged. A window whose scaled error exceeds both
-    DIVERGED and TYPICAL times the median window's counts as one at that limit."""
+    """(W,) weight of each window: 1, or less where its prediction has diverged. A window whose scaled error exceeds
+    both DIVERGED and TYPICAL times the median window's counts as one at that limit."""
     square = per_window(data, scales, np.clip(np.nan_to_num(error, nan=np.nan), -1e6, 1e6))
     limit = max(DIVERGED, TYPICAL * float(np.sqrt(np.nanmedian(square)))) ** 2
     with np.errstate(invalid="ignore", divide="ignore"):

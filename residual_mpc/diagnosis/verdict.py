@@ -90,7 +90,7 @@ def as_good_as_told(gap: Gap, floor: Floor) -> bool:
 
 
 def verdict_of(looks: Sequence[AtHorizon], helps: bool) -> tuple[Verdict, float]:
-    """And the share of the squared gap beyond the floor that is left at the headline's horizon, the first of `looks`."""
+    """And the share of the squared gap beyond the floor that is left at the headline's horizon, looks[0]."""
     if not helps:
         return ("unknown", 1.0) if any(beyond(x.before, x.floor) for x in looks) else ("no_gap", 0.0)
     share = left_share(looks[0])

@@ -33,7 +33,8 @@ def resembles(problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: R
     for lead in ranked:
         best.setdefault(lead.term, {**current.values, **lead.start})
     starts = list(best.values())[:FITTED]
-    fits = [f for f in distinct(fit_all(small, starts, MOST, rough=True, near=[here] * len(starts))) if possible(f.values)]
+    tried = fit_all(small, starts, MOST, rough=True, near=[here] * len(starts))
+    fits = [f for f in distinct(tried) if possible(f.values)]
     if not fits:
         return None
     data = judge.replays.data
