@@ -9,6 +9,12 @@ from typing import Any
 from benchmarks.findings.run import Outcome
 from benchmarks.findings.score import plants, score
 
+WORDS = """\
+An answer is right when it names the true set of effects,
+up to reported groups that hold the true one. It is doubted when it is not right but says so (`partial` or
+`unknown`) and gives no wrong effect, nor a true one of a wrong size, a probability of 0.5 or more. `highest wrong` is
+the largest probability of an effect that is not there, `extra` the number of these.
+"""
 HEAD = "| case | finding | true | said by 0.1.0 | said now | mark | highest wrong | extra | seconds |"
 
 
@@ -19,10 +25,7 @@ def page(outcomes: Sequence[Outcome], version: str, absent: Sequence[str]) -> st
     return "\n".join(
         [
             "# Cases of outside checks\n",
-            f"Diagnosed by {version}, with `python -m benchmarks.findings`. An answer is right when it names the true",
-            "set of effects, up to reported groups that hold the true one; doubted when it is not, says so (`partial`",
-            "or `unknown`) and gives no wrong effect 0.5 or more. `highest wrong` is the largest probability of an",
-            "effect that is not there, `extra` the number of these.\n",
+            f"Diagnosed by {version}, with `python -m benchmarks.findings`. {WORDS}",
             *(f"{line}\n" for line in absent),
             "| finding | cases | right | doubted | wrong | not diagnosed |",
             "| --- | --- | --- | --- | --- | --- |",

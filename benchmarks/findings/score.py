@@ -52,7 +52,8 @@ def score(document: Mapping[str, Any], truth: Mapping[str, Any], closed: float |
         wrong = []
     highest = max((c["probability"] for c in wrong), default=0.0)
     right, why = verdict_of(document, truth, names, bool(wrong), closed)
-    mark = "right" if right else "doubted" if doubts(document, truth, highest) else "wrong"
+    stated = max((c["probability"] for c in [*wrong, *values_off(named, truth)]), default=0.0)
+    mark = "right" if right else "doubted" if doubts(document, truth, stated) else "wrong"
     aim = targets_right(named, planted) if right and planted and names == {c["effect"] for c in named} else None
     return Score(mark, aim, highest, len(wrong), why)
 
@@ -75,13 +76,13 @@ def verdict_of(
     admitted = bool(truth.get("lacking")) and verdict in ADMITS
     if wrong or (missed and not admitted):
         return False, f"missed {', '.join(missed)}" if missed else ""
-    off = values_off(document["explanation"], truth)
+    off = sorted({c["effect"] for c in values_off(document["explanation"], truth)})
     return not off, f"value of {', '.join(off)}" if off else ""
 
 
-def doubts(document: Mapping[str, Any], truth: Mapping[str, Any], highest: float) -> bool:
-    """A wrong answer that says so itself: the verdict admits a rest, and no wrong effect is stated."""
-    return truth["level"] not in NO_GAP_LEVELS and document["verdict"] in ADMITS and highest < STATED
+def doubts(document: Mapping[str, Any], truth: Mapping[str, Any], stated: float) -> bool:
+    """A wrong answer that says so itself: the verdict admits a rest, and no wrong effect or value is stated."""
+    return truth["level"] not in NO_GAP_LEVELS and document["verdict"] in ADMITS and stated < STATED
 
 
 def best_reading(named: Sequence[Any], groups: Sequence[Any], planted: set[str], background: set[str]) -> Reading:
@@ -149,13 +150,13 @@ def joint_of(target: str | None) -> str | None:
     return re.sub(r"^m(\d+)$", r"j\1", target.split(".")[-1])
 
 
-def values_off(named: Sequence[Any], truth: Mapping[str, Any]) -> list[str]:
-    """Effects whose first parameter is further from the truth than the factor `within`."""
+def values_off(named: Sequence[Any], truth: Mapping[str, Any]) -> list[Any]:
+    """Causes whose first parameter is further from the truth than the factor `within`."""
     factor = truth.get("within")
     if factor is None:
         return []
     every = {**(truth.get("background") or {}), **truth["planted"]}
-    return [c["effect"] for c in named if c["effect"] in every and not near(c, plants(every[c["effect"]]), factor)]
+    return [c for c in named if c["effect"] in every and not near(c, plants(every[c["effect"]]), factor)]
 
 
 def near(cause: Mapping[str, Any], entries: Sequence[Mapping[str, Any]], factor: float) -> bool:

@@ -1,6 +1,7 @@
 """The cases of outside checks: the same seed gives the same case, the scorer's marks, absent folders."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,8 @@ from benchmarks.findings.__main__ import findings
 from benchmarks.findings.catalogue import catalogue
 from benchmarks.findings.noise import PoseNoise, ar1
 from benchmarks.findings.page import page
-from benchmarks.findings.records import Case
-from benchmarks.findings.run import Outcome, Places, made
+from benchmarks.findings.records import Case, Truth
+from benchmarks.findings.run import Outcome, Places, made, outcome, program_at
 from benchmarks.findings.score import score
 from benchmarks.findings.wheels import Drive, lagged, moved
 
@@ -116,6 +117,8 @@ def test_values_and_targets_and_what_cannot_be_there():
     assert (everywhere.mark, everywhere.targets) == ("right", True)
     elbow = score(said("effects", ("coulomb_friction", "elbow", 0.97, {"torque": 0.344})), truth)
     assert (elbow.mark, elbow.why) == ("wrong", "value of coulomb_friction")
+    faint = score(said("partial", ("coulomb_friction", "elbow", 0.3, {"torque": 0.344})), truth)
+    assert (faint.mark, faint.highest_wrong) == ("doubted", 0.0)
     lag = said("partial", ("actuator_lag", None, 0.9, {"time_constant": 0.1}))
     assert score(lag, CHANGED | {"forbidden": ["actuator_lag"]}).mark == "wrong"
 
@@ -161,6 +164,39 @@ def test_shared_cases_are_copied_without_what_judges_them(tmp_path):
     places = Places(tmp_path / "out", source.parent, tmp_path)
     assert made(case, places) == "" and case.finding == 6
     assert set(bytes_of(places.case(case))) == {"truth.json", "robot.toml", "run1.csv.gz"}
+
+
+PROGRAM = """#!{python}
+import json, sys
+if sys.argv[1] == "--version":
+    print("program 1")
+else:
+    with open({calls!r}, "a") as log:
+        log.write(" ".join(sys.argv[1:]) + chr(10))
+    diagnosis = {{"verdict": "effects", "explanation": [], "confounded": []}}
+    print(json.dumps(diagnosis if sys.argv[1] == "diagnose" else {{"gap": {{"nominal": 0.8, "model": 0.2}}}}))
+"""
+
+
+def test_a_case_is_diagnosed_once_a_program_and_judged_on_the_other_motions(tmp_path):
+    data, calls = tmp_path / "data", tmp_path / "calls.txt"
+    (data / "arm").mkdir(parents=True)
+    for name in ("slow", "fast", "wave"):
+        (data / "arm" / f"{name}.parquet").write_bytes(b"")
+    tool = tmp_path / "residual-mpc"
+    tool.write_text(PROGRAM.format(python=sys.executable, calls=str(calls)))
+    tool.chmod(0o755)
+    case = Case(
+        "arm", 8, lambda to, _: Truth("recorded", closes=0.6).write(to), data="arm", motions=("slow",), judged=True
+    )
+    places = Places(tmp_path / "out", tmp_path, data)
+    first, second = (outcome(case, places, program_at(tool)) for _ in range(2))
+    assert first == second and first.closed == pytest.approx(0.75) and first.document["verdict"] == "effects"
+    diagnosed, judged = calls.read_text().splitlines()
+    assert "slow.parquet" in diagnosed and "fast.parquet" not in diagnosed
+    assert "slow.parquet" not in judged and "fast.parquet" in judged and "wave.parquet" in judged
+    outcome(case, places, program_at(tool), again=True)
+    assert len(calls.read_text().splitlines()) == 4
 
 
 def test_the_page_counts_marks_and_says_what_was_not_diagnosed():
