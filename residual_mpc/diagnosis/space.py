@@ -73,6 +73,8 @@ class Space:
             high = min(high, 0.9 * self._largest("command", knob))
         if knob.effect == "saturation":
             high = min(high, 1.2 * self._largest("output", knob))
+        if knob.effect == "viscous_friction":
+            high = min(high, self._most_damping(knob.target))
         if knob.effect == "link_mass" and knob.parameter == "com":
             reach = self.robot.reference("length", None)
             low, high = max(low, -reach), min(high, reach)
@@ -101,6 +103,18 @@ class Space:
         named = {k for h in hypotheses for k in h}
         nominal = {k: self.null(k) for k in self.tunables if k in named}
         return assemble([{**nominal, **h} for h in hypotheses] if nominal else hypotheses, self.slots)
+
+    def _most_damping(self, target: str | None) -> float:
+        """N m s/rad with which a joint at its typical speed would take all that its motor gives; inf where nothing is
+        known of the motor."""
+        slots = self.slots["viscous_friction"] if target is None else (target,)
+        slots = tuple(s for s in slots if s in self.slots["coulomb_friction"])
+        torques = (self.robot.bounds("coulomb_friction", "torque", s)[1] / self._speed(s) for s in slots)
+        return min(torques, default=np.inf)
+
+    def _speed(self, joint: str) -> float:
+        """rad/s (m/s), root mean square over the runs."""
+        return self.references.get(("torque", joint), 1.0) / self.references.get(("torque/speed", joint), 1.0)
 
     def _largest(self, kind: str, knob: Knob) -> float:
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
