@@ -60,7 +60,7 @@ def diagnose(
     held = held_out_mask(raw, kept)
 
     fitting = clean.take(~held)
-    space = build_space(fitting, tunable, options.only, options.without)
+    space = build_space(fitting, tunable, options.only, options.without, options.without_because)
     progress("searching for effects", 0.1)
     # a step of a small robot costs less: a servo on the bench is looked at more closely than an arm
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 2.0))

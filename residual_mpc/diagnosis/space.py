@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from types import MappingProxyType
 
 import numpy as np
 
@@ -18,6 +19,7 @@ FITTED = tuple(e for e in LIBRARY if e.name != "sensor_outliers")  # outliers ar
 
 SLOW = frozenset({"voltage_sag"})  # effects of minutes, not of seconds: in short runs they only imitate others
 SLOW_FROM = 8.0  # s
+NOTHING: Mapping[Term, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -121,8 +123,17 @@ class Space:
         return max(self.references.get((kind, s), np.inf) for s in slots)
 
 
-def build_space(data: Dataset, tunable: Sequence[str], only: Sequence[str] = (), without: Sequence[str] = ()) -> Space:
-    """Every effect-target pair that the robot of the first block can have, with references measured on the runs."""
+def build_space(
+    data: Dataset,
+    tunable: Sequence[str],
+    only: Sequence[str] = (),
+    without: Sequence[str] = (),
+    because: Mapping[Term, str] = NOTHING,
+) -> Space:
+    """Every effect-target pair that the robot of the first block can have, with references measured on the runs.
+
+    because: terms that are ruled out beforehand, and why.
+    """
     robot = data.blocks[0].robot
     slots = {e.name: robot.slots(e.name) for e in LIBRARY}
     chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
@@ -130,6 +141,7 @@ def build_space(data: Dataset, tunable: Sequence[str], only: Sequence[str] = (),
     longest = max(float(r.t[-1] - r.t[0]) for r in data.runs)
     why = f"no run is longer than {longest:.2g} s"
     ruled_out = {t: why for t in candidates if t.effect in SLOW and longest < SLOW_FROM}
+    ruled_out |= {t: because[t] for t in candidates if t in because}
     candidates = tuple(t for t in candidates if t not in ruled_out)
     free = tuple(
         Knob(TUNE, None, name) for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable)
