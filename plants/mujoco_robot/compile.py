@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plants.mujoco_log import silence_mujoco
 from plants.mujoco_robot.base import find_base, hinges_and_slides
 from plants.mujoco_robot.loops import find_loops
 from residual_mpc.errors import BadInput
@@ -52,6 +53,7 @@ def compile_model(path: str, actuators: Mapping[str, Actuator] | None = None) ->
     none; `actuators` join by the name of the joint that they drive."""
     import mujoco
 
+    silence_mujoco()
     try:
         spec = mujoco.MjSpec.from_file(path)
         if actuators:
@@ -91,13 +93,17 @@ def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) ->
 
 def prepared(model: "mujoco.MjModel") -> "mujoco.MjModel":
     """The model itself, with a force range on every actuator, and its constraints solved as one: in a robot they hang
-    together, and to look for islands among them takes a fifth of a step."""
+    together, and to look for islands among them takes a fifth of a step.
+
+    What runs away is not put back to its start, where it would pass for a robot that stands still.
+    """
     import mujoco
 
     free = model.actuator_forcelimited == 0
     model.actuator_forcerange[free] = (-NO_LIMIT, NO_LIMIT)
     model.actuator_forcelimited[:] = 1
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+    for off in (mujoco.mjtDisableBit.mjDSBL_ISLAND, mujoco.mjtDisableBit.mjDSBL_AUTORESET):
+        model.opt.disableflags |= int(off)
     return model
 
 
