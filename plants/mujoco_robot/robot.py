@@ -51,6 +51,7 @@ class MujocoRobot:
     gears: Gears | None = None  # of a robot whose motors and links were told apart
     settings: "tuple[MujocoRobot, ...]" = ()  # where several settings were merged: the robot in each
     differing: tuple[str, ...] = ()  # the model fields in which they differ
+    held: tuple[str, ...] = ()  # actuators of the model file that act on no joint and are not commanded
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
@@ -133,6 +134,12 @@ class MujocoRobot:
                 low, high = sorted(gear * x for x in self.limits[joint])
                 out[name] = (low, high)
         return out
+
+    @cached_property
+    def rest(self) -> Mapping[str, float]:
+        """Where joints are that nobody measures, by channel: as the model is drawn."""
+        q = self.model.qpos0[self.places].tolist()
+        return {f"position.{j}": x for j, x in zip(self.joints, q, strict=True) if j not in self.passive}
 
     @property
     def passive(self) -> tuple[str, ...]:
