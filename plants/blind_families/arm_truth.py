@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plants.blind_families.arm_gear import GearLaw, Rotors
+from plants.mujoco_log import silence_mujoco
 
 Array = NDArray[np.float64]
 STEP = 0.0005  # s
@@ -174,6 +175,7 @@ class Stepper:
         s, n = q.shape
         rigid = truth.arm.rigid(truth)
         self.motors = rigid.motors
+        silence_mujoco()
         self.batch = mujoco.batch.Batch(rigid.model, s, nthread=1)
         self.batch.reset()
         self.all_q, self.all_v, self.force = (self.batch.bind(f) for f in ("qpos", "qvel", "qfrc_applied"))

@@ -22,7 +22,7 @@ def anatomy(path: Path) -> Anatomy:
     """
     import mujoco
 
-    _, model = compile_model(str(path))
+    _, model, _ = compile_model(str(path))
     refuse_unsupported(model, str(path))
     numbers = hinges_and_slides(model).tolist()
     if not numbers:

@@ -1,12 +1,17 @@
 """From a robot file to a compiled model whose joints and actuators have names."""
 
+import logging
 from collections.abc import Mapping
+from functools import cache
 from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plants.mujoco_log import silence_mujoco
+from plants.mujoco_robot.absent import leave_out_absent
 from plants.mujoco_robot.base import find_base, hinges_and_slides
+from plants.mujoco_robot.held import hold_others
 from plants.mujoco_robot.loops import find_loops
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import did_you_mean
@@ -18,6 +23,7 @@ if TYPE_CHECKING:
 
     from plants.mujoco_robot.robot import MujocoRobot
 
+LOG = logging.getLogger(__name__)
 NO_LIMIT = 1e10  # N m: a force range that never bites, so that `saturation` can be set on any actuator
 
 
@@ -38,29 +44,46 @@ def build(robot: RobotFile) -> "MujocoRobot":
             robot.name,
             "change the numbers in the model file, or name them under tunable to have them fitted",
         )
-    spec, model = compile_model(str(robot.model), robot.actuators)
+    spec, model, held = compile_model(str(robot.model), robot.actuators)
     base = find_base(model, robot.pose_body, str(robot.model))
     _refuse_undriven(model, str(robot.model))
     refuse_unsupported(model, str(robot.model))
     site = _payload_site(model, robot)
     loops = find_loops(model, str(robot.model))
-    return MujocoRobot(robot.name, model, site, robot.servo_feedback, robot.position_sensor, base, loops, spec)
+    sides = robot.servo_feedback, robot.position_sensor
+    return MujocoRobot(robot.name, model, site, *sides, base, loops, spec, held=held)
 
 
-def compile_model(path: str, actuators: Mapping[str, Actuator] | None = None) -> "tuple[mujoco.MjSpec, mujoco.MjModel]":
-    """What the file says, and the compiled model with a finite, never active force range on every actuator that had
-    none; `actuators` join by the name of the joint that they drive."""
+def compile_model(
+    path: str, actuators: Mapping[str, Actuator] | None = None
+) -> "tuple[mujoco.MjSpec, mujoco.MjModel, tuple[str, ...]]":
+    """What the file says, the compiled model with a finite, never active force range on every actuator that had none,
+    and the names of the actuators that it holds since they act on no joint; `actuators` join by the name of the joint
+    that they drive. Shapes whose files are absent are left out, and a warning says so."""
     import mujoco
 
+    silence_mujoco()
     try:
         spec = mujoco.MjSpec.from_file(path)
+        absent, held = leave_out_absent(spec, path), hold_others(spec)
         if actuators:
             _add(spec, actuators, path)
         model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"MuJoCo does not compile this model: {reason}", path, "mend the model file") from error
-    return spec, prepared(model)
+    if absent:
+        _say(f"{path}: {absent}")
+    if held:
+        names = ", ".join(repr(name) for name in held)
+        _say(f"{path}: {names} act{'s' * (len(held) == 1)} on no joint: held where the model rests, not commanded")
+    return spec, prepared(model), held
+
+
+@cache
+def _say(message: str) -> None:
+    """One warning a process: a model is compiled anew for every variant."""
+    LOG.warning(message)
 
 
 def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) -> None:
@@ -91,20 +114,24 @@ def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) ->
 
 def prepared(model: "mujoco.MjModel") -> "mujoco.MjModel":
     """The model itself, with a force range on every actuator, and its constraints solved as one: in a robot they hang
-    together, and to look for islands among them takes a fifth of a step."""
+    together, and to look for islands among them takes a fifth of a step.
+
+    What runs away is not put back to its start, where it would pass for a robot that stands still.
+    """
     import mujoco
 
     free = model.actuator_forcelimited == 0
     model.actuator_forcerange[free] = (-NO_LIMIT, NO_LIMIT)
     model.actuator_forcelimited[:] = 1
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+    for off in (mujoco.mjtDisableBit.mjDSBL_ISLAND, mujoco.mjtDisableBit.mjDSBL_AUTORESET):
+        model.opt.disableflags |= int(off)
     return model
 
 
 def _refuse_undriven(model: "mujoco.MjModel", path: str) -> None:
     if model.nu == 0:
         raise BadInput(
-            "the model has no actuator",
+            "the model has no actuator on a joint",
             path,
             "add one <position>, <velocity> or <motor> per driven joint, or a table such as "
             '[actuator.elbow] with kind = "position" and kp = 20.0 to the robot file (a URDF has none)',

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plants.mujoco_log import silence_mujoco
 from plants.mujoco_robot.between import between_steps, changing
 from plants.mujoco_robot.channels import read_channels, write_start
 from plants.mujoco_robot.edits import edit_batch
@@ -45,6 +46,7 @@ class CorrectedMujoco:
     def __init__(self, robot: "MujocoRobot", settings: Settings, rows: int, period: float) -> None:
         from mujoco.batch import Batch
 
+        silence_mujoco()
         if settings.rows != 1 or rows < 1:
             raise ValueError(f"{settings.rows} rows of settings (wanted: 1) for {rows} simulations (1 or more)")
         own = ", ".join(e.name for e, _ in present(PLUGGED, settings.effects, "command"))

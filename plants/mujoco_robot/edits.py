@@ -33,16 +33,21 @@ def edit_batch(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
         robot.lengths.edit(batch, effects["link_length"]["offset"])
         changed = True
     if "armature" in effects:
-        batch.expand("dof_armature")[:, dofs] += effects["armature"]["inertia"]
+        _add(batch.expand("dof_armature"), dofs, effects["armature"]["inertia"])
         changed = True
     if "viscous_friction" in effects:
-        batch.expand("dof_damping")[:, dofs] += effects["viscous_friction"]["coefficient"]
+        _add(batch.expand("dof_damping"), dofs, effects["viscous_friction"]["coefficient"])
     masses = [e for e in ("link_mass", "payload") if e in effects]
     if masses:
         _edit_masses(batch, model, effects, masses, robot.payload)
         changed = True
     if changed:
         batch.set_const()
+
+
+def _add(field: np.ndarray, dofs: np.ndarray, value: np.ndarray) -> None:
+    """Add to columns of a field (B, nv), in place; what is taken from a retuned value leaves none below 0."""
+    field[:, dofs] = np.where(value < 0, np.maximum(field[:, dofs] + value, 0.0), field[:, dofs] + value)
 
 
 def _edit_masses(

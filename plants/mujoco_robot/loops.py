@@ -100,7 +100,8 @@ def constraint(model: "mujoco.MjModel", data: "mujoco.MjData", pose: np.ndarray)
 def find_loops(model: "mujoco.MjModel", path: str) -> SolvedLoops | None:
     """The loops that a model's active equality constraints close; None where it has none.
 
-    Raises BadInput where they cannot be closed, or leave a joint without a motor undetermined.
+    A joint without a motor that they leave undetermined moves freely, and the others follow it. Raises BadInput where
+    they cannot be closed.
     """
     import mujoco
 
@@ -114,14 +115,9 @@ def find_loops(model: "mujoco.MjModel", path: str) -> SolvedLoops | None:
     simple, driven = hinges_and_slides(model), {int(j) for j in model.actuator_trnid[:, 0]}
     joints = [j for j in simple.tolist() if j not in driven]
     joints = [j for j in joints if np.abs(jacobian[:, model.jnt_dofadr[j]]).max() > INDEPENDENT]
+    joints = _determined(joints, jacobian[:, model.jnt_dofadr[joints]])
     names = tuple(model.joint(j).name for j in joints)
     places, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-    if joints and np.linalg.matrix_rank(jacobian[:, dofs], tol=INDEPENDENT) < len(joints):
-        raise BadInput(
-            f"the closed loops do not determine all of the joints {', '.join(names)}",
-            path,
-            "lock or drive those that are free to move while every motor stands still",
-        )
     given = np.setdiff1d(model.jnt_qposadr[simple], places)
     loops = SolvedLoops(alone, names, places, dofs, given, model.qpos0.copy())
     rest = model.qpos0[None].copy()
@@ -134,3 +130,12 @@ def find_loops(model: "mujoco.MjModel", path: str) -> SolvedLoops | None:
             "draw the model with its loops closed",
         )
     return SolvedLoops(alone, names, places, dofs, given, rest[0])
+
+
+def _determined(joints: list[int], jacobian: np.ndarray) -> list[int]:
+    """Those of the joints that the constraint's Jacobian (c, joints) determines, given the others; the last first."""
+    chosen: list[int] = []
+    for k in reversed(range(len(joints))):
+        if np.linalg.matrix_rank(jacobian[:, [k, *chosen]], tol=INDEPENDENT) > len(chosen):
+            chosen = [k, *chosen]
+    return [joints[k] for k in chosen]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plants.mujoco_log import silence_mujoco
 from plants.mujoco_robot.base import unwrapped
 from plants.mujoco_robot.between import between_steps, changing
 from plants.mujoco_robot.channels import read_channels, write_start
@@ -21,6 +22,7 @@ from residual_mpc.models.settings import Settings
 if TYPE_CHECKING:
     from plants.mujoco_robot.robot import MujocoRobot
 
+FAR_AWAY = 1e10  # m, rad, m/s, rad/s: MuJoCo's own limit, mjMAXVAL
 WORTH_A_THREAD = 24  # rows times degrees of freedom: with fewer, waking it at every step costs more than it brings
 
 
@@ -77,6 +79,7 @@ def _replay(
 ) -> Mapping[str, np.ndarray]:
     from mujoco.batch import Batch
 
+    silence_mujoco()
     model = robot.model
     batch = Batch(model, settings.rows, nthread=threads_for(settings.rows * model.nv))
     if robot.differing and drive.setting is not None:
@@ -136,6 +139,7 @@ def _roll_out(
         for field, part in parts.items():
             part.append(found[field][:, finer - 1 :: finer])
     whole = {field: np.concatenate(part, axis=1) for field, part in parts.items()}
+    _stay(whole["qpos"], whole["qvel"])
     return read_channels(robot, whole["qpos"], whole["qvel"], wanted)
 
 
@@ -150,5 +154,17 @@ def _step_by_step(step: OneStep, u: np.ndarray, wanted: tuple[str, ...]) -> dict
         step(k, u[:, k], force)
         forces[:, k : k + 2] = force[:, None]
     whole_q[:, steps], whole_v[:, steps] = q, v
+    _stay(whole_q, whole_v, forces)
     outputs = {c: forces[:, :, i] for i, a in enumerate(robot.actuators) if (c := f"output.{a}") in wanted}
     return outputs | read_channels(robot, whole_q, whole_v, [c for c in wanted if c not in outputs])
+
+
+def _stay(q: np.ndarray, v: np.ndarray, *others: np.ndarray) -> None:
+    """Let rows whose positions (B, K + 1, nq) or velocities (B, K + 1, nv) run away stay where they were last, in
+    place; others (B, K + 1, n) likewise."""
+    sane = (np.abs(q) < FAR_AWAY).all(axis=2) & (np.abs(v) < FAR_AWAY).all(axis=2)  # NaN is not
+    sane[:, 0] = True
+    for row in np.flatnonzero(~sane.all(axis=1)):
+        end = int(np.argmin(sane[row]))
+        for x in (q, v, *others):
+            x[row, end:] = x[row, end - 1]

@@ -13,6 +13,7 @@ from plants.mujoco_robot.edits import tunable_values
 from plants.mujoco_robot.gears import ON_GEARS, Gears, split, splittable
 from plants.mujoco_robot.lengths import Lengths
 from plants.mujoco_robot.loops import Loops
+from plants.mujoco_robot.physical import largest_inertias, largest_torques, physical_bounds
 from plants.mujoco_robot.replay import replay
 from plants.mujoco_robot.variants import merge
 from plants.mujoco_robot.wheels import ON_WHEELS, Wheels, find_wheels
@@ -32,8 +33,6 @@ ON_JOINTS = frozenset(
     {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction", "armature"}
 )
 PLAY = 0.25  # of what a wheel may have: 0.008 to 0.13 rad between an arm's motor and link
-MOST_PLAY = 0.6  # rad
-SOFTEST = 20.0  # rad^2/s^2: a spring in units of the inertia that it carries, on which an arm would hang like a rope
 POSITION, VELOCITY, TORQUE = "position", "velocity", "torque"
 
 
@@ -52,6 +51,7 @@ class MujocoRobot:
     gears: Gears | None = None  # of a robot whose motors and links were told apart
     settings: "tuple[MujocoRobot, ...]" = ()  # where several settings were merged: the robot in each
     differing: tuple[str, ...] = ()  # the model fields in which they differ
+    held: tuple[str, ...] = ()  # actuators of the model file that act on no joint and are not commanded
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
@@ -134,6 +134,12 @@ class MujocoRobot:
                 low, high = sorted(gear * x for x in self.limits[joint])
                 out[name] = (low, high)
         return out
+
+    @cached_property
+    def rest(self) -> Mapping[str, float]:
+        """Where joints are that nobody measures, by channel: as the model is drawn."""
+        q = self.model.qpos0[self.places].tolist()
+        return {f"position.{j}": x for j, x in zip(self.joints, q, strict=True) if j not in self.passive}
 
     @property
     def passive(self) -> tuple[str, ...]:
@@ -222,29 +228,18 @@ class MujocoRobot:
             return self.links
         return hosted(PLUGGED, effect, {"command": self.actuators, "friction": self.joints})
 
+    @cached_property
+    def inertias(self) -> np.ndarray:
+        """(joints,) kg m^2 (kg): the most that each joint carries."""
+        return largest_inertias(self)
+
+    @cached_property
+    def torques(self) -> np.ndarray:
+        """(joints,) N m (N): the most that the actuators of each joint give; inf where the model sets no limit."""
+        return largest_torques(self)
+
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
-        dof = self.dofs
-        least: dict[str, np.ndarray] = {
-            "coulomb_friction": -self.model.dof_frictionloss[dof],
-            "viscous_friction": -self.model.dof_damping[dof],
-            "armature": -0.95 * self.model.dof_armature[dof],
-            "payload": np.array([-0.9 * self.model.body_mass[self.payload[0]]]),
-        }
-        if effect == "link_mass" and parameter == "mass":
-            least["link_mass"] = -0.9 * self.model.body_mass[1:]
-        if effect == "backlash":
-            return -np.inf, MOST_PLAY
-        if effect == "joint_compliance":
-            inertia = [self.reference("inertia", j) for j in (self.geared if slot is None else (slot,))]
-            return SOFTEST * max(inertia), np.inf
-        if effect == "link_length" and self.lengths is not None:
-            lengths = np.array([length for _, length in self.lengths.lines.values()])
-            reach = float(lengths.min() if slot is None else lengths[self.slots(effect).index(slot)])
-            return -0.9 * reach, 2.0 * reach
-        if effect not in least:
-            return -np.inf, np.inf
-        low = least[effect].reshape(len(self.slots(effect)), -1)[:, 0]
-        return float(low.max() if slot is None else low[self.slots(effect).index(slot)]), np.inf
+        return physical_bounds(self, effect, parameter, slot)
 
     def reference(self, kind: str, slot: str | None) -> float:
         m = self.model

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plants.mujoco_log import silence_mujoco
 from plants.scaler_arm.geometry import MOTORS, PASSIVE, SCALER, Arm
 from plants.scaler_arm.mjcf import TIMESTEP, Options, mjcf
 from plants.scaler_arm.start import CHANNELS, joints_at
@@ -28,6 +29,7 @@ class MujocoArm:
         """The arm at rest at `at` (motor channels; the passive joints follow). Nothing here is random."""
         import mujoco
 
+        silence_mujoco()
         model = mujoco.MjModel.from_xml_string(mjcf(self.arm, self.options))
         return _Running(self, model, at)
 

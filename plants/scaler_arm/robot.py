@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plants.mujoco_log import silence_mujoco
 from plants.scaler_arm.geometry import MOTORS, PASSIVE, SCALER, Arm
 from plants.scaler_arm.mjcf import mjcf
 from plants.scaler_arm.start import closed
@@ -27,6 +28,7 @@ def build(robot: RobotFile) -> "MujocoRobot":
     from plants.mujoco_robot.compile import prepared
     from plants.scaler_arm.stepping_arm import SteppingArm
 
+    silence_mujoco()
     arm = with_servo(SCALER, robot)
     model = prepared(mujoco.MjModel.from_xml_string(mjcf(arm)))
     places, dofs = (

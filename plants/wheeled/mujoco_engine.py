@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from plants.mujoco_log import silence_mujoco
 from plants.wheeled.engine import SETTLE, Motion
 from plants.wheeled.geometry import WHEELS, Geometry
 from plants.wheeled.mjcf import mjcf
@@ -13,6 +14,7 @@ class MujocoEngine:
     def __init__(self, geometry: Geometry, step: float) -> None:
         import mujoco
 
+        silence_mujoco()
         self._mujoco = mujoco
         self._model = mujoco.MjModel.from_xml_string(mjcf(geometry, step))
         self._data = mujoco.MjData(self._model)

@@ -67,13 +67,16 @@ def diagnose(
     import numpy as np
 
     from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
+    from residual_mpc.diagnosis.driven import not_commanded
     from residual_mpc.diagnosis.options import Options
+    from residual_mpc.models.robot_file import measured_over
     from residual_mpc.report import compose
     from residual_mpc.report.collect import collect
     from residual_mpc.residual.remainder import LEARNERS
 
     kept = None if not held_out else _kept(held_out, [r.name for r in loaded.runs])
-    options = Options(horizon=horizon, only=chosen[0], without=chosen[1], held_out=kept)
+    because = not_commanded(loaded.robots[0], measured_over(loaded.robot_file, [r.name for r in loaded.runs]))
+    options = Options(horizon=horizon, only=chosen[0], without=chosen[1], without_because=because, held_out=kept)
     with progress_bar() as progress:
 
         def found(diagnosis: "Diagnosis") -> None:

@@ -1,14 +1,17 @@
 """What a diagnosis may be told."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from residual_mpc.diagnosis.hold_out import KeptBack
 from residual_mpc.diagnosis.search_settings import SearchSettings
+from residual_mpc.models.settings import Term
 
 
 @dataclass(frozen=True)
 class Options:
-    """horizon s; only, without: effect names; held_out: what is kept back (None: chosen); search: see SearchSettings.
+    """horizon s; only, without: effect names; without_because: hypotheses that are left out, each with the reason (see
+    `not_commanded`); held_out: what is kept back (None: chosen); search: see SearchSettings.
 
     search_steps: simulation steps that one hypothesis may cost in the search (windows are thinned evenly to that);
     final_steps: likewise in the last fit but for its last steps, and half of it in the shares of the stages; a perfect
@@ -18,6 +21,7 @@ class Options:
     horizon: float = 1.0
     only: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
+    without_because: Mapping[Term, str] = field(default_factory=dict)
     held_out: tuple[KeptBack, ...] | None = None
     search_steps: int = 16_000
     final_steps: int = 100_000

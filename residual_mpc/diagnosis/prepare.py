@@ -57,7 +57,7 @@ def prepare(
     if kept is None:
         kept = choose_held_out(raw, per_window(raw, scales, raw.y - predict(raw, Settings(1))[0]))
     held = held_out_mask(raw, kept)
-    space = build_space(clean.take(~held), tunable, options.only, options.without)
+    space = build_space(clean.take(~held), tunable, options.only, options.without, options.without_because)
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon))
     looks = (look_at(runs, robots, noise, h, shorter, kept, outliers.flagged) for shorter, h in pairwise(wanted))
     longer = tuple(look for look in looks if look is not None and foretold(look, rng))

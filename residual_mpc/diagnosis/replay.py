@@ -38,15 +38,17 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
 def start_states(data: Dataset, block: Block, settings: Settings, sooner: float = 0.0) -> dict[str, np.ndarray]:
     """State from which each window is replayed under each hypothesis: position and velocity channels, (H, W_block).
 
-    Positions from the local quadratic's value, velocities from the logged velocity's, else from the position's
-    slope, else 0; mapped back through the sensor effects. Where measurements arrive late, the reading at the
-    window's start shows an earlier state: the replay starts that much earlier (see `earliest`), so that no sample
+    Positions from the local quadratic's value, else the robot's rest; velocities from the logged velocity's, else from
+    the position's slope, else 0; mapped back through the sensor effects. Where measurements arrive late, the reading at
+    the window's start shows an earlier state: the replay starts that much earlier (see `earliest`), so that no sample
     lies before it; `sooner` s are added to that.
     """
     early = earliest(block, settings) + sooner
+    rest = getattr(block.robot, "rest", {})
     out: dict[str, np.ndarray] = {}
     for state in block.robot.states:
         value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
+        value = np.where(np.isnan(value), rest.get(state.position, 0.0), value)
         out[state.position] = np.nan_to_num(value) - _bias(block.robot, settings, state.position)
         if state.velocity is not None:
             rate, _ = _local(data, block, state.velocity, _delay(block.robot, settings, state.velocity) - early)

@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from types import MappingProxyType
 
 import numpy as np
 
@@ -18,6 +19,7 @@ FITTED = tuple(e for e in LIBRARY if e.name != "sensor_outliers")  # outliers ar
 
 SLOW = frozenset({"voltage_sag"})  # effects of minutes, not of seconds: in short runs they only imitate others
 SLOW_FROM = 8.0  # s
+NOTHING: Mapping[Term, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,8 @@ class Space:
             high = min(high, 0.9 * self._largest("command", knob))
         if knob.effect == "saturation":
             high = min(high, 1.2 * self._largest("output", knob))
+        if knob.effect == "viscous_friction":
+            high = min(high, self._most_damping(knob.target))
         if knob.effect == "link_mass" and knob.parameter == "com":
             reach = self.robot.reference("length", None)
             low, high = max(low, -reach), min(high, reach)
@@ -102,13 +106,34 @@ class Space:
         nominal = {k: self.null(k) for k in self.tunables if k in named}
         return assemble([{**nominal, **h} for h in hypotheses] if nominal else hypotheses, self.slots)
 
+    def _most_damping(self, target: str | None) -> float:
+        """N m s/rad with which a joint at its typical speed would take all that its motor gives; inf where nothing is
+        known of the motor."""
+        slots = self.slots["viscous_friction"] if target is None else (target,)
+        slots = tuple(s for s in slots if s in self.slots["coulomb_friction"])
+        torques = (self.robot.bounds("coulomb_friction", "torque", s)[1] / self._speed(s) for s in slots)
+        return min(torques, default=np.inf)
+
+    def _speed(self, joint: str) -> float:
+        """rad/s (m/s), root mean square over the runs."""
+        return self.references.get(("torque", joint), 1.0) / self.references.get(("torque/speed", joint), 1.0)
+
     def _largest(self, kind: str, knob: Knob) -> float:
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
         return max(self.references.get((kind, s), np.inf) for s in slots)
 
 
-def build_space(data: Dataset, tunable: Sequence[str], only: Sequence[str] = (), without: Sequence[str] = ()) -> Space:
-    """Every effect-target pair that the robot of the first block can have, with references measured on the runs."""
+def build_space(
+    data: Dataset,
+    tunable: Sequence[str],
+    only: Sequence[str] = (),
+    without: Sequence[str] = (),
+    because: Mapping[Term, str] = NOTHING,
+) -> Space:
+    """Every effect-target pair that the robot of the first block can have, with references measured on the runs.
+
+    because: terms that are ruled out beforehand, and why.
+    """
     robot = data.blocks[0].robot
     slots = {e.name: robot.slots(e.name) for e in LIBRARY}
     chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
@@ -116,6 +141,7 @@ def build_space(data: Dataset, tunable: Sequence[str], only: Sequence[str] = (),
     longest = max(float(r.t[-1] - r.t[0]) for r in data.runs)
     why = f"no run is longer than {longest:.2g} s"
     ruled_out = {t: why for t in candidates if t.effect in SLOW and longest < SLOW_FROM}
+    ruled_out |= {t: because[t] for t in candidates if t in because}
     candidates = tuple(t for t in candidates if t not in ruled_out)
     free = tuple(
         Knob(TUNE, None, name) for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable)

@@ -35,6 +35,13 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
     Raises BadInput with the run, the column that is missing and the nearest that is there.
     """
     for run, robot in zip(runs, robots, strict=True):
+        for actuator in getattr(robot, "held", ()):
+            if f"command.{actuator}" in run.columns:
+                raise BadInput(
+                    f"column command.{actuator} came for an actuator that acts on no joint",
+                    f"{run.source}, run {run.name}",
+                    "give the actuator joint=... as its transmission, or leave the column out to have it held",
+                )
         for actuator in robot.actuators:
             if f"command.{actuator}" not in run.columns:
                 there = [*run.columns, *run.extra]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.columns import GROUPS, PLANAR, SPECIAL, did_you_mean, group, is_measured
+from residual_mpc.logs.columns import GROUPS, PLANAR, SPECIAL, did_you_mean, group, is_measured, member
 from residual_mpc.models.actuators import Actuator, read_actuators
 
 Side = Literal["motor", "link"]
@@ -69,6 +69,16 @@ class RobotFile:
     variants: tuple[Variant, ...] = ()
     source: str = ""
 
+    @property
+    def measured_commands(self) -> tuple[str, ...]:
+        """Actuators whose command is a measured column (a wheel's encoder): it drives the model, nothing was sent."""
+        measured = {column for name, column in self.log.items() if is_measured(name)}
+        return tuple(
+            member(name)
+            for name, column in self.log.items()
+            if group(name) == "command" and (is_measured(column) or column in measured)
+        )
+
 
 def read_robot_file(path_or_name: str | Path) -> RobotFile:
     """Read a robot file, or take the name of a built-in robot.
@@ -121,6 +131,12 @@ def noise_over(robot: RobotFile, run_names: Sequence[str]) -> dict[str, float]:
         for channel, sigma in for_run(robot, name).noise.items():
             stated.setdefault(channel, []).append(sigma)
     return {channel: math.sqrt(math.fsum(x * x for x in each) / len(each)) for channel, each in stated.items()}
+
+
+def measured_over(robot: RobotFile, run_names: Sequence[str]) -> tuple[str, ...]:
+    """The actuators whose command is a measured column in every run, see `RobotFile.measured_commands`."""
+    each = [set(for_run(robot, name).measured_commands) for name in run_names]
+    return tuple(a for a in robot.measured_commands if all(a in measured for measured in each))
 
 
 def _named(text: str, path: Path) -> RobotFile:

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from residual_mpc.errors import BadInput
-from residual_mpc.models.robot_file import RobotFile, for_run, noise_over, read_robot_file
+from residual_mpc.models.robot_file import RobotFile, for_run, measured_over, noise_over, read_robot_file
 
 GOOD = """
 name = "arm"
@@ -151,3 +151,26 @@ def test_a_channel_s_noise_is_that_of_the_runs_that_state_one(tmp_path: Path) ->
     robot = read_robot_file(path)
     assert noise_over(robot, ["day_1"]) == {"pose.x": 0.003}
     assert noise_over(robot, ["day_1", "night_1"]) == pytest.approx({"pose.x": (12.5e-6) ** 0.5, "pose.theta": 0.02})
+
+
+@pytest.mark.parametrize(
+    ("log", "measured"),
+    [
+        ('"command.left" = "velocity.left"\n"command.right" = "velocity.right"', ("left", "right")),
+        ('"command.left" = "wheel"\n"velocity.left" = "wheel"', ("left",)),  # one column under both names
+        ('"command.left" = "set_speed"\n"velocity.left" = "wheel"', ()),
+        ('"command.j1" = "effort.j1"\n"command.j2" = "command.j1"', ("j1",)),
+        ('"enabled.left" = "velocity.left"', ()),
+    ],
+)
+def test_a_measured_column_that_drives_the_model_is_no_command(folder: Path, log: str, measured: tuple[str]) -> None:
+    assert read(folder, f'plant = "diff_drive"\n[log]\n{log}\n').measured_commands == measured
+
+
+def test_an_actuator_is_measured_where_it_is_in_every_run(folder: Path) -> None:
+    text = 'plant = "diff_drive"\n[log]\n"command.left" = "velocity.left"\n"command.right" = "velocity.right"\n'
+    variant = '[[variant]]\nruns = "sent_*"\n[variant.log]\n"command.left" = "left_set"\n'
+    robot = read(folder, text + variant)
+    assert measured_over(robot, ["a", "b"]) == ("left", "right")
+    assert measured_over(robot, ["a", "sent_1"]) == ("right",)
+    assert measured_over(read(folder, 'plant = "diff_drive"'), ["a"]) == ()

@@ -20,10 +20,12 @@ from oracles.arms import (
     random_start,
     robot_of,
     settings_of,
+    wheel_xml,
 )
 
 from plants.mujoco_robot import replay as module
 from residual_mpc.effects.command import delayed_sequence
+from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
 ROWS, STEPS = 3, 150
@@ -168,3 +170,20 @@ def test_threads_are_as_many_as_the_batch_is_worth(
 ) -> None:
     monkeypatch.setattr(module, "_cores", lambda: cores)
     assert module.threads_for(size) == wanted
+
+
+def test_a_row_that_diverges_stays_where_it_was_last(tmp_path: Path) -> None:
+    """Alike whether it is rolled out or stepped; MuJoCo itself would put it back to its start."""
+    runaway = '<motor name="hub" joint="hub"/>'
+    joint = 'damping="-200"'
+    xml = wheel_xml(runaway, joint).replace("implicitfast", "Euler").replace("<option", "<option ")
+    robot = robot_of(tmp_path, xml)
+    steps = 400
+    drive = Drive(0.002, 0, np.zeros((2, steps, 1)), None, np.zeros(2))
+    start = {"position.hub": np.full(2, 0.3), "velocity.hub": np.array([0.1, 0.0])}
+    for wanted in (("position.hub", "velocity.hub"), ("position.hub", "velocity.hub", "output.hub")):
+        came = robot.replay(start, drive, Settings(2), wanted)
+        away = came["position.hub"]
+        assert np.isfinite(away).all() and np.abs(away[0, -1]) > 1e3 and away[0, -1] == away[0, -2]
+        assert (np.diff(np.abs(away[0])) >= 0).all()  # never back
+        np.testing.assert_array_equal(away[1], 0.3)

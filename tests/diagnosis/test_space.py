@@ -1,0 +1,33 @@
+"""The hypotheses of a robot on given runs: which there are, and how far their numbers may go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.arms import MIXED, SERVOS, arm_xml, robot_of
+
+from plants.mujoco_robot import MujocoRobot
+from residual_mpc.diagnosis.space import Space
+from residual_mpc.effects.library import LIBRARY
+from residual_mpc.models.settings import Knob
+
+
+def space_of(robot: MujocoRobot, speeds: tuple[float, float]) -> Space:
+    """Runs in which the joints bear 0.4 N m (root mean square) at these speeds, rad/s."""
+    references = {("torque", j): 0.4 for j in robot.joints}
+    references |= {("torque/speed", j): 0.4 / w for j, w in zip(robot.joints, speeds, strict=True)}
+    return Space(robot, {e.name: robot.slots(e.name) for e in LIBRARY}, (), (), references, {})
+
+
+def test_viscous_friction_is_at_most_what_the_motor_overcomes_at_the_runs_speed(tmp_path: Path) -> None:
+    space = space_of(robot_of(tmp_path, arm_xml(SERVOS)), (0.5, 2.0))
+    most = {j: space.bounds(Knob("viscous_friction", j, "coefficient"))[1] for j in ("j1", "j2", None)}
+    assert most["j2"] == pytest.approx(3.0 / 2.0)  # 3 N m at 2 rad/s
+    assert most["j1"] == np.inf  # nothing is said of its force
+    assert most[None] == pytest.approx(1.5)
+    motor = MIXED.replace('gear="3"', 'gear="3" ctrlrange="-2 2"').replace('kv="0.9"', 'kv="0.9" forcerange="-9 9"')
+    both = space_of(robot_of(tmp_path, arm_xml(motor)), (0.5, 2.0))
+    assert both.bounds(Knob("viscous_friction", None, "coefficient"))[1] == pytest.approx(9.0 / 2.0)
+    assert both.bounds(Knob("viscous_friction", "j1", "coefficient")) == pytest.approx((-0.1, 6.0 / 0.5))
