@@ -294,7 +294,10 @@ def _drive(
             _mean_held(run, held(run, f"command.{a}"), edges, _resting(robot, k, run, i, signals))
             for k, a in enumerate(robot.actuators)
         ]
-        commands.append(np.stack(per_actuator, axis=-1))
+        warm = np.stack(per_actuator, axis=-1)
+        for k in range(len(robot.actuators)):
+            _settle(warm[:, 0, k], robot, k, i, edges[:, 0], signals)
+        commands.append(warm)
         clocks.append(t0 - run.t[0])
         centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
         at = np.clip(np.searchsorted(run.t, centres, side="right") - 1, 0, len(run.t) - 1)
@@ -335,6 +338,19 @@ def _resting(robot: Robot, k: int, run: Run, i: int, signals: Mapping[tuple[int,
     first = {a: float(held(run, f"command.{a}")[0]) for a in robot.actuators}
     still = sum(moving[a] ** 2 - (moving[a] - first[a]) ** 2 for a in robot.actuators) < 0.0
     return 0.0 if still else None
+
+
+def _settle(
+    first: np.ndarray, robot: Robot, k: int, i: int, at: np.ndarray, signals: Mapping[tuple[int, str], Signal]
+) -> None:
+    """Let the warm-up of a wheel begin at its measured speed: a lag as long as the warm-up would still hold its first
+    command. first (W,): the first command of each window's warm-up, changed in place; at (W,) s."""
+    joints = getattr(robot, "actuator_joints", robot.actuators)
+    signal = signals.get((i, f"velocity.{joints[k]}"))
+    if robot.command_kinds[k] != "speed" or signal is None:
+        return
+    fit = local_fit(signal.t, at)
+    first[:] = np.where(fit.count > 0, fit.value(signal.y), first)
 
 
 def _mean_held(run: Run, u: np.ndarray, edges: np.ndarray, before: float | None) -> np.ndarray:

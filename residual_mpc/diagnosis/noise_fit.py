@@ -13,7 +13,7 @@ whatever the model: they are those of the noise, and of what they leave of the m
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,8 @@ ROUNDS = 12  # of reweighting
 WINDOWS = 48  # that are looked at
 DRAWS = 3  # of each part, from which the increments that it would leave are measured
 ORDERS, STRIDES = (3, 5, 7), (1, 2, 4, 8)  # of the differences that bound the noise
+BEYOND_WHITE = 8.0  # drop in misfit from which a channel's noise is coloured
+ROUNDED = 1.5  # times its rounding error, up to which a channel's noise is nothing else
 LEEWAY = 1.15  # factor on these bounds, in squares, for their own error
 FEWEST = 24  # pairs of samples that make a mean
 
@@ -92,17 +94,23 @@ def fit_noise(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[
                 unit[..., k] = np.where(seen[..., k], _unit(t, period, time, rng), 0.0)
                 parts[:, :, k, p] += _increments(_projected(unit, basis), seen, lags)[0] / DRAWS
     bounds = _bounds(data, problem.weight, [0.0, *times], period)
+    rounded = data.sigma <= ROUNDED * data.steps / np.sqrt(12.0)
+    parts[:, :, rounded, 1:] = 0.0  # steps of the sensor that last several samples look coloured
     size = _envelope(measured, parts, sure, *bounds)  # (C, 1 + times) squared, in units of the white noise
-    out = []
-    for k in range(c):
-        sigma = np.sqrt(size[k]) / problem.weight[k]
-        out.append(
-            ChannelNoise(
-                max(float(sigma[0]), float(data.steps[k]) / np.sqrt(12.0)),
-                tuple((float(s), time) for s, time in zip(sigma[1:], times, strict=True) if s > 0.0),
-            )
-        )
-    return tuple(out)
+    return tuple(
+        _channel_noise(np.sqrt(size[k]) / problem.weight[k], times, float(data.steps[k]) / np.sqrt(12.0))
+        for k in range(c)
+    )
+
+
+def _channel_noise(sigma: np.ndarray, times: Sequence[float], rounding: float) -> ChannelNoise:
+    """Noise of these sizes (1 + times,), white first, channel unit; what rounding makes of it is white."""
+    white = max(float(sigma[0]), rounding)
+    coloured = float(np.sum(sigma[1:] ** 2))
+    room = max(float(np.sum(sigma**2)) - white**2, 0.0)
+    factor = np.sqrt(min(room / coloured, 1.0)) if coloured > 0.0 else 0.0
+    parts = ((float(s * factor), time) for s, time in zip(sigma[1:], times, strict=True))
+    return ChannelNoise(white, tuple(p for p in parts if p[0] > 0.0))
 
 
 def unlearnable(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray) -> np.ndarray:
@@ -195,23 +203,48 @@ def _envelope(
     """(C, P) squared sizes of the parts whose increments lie under the measured ones, in relative least squares; a mean
     of n independent squares has a relative variance of 2 / n. What exceeds the `limits` weighs as much as the best
     known of the increments, what lies below them nothing."""
-    from scipy.optimize import nnls  # slow to import
-
     c, p = parts.shape[2:]
     use = (sure > 0.0) & (measured > 0.0)
     rows, target = parts[use].reshape(-1, c * p), measured[use]
     if not len(target):
         return np.zeros((c, p))
-    rows = np.concatenate([rows / target[:, None], adds / limits[:, None]])
-    known = np.concatenate([np.sqrt(sure[use]), np.full(len(limits), float(np.sqrt(sure.max())))])
-    least = np.concatenate([np.ones(len(target)), np.zeros(len(limits))])
-    slack = np.concatenate([np.ones(len(target)), np.full(len(limits), LEEWAY)])
-    weight = known * least
-    size = np.zeros(c * p)
-    for _ in range(ROUNDS):
-        size = nnls(rows * weight[:, None], weight * np.where(least > 0.0, 1.0, LEEWAY), maxiter=500)[0]
-        again = known * np.sqrt(np.where(rows @ size > slack, EXCESS, least))
-        if np.array_equal(again, weight):
-            break
-        weight = again
-    return np.asarray(size.reshape(c, p))
+    fit = _Envelope(
+        np.concatenate([rows / target[:, None], adds / limits[:, None]]),
+        np.concatenate([np.sqrt(sure[use]), np.full(len(limits), float(np.sqrt(sure.max())))]),
+        np.concatenate([np.ones(len(target)), np.zeros(len(limits))]),
+    )
+    columns = np.zeros((c, p), dtype=bool)
+    columns[:, 0] = True
+    size, misfit = fit.solve(columns.ravel())
+    for k in range(c):  # a channel's noise is white unless its increments say otherwise
+        more = columns.copy()
+        more[k] = True
+        again, less = fit.solve(more.ravel())
+        if misfit - less > BEYOND_WHITE:
+            columns, size, misfit = more, again, less
+    return size.reshape(c, p)
+
+
+@dataclass(frozen=True, eq=False)
+class _Envelope:
+    """rows (R, C * P): what a unit of each part adds, relative to what was measured or to a limit; known (R,) how well;
+    least (R,) 1 for what was measured, 0 for a limit, below which nothing weighs."""
+
+    rows: np.ndarray
+    known: np.ndarray
+    least: np.ndarray
+
+    def solve(self, columns: np.ndarray) -> tuple[np.ndarray, float]:
+        """Squared sizes of the parts (C * P,), those of `columns` alone, and the weighted misfit."""
+        from scipy.optimize import nnls  # slow to import
+
+        aim = np.where(self.least > 0.0, 1.0, LEEWAY)
+        weight = self.known * self.least
+        size = np.zeros(self.rows.shape[1])
+        for _ in range(ROUNDS):
+            size[columns] = nnls(self.rows[:, columns] * weight[:, None], weight * aim, maxiter=500)[0]
+            again = self.known * np.sqrt(np.where(self.rows @ size > aim, EXCESS, self.least))
+            if np.array_equal(again, weight):
+                break
+            weight = again
+        return size, float(np.sum((weight * (self.rows @ size - aim)) ** 2)) / 2.0

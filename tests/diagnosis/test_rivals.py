@@ -32,11 +32,12 @@ def rivals_of(faults: dict[str, dict[str, float]], chosen: Values, only: tuple[s
     """What is found where a search has ended with `chosen`."""
     data = build_dataset([run_of(faults, left, seed) for seed in range(2)], [ROVER] * 2, SIGMA)
     space = build_space(data, (), only)
-    problem = build_problem(data, space, data.sigma)
+    scales = measure_scales(data)
+    problem = build_problem(data, space, data.sigma, scales.motion)
     noise = 1.0 / problem.weight
-    problem = judge(problem, fit_all(problem, [chosen])[0], noise)
+    problem = judge(problem, fit_all(problem, [chosen])[0], noise, scales)
     base, fit = fit_all(problem, [{}, chosen])
-    ruler = build_ruler(problem.replays, measure_scales(data), base, np.random.default_rng(0))
+    ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0))
     return find_rivals(Found(problem, fit, base, dispersion(fit, blocks_of(data)), ruler, ()))
 
 
