@@ -114,7 +114,8 @@ def _figures(data: Dataset, scales: Scales, mask: np.ndarray | None, model: Expl
     other = seen.y - predict(seen, settings)[0] if model.given else None
     g = gap_of(data, scales, nominal)
     m = None if other is None else gap_of(seen, scales, other)
-    floor = floor_from([gap_of(seen, scales, e) for e in noise_errors(seen, settings, np.random.default_rng(seed))])
+    drawn = noise_errors(seen, settings, np.random.default_rng(seed))
+    floor = floor_from([gap_of(seen, scales, e) for e in drawn], seen.count)
     steady = gap_of(data, scales, data.y - constant_velocity(data)).total
     windows = {"nominal": quantiles(per_window(data, scales, nominal))}
     if other is not None:

@@ -114,8 +114,8 @@ def measure(of: Explained, longer: Sequence[Look], steps: int, rng: np.random.Ge
     noise = _noise(of, longer, row)
     raw, seen = replace(of.raw, noise=noise), replace(of.after_data, noise=noise)
     floors = noise_errors(seen, row, rng, floor_draws(seen, steps))
-    floor = floor_from([gap_of(seen, scales, e, test) for e in floors])
-    everywhere = floor_from([gap_of(seen, scales, e) for e in floors])
+    floor = floor_from([gap_of(seen, scales, e, test) for e in floors], int(test.sum()))
+    everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor)]
     # beyond the noise on all windows, and on the very windows that the figures are printed for
     anywhere = beyond(gap_of(raw, scales, errors["before"]), everywhere) and _lucky(looks[0])
