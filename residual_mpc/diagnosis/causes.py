@@ -10,6 +10,7 @@ from residual_mpc.diagnosis.fit import Fit
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.records import Cause, Estimate
 from residual_mpc.diagnosis.spikes import Outliers
+from residual_mpc.diagnosis.support import Support
 from residual_mpc.diagnosis.verdict import AS_GOOD
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.protocol import Robot
@@ -30,11 +31,11 @@ def causes_of(
     of: Explained,
     unexplained: float,
     sure: float,
-    evidence: Mapping[Term, tuple[str, ...]],
+    supports: Mapping[Term, Support],
     doubt: Mapping[Term, float],
 ) -> tuple[Cause, ...]:
     """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets;
-    evidence and doubt: of each effect, see `support`."""
+    supports and doubt: of each effect, see `support`."""
     final, problem = of.final, of.problem
     sigma = sigmas(problem, final)
     causes = []
@@ -47,7 +48,9 @@ def causes_of(
         slots = problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
         probability = sure * of.rivalry.shares.get(term, 1.0) * doubt[term]
-        causes.append(Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, evidence[term]))
+        causes.append(
+            Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, supports[term].evidence)
+        )
     if of.with_outliers:
         causes.append(_outliers(of.outliers))
     return tuple(causes)

@@ -25,7 +25,7 @@ from residual_mpc.diagnosis.rest.records import Rest
 from residual_mpc.diagnosis.rest.resemblance import resembles
 from residual_mpc.diagnosis.search import Ruler
 from residual_mpc.diagnosis.stages import Chain, Shares, staged
-from residual_mpc.diagnosis.support import doubts, evidence_of
+from residual_mpc.diagnosis.support import Support, doubts, support_of
 from residual_mpc.diagnosis.verdict import MARGIN
 from residual_mpc.diagnosis.where import locate
 from residual_mpc.models.settings import Term
@@ -74,26 +74,24 @@ def open_held_out(
     errors = found.errors["before"], found.errors["after" if helps else "before"]
     test = of.test
     achieved = shrink_of(of.raw.take(test), of.scales, errors[0][test], errors[1][test], rng) if helps else None
-    evidence = evidence_of(of) if helps else {}
-    answered(_diagnosis(found, achieved, evidence, Extras()))
+    supports = support_of(of, longer, found.looks) if helps else {}
+    answered(_diagnosis(found, achieved, supports, Extras()))
     progress("describing the remaining error", 0.9)
     learned, rest = _left(found, found.verdict[0], options, rng, learners)
     progress("sharing the gap among the stages", 0.94)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
     final = of.final if helps else None
     steps, stages = staged(of.after_data, of.scales, of.space, final, gaps, options.final_steps // 2)
-    diagnosis = _diagnosis(found, achieved, evidence, Extras(steps, stages, learned, rest))
+    diagnosis = _diagnosis(found, achieved, supports, Extras(steps, stages, learned, rest))
     return Made(diagnosis, of.raw, of.scales, *errors, test)
 
 
-def _diagnosis(
-    found: Measured, achieved: Shrink | None, evidence: Mapping[Term, tuple[str, ...]], extras: Extras
-) -> Diagnosis:
+def _diagnosis(found: Measured, achieved: Shrink | None, supports: Mapping[Term, Support], extras: Extras) -> Diagnosis:
     """The records of what was found."""
     of, helps, final = found.of, found.helps, found.of.final
     verdict, share = found.verdict
     sure = most_sure(verdict, share, _times_floor(found))
-    doubt = doubts(final.terms, evidence, extras.rest) if helps else {}
+    doubt = doubts(supports, extras.rest)
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     others = alternatives(of.rivalry, groups, final) if helps else ()
     return Diagnosis(
@@ -105,7 +103,7 @@ def _diagnosis(
         achieved=achieved,
         stages=extras.stages,
         where=locate(of.raw, of.scales, found.errors["before"]),
-        causes=causes_of(of, share, sure, evidence, doubt) if helps else (),
+        causes=causes_of(of, share, sure, supports, doubt) if helps else (),
         candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, doubt) if helps else (),
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),

@@ -1,21 +1,28 @@
 """What supports each named effect, beyond a better fit, and what casts doubt on it (contract, section 5: evidence)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.fit import Fit
-from residual_mpc.diagnosis.gap import gap_of
+from residual_mpc.diagnosis.gap import Scales, gap_of
+from residual_mpc.diagnosis.horizons import Look
 from residual_mpc.diagnosis.how_far import fold_values
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.rest.records import Rest
 from residual_mpc.diagnosis.search import window_trust, without
+from residual_mpc.diagnosis.thinning import evenly
+from residual_mpc.diagnosis.verdict import AtHorizon
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term
 
 KEPT = 0.3  # of its distance from null that a number keeps when any run is left out
 DEPENDS = 0.2  # share of a remainder from which its dependence casts doubt
+CLEAR = 1.0  # times the squared noise floor, from which an effect's contribution is no faint one
+STEPS = 60_000  # simulation steps that one prediction may cost here
 UNSUPPORTED = 0.5  # factor on the probability of an effect that does not help on unseen windows, or is imitated
 
 # What a remainder that depends on this quantity is easily mistaken for: a steady effect fitted to a changing one.
@@ -34,35 +41,57 @@ IMITATED: Mapping[str, frozenset[str]] = {
 }
 
 
-def evidence_of(of: Explained) -> dict[Term, tuple[str, ...]]:
-    """For each named effect: "fits" (better beyond doubt: the search asks for that), "predicts" (better on the windows
-    that are judged, which no fit has seen), "survives" (still there when any one run is left out)."""
-    helps, lasts = _predicts(of), _survives(of.problem.data.run, of.final)
-    return {
-        t: ("fits", *(("predicts",) if helps[t] else ()), *(("survives",) if lasts[t] else ())) for t in of.final.terms
-    }
+@dataclass(frozen=True)
+class Support:
+    """What supports one effect. evidence: "fits" (better beyond doubt: the search asks for that), "predicts" (better on
+    the windows that are judged, which no fit has seen), "survives" (still there when any one run is left out);
+    strength: how much the squared gap rises without it, in units of the squared noise floor, at the horizon where that
+    is most."""
+
+    evidence: tuple[str, ...]
+    strength: float
 
 
-def doubts(terms: tuple[Term, ...], evidence: Mapping[Term, tuple[str, ...]], rest: Rest | None) -> dict[Term, float]:
-    """A factor on the probability of each effect."""
+def support_of(of: Explained, longer: Sequence[Look], looks: Sequence[AtHorizon]) -> dict[Term, Support]:
+    """The support of each named effect; looks: the gaps over each horizon, of which `longer` holds the windows."""
+    floors = {look.horizon: look.floor.total for look in looks}
+    places = [(of.after_data.take(of.test), of.scales)]
+    for look in longer:
+        if look.horizon in floors:
+            places.append(((look.clean if of.with_outliers else look.raw).take(look.test), look.scales))
+    rises = [_rises(of, data, scales, floors[data.horizon]) for data, scales in places]
+    lasts = _survives(of.problem.data.run, of.final)
+    out = {}
+    for k, term in enumerate(of.final.terms):
+        strength = float(max(r[k] for r in rises))
+        evidence = ("fits", *(("predicts",) if strength > 0.0 else ()), *(("survives",) if lasts[term] else ()))
+        out[term] = Support(evidence, strength)
+    return out
+
+
+def doubts(supports: Mapping[Term, Support], rest: Rest | None) -> dict[Term, float]:
+    """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint, and
+    where what is left depends on a quantity that it would imitate."""
     on = set() if rest is None else {d.kind for d in rest.depends if d.share >= DEPENDS}
     imitated = frozenset[str]().union(*(IMITATED.get(kind, frozenset()) for kind in on))
-    return {
-        t: (1.0 if "predicts" in evidence[t] else UNSUPPORTED) * (UNSUPPORTED if t.effect in imitated else 1.0)
-        for t in terms
-    }
+    out = {}
+    for term, support in supports.items():
+        helps = 1.0 if "predicts" in support.evidence else UNSUPPORTED
+        clear = UNSUPPORTED + (1.0 - UNSUPPORTED) * float(np.clip(support.strength / CLEAR, 0.0, 1.0))
+        out[term] = helps * clear * (UNSUPPORTED if term.effect in imitated else 1.0)
+    return out
 
 
-def _predicts(of: Explained) -> dict[Term, bool]:
+def _rises(of: Explained, data: Dataset, scales: Scales, floor: float) -> np.ndarray:
+    """(T,) by how much the squared gap on these windows rises without each effect, in units of the squared floor."""
     terms = of.final.terms
-    if not terms:
-        return {}
-    data = of.after_data.take(of.test)
+    keep = evenly(data, STEPS)
+    data = data if keep.all() else data.take(keep)
     rows = [of.final.values, *(without(of.final.values, t) for t in terms)]
     errors = [data.y - p for p in predict(data, of.space.settings(rows))]
-    trust = window_trust(data, of.scales, errors[0])
-    whole, *less = [gap_of(data, of.scales, e, trust).total for e in errors]
-    return {t: bool(x > whole) for t, x in zip(terms, less, strict=True)}
+    trust = window_trust(data, scales, errors[0])
+    whole, *less = [gap_of(data, scales, e, trust).total ** 2 for e in errors]
+    return (np.array(less) - whole) / max(floor**2, 1e-12)
 
 
 def _survives(run: np.ndarray, final: Fit) -> dict[Term, bool]:
