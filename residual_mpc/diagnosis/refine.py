@@ -25,6 +25,8 @@ from residual_mpc.diagnosis.thinning import evenly
 from residual_mpc.diagnosis.witness import contradicted, witnesses
 from residual_mpc.models.settings import Settings, Term, Values
 
+OUTLIERS_WORTH = 0.6  # times the squared noise floor that a few jumping samples have to make of the gap to be a cause
+
 
 @dataclass(frozen=True, eq=False)
 class Searched:
@@ -120,5 +122,5 @@ def _weigh(
     spoilt, clean = spoilt.take(keep), clean.take(keep)
     left, cleaned = (gap_of(d, scales, d.y - predict(d, row)[0]).total ** 2 for d in (spoilt, clean))
     floor = float(np.mean([gap_of(clean, scales, e).total ** 2 for e in noise_errors(clean, row, rng, 4)]))
-    worth = max(2.0 * options.search.over_floor * floor, options.search.sizeable * (left - floor))
+    worth = max(OUTLIERS_WORTH * floor, options.search.sizeable * (left - floor))
     return left - cleaned > worth
