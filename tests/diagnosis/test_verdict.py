@@ -1,0 +1,104 @@
+"""Verdicts: the contract's table, per horizon and channel; and how sure a named effect may be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from residual_mpc.diagnosis.causes import MOST_SURE, most_sure
+from residual_mpc.diagnosis.gap import Gap
+from residual_mpc.diagnosis.rest.records import Curve, Dependence, Rest
+from residual_mpc.diagnosis.support import Support, doubts
+from residual_mpc.diagnosis.verdict import AtHorizon, Floor, beyond, floor_from, left_share, verdict_of, with_luck
+from residual_mpc.diagnosis.where import Where
+from residual_mpc.models.settings import Term
+
+
+def floor(total: float, windows: int = 100) -> Floor:
+    each = np.array([total, total])
+    return Floor(total, each, 1.2 * total, 1.2 * each, windows)
+
+
+def at(before: float, after: float, noise: float, horizon: float = 1.0, channels: tuple[float, ...] = ()) -> AtHorizon:
+    """The gaps over one horizon; channels: those after, where they differ from the total."""
+    left = np.array(channels or (after, after))
+    start = Gap(before, np.array([before, before]))
+    return AtHorizon(horizon, 100, True, start, start, Gap(after, left), floor(noise), {})
+
+
+@pytest.mark.parametrize(
+    ("looks", "wanted"),
+    [
+        ([at(0.5, 0.015, 0.01)], "effects"),
+        ([at(0.5, 0.019, 0.01), at(0.5, 0.04, 0.01, 5.0)], "effects"),  # at most 0.05 is small enough
+        ([at(0.5, 0.015, 0.01), at(0.5, 0.08, 0.01, 5.0)], "partial"),  # one horizon shows more
+        ([at(0.5, 0.08, 0.05, channels=(0.03, 0.11))], "partial"),  # one channel shows more
+        ([at(0.5, 0.3, 0.01)], "partial"),
+        ([at(0.5, 0.09, 0.05)], "effects"),  # within twice the noise
+    ],
+)
+def test_an_explanation_is_whole_where_every_horizon_and_channel_says_so(looks: list[AtHorizon], wanted: str) -> None:
+    assert verdict_of(looks, True)[0] == wanted
+
+
+def test_without_an_explanation_any_horizon_beyond_the_noise_is_unknown() -> None:
+    assert verdict_of([at(0.011, 0.011, 0.01), at(0.012, 0.012, 0.01, 5.0)], False) == ("no_gap", 0.0)
+    assert verdict_of([at(0.011, 0.011, 0.01), at(0.03, 0.03, 0.01, 5.0)], False) == ("unknown", 1.0)
+
+
+def test_the_share_left_is_that_of_the_headline() -> None:
+    assert left_share(at(0.5, 0.3, 0.1)) == pytest.approx((0.09 - 0.01) / (0.25 - 0.01))
+    assert left_share(at(0.5, 0.05, 0.1)) == 0.0
+
+
+def test_one_channel_beyond_the_noise_is_enough() -> None:
+    quiet = Gap(0.0105, np.array([0.0105, 0.0105]))
+    loud = Gap(0.0115, np.array([0.009, 0.016]))
+    assert not beyond(quiet, floor(0.01))
+    assert beyond(loud, floor(0.01))
+    assert not beyond(loud, floor(0.01, windows=3))  # three windows say little
+
+
+@pytest.mark.parametrize("freedom", [3, 40])
+def test_chance_exceeds_its_limit_as_rarely_as_stated(freedom: int) -> None:
+    rng = np.random.default_rng(0)
+    squares = rng.chisquare(freedom, (4000, 1)) / freedom
+    limits = np.array([with_luck(squares[i : i + 24], freedom)[0] for i in range(0, 960, 24)])
+    exceeded = np.mean(rng.chisquare(freedom, 200_000)[:, None] / freedom > limits[None, :] ** 2)
+    assert exceeded < 0.005
+
+
+def test_a_floor_is_the_root_mean_square_of_its_draws() -> None:
+    drawn = [Gap(x, np.array([x, 2.0 * x])) for x in (0.01, 0.02, 0.03)]
+    found = floor_from(drawn, 50)
+    assert found.total == pytest.approx(np.sqrt(np.mean(np.square([0.01, 0.02, 0.03]))))
+    assert found.channels[1] == pytest.approx(2.0 * found.total)
+    assert found.luck > found.total
+
+
+def test_how_sure_an_effect_may_be_falls_with_what_is_left() -> None:
+    assert most_sure("effects", 0.0, 1.0) == MOST_SURE
+    assert most_sure("effects", 0.0, 4.0) < 0.9
+    assert most_sure("partial", 0.0, 1.5) < 0.9
+    steps = [most_sure("partial", share, times) for share, times in ((0.0, 2.0), (0.1, 5.0), (0.3, 20.0), (0.9, 90.0))]
+    assert steps == sorted(steps, reverse=True)
+    assert most_sure("unknown", 1.0, 50.0) == 0.0
+
+
+def rest(kind: str, share: float) -> Rest:
+    curve = Curve("forward", (), (), (), "", "")
+    return Rest((), Where((), (), ()), 1.0, (Dependence(kind, kind, None, "added", share, 0.0, (), curve),), None)
+
+
+def test_a_remainder_that_depends_on_time_lowers_what_imitates_it() -> None:
+    sag, lag = Term("voltage_sag", None), Term("actuator_lag", None)
+    supports = {t: Support(("fits", "predicts"), 9.0) for t in (sag, lag)}
+    assert doubts(supports, rest("time", 0.5)) == {sag: 0.5, lag: 1.0}
+    assert doubts(supports, rest("time", 0.05)) == {sag: 1.0, lag: 1.0}
+    assert doubts(supports, None) == {sag: 1.0, lag: 1.0}
+
+
+def test_an_effect_that_does_not_predict_or_is_faint_is_less_sure() -> None:
+    lag = Term("actuator_lag", None)
+    assert doubts({lag: Support(("fits",), -0.1)}, None)[lag] == 0.25
+    assert doubts({lag: Support(("fits", "predicts"), 0.5)}, None)[lag] == 0.75
