@@ -24,6 +24,7 @@ MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
 MOST_PARTIAL = 0.87  # factor where something is left that these sensors can tell
 SHADOW = 0.15  # of the probability that is lost for each factor e by which more is left than the sensors can tell
 LEAST_SURE = 0.5  # factor that stays however much is left
+AT_BOUND, RESTING = "rests on the bound of what is tried", 0.5  # and the factor on the probability of such an effect
 APART = 2.5  # half-widths beyond which an interval is that wide since two fits end apart
 
 
@@ -47,7 +48,8 @@ def causes_of(
         ]
         slots = problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
-        probability = sure * of.rivalry.shares.get(term, 1.0) * doubt[term]
+        rests = any(e.note == AT_BOUND for e in estimates)
+        probability = sure * of.rivalry.shares.get(term, 1.0) * doubt[term] * (RESTING if rests else 1.0)
         causes.append(
             Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, supports[term].evidence)
         )
@@ -86,7 +88,7 @@ def _estimate(of: Explained, i: int, sigma: float, unexplained: float) -> Estima
 def _note(held: bool, interval: tuple[float, float], half: float) -> str:
     """What is wrong with a number, in words; empty where nothing is."""
     if held:
-        return "rests on the bound of what is tried"
+        return AT_BOUND
     if interval[1] - interval[0] > APART * half:
         return "two fits from different starts end apart and are equally good"
     return ""

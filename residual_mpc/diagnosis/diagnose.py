@@ -1,6 +1,7 @@
 """The whole diagnosis, in order: prepare, search, refine, open what was kept back."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -95,7 +96,10 @@ def _on(
     budget = int(options.search_steps * np.clip(6.0 / len(ready.space.robot.states), 1.0, 2.0))
     few = well_begun(thin(windows, budget) if start is None else thin_whole(windows, budget), scales, rng)
     problem = build_problem(few, ready.space, few.sigma, scales.motion)
-    return search(problem, scales, options.search, rng, report, None if start is None else start.fit.values)
+    if start is None:
+        return search(problem, scales, options.search, rng, report)
+    settings = replace(options.search, over_floor=options.search.over_floor_longer)
+    return search(problem, scales, settings, rng, report, start.fit.values)
 
 
 def _seen_over(

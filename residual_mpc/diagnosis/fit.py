@@ -18,6 +18,7 @@ PART = 0.2  # and no more than this of a number that multiplies the nominal one,
 MOST = 8
 SECANTS = 2
 FACTORS = (1.0, 0.1, 30.0)  # of the damping that are tried at once
+ELSEWHERE = 1.5  # another start lies this many typical steps of each number away
 ALIKE = 0.02  # part of a step's effect by which two steps have to differ to be tried both
 REMAINING = 4.0  # times the last drop in cost that a fit may still fall: steps that each gain 0.8 of the one before
 
@@ -259,6 +260,27 @@ def _finish(run: _Run) -> Fit:
     terms = tuple(dict.fromkeys(k.term for k in run.knobs if k.effect != TUNE))
     held = (run.x <= run.low + 1e-9) | (run.x >= run.high - 1e-9)
     return Fit(terms, run.knobs, run.values(run.x), run.scale, run.cost, run.r, run.jacobian, held, run.fresh)
+
+
+def elsewhere(problem: Problem, start: Values) -> Values | None:
+    """Another place to start from: every effect's number moved by ELSEWHERE typical steps, away from its null in turn
+    with towards it, and turned back at a bound; None where there is no effect."""
+    moved = dict(start)
+    sign = 1.0
+    for knob, value in start.items():
+        if knob.effect == TUNE:
+            continue
+        low, high = problem.space.bounds(knob)
+        step = ELSEWHERE * problem.space.scale(knob)
+        parameter = BY_NAME[knob.effect].parameter(knob.parameter)
+        if parameter.null == 1.0 or not np.isfinite(parameter.null):
+            step = min(step, 0.3 * abs(value))  # a ratio or a limit keeps its order of magnitude
+        target = value + sign * step
+        if not low <= target <= high:
+            target = value - sign * step
+        moved[knob] = float(np.clip(target, low, high))
+        sign = -sign
+    return None if moved == dict(start) else moved
 
 
 def possible(values: Values) -> bool:

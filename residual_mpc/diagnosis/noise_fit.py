@@ -35,6 +35,10 @@ WINDOWS = 48  # that are looked at
 DRAWS = 3  # of each part, from which the increments that it would leave are measured
 ORDERS, STRIDES = (3, 5, 7), (1, 2, 4, 8)  # of the differences that bound the noise
 BEYOND_WHITE = 8.0  # drop in misfit from which a channel's noise is coloured
+LOCALISED = (
+    "pose.",
+    "twist.",
+)  # what a filter or a scan matching reports; an encoder wanders by no more than it jitters
 ROUNDED = 1.5  # times its rounding error, up to which a channel's noise is nothing else
 LEEWAY = 1.15  # factor on these bounds, in squares, for their own error
 FEWEST = 24  # pairs of samples that make a mean
@@ -97,17 +101,20 @@ def fit_noise(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[
     rounded = data.sigma <= ROUNDED * data.steps / np.sqrt(12.0)
     parts[:, :, rounded, 1:] = 0.0  # steps of the sensor that last several samples look coloured
     size = _envelope(measured, parts, sure, *bounds)  # (C, 1 + times) squared, in units of the white noise
-    return tuple(
-        _channel_noise(np.sqrt(size[k]) / problem.weight[k], times, float(data.steps[k]) / np.sqrt(12.0))
-        for k in range(c)
-    )
+    out = []
+    for k, channel in enumerate(data.channels):
+        most = np.inf if channel.startswith(LOCALISED) else float(data.sigma[k])
+        rounding = float(data.steps[k]) / np.sqrt(12.0)
+        out.append(_channel_noise(np.sqrt(size[k]) / problem.weight[k], times, rounding, most))
+    return tuple(out)
 
 
-def _channel_noise(sigma: np.ndarray, times: Sequence[float], rounding: float) -> ChannelNoise:
-    """Noise of these sizes (1 + times,), white first, channel unit; what rounding makes of it is white."""
+def _channel_noise(sigma: np.ndarray, times: Sequence[float], rounding: float, most: float) -> ChannelNoise:
+    """Noise of these sizes (1 + times,), white first, channel unit; what rounding makes of it is white; most: that the
+    coloured parts may have together."""
     white = max(float(sigma[0]), rounding)
     coloured = float(np.sum(sigma[1:] ** 2))
-    room = max(float(np.sum(sigma**2)) - white**2, 0.0)
+    room = min(max(float(np.sum(sigma**2)) - white**2, 0.0), most**2)
     factor = np.sqrt(min(room / coloured, 1.0)) if coloured > 0.0 else 0.0
     parts = ((float(s * factor), time) for s, time in zip(sigma[1:], times, strict=True))
     return ChannelNoise(white, tuple(p for p in parts if p[0] > 0.0))

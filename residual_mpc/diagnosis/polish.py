@@ -3,19 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit import Fit, fit_all
+from residual_mpc.diagnosis.fit import Fit, elsewhere, fit_all
 from residual_mpc.diagnosis.problem import Problem, part_of
 from residual_mpc.diagnosis.thinning import evenly
-from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import TUNE, Knob, Values
+from residual_mpc.models.settings import Knob, Values
 
 STEPS, TOLERANCE = 24, 1e-6  # steps and relative gain at which a fit ends
 LAST = 2  # of these steps that are on all windows, where there are too many for all
 AS_GOOD = 4.0  # likelihood ratio within which two ends of a fit are as good as each other
-ELSEWHERE = 1.5  # the second start lies this many typical steps of each number away
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,27 +38,6 @@ def polish(problem: Problem, starts: Sequence[Values], steps: int) -> list[Polis
         return out
     last = fit_all(problem, [p.fit.values for p in out], LAST, TOLERANCE, secants=0)
     return [Polished(fit, p.ends) for fit, p in zip(last, out, strict=True)]
-
-
-def elsewhere(problem: Problem, start: Values) -> Values | None:
-    """Another place to start from: every effect's number moved by ELSEWHERE typical steps, away from its null in turn
-    with towards it, and turned back at a bound; None where there is no effect."""
-    moved = dict(start)
-    sign = 1.0
-    for knob, value in start.items():
-        if knob.effect == TUNE:
-            continue
-        low, high = problem.space.bounds(knob)
-        step = ELSEWHERE * problem.space.scale(knob)
-        parameter = BY_NAME[knob.effect].parameter(knob.parameter)
-        if parameter.null == 1.0 or not np.isfinite(parameter.null):
-            step = min(step, 0.3 * abs(value))  # a ratio or a limit keeps its order of magnitude
-        target = value + sign * step
-        if not low <= target <= high:
-            target = value - sign * step
-        moved[knob] = float(np.clip(target, low, high))
-        sign = -sign
-    return None if moved == dict(start) else moved
 
 
 def _chosen(problem: Problem, fits: list[Fit]) -> Polished:

@@ -8,7 +8,7 @@ import numpy as np
 from residual_mpc.diagnosis.additions import HOPELESS, NONE, ROUGH, additions
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit import Fit, Race, fit_all
+from residual_mpc.diagnosis.fit import Fit, Race, elsewhere, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, per_window
 from residual_mpc.diagnosis.problem import Problem, reweigh
@@ -62,6 +62,7 @@ def build_ruler(replays: Replays, scales: Scales, base: Fit, rng: np.random.Gene
     return Ruler(replays, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
 
 
+TO_THE_END = 12  # steps of a fit without one of the terms
 DIVERGED = 0.5  # scaled error of a window: half of the motion is missed
 TYPICAL = 4.0  # times the median window's error
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
@@ -105,8 +106,10 @@ def search(
         seen.add(frozenset(best.terms))
         steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
         beam = [best, *others(ruler, base, best, children, settings)]
-    here = judge(problem, beam[0], noise, scales)
-    current, base = refit(here, [beam[0], base])
+    report("fitting without each effect in turn", 1.0)
+    last = prune(problem, ruler, beam[0], base, noise, blocks, settings, thorough=True) if steps else beam[0]
+    here = judge(problem, last, noise, scales)
+    current, base = refit(here, [last, base])
     return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps))
 
 
@@ -191,15 +194,21 @@ def prune(
     noise: np.ndarray,
     blocks: np.ndarray,
     settings: SearchSettings,
+    thorough: bool = False,
 ) -> Fit:
-    """Drop terms that the others have made needless."""
+    """Drop terms that the others have made needless; thorough: the others are fitted to the end, and once more from
+    elsewhere, since a term that was found first may have kept them from where they belong."""
     while len(current.terms) > 1:
         here = judge(problem, current, noise, ruler.scales)
         full = refit(here, [current])[0]
         race = Race(HOPELESS * dispersion(full, blocks))
         starts = [without(full.values, t) for t in full.terms]
         near, known = [full] * len(starts), [NONE] * len(starts)
-        fewer = fit_all(here, starts, ROUGH, race=race, rough=True, near=near, fresh=known)
+        if thorough:
+            more = [other for s in starts if (other := elsewhere(here, s)) is not None]
+            fewer = fit_all(here, [*starts, *more], TO_THE_END, rough=True)
+        else:
+            fewer = fit_all(here, starts, ROUGH, race=race, rough=True, near=near, fresh=known)
         weakest = min(fewer, key=lambda f: f.cost)
         if convincing(problem, ruler, weakest, full, base, blocks, settings):
             return full

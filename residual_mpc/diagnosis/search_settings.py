@@ -9,6 +9,7 @@ class SearchSettings:
 
     beyond_doubt: likelihood ratio (drop in cost over dispersion) per added term, on top of `per_knob` for each knob;
     over_floor: an addition has to remove this multiple of the squared noise floor, below which nobody would see it;
+    over_floor_longer: likewise over the longer horizons, where what adds up slowly shows;
     sizeable: share of the squared gap beyond the floor for which `beyond_doubt_sizeable` will do, where the gap is more
     than twice the floor; most, beyond_doubt_most: likewise for an effect that closes most of what is left;
     shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set; beam: sets
@@ -17,7 +18,8 @@ class SearchSettings:
 
     beyond_doubt: float = 25.0
     per_knob: float = 4.0
-    over_floor: float = 0.1
+    over_floor: float = 0.3
+    over_floor_longer: float = 0.1
     sizeable: float = 0.25
     beyond_doubt_sizeable: float = 12.0
     most: float = 0.5

@@ -22,7 +22,7 @@ from residual_mpc.models.settings import TUNE, Term
 KEPT = 0.3  # of its distance from null that a number keeps when any run is left out
 DEPENDS = 0.2  # share of a remainder from which its dependence casts doubt
 CLEAR = 1.0  # times the squared noise floor, from which an effect's contribution is no faint one
-STEPS = 60_000  # simulation steps that one prediction may cost here
+STEPS = 30_000  # simulation steps that one prediction may cost here
 UNSUPPORTED = 0.5  # factor on the probability of an effect that does not help on unseen windows, or is imitated
 
 # What a remainder that depends on this quantity is easily mistaken for: a steady effect fitted to a changing one.

@@ -20,8 +20,8 @@ MARGIN = 1.25  # a gap within this factor of the noise floor is none
 CHANNEL_MARGIN = 1.4  # likewise in one channel, of which there are several, each with less to average
 AS_GOOD = 2.0  # times the noise floor: as good as these sensors can tell
 SMALL = 0.05  # of the motion: small enough, whatever the noise
-DRAWS = 12
-STEPS = 100_000  # simulation steps that one draw may cost
+DRAWS = 8
+STEPS = 40_000  # simulation steps that one draw may cost
 
 
 @dataclass(frozen=True, eq=False)

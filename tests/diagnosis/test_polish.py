@@ -10,9 +10,9 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.causes import sigmas
 from residual_mpc.diagnosis.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.fit import fit_all, possible
+from residual_mpc.diagnosis.fit import elsewhere, fit_all, possible
 from residual_mpc.diagnosis.gap import gap_of, measure_scales
-from residual_mpc.diagnosis.polish import elsewhere, polish
+from residual_mpc.diagnosis.polish import polish
 from residual_mpc.diagnosis.problem import Problem, build_problem
 from residual_mpc.diagnosis.search import DIVERGED, window_trust
 from residual_mpc.diagnosis.space import build_space
