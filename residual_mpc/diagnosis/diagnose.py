@@ -19,6 +19,7 @@ from residual_mpc.diagnosis.refine import Searched, refine
 from residual_mpc.diagnosis.remainder import Learner
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.rivals import find_rivals
+from residual_mpc.diagnosis.screen import shorten
 from residual_mpc.diagnosis.search import Found, search
 from residual_mpc.diagnosis.testable import not_testable
 from residual_mpc.diagnosis.thinning import thin, thin_whole, well_begun
@@ -60,7 +61,8 @@ def diagnose(
 
 def _search(ready: Prepared, options: Options, rng: np.random.Generator, progress: Progress) -> Searched:
     """The set of effects that the headline's horizon shows, and what longer ones add to it."""
-    windows = [(ready.fitting, ready.scales)]
+    # errors that grow within a window hide what made them
+    windows = [(shorten(ready.fitting, 0.5) if ready.unstable else ready.fitting, ready.scales)]
     found = first = _on(ready, *windows[0], None, options, rng, lambda text, done: progress(text, 0.1 + 0.4 * done))
     for look in ready.longer:
         if look.free is None:

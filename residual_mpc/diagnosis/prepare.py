@@ -22,7 +22,8 @@ from residual_mpc.models.settings import Settings
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
-    may see; longer: the same runs over the longer horizons that the nominal model can predict."""
+    may see; longer: the same runs over the longer horizons that the nominal model can predict; unstable: whether it can
+    predict none of those that the runs are long enough for."""
 
     raw: Dataset
     clean: Dataset
@@ -32,6 +33,7 @@ class Prepared:
     held: np.ndarray
     space: Space
     longer: tuple[Look, ...]
+    unstable: bool
 
     @property
     def fitting(self) -> Dataset:
@@ -61,4 +63,5 @@ def prepare(
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon))
     looks = (look_at(runs, robots, noise, h, shorter, kept, outliers.flagged) for shorter, h in pairwise(wanted))
     longer = tuple(look for look in looks if look is not None and foretold(look, rng))
-    return Prepared(raw, clean, scales, outliers, kept, held, space, longer)
+    unstable = len(wanted) > 1 and not longer
+    return Prepared(raw, clean, scales, outliers, kept, held, space, longer, unstable)

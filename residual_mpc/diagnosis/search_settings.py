@@ -18,7 +18,7 @@ class SearchSettings:
 
     beyond_doubt: float = 25.0
     per_knob: float = 4.0
-    over_floor: float = 0.3
+    over_floor: float = 0.2
     over_floor_longer: float = 0.1
     sizeable: float = 0.25
     beyond_doubt_sizeable: float = 12.0
