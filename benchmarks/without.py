@@ -33,12 +33,12 @@ def several_sets() -> None:
 
 def worth() -> None:
     """Whatever is beyond doubt is named, however little of the gap it removes."""
-    told(worth=0.0, worth_first=0.0, worth_far=0.0, over_floor=0.0, sizeable=float("inf"))
+    told(over_floor=0.0, over_floor_longer=0.0, sizeable=float("inf"), most=float("inf"))
 
 
 def pruning() -> None:
     """What was named once stays."""
-    everywhere("prune", lambda problem, ruler, current, *rest: current)
+    everywhere("prune", lambda problem, ruler, current, *rest, **thorough: current)
 
 
 def exchange() -> None:
@@ -53,7 +53,7 @@ def exchange() -> None:
 def what_is_compared() -> None:
     """Starts of fits are ranked by the likelihood alone, which precise encoders may shout down."""
 
-    def first(one: list[Ranked], other: list[Ranked]) -> list[Ranked]:
+    def first(one: list[Ranked], *others: list[Ranked]) -> list[Ranked]:
         return one
 
     everywhere("mixed", first)
