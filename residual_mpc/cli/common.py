@@ -106,7 +106,7 @@ def show_findings(findings: "Sequence[Finding]") -> None:
             click.echo(f"{f.severity}: {where}: {f.message}. {f.remedy}".replace("..", "."), err=True)
     noted = sum(f.severity == "info" for f in findings)
     if noted:
-        click.echo(f"note: {noted} more remarks; `residual-mpc check` lists them", err=True)
+        click.echo(f"note: {noted} more remark{'s' if noted > 1 else ''}; `residual-mpc check` lists them", err=True)
 
 
 def emit(document: dict[str, Any]) -> None:

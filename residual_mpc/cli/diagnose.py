@@ -80,7 +80,7 @@ def diagnose(
     with progress_bar() as progress:
 
         def found(diagnosis: "Diagnosis") -> None:
-            """The answer stands; what is still to come takes a while and changes none of it."""
+            """The set and its numbers stand; what is left is still to be described, which may lower probabilities."""
             write_answer(_document(diagnosis, loaded, out), out)
 
         made = run_diagnosis(

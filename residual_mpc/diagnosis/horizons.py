@@ -111,12 +111,12 @@ def _free(
     return None
 
 
-def foretold(look: Look, rng: np.random.Generator) -> bool:
-    """Whether the nominal model predicts that far: its noise floor stays under FORETOLD, and it does not diverge."""
-    some = look.clean.take(evenly(look.clean, LOOK))
+def foretold(clean: Dataset, scales: Scales, rng: np.random.Generator) -> bool:
+    """Whether the nominal model predicts these windows: its noise floor stays under FORETOLD, and none diverges."""
+    some = clean.take(evenly(clean, LOOK))
     if not np.isfinite(predict(some, Settings(1))[0][np.isfinite(some.y)]).all():
         return False
-    return bool(gap_of(some, look.scales, noise_errors(some, Settings(1), rng, 1)[0]).total < FORETOLD)
+    return bool(gap_of(some, scales, noise_errors(some, Settings(1), rng, 1)[0]).total < FORETOLD)
 
 
 def _spans(run: Run, kept: Sequence[KeptBack]) -> list[tuple[float, float]]:

@@ -69,7 +69,7 @@ def measure(
     more = []
     for data in wholes:
         scales = measure_scales(data)
-        of_runs = None if kept is None else held_out_mask(data, kept)
+        of_runs = None if held_out_of is None else held_out_mask_of(held_out_of, data)
         found = _figures(replace(data, noise=coloured), scales, of_runs, model_of, seed)
         if found["noise_floor"] < FORETOLD:
             more.append(found)
@@ -146,7 +146,7 @@ def held_out_mask_of(path: Path, data: Any) -> np.ndarray:
     kept = _kept(path)
     if not kept:
         raise BadInput("the diagnosis kept nothing back", str(path), "leave --held-out-of away")
-    names = {r.name for r in data.runs}
+    names = {data.runs[i].name for i in np.unique(data.run)}
     if {k.run for k in kept} >= names and all(k.start is None for k in kept):
         return np.ones(data.count, dtype=bool)
     return held_out_mask(data, kept)

@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.thinning import floor_draws
 from residual_mpc.diagnosis.verdict import AtHorizon, Floor, beyond, floor_from, floor_of, verdict_of
 from residual_mpc.models.settings import Settings
 
+WORSE = 1.02  # times the gap before that the headline's may become where a longer horizon gains
 USELESS = 0.3  # gap from which a model that is worse than a forecast of constant velocity says nothing
 
 
@@ -101,10 +102,7 @@ def measure(of: Explained, longer: Sequence[Look], steps: int, rng: np.random.Ge
     errors = {"nominal": of.raw.y - nominal, "before": of.raw.y - before, "after": of.after_data.y - after}
     test, scales = of.test, of.scales
     trust = window_trust(of.raw, scales, errors["before"])
-    helps = of.anything and (
-        gap_of(of.raw, scales, errors["after"], trust * test).total
-        < gap_of(of.raw, scales, errors["before"], trust * test).total
-    )
+    helps = of.anything and _helps(of, longer, rows, errors, trust)
     forecast = constant_velocity(of.raw)
     steady = gap_of(of.raw, scales, of.raw.y - forecast, test).total
     left = gap_of(of.raw, scales, errors["after" if helps else "before"], trust * test).total
@@ -124,6 +122,7 @@ def measure(of: Explained, longer: Sequence[Look], steps: int, rng: np.random.Ge
         if all_floor.total < FORETOLD:
             looks.append(more)
             anywhere = anywhere or beyond(all_before, all_floor)
+    helps = helps and anywhere  # nothing to explain is no gap, whatever fits better
     return Measured(
         replace(of, raw=raw, clean=replace(of.clean, noise=noise)),
         noise,
@@ -138,6 +137,26 @@ def measure(of: Explained, longer: Sequence[Look], steps: int, rng: np.random.Ge
         useless,
         steady,
     )
+
+
+def _helps(
+    of: Explained, longer: Sequence[Look], rows: Settings, errors: dict[str, np.ndarray], trust: np.ndarray
+) -> bool:
+    """Whether the explanation makes the gap smaller on the windows that are judged: at the headline's horizon, or at a
+    longer one without making the headline's larger by more than WORSE."""
+    judged = trust * of.test
+    before, after = (gap_of(of.raw, of.scales, errors[k], judged).total for k in ("before", "after"))
+    if after < before:
+        return True
+    if after > WORSE * before:
+        return False
+    for look in longer:
+        raw = look.raw.take(look.test)
+        seen = look.clean.take(look.test) if of.with_outliers else raw
+        _, was, now = predict(raw, rows)
+        if gap_of(seen, look.scales, seen.y - now).total < gap_of(raw, look.scales, raw.y - was).total:
+            return True
+    return False
 
 
 def _lucky(look: AtHorizon) -> bool:
@@ -161,8 +180,9 @@ def _look(
     data: Dataset, scales: Scales, errors: dict[str, np.ndarray], test: np.ndarray, held_out: bool, floor: Floor
 ) -> AtHorizon:
     gaps = {k: gap_of(data, scales, e, test) for k, e in errors.items()}
+    steady = gap_of(data, scales, errors["after"], window_trust(data, scales, errors["after"]) * test)
     return AtHorizon(
-        data.horizon, int(test.sum()), bool(held_out), gaps["nominal"], gaps["before"], gaps["after"], floor,
+        data.horizon, int(test.sum()), bool(held_out), gaps["nominal"], gaps["before"], gaps["after"], steady, floor,
         {k: quantiles(per_window(data, scales, errors[k])[test]) for k in ("before", "after")},
     )  # fmt: skip
 

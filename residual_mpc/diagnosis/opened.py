@@ -26,7 +26,7 @@ from residual_mpc.diagnosis.rest.resemblance import resembles
 from residual_mpc.diagnosis.search import Ruler
 from residual_mpc.diagnosis.stages import Chain, Shares, staged
 from residual_mpc.diagnosis.support import Support, doubts, support_of
-from residual_mpc.diagnosis.verdict import MARGIN
+from residual_mpc.diagnosis.verdict import MARGIN, clearest, left_share
 from residual_mpc.diagnosis.where import locate
 from residual_mpc.models.settings import Term
 
@@ -90,7 +90,8 @@ def _diagnosis(found: Measured, achieved: Shrink | None, supports: Mapping[Term,
     """The records of what was found."""
     of, helps, final = found.of, found.helps, found.of.final
     verdict, share = found.verdict
-    sure = most_sure(verdict, share, _times_floor(found))
+    # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
+    sure = most_sure(verdict, left_share(clearest(found.looks)) if helps else share, _times_floor(found))
     doubt = doubts(supports, extras.rest)
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     others = alternatives(of.rivalry, groups, final) if helps else ()
@@ -128,11 +129,8 @@ def _diagnosis(found: Measured, achieved: Shrink | None, supports: Mapping[Term,
 
 
 def _times_floor(found: Measured) -> float:
-    """How many times the noise floor is left, at the horizon where that is most, of what is not small anyway."""
-    return max(
-        (look.after.total / max(look.floor.total, 1e-12) for look in found.looks),
-        default=1.0,
-    )
+    """How many times the noise floor is left, at the horizon where that is most."""
+    return max(look.steady.total / max(look.floor.total, 1e-12) for look in found.looks)
 
 
 def _left(

@@ -23,7 +23,7 @@ from residual_mpc.models.settings import Settings
 class Prepared:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
     may see; longer: the same runs over the longer horizons that the nominal model can predict; unstable: whether it can
-    predict none of those that the runs are long enough for."""
+    predict the headline's and none of those."""
 
     raw: Dataset
     clean: Dataset
@@ -61,7 +61,8 @@ def prepare(
     held = held_out_mask(raw, kept)
     space = build_space(clean.take(~held), tunable, options.only, options.without, options.without_because)
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon))
-    looks = (look_at(runs, robots, noise, h, shorter, kept, outliers.flagged) for shorter, h in pairwise(wanted))
-    longer = tuple(look for look in looks if look is not None and foretold(look, rng))
-    unstable = len(wanted) > 1 and not longer
+    looks = [look_at(runs, robots, noise, h, shorter, kept, outliers.flagged) for shorter, h in pairwise(wanted)]
+    there = [look for look in looks if look is not None]
+    longer = tuple(look for look in there if foretold(look.clean, look.scales, rng))
+    unstable = bool(there) and not longer and foretold(clean, scales, rng)
     return Prepared(raw, clean, scales, outliers, kept, held, space, longer, unstable)

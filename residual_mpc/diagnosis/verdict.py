@@ -14,7 +14,7 @@ from residual_mpc.diagnosis.thinning import evenly
 from residual_mpc.models.settings import Settings
 
 LUCK = 5e-4  # probability that the noise of a perfect model exceeds what chance is allowed
-FEW = 3.0  # windows at which these margins double: where there are few, the noise itself is poorly known
+FEW = 5.0  # windows at which these margins double: where there are few, the noise itself is poorly known
 PER_WINDOW = 4.0  # most degrees of freedom that a window's squared error counts as
 MARGIN = 1.25  # a gap within this factor of the noise floor is none
 CHANNEL_MARGIN = 1.4  # likewise in one channel, of which there are several, each with less to average
@@ -39,7 +39,8 @@ class Floor:
 @dataclass(frozen=True, eq=False)
 class AtHorizon:
     """The gaps over one horizon on the windows that are judged. held_out: whether no fit has seen these windows;
-    quantiles: of the windows' own gaps before and after, by "p50", "p90" and "max"."""
+    steady: the gap after, in which windows that diverge count at their limit; quantiles: of the windows' own gaps
+    before and after, by "p50", "p90" and "max"."""
 
     horizon: float
     windows: int
@@ -47,6 +48,7 @@ class AtHorizon:
     nominal: Gap
     before: Gap
     after: Gap
+    steady: Gap
     floor: Floor
     quantiles: dict[str, dict[str, float]]
 
@@ -105,7 +107,12 @@ def verdict_of(looks: Sequence[AtHorizon], helps: bool) -> tuple[Verdict, float]
     if not helps:
         return ("unknown", 1.0) if any(beyond(x.before, x.floor) for x in looks) else ("no_gap", 0.0)
     share = left_share(looks[0])
-    return ("effects" if all(as_good_as_told(x.after, x.floor) for x in looks) else "partial"), share
+    return ("effects" if all(as_good_as_told(x.steady, x.floor) for x in looks) else "partial"), share
+
+
+def clearest(looks: Sequence[AtHorizon]) -> AtHorizon:
+    """The horizon at which the gap stands out of the noise most."""
+    return max(looks, key=lambda x: x.before.total / max(x.floor.total, 1e-12))
 
 
 def left_share(look: AtHorizon) -> float:

@@ -84,9 +84,9 @@ def test_a_model_that_diverges_is_not_foretold() -> None:
         for r, jump in zip(runs, jumps, strict=True)
     ]
     look = look_at(noisy, [ROVER] * 3, {}, 5.0, 1.0, (), {})
-    assert look is None or not foretold(look, np.random.default_rng(0))
+    assert look is None or not foretold(look.clean, look.scales, np.random.default_rng(0))
     clear = look_at(runs, [ROVER] * 3, {}, 5.0, 1.0, (), {})
-    assert clear is not None and foretold(clear, np.random.default_rng(0))
+    assert clear is not None and foretold(clear.clean, clear.scales, np.random.default_rng(0))
 
 
 def test_wheels_that_differ_by_two_percent_are_found_without_an_option() -> None:

@@ -23,7 +23,7 @@ def at(before: float, after: float, noise: float, horizon: float = 1.0, channels
     """The gaps over one horizon; channels: those after, where they differ from the total."""
     left = np.array(channels or (after, after))
     start = Gap(before, np.array([before, before]))
-    return AtHorizon(horizon, 100, True, start, start, Gap(after, left), floor(noise), {})
+    return AtHorizon(horizon, 100, True, start, start, Gap(after, left), Gap(after, left), floor(noise), {})
 
 
 @pytest.mark.parametrize(
