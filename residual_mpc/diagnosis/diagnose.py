@@ -30,6 +30,7 @@ from residual_mpc.models.protocol import Robot
 Progress = Callable[[str, float], None]
 
 BLOCKS = 10  # stretches of time below which a search over longer windows needs a gap to explain: few say anything
+CHEAP = 30_000  # simulation steps of one hypothesis up to which longer windows are searched in any case
 NEAR = 2.0  # times the noise floor within which longer windows sharpen the numbers of the last fit
 
 
@@ -69,7 +70,10 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
             continue
         data, scales = look.free
         data, gap, floor = _seen_over(data, scales, found, ready, rng)
-        if not beyond(gap, floor) and len(np.unique(blocks_of(data))) < BLOCKS:
+        worth = len(np.unique(blocks_of(data))) >= BLOCKS and _steps(data) <= CHEAP
+        if not (worth or beyond(gap, floor)):
+            if gap.total < NEAR * floor.total:
+                windows.append((data, scales))
             continue
         progress(f"searching over {data.horizon:g} s", 0.5)
         more = _on(ready, data, scales, found, options, rng, lambda text, done: None)
@@ -82,6 +86,11 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
     by_noise = reweigh(first.problem, first.problem.data.sigma)
     untestable = not_testable(by_noise, first.base, rivalry.fit.terms)
     return Searched(found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])
+
+
+def _steps(data: Dataset) -> int:
+    """Simulation steps of one hypothesis on these windows."""
+    return data.count * max(b.drive.steps for b in data.blocks)
 
 
 def _on(

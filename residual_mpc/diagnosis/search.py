@@ -63,6 +63,7 @@ def build_ruler(replays: Replays, scales: Scales, base: Fit, rng: np.random.Gene
 
 
 TO_THE_END = 12  # steps of a fit without one of the terms
+NEEDLESS = 60.0  # likelihood ratio beyond which such a fit is not carried on: the term is needed
 DIVERGED = 0.5  # scaled error of a window: half of the motion is missed
 TYPICAL = 4.0  # times the median window's error
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
@@ -206,7 +207,8 @@ def prune(
         near, known = [full] * len(starts), [NONE] * len(starts)
         if thorough:
             more = [other for s in starts if (other := elsewhere(here, s)) is not None]
-            fewer = fit_all(here, [*starts, *more], TO_THE_END, rough=True)
+            near_enough = Race(NEEDLESS * dispersion(full, blocks), full.cost)
+            fewer = fit_all(here, [*starts, *more], TO_THE_END, race=near_enough, rough=True)
         else:
             fewer = fit_all(here, starts, ROUGH, race=race, rough=True, near=near, fresh=known)
         weakest = min(fewer, key=lambda f: f.cost)
