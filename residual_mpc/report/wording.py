@@ -9,6 +9,7 @@ from residual_mpc.report.words.numbers import listed, number, percent
 
 NAMED = 3  # causes named in the sentence; the rest are counted
 SURE = 0.5  # probability below which an effect is a possibility
+SLOW = 0.4  # shrink at the headline's horizon below which a longer one is quoted as well
 WORTH_SAYING = 0.05  # a learned residual that removes less than this is not worth the sentence
 
 # Effects of which one says "adding that delay" rather than "modelling that".
@@ -84,9 +85,21 @@ def _adding(document: Mapping[str, Any]) -> str:
 
 def _achieved(document: Mapping[str, Any]) -> str:
     shrink, where = (document.get("shrink") or {}).get("value"), unseen(document["held_out"])
+    longer = _over_longer(document, shrink or 0.0)
     if shrink is None or shrink <= 0.0:
-        return f"does not reduce the gap on {where}"
-    return f"removes {percent(shrink)} of the gap on {where}"
+        return f"does not reduce the gap on {where}{longer}"
+    return f"removes {percent(shrink)} of the gap on {where}{longer}"
+
+
+def _over_longer(document: Mapping[str, Any], shrink: float) -> str:
+    """What a longer horizon shows of a slow effect that hardly reduces the headline's gap; empty for others."""
+    horizons = document["gap"].get("horizons", [])[1:]
+    if not horizons:
+        return ""
+    best = max(horizons, key=lambda h: 1.0 - h["after"] / max(h["before"], 1e-12))
+    removed = 1.0 - best["after"] / max(best["before"], 1e-12)
+    slow = shrink < SLOW and removed > 2.0 * max(shrink, 0.0) and removed > SLOW
+    return f" over {document['gap']['horizon']:g} s, and {percent(removed)} over {best['horizon']:g} s" if slow else ""
 
 
 def _probability(effect: Mapping[str, Any]) -> float:

@@ -269,3 +269,17 @@ def test_a_curve_over_a_speed_is_one_sided_where_its_halves_differ():
     odd = {"kind": "turning", "curve": {"x": [-1.0, 0.0, 1.0], "y": [-0.5, 0.0, 0.5]}}
     weak = {"kind": "turning", "curve": {"x": [-1.0, 0.0, 1.0], "y": [0.0, 0.0, -0.5]}}
     assert not hint_of(odd) and "one side" in hint_of(weak)
+
+
+def test_a_slow_effect_is_quoted_over_the_horizon_that_shows_it() -> None:
+    slow = document("effects")
+    slow["shrink"]["value"] = 0.08
+    ends = {"nominal": 0.06, "noise_floor": 0.005, "windows": 3, "held_out": False, "channels": {}, "window_gaps": {}}
+    slow["gap"]["horizons"] = [
+        {"horizon": 1.0, "before": 0.05, "after": 0.046, **ends},
+        {"horizon": 30.0, "before": 0.06, "after": 0.006, **ends},
+    ]
+    said = sentence(slow).replace("\xa0", " ")
+    assert "removes 8 % of the gap on held-out runs over 1 s, and 90 % over 30 s" in said
+    slow["shrink"]["value"] = 0.6
+    assert "over 30 s" not in sentence(slow)
