@@ -31,6 +31,7 @@ Progress = Callable[[str, float], None]
 
 BLOCKS = 10  # stretches of time below which a search over longer windows needs a gap to explain: few say anything
 CHEAP = 30_000  # simulation steps of one hypothesis up to which longer windows are searched in any case
+MOST = 60_000  # simulation steps of one hypothesis on BLOCKS windows beyond which no longer windows are searched
 NEAR = 2.0  # times the noise floor within which longer windows sharpen the numbers of the last fit
 
 
@@ -70,8 +71,9 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
             continue
         data, scales = look.free
         data, gap, floor = _seen_over(data, scales, found, ready, rng)
-        worth = len(np.unique(blocks_of(data))) >= BLOCKS and _steps(data) <= CHEAP
-        if not (worth or beyond(gap, floor)):
+        cheap = len(np.unique(blocks_of(data))) >= BLOCKS and _steps(data) <= CHEAP
+        bearable = min(BLOCKS, data.count) * _steps(data) // data.count <= MOST
+        if not (cheap or bearable and beyond(gap, floor)):
             if gap.total < NEAR * floor.total:
                 windows.append((data, scales))
             continue

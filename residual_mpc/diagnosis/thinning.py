@@ -9,6 +9,7 @@ from residual_mpc.diagnosis.screen import shorten
 from residual_mpc.models.settings import Settings
 
 POOR_START = 25.0  # times the median of the windows' squared noise
+FEWEST_WHOLE = 10  # windows that are left whole
 FEWEST = 32  # windows that are left, however small the steps
 DRAWS = 24  # the floor hangs on a few windows with poorly measured starts: three draws scatter by a fifth
 FEWEST_DRAWS = 6  # of very many windows
@@ -24,8 +25,8 @@ def thin(data: Dataset, steps: int) -> Dataset:
 
 
 def thin_whole(data: Dataset, steps: int) -> Dataset:
-    """As `thin`, of windows whose length is their point: none is cut short."""
-    keep = evenly(data, steps)
+    """As `thin`, of windows whose length is their point: none is cut short, and FEWEST_WHOLE are left."""
+    keep = evenly(data, max(steps, FEWEST_WHOLE * max(b.drive.steps for b in data.blocks)))
     return data if keep.all() else data.take(keep)
 
 
