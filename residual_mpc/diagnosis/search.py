@@ -63,6 +63,7 @@ def build_ruler(replays: Replays, scales: Scales, base: Fit, rng: np.random.Gene
 
 
 TO_THE_END = 12  # steps of a fit without one of the terms
+TOGETHER = 4  # terms up to which that is done at the end of a search: its cost grows with their cube
 NEEDLESS = 60.0  # likelihood ratio beyond which such a fit is not carried on: the term is needed
 DIVERGED = 0.5  # scaled error of a window: half of the motion is missed
 TYPICAL = 4.0  # times the median window's error
@@ -107,8 +108,10 @@ def search(
         seen.add(frozenset(best.terms))
         steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
         beam = [best, *others(ruler, base, best, children, settings)]
-    report("fitting without each effect in turn", 1.0)
-    last = prune(problem, ruler, beam[0], base, noise, blocks, settings, thorough=True) if steps else beam[0]
+    last = beam[0]
+    if steps and len(last.terms) <= TOGETHER:
+        report("fitting without each effect in turn", 1.0)
+        last = prune(problem, ruler, last, base, noise, blocks, settings, thorough=True)
     here = judge(problem, last, noise, scales)
     current, base = refit(here, [last, base])
     return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps))
