@@ -3,23 +3,32 @@
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
-
-REACH = 0.15  # s: half of the stretch around a start through which the line is drawn
+from residual_mpc.diagnosis.local_fit import REACH
 
 
 def constant_velocity(data: Dataset) -> np.ndarray:
-    """(W, M, C) channel units: the line through each channel's samples around the window's start, continued; NaN where
-    a channel has none there. A model that is worse than this says nothing about the runs."""
+    """(W, M, C) channel units: the line through each channel's samples within REACH of the window's start, continued; a
+    channel with one sample there stands still, with none it is NaN. A model that is worse than this says nothing about
+    the runs."""
     out = np.full(data.y.shape, np.nan)
     for (i, c), signal in data.signals.items():
+        mine = np.flatnonzero(data.run == i)
+        if not len(mine) or not len(signal.y):
+            continue
+        first = np.searchsorted(signal.t, data.start[mine] - REACH - 1e-12)
+        last = np.searchsorted(signal.t, data.start[mine] + REACH + 1e-12)
+        count = last - first
+        t, y = signal.t - signal.t[0], signal.y - signal.y[0]
+        at = data.start[mine] - signal.t[0]
+
+        def total(x: np.ndarray, first: np.ndarray = first, last: np.ndarray = last) -> np.ndarray:
+            sums = np.concatenate([[0.0], np.cumsum(x)])
+            return np.asarray(sums[last] - sums[first])
+
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean_t, mean_y = total(t) / count, total(y) / count
+            spread = total(t * t) / count - mean_t**2
+            rate = np.where(spread > 1e-9, (total(t * y) / count - mean_t * mean_y) / spread, 0.0)
         k = data.channels.index(c)
-        for w in np.flatnonzero(data.run == i):
-            a, b = np.searchsorted(signal.t, [data.start[w] - REACH, data.start[w] + REACH])
-            t, y = signal.t[a:b] - data.start[w], signal.y[a:b]
-            if len(t) == 0:
-                continue
-            rate = 0.0
-            if len(t) > 1:
-                rate = float(np.sum((t - t.mean()) * (y - y.mean())) / np.sum((t - t.mean()) ** 2))
-            out[w, :, k] = y.mean() + rate * (data.t[w] - t.mean())
+        out[mine, :, k] = signal.y[0] + (mean_y + rate * (at - mean_t))[:, None] + rate[:, None] * data.t[mine]
     return out

@@ -91,7 +91,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
         "model": to_model(d),
         "notes": list(d.notes),
     }
-    clean: dict[str, Any] = _finite(document)
+    clean: dict[str, Any] = finite(document)
     return clean
 
 
@@ -194,12 +194,12 @@ def _member(member: tuple[Term, ...]) -> Any:
     return _term(member[0]) if len(member) == 1 else [_term(t) for t in member]
 
 
-def _finite(x: Any) -> Any:
+def finite(x: Any) -> Any:
     """The same structure with null for what JSON has no number for."""
     if isinstance(x, dict):
-        return {k: _finite(v) for k, v in x.items()}
+        return {k: finite(v) for k, v in x.items()}
     if isinstance(x, list | tuple):
-        return [_finite(v) for v in x]
+        return [finite(v) for v in x]
     if isinstance(x, float):
         return x if math.isfinite(x) else None
     return x.item() if hasattr(x, "item") else x

@@ -142,6 +142,7 @@ def _free_starts(run: Run, spans: Sequence[tuple[float, float]], horizon: float)
     edges = [float(run.t[0]), *(x for span in spans for x in span), float(run.t[-1])]
     out = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        count = int(np.floor((end - begin + run.period) / horizon + 1e-9)) if end > begin else 0
+        slack = run.period if end >= run.t[-1] else 0.0  # none of what is kept back
+        count = int(np.floor((end - begin + slack) / horizon + 1e-9)) if end > begin else 0
         out.append(begin + horizon * np.arange(count))
     return np.concatenate(out)

@@ -9,7 +9,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.document import read_json, read_model, read_residual
+from residual_mpc.diagnosis.document import finite, read_json, read_model, read_residual
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales, per_window
 from residual_mpc.diagnosis.hold_out import KeptBack, held_out_mask
@@ -62,19 +62,24 @@ def measure(
     kept = None if held_out_of is None else _kept(held_out_of)
     first = build_dataset(runs, robots, noise, horizon)
     mask = None if held_out_of is None else held_out_mask_of(held_out_of, first)
-    longer = [h for h in longer_horizons(first.runs, horizon) if kept is None or not any(k.start for k in kept)]
+    longer = [h for h in longer_horizons(first.runs, horizon) if kept is None or all(k.start is None for k in kept)]
     wholes = [build_dataset(runs, robots, noise, h, full_windows(first.runs, h)) for h in longer]
     coloured = _noise_of(wholes[0] if wholes else first, first, model_of)
     headline = _figures(replace(first, noise=coloured), measure_scales(first), mask, model_of, seed)
     more = []
     for data in wholes:
         scales = measure_scales(data)
-        of_runs = None if held_out_of is None else held_out_mask_of(held_out_of, data)
+        try:
+            of_runs = None if held_out_of is None else held_out_mask_of(held_out_of, data)
+        except BadInput:  # what was kept back is shorter than this horizon
+            continue
         found = _figures(replace(data, noise=coloured), scales, of_runs, model_of, seed)
         if found["noise_floor"] < FORETOLD:
             more.append(found)
     g = {k: v for k, v in headline.items() if k != "channels"}
-    return {**g, "skipped": first.skipped, "channels": headline["channels"], "horizons": [headline, *more]}
+    found = {**g, "skipped": first.skipped, "channels": headline["channels"], "horizons": [headline, *more]}
+    clean: dict[str, Any] = finite(found)
+    return clean
 
 
 @dataclass(frozen=True)

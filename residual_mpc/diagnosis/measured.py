@@ -106,7 +106,7 @@ def measure(of: Explained, longer: Sequence[Look], steps: int, rng: np.random.Ge
     forecast = constant_velocity(of.raw)
     steady = gap_of(of.raw, scales, of.raw.y - forecast, test).total
     left = gap_of(of.raw, scales, errors["after" if helps else "before"], trust * test).total
-    useless = bool(left > max(steady, USELESS))
+    useless = bool(left > np.fmax(steady, USELESS))
     helps = helps and not useless
     row = rows.take(np.array([2 if helps else 1]))
     noise = _noise(of, longer, row)
@@ -151,6 +151,8 @@ def _helps(
     if after > WORSE * before:
         return False
     for look in longer:
+        if of.held.any() and not look.held.any():
+            continue  # its windows have been fitted to
         raw = look.raw.take(look.test)
         seen = look.clean.take(look.test) if of.with_outliers else raw
         _, was, now = predict(raw, rows)

@@ -23,8 +23,9 @@ from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.how_far import folds_of
 from residual_mpc.diagnosis.learner import learn, remove
 from residual_mpc.diagnosis.noise_model import ChannelNoise, ornstein_uhlenbeck
-from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.diagnosis.problem import Problem, part_of
 from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.search import window_trust
 from residual_mpc.logs.signals import difference_sigma, fresh_samples
 from residual_mpc.models.settings import Settings
 
@@ -41,6 +42,9 @@ LOCALISED = (
 )  # what a filter or a scan matching reports; an encoder wanders by no more than it jitters
 ROUNDED = 1.5  # times its rounding error, up to which a channel's noise is nothing else
 LEEWAY = 1.15  # factor on these bounds, in squares, for their own error
+FEWEST_LAGS = 2  # lags from which increments tell white noise from coloured
+LEARNED = 400  # windows that the regression on the motion looks at
+ROUNDS_OF_SIZE, ENOUGH = 3, 0.98  # of scaling the noise down, and the factor at which that ends
 FEWEST = 24  # pairs of samples that make a mean
 
 
@@ -54,18 +58,24 @@ def no_more_than_left(
     noise: tuple[ChannelNoise, ...], data: Dataset, scales: Scales, row: Settings
 ) -> tuple[ChannelNoise, ...]:
     """The noise with each channel's size such that it makes no more of a gap than the model `row` leaves there."""
-    left = gap_of(data, scales, data.y - predict(data, row)[0]).channels
-    drawn = noise_errors(replace(data, noise=noise), row, np.random.default_rng(0), DRAWS)
-    makes = np.sqrt(np.mean([gap_of(data, scales, e).channels ** 2 for e in drawn], axis=0))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.where(makes > left, left / makes, 1.0)
-    return tuple(n.scaled_to(n.sigma * float(r)) for n, r in zip(noise, np.nan_to_num(ratio, nan=1.0), strict=True))
+    error = data.y - predict(data, row)[0]
+    trust = window_trust(data, scales, error)
+    left = gap_of(data, scales, error, trust).channels
+    for _ in range(ROUNDS_OF_SIZE):  # the channels' noises act on each other through the start states
+        drawn = noise_errors(replace(data, noise=noise), row, np.random.default_rng(0), DRAWS)
+        makes = np.sqrt(np.mean([gap_of(data, scales, e, trust).channels ** 2 for e in drawn], axis=0))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.nan_to_num(np.where(makes > left, left / makes, 1.0), nan=1.0)
+        noise = tuple(n.scaled_to(n.sigma * float(r)) for n, r in zip(noise, ratio, strict=True))
+        if (ratio > ENOUGH).all():
+            break
+    return noise
 
 
 def stated_sizes(data: Dataset, noise: tuple[ChannelNoise, ...]) -> tuple[ChannelNoise, ...]:
     """The noise with the sizes that the user states."""
     return tuple(
-        n.scaled_to(data.stated[c]) if c in data.stated and n.sigma > 0.0 else n
+        (n.scaled_to(data.stated[c]) if n.sigma > 0.0 else ChannelNoise(data.stated[c])) if c in data.stated else n
         for c, n in zip(data.channels, noise, strict=True)
     )
 
@@ -75,13 +85,14 @@ def fit_noise(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[
 
     The problem's weights are those of the white noise. Deterministic: the draws have a seed of their own.
     """
+    problem, predicted = _steady(problem, scales, predicted)
     data = problem.data
     left = unlearnable(data, scales, data.y - predicted, predicted)
     # evenly spread windows say as much as all of them
     keep = np.unique(np.linspace(0, data.count - 1, min(data.count, WINDOWS)).round().astype(int))
     left, y, t, basis = left[keep], data.y[keep], data.t[keep], problem.basis[keep]
     seen = np.isfinite(y) & np.isfinite(left)
-    lags = _lags(t.shape[1])
+    lags = _lags(t.shape[1], seen)
     scaled = np.where(seen, left * problem.weight, 0.0)
     measured, sure = _increments(_projected(scaled, basis), seen, lags)  # (C, L)
     period = float(np.nanmedian(np.diff(t, axis=1)))
@@ -102,7 +113,11 @@ def fit_noise(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[
     parts[:, :, rounded, 1:] = 0.0  # steps of the sensor that last several samples look coloured
     size = _envelope(measured, parts, sure, *bounds)  # (C, 1 + times) squared, in units of the white noise
     out = []
+    known = (sure > 0.0).sum(axis=1) >= FEWEST_LAGS
     for k, channel in enumerate(data.channels):
+        if not known[k]:  # too few samples in a window to tell: what differs from sample to sample
+            out.append(ChannelNoise(float(data.sigma[k])))
+            continue
         most = np.inf if channel.startswith(LOCALISED) else float(data.sigma[k])
         rounding = float(data.steps[k]) / np.sqrt(12.0)
         out.append(_channel_noise(np.sqrt(size[k]) / problem.weight[k], times, rounding, most))
@@ -122,8 +137,10 @@ def _channel_noise(sigma: np.ndarray, times: Sequence[float], rounding: float, m
 
 def unlearnable(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     """The error (W, M, C) less what a ridge regression on the motion predicts of it on windows it was not fitted to."""
-    folds = folds_of(data)
     out = error.copy()
+    if data.y.shape[1] < FEWEST_LAGS:
+        return out
+    folds = folds_of(data)
     for k in np.unique(folds):
         test, train = folds == k, folds != k
         if not train.any() or len(np.unique(folds[train])) < 2:
@@ -135,10 +152,29 @@ def unlearnable(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.
     return out
 
 
-def _lags(samples: int) -> np.ndarray:
-    """(L,) samples: about three a octave, to four fifths of a window."""
-    most = max(int(0.8 * samples), 1)
-    return np.unique(np.round(np.geomspace(1, most, max(3, int(3 * np.log2(most + 1))))).astype(int))
+def _steady(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[Problem, np.ndarray]:
+    """The problem and its prediction on the windows that do not diverge, evenly fewer where there are very many."""
+    data = problem.data
+    finite = np.isfinite(np.where(np.isfinite(data.y), predicted, 0.0)).all(axis=(1, 2))
+    good = np.flatnonzero(finite & (window_trust(data, scales, data.y - predicted) == 1.0))
+    if len(good) < 2:
+        return problem, predicted
+    some = np.zeros(data.count, dtype=bool)
+    some[good[np.unique(np.linspace(0, len(good) - 1, min(len(good), LEARNED)).round().astype(int))]] = True
+    return (problem, predicted) if some.all() else (part_of(problem, some), predicted[some])
+
+
+def _lags(samples: int, seen: np.ndarray) -> np.ndarray:
+    """(L,) samples: about three an octave, to four fifths of a window, of the log's rate and of the slower channels' in
+    seen (W, M, C)."""
+    out: set[int] = set()
+    for k in range(seen.shape[2]):
+        gaps = [np.diff(np.flatnonzero(row)) for row in seen[:8, :, k]]
+        spacing = int(np.median(np.concatenate(gaps))) if any(len(g) for g in gaps) else 1
+        most = max(int(0.8 * samples) // spacing, 1)
+        count = max(3, int(3 * np.log2(most + 1)))
+        out |= {spacing * int(round(x)) for x in np.geomspace(1, most, count)}
+    return np.array(sorted(lag for lag in out if lag < samples), dtype=int)
 
 
 def _projected(scaled: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -249,7 +285,10 @@ class _Envelope:
         weight = self.known * self.least
         size = np.zeros(self.rows.shape[1])
         for _ in range(ROUNDS):
-            size[columns] = nnls(self.rows[:, columns] * weight[:, None], weight * aim, maxiter=500)[0]
+            try:
+                size[columns] = nnls(self.rows[:, columns] * weight[:, None], weight * aim, maxiter=500)[0]
+            except RuntimeError:  # it has not converged: the sizes of the round before are near
+                break
             again = self.known * np.sqrt(np.where(self.rows @ size > aim, EXCESS, self.least))
             if np.array_equal(again, weight):
                 break

@@ -75,8 +75,9 @@ def _expected(
     """The shrink, by cross-validation on the windows of the headline's horizon."""
     spoilt = ready.raw.take(~ready.held)
     here = final
-    if problem.data.horizon != ready.raw.horizon and final.terms:
-        here = on_problem(build_problem(ready.fitting, ready.space, 1.0 / problem.weight), final)
+    if problem.data.count != ready.fitting.count or problem.data.horizon != ready.raw.horizon:
+        plain = build_problem(ready.fitting, ready.space, 1.0 / problem.weight)
+        here = on_problem(_trusting(plain, final.values, ready.scales), final)
     before = spoilt.y - predict(spoilt, ready.space.settings([base.values]))[0]
     after = expected_errors(ready.fitting if with_outliers else spoilt, ready.space, here)
     kept_back = ready.raw.take(ready.held) if ready.held.any() else spoilt

@@ -32,12 +32,13 @@ def thin_whole(data: Dataset, steps: int) -> Dataset:
 
 def evenly(data: Dataset, steps: int) -> np.ndarray:
     """(W,) bool: every so many windows, so that they cost at most about `steps` simulation steps."""
-    cost = max(b.drive.steps for b in data.blocks)
+    cost = sum((b.where.stop - b.where.start) * b.drive.steps for b in data.blocks)
     keep = np.ones(data.count, dtype=bool)
-    if data.count * cost > steps:
+    if cost > steps:
         keep[:] = False
         fewest = int(np.ceil(FEWEST / max(data.horizon, 1.0)))
-        keep[np.unique(np.linspace(0, data.count - 1, max(fewest, steps // cost)).round().astype(int))] = True
+        count = min(max(fewest, steps * data.count // cost), data.count)
+        keep[np.unique(np.linspace(0, data.count - 1, count).round().astype(int))] = True
     return keep
 
 

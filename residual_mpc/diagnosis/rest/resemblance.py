@@ -40,7 +40,7 @@ def resembles(problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: R
     data = judge.replays.data
     few = evenly(data, STEPS)
     seen = judge if few.all() else replace(judge, replays=judge.replays.of(data.take(few), few))
-    before, *after = seen.squared([current, *fits]) - judge.floor
+    *after, before = seen.squared([*fits, current]) - judge.floor  # windows are trusted by the last of them
     closes = 1.0 - np.asarray(after) / max(float(before), 1e-12)
     k = int(np.argmax(closes))
     (term,) = set(fits[k].terms) - set(current.terms)
