@@ -42,6 +42,7 @@ LOCALISED = (
 )  # what a filter or a scan matching reports; an encoder wanders by no more than it jitters
 ROUNDED = 1.5  # times its rounding error, up to which a channel's noise is nothing else
 LEEWAY = 1.15  # factor on these bounds, in squares, for their own error
+LEAST_SECONDS = 15.0  # s of windows below which noise counts as white: a model's error may be as short
 FEWEST_LAGS = 2  # lags from which increments tell white noise from coloured
 LEARNED = 400  # windows that the regression on the motion looks at
 ROUNDS_OF_SIZE, ENOUGH = 3, 0.98  # of scaling the noise down, and the factor at which that ends
@@ -111,11 +112,13 @@ def fit_noise(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[
     bounds = _bounds(data, problem.weight, [0.0, *times], period)
     rounded = data.sigma <= ROUNDED * data.steps / np.sqrt(12.0)
     parts[:, :, rounded, 1:] = 0.0  # steps of the sensor that last several samples look coloured
+    if data.count * data.horizon < LEAST_SECONDS:
+        parts[..., 1:] = 0.0
     size = _envelope(measured, parts, sure, *bounds)  # (C, 1 + times) squared, in units of the white noise
     out = []
     known = (sure > 0.0).sum(axis=1) >= FEWEST_LAGS
     for k, channel in enumerate(data.channels):
-        if not known[k]:  # too few samples in a window to tell: what differs from sample to sample
+        if not known[k] or not size[k, 1:].any():  # white, or too few samples in a window to tell
             out.append(ChannelNoise(float(data.sigma[k])))
             continue
         most = np.inf if channel.startswith(LOCALISED) else float(data.sigma[k])

@@ -79,7 +79,9 @@ def test_each_leads_to_the_next():
 
 def test_the_gap():
     text, pictures = executed("1_the_gap")
-    gap, floor = number(r"gap ([\d.]+) \(noise", text), number(r"gap [\d.]+ \(noise floor ([\d.]+)\)", text)
+    gap, floor = (
+        number(p, text) for p in (r"gap at 1 s: ([\d.]+) \(noise", r"gap at 1 s: [\d.]+ \(noise floor ([\d.]+)\)")
+    )
     assert 0.11 < gap < 0.14, "its text says 0.12, an eighth of the motion"
     assert floor < 0.3 * gap
     assert pictures == 1
