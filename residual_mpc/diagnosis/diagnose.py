@@ -31,7 +31,7 @@ Progress = Callable[[str, float], None]
 
 BLOCKS = 10  # stretches of time below which a search over longer windows needs a gap to explain: few say anything
 CHEAP = 30_000  # simulation steps of one hypothesis up to which longer windows are searched in any case
-MOST = 60_000  # simulation steps of one hypothesis on BLOCKS windows beyond which no longer windows are searched
+MOST = 20_000  # simulation steps of one hypothesis on BLOCKS windows beyond which no longer windows are searched
 NEAR = 2.0  # times the noise floor within which longer windows sharpen the numbers of the last fit
 
 
@@ -111,7 +111,8 @@ def _on(
     problem = build_problem(few, ready.space, few.sigma, scales.motion)
     if start is None:
         return search(problem, scales, options.search, rng, report)
-    settings = replace(options.search, over_floor=options.search.over_floor_longer)
+    more = options.search
+    settings = replace(more, over_floor=more.over_floor_longer, largest=more.largest_longer)
     return search(problem, scales, settings, rng, report, start.fit.values)
 
 

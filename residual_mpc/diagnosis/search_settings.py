@@ -12,8 +12,9 @@ class SearchSettings:
     over_floor_longer: likewise over the longer horizons, where what adds up slowly shows;
     sizeable: share of the squared gap beyond the floor for which `beyond_doubt_sizeable` will do, where the gap is more
     than twice the floor; most, beyond_doubt_most: likewise for an effect that closes most of what is left;
-    shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set; beam: sets
-    that a step starts from while more than the share `settled` of the squared gap beyond the floor is unexplained.
+    shortlist: starts that are fitted roughly per step, finalists: to the end; largest: terms in a set, largest_longer:
+    once longer horizons are searched; beam: sets that a step starts from while more than the share `settled` of the
+    squared gap beyond the floor is unexplained.
     """
 
     beyond_doubt: float = 25.0
@@ -26,6 +27,7 @@ class SearchSettings:
     beyond_doubt_most: float = 8.0
     shortlist: int = 10
     finalists: int = 5
-    largest: int = 9
+    largest: int = 7
+    largest_longer: int = 9
     beam: int = 4
     settled: float = 0.08
