@@ -1,4 +1,4 @@
-"""The whole diagnosis, in order: prepare, search, refine, open what was kept back."""
+"""The whole diagnosis, in order: prepare, search, refine, evaluate on held-out data."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -28,7 +28,7 @@ LOOK = 40_000  # simulation steps that the first look at a horizon may cost
 @dataclass(frozen=True, eq=False)
 class Look:
     """The runs over one horizon. raw: all its W windows as they were logged, clean: less the samples that jump away;
-    held (W,) bool: the windows that lie in what is kept back; free: the windows that fits may see, cut from whatever
+    held (W,) bool: the windows that lie in what is held out; free: the windows that fits may see, cut from whatever
     lies between and shorter where that is, with the scales of their motion; None where nothing there is longer than
     the horizon before."""
 
@@ -41,7 +41,7 @@ class Look:
 
     @property
     def test(self) -> np.ndarray:
-        """(W,) bool: the windows that figures are printed for: those kept back, all where there are none."""
+        """(W,) bool: the windows that figures are printed for: those held out, all where there are none."""
         return self.held if self.held.any() else np.ones(self.raw.count, dtype=bool)
 
 
@@ -96,7 +96,7 @@ def _free(
     spans: Sequence[Sequence[tuple[float, float]]],
     flagged: Mapping[tuple[int, str], np.ndarray],
 ) -> tuple[Dataset, Scales] | None:
-    """The longest windows up to the horizon of which enough lie between what is kept back."""
+    """The longest windows up to the horizon of which enough lie between what is held out."""
     for length in (horizon, *(x for x in LENGTHS if x < horizon)):
         if length < APART * shorter:
             break
@@ -120,7 +120,7 @@ def foretold(clean: Dataset, scales: Scales, rng: np.random.Generator) -> bool:
 
 
 def _spans(run: Run, kept: Sequence[KeptBack]) -> list[tuple[float, float]]:
-    """What is kept back of a run, s, neighbours joined, in order."""
+    """What is held out of a run, s, neighbours joined, in order."""
     mine = sorted(
         (-np.inf, np.inf) if k.start is None or k.end is None else (k.start, k.end) for k in kept if k.run == run.name
     )
@@ -138,11 +138,11 @@ def _inside(spans: Sequence[tuple[float, float]], begin: float, end: float) -> b
 
 
 def _free_starts(run: Run, spans: Sequence[tuple[float, float]], horizon: float) -> np.ndarray:
-    """(W,) s: windows one after the other in each stretch between what is kept back."""
+    """(W,) s: windows one after the other in each stretch between what is held out."""
     edges = [float(run.t[0]), *(x for span in spans for x in span), float(run.t[-1])]
     out = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        slack = run.period if end >= run.t[-1] else 0.0  # none of what is kept back
+        slack = run.period if end >= run.t[-1] else 0.0  # none of what is held out
         count = int(np.floor((end - begin + slack) / horizon + 1e-9)) if end > begin else 0
         out.append(begin + horizon * np.arange(count))
     return np.concatenate(out)

@@ -71,7 +71,7 @@ def measure(
         scales = measure_scales(data)
         try:
             of_runs = None if held_out_of is None else held_out_mask_of(held_out_of, data)
-        except BadInput:  # what was kept back is shorter than this horizon
+        except BadInput:  # what was held out is shorter than this horizon
             continue
         found = _figures(replace(data, noise=coloured), scales, of_runs, model_of, seed)
         if found["noise_floor"] < FORETOLD:

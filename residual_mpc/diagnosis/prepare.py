@@ -1,4 +1,4 @@
-"""The first phase of a diagnosis: the runs cut into windows, what is kept back of them, and the hypotheses."""
+"""The first phase of a diagnosis: the runs cut into windows, what is held out of them, and the hypotheses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
