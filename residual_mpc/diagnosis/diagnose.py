@@ -71,17 +71,18 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
             continue
         data, scales = look.free
         data, gap, floor = _seen_over(data, scales, found, ready, rng)
+        sharpens = gap.total < NEAR * floor.total and _steps(data) <= options.final_steps
         cheap = len(np.unique(blocks_of(data))) >= BLOCKS and _steps(data) <= CHEAP
         bearable = min(BLOCKS, data.count) * _steps(data) // data.count <= MOST
         if not (cheap or bearable and beyond(gap, floor)):
-            if gap.total < NEAR * floor.total:
+            if sharpens:
                 windows.append((data, scales))
             continue
         progress(f"searching over {data.horizon:g} s", 0.5)
         more = _on(ready, data, scales, found, options, rng, lambda text, done: None)
         if more.steps:
             found, windows = more, [(data, scales)]
-        elif gap.total < NEAR * floor.total:
+        elif sharpens:
             windows.append((data, scales))
     progress("comparing with rival explanations", 0.6)
     rivalry = find_rivals(found)
