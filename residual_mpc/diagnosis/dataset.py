@@ -57,6 +57,11 @@ class Dataset:
     def count(self) -> int:
         return len(self.start)
 
+    @property
+    def steps(self) -> int:
+        """Simulation steps that one hypothesis costs on all windows."""
+        return sum((b.where.stop - b.where.start) * b.drive.steps for b in self.blocks)
+
     def take(self, keep: np.ndarray) -> "Dataset":
         """The windows where the mask (W,) is true."""
         blocks, first = [], 0

@@ -71,9 +71,9 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
             continue
         data, scales = look.free
         data, gap, floor = _seen_over(data, scales, found, ready, rng)
-        sharpens = gap.total < NEAR * floor.total and _steps(data) <= options.final_steps
-        cheap = len(np.unique(blocks_of(data))) >= BLOCKS and _steps(data) <= CHEAP
-        bearable = min(BLOCKS, data.count) * _steps(data) // data.count <= MOST
+        sharpens = gap.total < NEAR * floor.total and data.steps <= options.final_steps
+        cheap = len(np.unique(blocks_of(data))) >= BLOCKS and data.steps <= CHEAP
+        bearable = min(BLOCKS, data.count) * data.steps // data.count <= MOST
         if not (cheap or bearable and beyond(gap, floor)):
             if sharpens:
                 windows.append((data, scales))
@@ -89,11 +89,6 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
     by_noise = reweigh(first.problem, first.problem.data.sigma)
     untestable = not_testable(by_noise, first.base, rivalry.fit.terms)
     return Searched(found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])
-
-
-def _steps(data: Dataset) -> int:
-    """Simulation steps of one hypothesis on these windows."""
-    return data.count * max(b.drive.steps for b in data.blocks)
 
 
 def _on(

@@ -21,8 +21,8 @@ from residual_mpc.models.settings import Knob, Term
 @dataclass(frozen=True, eq=False)
 class Explained:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
-    has seen. problem: the windows that the last fit saw, of one horizon or several, on the weights of the search, and
-    the scales of their motion; base, final: the model alone and with the effects, fitted to them; ends: where other
+    has seen. problem: the windows that the last fit saw, of one horizon or several, on the weights of the search;
+    base, final: the model alone and with the effects, fitted to them; ends: where other
     starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes. vetoed: effects
     that the encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None
     where nothing explains anything."""
@@ -33,7 +33,6 @@ class Explained:
     kept: tuple[KeptBack, ...]
     held: np.ndarray
     problem: Problem
-    problem_scales: Scales
     base: Fit
     final: Fit
     ends: Mapping[Knob, tuple[float, ...]]

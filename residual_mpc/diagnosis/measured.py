@@ -18,7 +18,7 @@ from residual_mpc.diagnosis.records import GapFigures, HorizonFigures, Verdict
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.search import window_trust
 from residual_mpc.diagnosis.thinning import floor_draws
-from residual_mpc.diagnosis.verdict import AtHorizon, Floor, beyond, floor_from, floor_of, verdict_of
+from residual_mpc.diagnosis.verdict import AtHorizon, Floor, beyond, floor_from, floor_of, left_share, verdict_of
 from residual_mpc.models.settings import Settings
 
 WORSE = 1.02  # times the gap before that the headline's may become where a longer horizon gains
@@ -34,7 +34,6 @@ class Measured:
     constant velocity, whose gap stands beside it. floors (draws, W, M, C): errors of a perfect model."""
 
     of: Explained
-    noise: tuple[ChannelNoise, ...]
     predicted: dict[str, np.ndarray]
     errors: dict[str, np.ndarray]
     everywhere: dict[str, float]
@@ -51,7 +50,7 @@ class Measured:
         """And the share of the squared gap beyond the floor that is left."""
         if not self.helps:
             return ("unknown", 1.0) if self.anywhere else ("no_gap", 0.0)
-        return verdict_of(self.looks, True)
+        return verdict_of(self.looks), left_share(self.looks[0])
 
     @property
     def left(self) -> Gap:
@@ -125,7 +124,6 @@ def measure(of: Explained, longer: Sequence[Look], steps: int, rng: np.random.Ge
     helps = helps and anywhere  # nothing to explain is no gap, whatever fits better
     return Measured(
         replace(of, raw=raw, clean=replace(of.clean, noise=noise)),
-        noise,
         predicted,
         errors,
         {k: gap_of(raw, scales, e).total for k, e in errors.items()},

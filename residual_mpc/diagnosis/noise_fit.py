@@ -36,10 +36,8 @@ WINDOWS = 48  # that are looked at
 DRAWS = 3  # of each part, from which the increments that it would leave are measured
 ORDERS, STRIDES = (3, 5, 7), (1, 2, 4, 8)  # of the differences that bound the noise
 BEYOND_WHITE = 8.0  # drop in misfit from which a channel's noise is coloured
-LOCALISED = (
-    "pose.",
-    "twist.",
-)  # what a filter or a scan matching reports; an encoder wanders by no more than it jitters
+# reported by a filter or a scan matching; an encoder wanders by no more than it jitters
+LOCALISED = ("pose.", "twist.")
 ROUNDED = 1.5  # times its rounding error, up to which a channel's noise is nothing else
 LEEWAY = 1.15  # factor on these bounds, in squares, for their own error
 LEAST_SECONDS = 15.0  # s of windows below which noise counts as white: a model's error may be as short

@@ -11,7 +11,7 @@ from residual_mpc.models.settings import Knob, Values
 
 STEPS, TOLERANCE = 24, 1e-6  # steps and relative gain at which a fit ends
 LAST = 2  # of these steps that are on all windows, where there are too many for all
-AS_GOOD = 4.0  # likelihood ratio within which two ends of a fit are as good as each other
+EQUALLY_GOOD = 4.0  # likelihood ratio within which two ends of a fit are as good as each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +45,6 @@ def _chosen(problem: Problem, fits: list[Fit]) -> Polished:
     best = min(fits, key=lambda f: f.cost)
     if len(fits) == 1 or not best.knobs:
         return Polished(best, {})
-    reach = best.cost + AS_GOOD * dispersion(best, blocks_of(problem.data))
+    reach = best.cost + EQUALLY_GOOD * dispersion(best, blocks_of(problem.data))
     good = [f for f in fits if f.cost <= reach]
     return Polished(best, {k: tuple(f.values[k] for f in good) for k in best.knobs})

@@ -58,7 +58,7 @@ def refine(ready: Prepared, searched: Searched, options: Options, rng: np.random
     if final.terms or with_outliers:
         expected = _expected(ready, problem, final, before, with_outliers, rng)
     return Explained(
-        ready.raw, ready.clean, ready.scales, ready.kept, ready.held, problem, scales, before, final, polished.ends,
+        ready.raw, ready.clean, ready.scales, ready.kept, ready.held, problem, before, final, polished.ends,
         searched.rivalry, searched.untestable, ready.outliers, with_outliers, vetoed, doubtful, expected,
     )  # fmt: skip
 

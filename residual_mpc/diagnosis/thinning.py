@@ -32,12 +32,11 @@ def thin_whole(data: Dataset, steps: int) -> Dataset:
 
 def evenly(data: Dataset, steps: int) -> np.ndarray:
     """(W,) bool: every so many windows, so that they cost at most about `steps` simulation steps."""
-    cost = sum((b.where.stop - b.where.start) * b.drive.steps for b in data.blocks)
     keep = np.ones(data.count, dtype=bool)
-    if cost > steps:
+    if data.steps > steps:
         keep[:] = False
         fewest = int(np.ceil(FEWEST / max(data.horizon, 1.0)))
-        count = min(max(fewest, steps * data.count // cost), data.count)
+        count = min(max(fewest, steps * data.count // data.steps), data.count)
         keep[np.unique(np.linspace(0, data.count - 1, count).round().astype(int))] = True
     return keep
 

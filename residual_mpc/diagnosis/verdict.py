@@ -102,12 +102,9 @@ def as_good_as_told(gap: Gap, floor: Floor) -> bool:
         return not bool((gap.channels > np.maximum(AS_GOOD * floor.channels, SMALL)).any())
 
 
-def verdict_of(looks: Sequence[AtHorizon], helps: bool) -> tuple[Verdict, float]:
-    """And the share of the squared gap beyond the floor that is left at the headline's horizon, looks[0]."""
-    if not helps:
-        return ("unknown", 1.0) if any(beyond(x.before, x.floor) for x in looks) else ("no_gap", 0.0)
-    share = left_share(looks[0])
-    return ("effects" if all(as_good_as_told(x.steady, x.floor) for x in looks) else "partial"), share
+def verdict_of(looks: Sequence[AtHorizon]) -> Verdict:
+    """What the gaps say of an explanation that helps."""
+    return "effects" if all(as_good_as_told(x.steady, x.floor) for x in looks) else "partial"
 
 
 def clearest(looks: Sequence[AtHorizon]) -> AtHorizon:

@@ -38,12 +38,7 @@ def at(before: float, after: float, noise: float, horizon: float = 1.0, channels
     ],
 )
 def test_an_explanation_is_whole_where_every_horizon_and_channel_says_so(looks: list[AtHorizon], wanted: str) -> None:
-    assert verdict_of(looks, True)[0] == wanted
-
-
-def test_without_an_explanation_any_horizon_beyond_the_noise_is_unknown() -> None:
-    assert verdict_of([at(0.011, 0.011, 0.01), at(0.012, 0.012, 0.01, 5.0)], False) == ("no_gap", 0.0)
-    assert verdict_of([at(0.011, 0.011, 0.01), at(0.03, 0.03, 0.01, 5.0)], False) == ("unknown", 1.0)
+    assert verdict_of(looks) == wanted
 
 
 def test_the_share_left_is_that_of_the_headline() -> None:
