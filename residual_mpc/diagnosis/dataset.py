@@ -58,7 +58,7 @@ class Dataset:
         return len(self.start)
 
     @property
-    def steps(self) -> int:
+    def cost(self) -> int:
         """Simulation steps that one hypothesis costs on all windows."""
         return sum((b.where.stop - b.where.start) * b.drive.steps for b in self.blocks)
 

@@ -71,9 +71,9 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
             continue
         data, scales = look.free
         data, gap, floor = _seen_over(data, scales, found, ready, rng)
-        sharpens = gap.total < NEAR * floor.total and data.steps <= options.final_steps
-        cheap = len(np.unique(blocks_of(data))) >= BLOCKS and data.steps <= CHEAP
-        bearable = min(BLOCKS, data.count) * data.steps // data.count <= MOST
+        sharpens = gap.total < NEAR * floor.total and data.cost <= options.final_steps
+        cheap = len(np.unique(blocks_of(data))) >= BLOCKS and data.cost <= CHEAP
+        bearable = min(BLOCKS, data.count) * data.cost // data.count <= MOST
         if not (cheap or bearable and beyond(gap, floor)):
             if sharpens:
                 windows.append((data, scales))

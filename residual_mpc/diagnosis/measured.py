@@ -31,7 +31,8 @@ class Measured:
     "nominal" model (errors alone), "before" (its tunable numbers fitted) and "after" the effects; looks: the gaps over
     each horizon, the headline's first, and anywhere: whether they are beyond the noise on all windows; helps: whether
     the explanation makes the gap smaller; useless: whether even the explained model is worse than a forecast of
-    constant velocity, whose gap stands beside it. floors (draws, W, M, C): errors of a perfect model."""
+    constant velocity; constant_velocity: the gap of that forecast. floors (draws, W, M, C): errors of a perfect
+    model."""
 
     of: Explained
     predicted: dict[str, np.ndarray]

@@ -33,10 +33,10 @@ def thin_whole(data: Dataset, steps: int) -> Dataset:
 def evenly(data: Dataset, steps: int) -> np.ndarray:
     """(W,) bool: every so many windows, so that they cost at most about `steps` simulation steps."""
     keep = np.ones(data.count, dtype=bool)
-    if data.steps > steps:
+    if data.cost > steps:
         keep[:] = False
         fewest = int(np.ceil(FEWEST / max(data.horizon, 1.0)))
-        count = min(max(fewest, steps * data.count // data.steps), data.count)
+        count = min(max(fewest, steps * data.count // data.cost), data.count)
         keep[np.unique(np.linspace(0, data.count - 1, count).round().astype(int))] = True
     return keep
 

@@ -92,7 +92,7 @@ BY_SUFFIX = {
 
 
 def recognise(start: bytes, name: str) -> Format | None:
-    """The format of a file that begins like this; None for text, and for what nobody knows.
+    """The format of a file that begins like this; None for text and for unknown formats.
 
     Args:
         start: its first bytes, `ENOUGH` of them.

@@ -1,4 +1,4 @@
-"""Which windows no fit has seen: the runs, or the blocks of runs, that the document says were kept back."""
+"""Which windows no fit has seen: the runs, or the blocks of runs, that the document lists as held out."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -28,7 +28,7 @@ def surest_first(effects: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]
 
 
 def unseen(held_out: Sequence[Any]) -> str:
-    """What the figures were measured on: whole runs, or parts of runs, that were kept back."""
+    """What the figures were measured on: whole runs, or parts of runs, that were held out."""
     if not held_out:
         return "the runs that were fitted"
     return "held-out runs" if all(isinstance(part, str) for part in held_out) else "held-out parts of the runs"
