@@ -16,6 +16,7 @@ from residual_mpc.diagnosis.local_fit import local_fit
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.space import Space
+from residual_mpc.diagnosis.tolerances import Tolerances
 from residual_mpc.models.settings import Values
 
 START_INFLATION = 3.0  # on the start's standard deviation: its own noise is also in the window's first samples
@@ -37,6 +38,9 @@ class Problem:
     basis: np.ndarray  # (W, M * C, k) orthonormal
     shrink: np.ndarray  # (W, k) 1 - 1 / sqrt(1 + s^2)
     count: np.ndarray | None = None  # (W,) how many windows each one stands for; None: itself alone
+    tolerances: Tolerances | None = None
+    wide: np.ndarray | None = None  # (W * M * C, K) whitened columns of the tolerances, times their level
+    taken: np.ndarray | None = None  # (K, K) wide @ taken @ wide' is what they take out of a residual
 
     def residuals(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M * C) whitened; a missing sample is 0, a diverged prediction inf."""
@@ -53,7 +57,11 @@ class Problem:
         """Take the start's share out of scaled residuals (H, W, n)."""
         along = np.einsum("wnk,hwn->hwk", self.basis, r, optimize=True) * self.shrink
         left = r - np.einsum("wnk,hwk->hwn", self.basis, along, optimize=True)
-        return np.asarray(left if self.count is None else left * np.sqrt(self.count)[:, None])
+        left = left if self.count is None else left * np.sqrt(self.count)[:, None]
+        if self.wide is None:
+            return np.asarray(left)
+        flat = left.reshape(len(left), -1)
+        return np.asarray((flat - ((flat @ self.wide) @ self.taken) @ self.wide.T).reshape(left.shape))
 
 
 def build_problem(data: Dataset, space: Space, sigma: np.ndarray, motion: np.ndarray | None = None) -> Problem:
@@ -64,8 +72,25 @@ def build_problem(data: Dataset, space: Space, sigma: np.ndarray, motion: np.nda
 
 
 def reweigh(problem: Problem, sigma: np.ndarray) -> Problem:
-    """The same problem with other standard deviations."""
+    """The same problem with other standard deviations, without tolerances."""
     return weighed(problem.replays, problem.sensitivity, sigma, problem.motion)
+
+
+def tolerating(problem: Problem, tolerances: Tolerances | None) -> Problem:
+    """The problem with these small differences marginalised."""
+    plain = replace(problem, tolerances=tolerances, wide=None, taken=None)
+    if tolerances is None or tolerances.level == 0.0:
+        return plain
+    wide = tolerances.relative * whitened(plain, tolerances.columns)
+    g, v = np.linalg.eigh(wide.T @ wide)
+    g = np.maximum(g, 1e-12)
+    return replace(plain, wide=wide, taken=(v * ((1.0 - 1.0 / np.sqrt(1.0 + g)) / g)) @ v.T)
+
+
+def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
+    """(W * M * C, K) columns (W, M * C, K) in the units of the problem's residuals, without its tolerances."""
+    scaled = np.moveaxis(columns, 2, 0) * np.tile(problem.weight, columns.shape[1] // len(problem.weight))
+    return np.ascontiguousarray(replace(problem, wide=None, taken=None).project(scaled).reshape(len(scaled), -1).T)
 
 
 def weighed(replays: Replays, sensitivity: np.ndarray, sigma: np.ndarray, motion: np.ndarray) -> Problem:
@@ -84,11 +109,19 @@ def part_of(problem: Problem, keep: np.ndarray, times: np.ndarray | None = None)
     replays = problem.replays.of(problem.data.take(keep), keep)
     small = weighed(replays, problem.sensitivity[keep], 1.0 / problem.weight, problem.motion)
     if problem.count is None and times is None:
-        return small
+        return tolerating(small, on_part(problem, keep))
     one = np.ones(small.data.count)
-    return replace(
-        small, count=(one if problem.count is None else problem.count[keep]) * (one if times is None else times)
-    )
+    count = (one if problem.count is None else problem.count[keep]) * (one if times is None else times)
+    return tolerating(replace(small, count=count), on_part(problem, keep))
+
+
+def on_part(problem: Problem, keep: np.ndarray, samples: int | None = None) -> Tolerances | None:
+    """The problem's tolerances on some of its windows, and on their first samples."""
+    if problem.tolerances is None:
+        return None
+    columns = problem.tolerances.columns[keep]
+    c = len(problem.weight)
+    return replace(problem.tolerances, columns=columns if samples is None else columns[:, : samples * c])
 
 
 def start_sensitivity(data: Dataset, space: Space, values: Values) -> np.ndarray:

@@ -22,9 +22,12 @@ from residual_mpc.diagnosis.search import Found, window_trust, without
 from residual_mpc.diagnosis.significance import least_sure
 from residual_mpc.diagnosis.testable import NotTestable
 from residual_mpc.diagnosis.thinning import evenly
+from residual_mpc.diagnosis.tolerances import small_differences
+from residual_mpc.diagnosis.tolerated import carrying, tolerant
 from residual_mpc.diagnosis.witness import contradicted, witnesses
 from residual_mpc.models.settings import Settings, Term, Values
 
+ROOM = 40_000_000  # numbers in the columns of all small differences
 OUTLIERS_WORTH = 0.6  # times the squared noise floor that a few jumping samples have to make of the gap to be a cause
 
 
@@ -46,6 +49,10 @@ def refine(ready: Prepared, searched: Searched, options: Options, rng: np.random
     problem = build_problem(windows, ready.space, 1.0 / found.problem.weight, found.problem.motion)
     problem = _trusting(problem, searched.rivalry.fit.values, scales)
     polished, base = polish(problem, [searched.rivalry.fit.values, found.base.values], options.final_steps)
+    problem = _tolerating(problem, polished.fit)
+    if problem.wide is not None:
+        polished = polish(problem, [polished.fit.values], options.final_steps)[0]
+        base = Polished(on_problem(problem, base.fit), base.ends)
     polished, vetoed = _heed_encoders(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit
@@ -67,6 +74,14 @@ def _trusting(problem: Problem, values: Values, scales: Scales) -> Problem:
     """The problem in which windows that diverge under these values weigh less."""
     trust = window_trust(problem.data, scales, problem.data.y - problem.replays([values])[0])
     return problem if (trust == 1.0).all() else replace(problem, count=trust)
+
+
+def _tolerating(problem: Problem, fit: Fit) -> Problem:
+    """The problem with small differences marginalised in every number that the fit does not free; as it is where their
+    columns would not fit into memory."""
+    if problem.data.y.size * len(small_differences(problem.space, fit.values)) > ROOM:
+        return problem
+    return tolerant(carrying(problem, fit.values, fit.knobs), fit)
 
 
 def _expected(

@@ -1,12 +1,12 @@
 """Other sets that explain these runs as well: rivals with a probability, and the groups that cannot be told apart."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual_mpc.diagnosis.additions import EARLY, NONE, ROUGH, closer, compatible
 from residual_mpc.diagnosis.fit import Fit, Race, fit_all, on_problem, possible
-from residual_mpc.diagnosis.problem import Problem
+from residual_mpc.diagnosis.problem import Problem, tolerating
 from residual_mpc.diagnosis.screen import glance, smaller
 from residual_mpc.diagnosis.search import ALIKE, Found, without
 from residual_mpc.effects.library import ORDER
@@ -18,6 +18,7 @@ RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the s
 LOOKED_AT = 8
 BETTER = -6.0  # likelihood ratio below which a rival takes the place
 SWAPS = 2
+VISIBLE, OF_IT = 0.25, 0.1  # times the squared noise floor, and of the squared gap: by so much a rival's may be larger
 FAR = 70.0  # likelihood ratio beyond which a rival is not fitted to the end: it would hold no probability
 BEST = 2  # targets alone that are fitted in place of all
 # without encoders these scale the same two rims, so that one pair of them does what another pair does
@@ -70,7 +71,10 @@ def find_rivals(found: Found) -> Rivalry:
     fit, rivals = found.fit, list[Rival]()
     places, swaps = _places(fit), 0
     while places:
-        rivals += (here := _replacements(found.problem, fit, places.pop(), found.phi))
+        here = _replacements(found.problem, fit, places.pop(), found.phi)
+        seen = _seen_larger(found, fit, here)
+        here = [worse(r) if larger else r for r, larger in zip(here, seen, strict=True)]
+        rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
         if better is not None and better.ratio < BETTER and swaps < SWAPS:
             fit, rivals = on_problem(found.problem, better.fit), []
@@ -80,6 +84,27 @@ def find_rivals(found: Found) -> Rivalry:
     groups = _groups(rivals)
     preferred, groups = _prefer_first(fit, rivals, groups)
     return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
+
+
+def worse(rival: Rival) -> Rival:
+    """The rival as one that the data tell from the chosen set."""
+    return replace(rival, ratio=max(rival.ratio, ALIKE), alike=False)
+
+
+def _seen_larger(found: Found, fit: Fit, rivals: list[Rival]) -> list[bool]:
+    """Which rivals leave a gap that one would see to be larger than the chosen fit's. Precise encoders may outweigh the
+    pose in the likelihood, and what they show is no reason to give up what the pose shows.
+
+    The close ones are fitted again for that without tolerances, which let a fit rest where its gap is not smallest."""
+    close = [i for i, r in enumerate(rivals) if r.ratio < ALIKE]
+    if not close:
+        return [False] * len(rivals)
+    fits = [fit, *(rivals[i].fit for i in close)]
+    if found.problem.wide is not None:
+        fits = fit_all(tolerating(found.problem, None), [f.values for f in fits], 4, rough=True)
+    own, *gaps = found.ruler.squared(fits[::-1])[::-1]
+    larger = [g > own + max(VISIBLE * found.ruler.floor, OF_IT * own) for g in gaps]
+    return [i in close and larger[close.index(i)] for i in range(len(rivals))]
 
 
 def _places(fit: Fit) -> list[tuple[Term, ...]]:
@@ -111,6 +136,7 @@ def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float
             if lead.term not in seen and len(starts) < most and lead.gain > RESEMBLES * own:
                 seen.add(lead.term)
                 starts.append({**rest.values, **lead.start})
+        starts += _as_pair(problem, rest, fit, gone[0], candidates)
     elif all(t.effect in RIM_SCALES for t in gone):
         rims = [c for c in candidates if c.effect in RIM_SCALES and c not in gone]
         for i, a in enumerate(rims):
@@ -139,6 +165,15 @@ def _on_all(
     found = [{k.parameter: v for k, v in fit.values.items() if k.term == t} for t in gone]
     middle = {Knob(*all_alike, name): float(np.median([f[name] for f in found])) for name in found[0]}
     return [_with(problem, rest, middle)]
+
+
+def _as_pair(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
+    """The left wheel's gain as what does the same to both rims: all of it in both radii, taken back from the right."""
+    pair = (Term("wheel_radius", None), Term("wheel_radius_mismatch", None))
+    if gone != Term("actuator_gain", "left") or not all(t in candidates for t in pair):
+        return []
+    gain = fit.values[Knob(*gone, "gain")]
+    return [_with(problem, rest, {Knob(*pair[0], "scale"): gain, Knob(*pair[1], "ratio"): 1.0 / gain})]
 
 
 def _with(problem: Problem, rest: Fit, found: Values) -> Values:

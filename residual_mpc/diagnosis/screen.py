@@ -10,7 +10,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.fit import Fit, on_problem
-from residual_mpc.diagnosis.problem import Problem, part_of, weighed
+from residual_mpc.diagnosis.problem import Problem, on_part, part_of, tolerating, weighed
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -153,7 +153,7 @@ def smaller(problem: Problem, current: Fit) -> tuple[Problem, float]:
     sensitivity = problem.sensitivity.reshape(data.count, -1, c, k)[pick, :m].reshape(len(few.start), m * c, k)
     count = stands_for[pick] if problem.count is None else stands_for[pick] * problem.count[pick]
     small = weighed(problem.replays.of(few, pick), sensitivity, 1.0 / problem.weight, problem.motion)
-    small = replace(small, count=count)
+    small = tolerating(replace(small, count=count), on_part(problem, pick, m))
     # errors grow within a window, so that the half that is left out holds more of a drop in cost than its samples say
     return small, GROWTH * data.y.shape[1] / m if half is not data else 1.0
 

@@ -11,9 +11,10 @@ from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import Fit, Race, elsewhere, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, per_window
-from residual_mpc.diagnosis.problem import Problem, reweigh
+from residual_mpc.diagnosis.problem import Problem, reweigh, tolerating
 from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.search_settings import SearchSettings
+from residual_mpc.diagnosis.tolerated import carrying, tolerant
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 
@@ -67,6 +68,7 @@ TOGETHER = 4  # terms up to which that is done at the end of a search: its cost 
 NEEDLESS = 60.0  # likelihood ratio beyond which such a fit is not carried on: the term is needed
 DIVERGED = 0.5  # scaled error of a window: half of the motion is missed
 TYPICAL = 4.0  # times the median window's error
+FAR_FROM_FLOOR = 4.0  # times the squared noise floor
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 
 Report = Callable[[str, float], None]  # what is done, and the share of the search that is behind
@@ -93,6 +95,7 @@ def search(
         beam = refit(judge(problem, known, noise, scales), [known])
     seen = {frozenset(beam[0].terms)}
     while len(beam[0].terms) < settings.largest:
+        problem = carrying(problem, beam[0].values)
         here = judge(problem, beam[0], noise, scales)
         beam = refit(here, beam[:1]) + refit(here, beam[1:], ROUGH)  # from the others one only looks on
         named = len(beam[0].terms)
@@ -100,9 +103,17 @@ def search(
         children = simplest_first(additions(here, beam, blocks, settings), blocks)
         # the cheapest set may only polish what nobody would see: the next one may be the cause
         chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
+        plain, asked = problem, settings
+        if chosen is None and ruler.squared(beam[:1])[0] > FAR_FROM_FLOOR * ruler.floor:
+            # more is left than small differences would leave: what closes a good part of it is better than nothing
+            plain, asked = tolerating(problem, None), settings.without_tolerances()
+            here = judge(plain, beam[0], noise, scales)
+            beam = refit(here, beam[:1])
+            children = simplest_first(additions(here, beam, blocks, asked), blocks)
+            chosen = next((c for c in children if convincing(plain, ruler, beam[0], c, base, blocks, asked)), None)
         if chosen is None:
             break
-        best = prune(problem, ruler, chosen, base, noise, blocks, settings)
+        best = prune(plain, ruler, chosen, base, noise, blocks, asked)
         if frozenset(best.terms) in seen:  # what was added is dropped again: it would go on for ever
             break
         seen.add(frozenset(best.terms))
@@ -118,17 +129,17 @@ def search(
 
 
 def judge(problem: Problem, fit: Fit, noise: np.ndarray, scales: Scales) -> Problem:
-    """The problem with each channel weighed by what this fit leaves of it, never less than its noise, and with the
-    windows in which the fit's prediction diverges weighing less (Huber's weights on whole windows)."""
-    plain = reweigh(problem, noise)
-    r = plain.residuals([fit.values])[0].reshape(*problem.data.y.shape)
-    seen = np.isfinite(problem.data.y)
-    trust = window_trust(problem.data, scales, problem.data.y - problem.replays([fit.values])[0])
-    left = np.sqrt(
-        np.einsum("w,wmc->c", trust, r * r) / np.maximum(np.einsum("w,wmc->c", trust, seen.astype(float)), 1.0)
-    )
+    """The problem with small differences marginalised that this fit's residuals make likely, with each channel weighed
+    by what is left then, never less than its noise, and with the windows in which the fit's prediction diverges
+    weighing less (Huber's weights on whole windows)."""
+    data, trust = problem.data, window_trust(problem.data, scales, problem.data.y - problem.replays([fit.values])[0])
+    count = None if (trust == 1.0).all() else trust
+    plain = tolerant(replace(reweigh(problem, noise), count=count, tolerances=problem.tolerances), fit)
+    r = plain.residuals([fit.values])[0].reshape(*data.y.shape)
+    seen = np.isfinite(data.y)
+    left = np.sqrt(np.einsum("wmc,wmc->c", r, r) / np.maximum(np.einsum("w,wmc->c", trust, seen.astype(float)), 1.0))
     fair = reweigh(problem, noise * np.maximum(left, 1.0))
-    return fair if (trust == 1.0).all() else replace(fair, count=trust)
+    return tolerant(replace(fair, count=count, tolerances=problem.tolerances), fit)
 
 
 def window_trust(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray:
@@ -176,14 +187,14 @@ def convincing(
     """Beyond doubt against coloured residuals, and seen above the noise."""
     _, was, now = ruler.squared([base, current, best])
     removed, left = was - now, max(was - ruler.floor, 0.0)
-    if removed < settings.over_floor * ruler.floor:
+    if removed < max(settings.over_floor * ruler.floor, settings.share * left):
         return False  # the cheap question first
     fair = judge(problem, best, 1.0 / problem.weight, ruler.scales)
     after, before = fit_all(fair, [best.values, current.values], 3, fresh=[NONE, NONE])
     ratio = (before.cost - after.cost) / dispersion(after, blocks)
     knobs = len(after.knobs) - len(before.knobs)
     # far above the noise residuals are coloured and the ratio cautious: a quarter of what is left asks for less of it
-    sizeable = left > 4.0 * ruler.floor and removed > settings.sizeable * left
+    sizeable = left > FAR_FROM_FLOOR * ruler.floor and removed > settings.sizeable * left
     least = settings.beyond_doubt_sizeable if sizeable else settings.beyond_doubt
     if left > ruler.floor and removed > settings.most * left:  # the search is not finished while one effect closes that
         least = min(least, settings.beyond_doubt_most)

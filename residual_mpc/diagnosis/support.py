@@ -22,6 +22,7 @@ from residual_mpc.models.settings import TUNE, Term
 KEPT = 0.3  # of its distance from null that a number keeps when any run is left out
 DEPENDS = 0.2  # share of a remainder from which its dependence casts doubt
 CLEAR = 1.0  # times the squared noise floor, from which an effect's contribution is no faint one
+LARGE = 3.0  # times what numbers are off anyway, from which an effect is no such difference
 STEPS = 30_000  # simulation steps that one prediction may cost here
 UNSUPPORTED = 0.5  # factor on the probability of an effect that does not help on unseen windows, or is imitated
 
@@ -46,10 +47,11 @@ class Support:
     """What supports one effect. evidence: "fits" (better beyond doubt: the search asks for that), "predicts" (better on
     the windows that are judged, which no fit has seen), "survives" (still there when any one run is left out);
     strength: how much the squared gap rises without it, in units of the squared noise floor, at the horizon where that
-    is most."""
+    is most; size: its own, in units of the small differences in everything else, infinite where there are none."""
 
     evidence: tuple[str, ...]
     strength: float
+    size: float
 
 
 def support_of(of: Explained, longer: Sequence[Look], looks: Sequence[AtHorizon]) -> dict[Term, Support]:
@@ -65,21 +67,37 @@ def support_of(of: Explained, longer: Sequence[Look], looks: Sequence[AtHorizon]
     for k, term in enumerate(of.final.terms):
         strength = float(max(r[k] for r in rises))
         evidence = ("fits", *(("predicts",) if strength > 0.0 else ()), *(("survives",) if lasts[term] else ()))
-        out[term] = Support(evidence, strength)
+        out[term] = Support(evidence, strength, _size(of, term))
     return out
 
 
 def doubts(supports: Mapping[Term, Support], rest: Rest | None) -> dict[Term, float]:
-    """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint, and
-    where what is left depends on a quantity that it would imitate."""
+    """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint or
+    no larger than small differences elsewhere, and where what is left depends on a quantity that it would imitate."""
     on = set() if rest is None else {d.kind for d in rest.depends if d.share >= DEPENDS}
     imitated = frozenset[str]().union(*(IMITATED.get(kind, frozenset()) for kind in on))
     out = {}
     for term, support in supports.items():
         helps = 1.0 if "predicts" in support.evidence else UNSUPPORTED
         clear = UNSUPPORTED + (1.0 - UNSUPPORTED) * float(np.clip(support.strength / CLEAR, 0.0, 1.0))
-        out[term] = helps * clear * (UNSUPPORTED if term.effect in imitated else 1.0)
+        large = UNSUPPORTED + (1.0 - UNSUPPORTED) * float(np.clip((support.size - 1.0) / (LARGE - 1.0), 0.0, 1.0))
+        out[term] = helps * min(clear, large) * (UNSUPPORTED if term.effect in imitated else 1.0)
     return out
+
+
+def _size(of: Explained, term: Term) -> float:
+    """How far an effect's numbers are from doing nothing, over what numbers are off on this robot anyway."""
+    tolerances = of.problem.tolerances
+    sizes = []
+    for knob in of.space.knobs(term):
+        p = BY_NAME[term.effect].parameter(knob.parameter)
+        if p.shape:
+            continue
+        if tolerances is None or tolerances.level == 0.0 or p.tolerance == 0.0:
+            return np.inf
+        usual = tolerances.level * p.tolerance * of.space.reference(knob)
+        sizes.append(abs(of.final.values[knob] - p.null) / usual)
+    return max(sizes)
 
 
 def _rises(of: Explained, data: Dataset, scales: Scales, floor: float) -> np.ndarray:

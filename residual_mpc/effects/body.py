@@ -33,7 +33,7 @@ COULOMB = Effect(
     stage="body",
     port="friction",
     target="joint",
-    parameters=(Parameter("torque", "N m", 0.0, -math.inf, math.inf, (0.05, 0.2, 0.5), "torque"),),
+    parameters=(Parameter("torque", "N m", 0.0, -math.inf, math.inf, (0.05, 0.2, 0.5), "torque", tolerance=0.05),),
     summary="dry friction in a joint",
     step=coulomb_level,
 )
@@ -43,7 +43,9 @@ VISCOUS = Effect(
     stage="body",
     port="friction",
     target="joint",
-    parameters=(Parameter("coefficient", "N m s/rad", 0.0, -math.inf, math.inf, (0.1, 0.4), "torque/speed"),),
+    parameters=(
+        Parameter("coefficient", "N m s/rad", 0.0, -math.inf, math.inf, (0.1, 0.4), "torque/speed", tolerance=0.05),
+    ),
     summary="friction that grows with speed",
     step=viscous_torque,
 )
@@ -68,7 +70,7 @@ LOAD_FRICTION = Effect(
     stage="body",
     port="friction",
     target="joint",
-    parameters=(Parameter("coefficient", "1", 0.0, 0.0, 0.9, (0.1, 0.3)),),
+    parameters=(Parameter("coefficient", "1", 0.0, 0.0, 0.9, (0.1, 0.3), tolerance=0.03),),
     summary="dry friction that grows with the torque that the gear carries",
     step=load_level,
 )
@@ -78,7 +80,7 @@ PAYLOAD = Effect(
     stage="body",
     port="model",
     target="robot",
-    parameters=(Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.1, 0.4), "mass"),),
+    parameters=(Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.1, 0.4), "mass", tolerance=0.05),),
     summary="a mass at the payload site",
 )
 
@@ -88,7 +90,7 @@ LINK_MASS = Effect(
     port="model",
     target="body",
     parameters=(
-        Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.3, -0.3), "mass"),
+        Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.3, -0.3), "mass", tolerance=0.05),
         Parameter("com", "m", 0.0, -0.5, 0.5, (0.0, 0.0)),
     ),
     summary="a link heavier or lighter than modelled",
@@ -100,7 +102,7 @@ ARMATURE = Effect(
     stage="body",
     port="model",
     target="joint",
-    parameters=(Parameter("inertia", "kg m^2", 0.0, -math.inf, math.inf, (0.3, 1.5), "inertia"),),
+    parameters=(Parameter("inertia", "kg m^2", 0.0, -math.inf, math.inf, (0.3, 1.5, 8.0), "inertia", tolerance=0.1),),
     summary="rotor inertia seen through the gear",
 )
 
@@ -119,7 +121,7 @@ LINK_LENGTH = Effect(
     stage="body",
     port="model",
     target="body",
-    parameters=(Parameter("offset", "m", 0.0, -math.inf, math.inf, (0.1,), "length"),),
+    parameters=(Parameter("offset", "m", 0.0, -math.inf, math.inf, (0.1,), "length", tolerance=0.01),),
     summary="a link longer or shorter than modelled",
     null_target=False,
 )

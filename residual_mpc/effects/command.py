@@ -50,7 +50,7 @@ COMMAND_DELAY = Effect(
     stage="command",
     port="command",
     target="actuator",
-    parameters=(Parameter("delay", "s", 0.0, 0.0, LONGEST_DELAY, (0.01, 0.03, 0.08, 0.16)),),
+    parameters=(Parameter("delay", "s", 0.0, 0.0, LONGEST_DELAY, (0.01, 0.03, 0.08, 0.16), tolerance=0.005),),
     summary="commands reach the actuator late",
     start=delay_start,
     step=delay_step,
@@ -63,7 +63,15 @@ DEAD_ZONE = Effect(
     target="actuator",
     parameters=(
         Parameter(
-            "width", "command unit", 0.0, 0.0, math.inf, (0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.45), "command", True
+            "width",
+            "command unit",
+            0.0,
+            0.0,
+            math.inf,
+            (0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.45),
+            "command",
+            True,
+            tolerance=0.03,
         ),
     ),
     summary="small commands do nothing",

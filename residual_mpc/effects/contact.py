@@ -58,26 +58,34 @@ def _ground(name: str, parameters: tuple[Parameter, ...], summary: str) -> Effec
 
 
 WHEEL_RADIUS = _ground(
-    "wheel_radius", (Parameter("scale", "1", 1.0, 0.05, 3.0, (0.85, 1.15)),), "both wheels larger or smaller"
+    "wheel_radius",
+    (Parameter("scale", "1", 1.0, 0.05, 3.0, (0.85, 1.15), tolerance=0.01),),
+    "both wheels larger or smaller",
 )
 WHEEL_RADIUS_MISMATCH = _ground(
-    "wheel_radius_mismatch", (Parameter("ratio", "1", 1.0, 0.3, 3.0, (0.95, 1.05)),), "one wheel larger than the other"
+    "wheel_radius_mismatch",
+    (Parameter("ratio", "1", 1.0, 0.3, 3.0, (0.95, 1.05), tolerance=0.005),),
+    "one wheel larger than the other",
 )
 TRACK_WIDTH = _ground(
-    "track_width", (Parameter("scale", "1", 1.0, 0.1, 20.0, (0.8, 1.25, 2.0)),), "another effective track width"
+    "track_width",
+    (Parameter("scale", "1", 1.0, 0.1, 20.0, (0.8, 1.25, 2.0), tolerance=0.015),),
+    "another effective track width",
 )
 LATERAL_SLIP = _ground(
-    "lateral_slip", (Parameter("coefficient", "s", 0.0, -2.0, 2.0, (0.05, 0.3)),), "sideways drift in turns"
+    "lateral_slip",
+    (Parameter("coefficient", "s", 0.0, -2.0, 2.0, (0.05, 0.3), tolerance=0.015),),
+    "sideways drift in turns",
 )
 LONGITUDINAL_SLIP = _ground(
     "longitudinal_slip",
-    (Parameter("coefficient", "1", 0.0, 0.0, 20.0, (0.3, 2.0)),),
+    (Parameter("coefficient", "1", 0.0, 0.0, 20.0, (0.3, 2.0), tolerance=0.05),),
     "wheels that slip when they accelerate",
 )
 SLOPE = _ground(
     "slope",
     (
-        Parameter("rate", "m/s", 0.0, 0.0, 1.0, (0.02, 0.02, 0.02, 0.02)),
+        Parameter("rate", "m/s", 0.0, 0.0, 1.0, (0.02, 0.02, 0.02, 0.02), tolerance=0.002),
         Parameter("heading", "rad", 0.0, -math.inf, math.inf, (0.0, 1.5708, 3.1416, -1.5708), shape=True),
     ),
     "steady drift in one world direction",

@@ -35,6 +35,7 @@ class Parameter:
     probes: tuple[float, ...]
     reference: Reference = "one"
     threshold: bool = False  # acts by comparison, so that derivatives say little: the fit also scans it
+    tolerance: float = 0.0  # by which a well-made robot differs from its model, in units of the reference
     shape: bool = False  # says how the effect acts, not how much: more of the effect does not change it
 
     def __post_init__(self) -> None:

@@ -23,7 +23,7 @@ SENSOR_DELAY = Effect(
     stage="sensor",
     port="sensor",
     target="channel",
-    parameters=(Parameter("delay", "s", 0.0, 0.0, 0.3, (0.01, 0.04, 0.1)),),
+    parameters=(Parameter("delay", "s", 0.0, 0.0, 0.3, (0.01, 0.04, 0.1), tolerance=0.005),),
     summary="measurements arrive late",
 )
 
@@ -32,7 +32,7 @@ SENSOR_BIAS = Effect(
     stage="sensor",
     port="sensor",
     target="channel",
-    parameters=(Parameter("bias", "channel unit", 0.0, -math.inf, math.inf, (0.03, -0.03)),),
+    parameters=(Parameter("bias", "channel unit", 0.0, -math.inf, math.inf, (0.03, -0.03), tolerance=0.005),),
     summary="a constant offset of one channel",
     null_target=False,
 )
@@ -43,8 +43,8 @@ SENSOR_MOUNTING = Effect(
     port="sensor",
     target="robot",
     parameters=(
-        Parameter("x", "m", 0.0, -2.0, 2.0, (0.03, 0.0)),
-        Parameter("y", "m", 0.0, -2.0, 2.0, (0.0, 0.03)),
+        Parameter("x", "m", 0.0, -2.0, 2.0, (0.03, 0.0), tolerance=0.004),
+        Parameter("y", "m", 0.0, -2.0, 2.0, (0.0, 0.03), tolerance=0.004),
     ),
     summary="the tracked point is not the point that the model moves",
 )

@@ -1,0 +1,97 @@
+"""Small differences in everything that a hypothesis does not free, marginalised."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.fit import fit_all
+from residual_mpc.diagnosis.problem import Problem, build_problem, part_of, tolerating, whitened
+from residual_mpc.diagnosis.space import build_space
+from residual_mpc.diagnosis.tolerances import LEVELS, Tolerances, likeliest_level
+from residual_mpc.diagnosis.tolerated import carrying, tolerant
+from residual_mpc.models.settings import Knob
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+LAG = Knob("actuator_lag", None, "time_constant")
+RADIUS = Knob("wheel_radius", None, "scale")
+LITTLE = {  # a little of everything
+    "wheel_radius": {"scale": 1.01},
+    "wheel_radius_mismatch": {"ratio": 0.995},
+    "track_width": {"scale": 1.02},
+    "lateral_slip": {"coefficient": 0.02},
+    "dead_zone": {"width": 0.2},
+}
+
+
+def problem_of(faults: dict[str, dict[str, float]], noise: float = 1.0) -> Problem:
+    runs = [rover_run(f"r{k}", faults, seed=k, noise=noise) for k in range(3)]
+    data = build_dataset(runs, [ROVER] * 3, SIGMA)
+    return build_problem(data, build_space(data, ()), data.sigma)
+
+
+def level_of(problem: Problem) -> float:
+    base = fit_all(problem, [{}])[0]
+    found = tolerant(carrying(problem, {}), base).tolerances
+    assert found is not None
+    return found.level
+
+
+def test_a_perfect_robot_has_no_small_differences() -> None:
+    assert level_of(problem_of({})) == 0.0
+
+
+def test_a_robot_that_is_a_little_off_in_everything_has_some() -> None:
+    assert level_of(problem_of(LITTLE)) > 0.1
+
+
+def test_the_cost_is_that_of_the_added_covariance() -> None:
+    problem = carrying(problem_of(LITTLE), {})
+    assert problem.tolerances is not None
+    wide = tolerating(problem, Tolerances(problem.tolerances.columns, 0.5))
+    a, r = 0.5 * whitened(problem, problem.tolerances.columns), problem.residuals([{}])[0].ravel()
+    # (I + A A')^-1 by Woodbury's identity
+    expected = r @ r - r @ a @ np.linalg.solve(np.eye(a.shape[1]) + a.T @ a, a.T @ r)
+    assert np.sum(wide.residuals([{}]) ** 2) == pytest.approx(expected, rel=1e-6)
+
+
+def test_part_of_the_windows_keeps_its_columns() -> None:
+    problem = tolerant(carrying(problem_of(LITTLE), {}), fit_all(problem_of(LITTLE), [{}])[0])
+    keep = np.arange(problem.data.count) % 2 == 0
+    few = part_of(problem, keep)
+    assert few.tolerances is not None and problem.tolerances is not None
+    np.testing.assert_array_equal(few.tolerances.columns, problem.tolerances.columns[keep])
+    assert few.wide is not None and few.wide.shape[0] == keep.sum() * problem.data.y[0].size
+
+
+def test_what_a_hypothesis_frees_has_no_column_in_the_last_fit() -> None:
+    problem = problem_of({"actuator_lag": {"time_constant": 0.1}})
+    every = carrying(problem, {LAG: 0.1}).tolerances
+    fewer = carrying(problem, {LAG: 0.1}, (LAG,)).tolerances
+    assert every is not None and fewer is not None
+    assert fewer.columns.shape[2] == every.columns.shape[2] - 2  # one for each wheel
+
+
+def test_a_cause_is_worth_less_where_everything_is_a_little_off() -> None:
+    """One per cent of the radii is a cause on a robot that is perfect otherwise, and none beside other differences."""
+
+    def worth(faults: dict[str, dict[str, float]]) -> float:
+        problem = problem_of(faults)
+        fit = fit_all(problem, [{RADIUS: 1.01}])[0]
+        fair = tolerant(carrying(problem, fit.values), fit)
+        before, after = fit_all(fair, [{}, fit.values])
+        return before.cost - after.cost
+
+    assert worth({"wheel_radius": {"scale": 1.01}}) > 10.0 * max(worth(LITTLE), 0.0)
+
+
+@pytest.mark.parametrize("level", LEVELS[2:])
+def test_the_level_is_found(level: float) -> None:
+    rng = np.random.default_rng(0)
+    a = rng.standard_normal((2000, 30))
+    r = a @ (level * rng.standard_normal(30)) + rng.standard_normal(2000)
+    found = likeliest_level(a.T @ a, a.T @ r, 1.0)
+    assert abs(LEVELS.index(found) - LEVELS.index(level)) <= 1
