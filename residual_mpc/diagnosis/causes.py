@@ -14,7 +14,7 @@ from residual_mpc.diagnosis.support import Support
 from residual_mpc.diagnosis.verdict import AS_GOOD
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import TUNE, Term
+from residual_mpc.models.settings import TUNE, Knob, Term
 
 T95 = 1.96
 # What the named effects leave unexplained may lie along an effect and pull its number: half of its relative size
@@ -39,10 +39,11 @@ def causes_of(
     supports and doubt: of each effect, see `support`."""
     final, problem = of.final, of.problem
     sigma = sigmas(problem, final)
+    aside = _aside(of)
     causes = []
     for term in final.terms:
         estimates = [
-            _estimate(of, i, float(sigma[i]), unexplained)
+            _estimate(of, i, float(sigma[i]), unexplained, aside.get(k, ()))
             for i, k in enumerate(final.knobs)
             if k.effect != TUNE and k.term == term
         ]
@@ -69,27 +70,38 @@ def sigmas(problem: Problem, final: Fit) -> np.ndarray:
     return np.maximum(np.where(final.held & (curvature > 0.0), alone, sigma), profile_sigma(problem, final, phi))
 
 
-def _estimate(of: Explained, i: int, sigma: float, unexplained: float) -> Estimate:
+def _aside(of: Explained) -> dict[Knob, tuple[float, float]]:
+    """The interval of each number, limits included, from the fit in which small differences are marginalised."""
+    if of.tolerated is None:
+        return {}
+    problem, fit = of.tolerated.problem, of.tolerated.fit
+    half = T95 * sigmas(problem, fit)
+    return {k: (fit.values[k] - h, fit.values[k] + h) for k, h in zip(fit.knobs, half, strict=True)}
+
+
+def _estimate(of: Explained, i: int, sigma: float, unexplained: float, aside: tuple[float, ...]) -> Estimate:
+    """aside: limits of the interval with small differences elsewhere, which the stated one includes."""
     knob, final, space = of.final.knobs[i], of.final, of.problem.space
     value = final.values[knob]
     unit = _unit(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)
     low, high = space.bounds(knob)
     ends = of.ends.get(knob, (value,))
     if knob.parameter == "heading":
-        value, low, high, ends = float((value + np.pi) % (2 * np.pi) - np.pi), -np.inf, np.inf, ()
+        value, low, high, ends, aside = float((value + np.pi) % (2 * np.pi) - np.pi), -np.inf, np.inf, (), ()
     half = float(np.hypot(T95 * sigma, FORM * np.sqrt(unexplained) * _dose(knob.parameter, value, space.null(knob))))
+    apart = max([value + half, *ends]) - min([value - half, *ends]) > APART * half
     interval = (
-        float(max(min([value - half, *ends]), min(low, value))),
-        float(min(max([value + half, *ends]), max(high, value))),
+        float(max(min([value - half, *ends, *aside]), min(low, value))),
+        float(min(max([value + half, *ends, *aside]), max(high, value))),
     )
-    return Estimate(knob.parameter, value, interval, unit, _note(bool(final.held[i]), interval, half))
+    return Estimate(knob.parameter, value, interval, unit, _note(bool(final.held[i]), apart))
 
 
-def _note(held: bool, interval: tuple[float, float], half: float) -> str:
+def _note(held: bool, apart: bool) -> str:
     """What is wrong with a number, in words; empty where nothing is."""
     if held:
         return AT_BOUND
-    if interval[1] - interval[0] > APART * half:
+    if apart:
         return "two fits from different starts end apart and are equally good"
     return ""
 

@@ -19,13 +19,21 @@ from residual_mpc.models.settings import Knob, Term
 
 
 @dataclass(frozen=True, eq=False)
+class Tolerated:
+    """The last fit once more, with small differences marginalised in every number that it does not free."""
+
+    problem: Problem
+    fit: Fit
+
+
+@dataclass(frozen=True, eq=False)
 class Explained:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
     has seen. problem: the windows that the last fit saw, of one horizon or several, on the weights of the search;
     base, final: the model alone and with the effects, fitted to them; ends: where other
     starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes. vetoed: effects
     that the encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None
-    where nothing explains anything."""
+    where nothing explains anything. tolerated: None where there are no small differences in other numbers."""
 
     raw: Dataset
     clean: Dataset
@@ -43,6 +51,7 @@ class Explained:
     vetoed: tuple[Term, ...]
     doubtful: tuple[Term, ...]
     expected: Shrink | None
+    tolerated: Tolerated | None
 
     @property
     def space(self) -> Space:

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of
-from residual_mpc.diagnosis.explained import Explained
+from residual_mpc.diagnosis.explained import Explained, Tolerated
 from residual_mpc.diagnosis.fit import Fit, on_problem
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of
@@ -49,13 +49,10 @@ def refine(ready: Prepared, searched: Searched, options: Options, rng: np.random
     problem = build_problem(windows, ready.space, 1.0 / found.problem.weight, found.problem.motion)
     problem = _trusting(problem, searched.rivalry.fit.values, scales)
     polished, base = polish(problem, [searched.rivalry.fit.values, found.base.values], options.final_steps)
-    problem = _tolerating(problem, polished.fit)
-    if problem.wide is not None:
-        polished = polish(problem, [polished.fit.values], options.final_steps)[0]
-        base = Polished(on_problem(problem, base.fit), base.ends)
     polished, vetoed = _heed_encoders(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit
+    wide = _tolerating(problem, final)
     spoilt = ready.raw.take(~ready.held)
     row = ready.space.settings([final.values])
     with_outliers = _wanted(ready, options) and (
@@ -67,6 +64,7 @@ def refine(ready: Prepared, searched: Searched, options: Options, rng: np.random
     return Explained(
         ready.raw, ready.clean, ready.scales, ready.kept, ready.held, problem, before, final, polished.ends,
         searched.rivalry, searched.untestable, ready.outliers, with_outliers, vetoed, doubtful, expected,
+        None if wide is None else Tolerated(wide, polish(wide, [final.values], options.final_steps)[0].fit),
     )  # fmt: skip
 
 
@@ -76,12 +74,13 @@ def _trusting(problem: Problem, values: Values, scales: Scales) -> Problem:
     return problem if (trust == 1.0).all() else replace(problem, count=trust)
 
 
-def _tolerating(problem: Problem, fit: Fit) -> Problem:
-    """The problem with small differences marginalised in every number that the fit does not free; as it is where their
-    columns would not fit into memory."""
-    if problem.data.y.size * len(small_differences(problem.space, fit.values)) > ROOM:
-        return problem
-    return tolerant(carrying(problem, fit.values, fit.knobs), fit)
+def _tolerating(problem: Problem, fit: Fit) -> Problem | None:
+    """The problem with small differences marginalised in every number that the fit does not free; None where there are
+    none, and where their columns would not fit into memory."""
+    if not fit.terms or problem.data.y.size * len(small_differences(problem.space, fit.values)) > ROOM:
+        return None
+    wide = tolerant(carrying(problem, fit.values, fit.knobs), fit)
+    return None if wide.wide is None else wide
 
 
 def _expected(

@@ -11,10 +11,11 @@ from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import Fit, Race, elsewhere, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, per_window
-from residual_mpc.diagnosis.problem import Problem, reweigh, tolerating
+from residual_mpc.diagnosis.problem import Problem, reweigh
 from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.search_settings import SearchSettings
 from residual_mpc.diagnosis.tolerated import carrying, tolerant
+from residual_mpc.diagnosis.verdict import AS_GOOD, SMALL
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 
@@ -55,6 +56,10 @@ class Ruler:
         trust = window_trust(data, self.scales, errors[-1])
         return np.array([gap_of(data, self.scales, e, trust).total ** 2 for e in errors])
 
+    def much_left(self, fit: Fit) -> bool:
+        """Whether a fit leaves more than the sensors can tell from nothing (verdict `partial`)."""
+        return bool(self.squared([fit])[0] > max(AS_GOOD**2 * self.floor, SMALL**2))
+
 
 def build_ruler(replays: Replays, scales: Scales, base: Fit, rng: np.random.Generator) -> Ruler:
     """The ruler of a search; its floor comes from noise drawn by rng."""
@@ -89,43 +94,65 @@ def search(
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
     base = fit_all(problem, [base_values])[0]
     ruler = build_ruler(problem.replays, scales, base, rng)
-    beam, steps = [base], list[Step]()
+    beam = [base]
     if start is not None and len(start) > len(base_values):
         known = fit_all(problem, [start], 0)[0]
         beam = refit(judge(problem, known, noise, scales), [known])
-    seen = {frozenset(beam[0].terms)}
-    while len(beam[0].terms) < settings.largest:
-        problem = carrying(problem, beam[0].values)
-        here = judge(problem, beam[0], noise, scales)
-        beam = refit(here, beam[:1]) + refit(here, beam[1:], ROUGH)  # from the others one only looks on
-        named = len(beam[0].terms)
-        report(f"{named} effect{'' if named == 1 else 's'} named; looking for the next", named / settings.largest)
-        children = simplest_first(additions(here, beam, blocks, settings), blocks)
-        # the cheapest set may only polish what nobody would see: the next one may be the cause
-        chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
-        plain, asked = problem, settings
-        if chosen is None and ruler.squared(beam[:1])[0] > FAR_FROM_FLOOR * ruler.floor:
-            # more is left than small differences would leave: what closes a good part of it is better than nothing
-            plain, asked = tolerating(problem, None), settings.without_tolerances()
-            here = judge(plain, beam[0], noise, scales)
-            beam = refit(here, beam[:1])
-            children = simplest_first(additions(here, beam, blocks, asked), blocks)
-            chosen = next((c for c in children if convincing(plain, ruler, beam[0], c, base, blocks, asked)), None)
-        if chosen is None:
-            break
-        best = prune(plain, ruler, chosen, base, noise, blocks, asked)
-        if frozenset(best.terms) in seen:  # what was added is dropped again: it would go on for ever
-            break
-        seen.add(frozenset(best.terms))
-        steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
-        beam = [best, *others(ruler, base, best, children, settings)]
+    climb = Climb(problem, ruler, base, noise, blocks, report)
+    beam, steps = climb.go_on(beam, settings)
+    if ruler.much_left(beam[0]):  # what closes a good part of that is better than nothing
+        exact = replace(climb, small_differences=False)
+        beam, more = exact.go_on(beam[:1], settings.without_tolerances())
+        if more:
+            climb, settings, steps = exact, settings.without_tolerances(), steps + more
     last = beam[0]
     if steps and len(last.terms) <= TOGETHER:
         report("fitting without each effect in turn", 1.0)
-        last = prune(problem, ruler, last, base, noise, blocks, settings, thorough=True)
-    here = judge(problem, last, noise, scales)
+        last = prune(climb.at(last), ruler, last, base, noise, blocks, settings, thorough=True)
+    here = judge(carrying(problem, last.values), last, noise, scales)
     current, base = refit(here, [last, base])
     return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps))
+
+
+@dataclass(frozen=True)
+class Climb:
+    """Forward steps from a set of effects to larger ones. small_differences: whether those are marginalised."""
+
+    problem: Problem
+    ruler: Ruler
+    base: Fit
+    noise: np.ndarray
+    blocks: np.ndarray
+    report: Report
+    small_differences: bool = True
+
+    def at(self, fit: Fit) -> Problem:
+        """The problem, carrying the columns of the small differences about this fit where they are marginalised."""
+        return carrying(self.problem, fit.values) if self.small_differences else self.problem
+
+    def go_on(self, beam: list[Fit], settings: SearchSettings) -> tuple[list[Fit], list[Step]]:
+        """Further steps until none is convincing; the beam at the end and the steps taken."""
+        steps, seen = list[Step](), {frozenset(beam[0].terms)}
+        ruler, base, blocks = self.ruler, self.base, self.blocks
+        while len(beam[0].terms) < settings.largest:
+            problem = self.at(beam[0])
+            here = judge(problem, beam[0], self.noise, ruler.scales)
+            beam = refit(here, beam[:1]) + refit(here, beam[1:], ROUGH)  # from the others one only looks on
+            named = len(beam[0].terms)
+            text = f"{named} effect{'' if named == 1 else 's'} named; looking for the next"
+            self.report(text, named / settings.largest)
+            children = simplest_first(additions(here, beam, blocks, settings), blocks)
+            # the cheapest set may only polish what nobody would see: the next one may be the cause
+            chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
+            if chosen is None:
+                break
+            best = prune(problem, ruler, chosen, base, self.noise, blocks, settings)
+            if frozenset(best.terms) in seen:  # what was added is dropped again: it would go on for ever
+                break
+            seen.add(frozenset(best.terms))
+            steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
+            beam = [best, *others(ruler, base, best, children, settings)]
+        return beam, steps
 
 
 def judge(problem: Problem, fit: Fit, noise: np.ndarray, scales: Scales) -> Problem:

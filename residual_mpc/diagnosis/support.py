@@ -51,7 +51,7 @@ class Support:
 
     evidence: tuple[str, ...]
     strength: float
-    size: float
+    size: float = np.inf
 
 
 def support_of(of: Explained, longer: Sequence[Look], looks: Sequence[AtHorizon]) -> dict[Term, Support]:
@@ -87,13 +87,13 @@ def doubts(supports: Mapping[Term, Support], rest: Rest | None) -> dict[Term, fl
 
 def _size(of: Explained, term: Term) -> float:
     """How far an effect's numbers are from doing nothing, over what numbers are off on this robot anyway."""
-    tolerances = of.problem.tolerances
+    tolerances = None if of.tolerated is None else of.tolerated.problem.tolerances
     sizes = []
     for knob in of.space.knobs(term):
         p = BY_NAME[term.effect].parameter(knob.parameter)
         if p.shape:
             continue
-        if tolerances is None or tolerances.level == 0.0 or p.tolerance == 0.0:
+        if tolerances is None or p.tolerance == 0.0:
             return np.inf
         usual = tolerances.level * p.tolerance * of.space.reference(knob)
         sizes.append(abs(of.final.values[knob] - p.null) / usual)

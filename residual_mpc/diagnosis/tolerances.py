@@ -16,6 +16,7 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
 LEVELS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
+BEYOND = 10.0  # log-likelihood by which a level has to beat none: one number that is a little off is a cause or chance
 SHAPES = 2  # values of a number that says how an effect acts, from which its directions are made
 
 
@@ -71,10 +72,13 @@ def _moved(space: Space, term: Term, values: Values, free: tuple[Knob, ...]) -> 
 
 
 def likeliest_level(gram: np.ndarray, score: np.ndarray, phi: float) -> float:
-    """The level of LEVELS with the largest marginal likelihood. gram (K, K): A'A of the whitened columns; score (K,):
-    A'r of the residuals r; phi: their dispersion."""
+    """The level of LEVELS with the largest marginal likelihood, 0 where that is not clearly larger than without.
+
+    gram (K, K): A'A of the whitened columns; score (K,): A'r of the residuals r; phi: their dispersion.
+    """
     g, v = np.linalg.eigh(gram)
     g, along = np.maximum(g, 0.0), (v.T @ score) ** 2
     parts = np.array(LEVELS)[:, None] ** 2 / phi
     likelihood = -0.5 * np.sum(np.log1p(parts * g) - parts * along / (phi * (1.0 + parts * g)), axis=1)
-    return LEVELS[int(np.argmax(likelihood))]
+    best = int(np.argmax(likelihood))
+    return LEVELS[best] if likelihood[best] > likelihood[0] + BEYOND else 0.0
