@@ -10,7 +10,8 @@ from residual_mpc.diagnosis.thinning import evenly
 from residual_mpc.models.settings import Knob, Values
 
 STEPS, TOLERANCE = 24, 1e-6  # steps and relative gain at which a fit ends
-LAST = 2  # of these steps that are on all windows, where there are too many for all
+COARSE, NEAR = 4, 1e-4  # part of the windows on which several starts are compared, and the gain at which that ends
+MORE, LAST = 8, 2  # further steps of the best on more windows, and on all, where there are too many for all
 EQUALLY_GOOD = 4.0  # likelihood ratio within which two ends of a fit are as good as each other
 
 
@@ -23,21 +24,36 @@ class Polished:
 
 
 def polish(problem: Problem, starts: Sequence[Values], steps: int) -> list[Polished]:
-    """Fit each start to the end, and once more from elsewhere: on `steps` simulation steps' worth of windows, evenly
-    spread, and the last steps on all."""
-    few = evenly(problem.data, steps)
-    part = problem if few.all() else part_of(problem, few)
+    """Fit each start to the end, and once more from elsewhere. Where there are many windows, the starts are compared
+    on a COARSE part of `steps` simulation steps' worth of them, evenly spread, and the best is carried on."""
+    coarse = _part(problem, steps // COARSE)
     others = [elsewhere(problem, s) for s in starts]
     begin = [*starts, *(o for o in others if o is not None)]
-    near = fit_all(part, begin, STEPS, TOLERANCE, rough=not few.all(), secants=0 if few.all() else 2)
-    again = iter(near[len(starts) :])
+    if coarse is problem:
+        ends = fit_all(problem, begin, STEPS, TOLERANCE, secants=0)
+    else:
+        ends = fit_all(coarse, begin, STEPS, NEAR, rough=True)
+    again = iter(ends[len(starts) :])
     out = []
-    for first, other in zip(near, others, strict=False):
-        out.append(_chosen(part, [first] if other is None else [first, next(again)]))
-    if few.all():
+    for first, other in zip(ends, others, strict=False):
+        out.append(_chosen(coarse, [first] if other is None else [first, next(again)]))
+    if coarse is problem:
         return out
-    last = fit_all(problem, [p.fit.values for p in out], LAST, TOLERANCE, secants=0)
-    return [Polished(fit, p.ends) for fit, p in zip(last, out, strict=True)]
+    best = carry_on(problem, [p.fit.values for p in out], steps)
+    return [Polished(fit, p.ends) for fit, p in zip(best, out, strict=True)]
+
+
+def carry_on(problem: Problem, starts: Sequence[Values], steps: int) -> list[Fit]:
+    """The last steps of fits from near their ends: on `steps` simulation steps' worth of the windows, then on all."""
+    part = _part(problem, steps)
+    best = fit_all(part, starts, MORE, TOLERANCE, secants=0 if part is problem else 2, rough=part is not problem)
+    return best if part is problem else fit_all(problem, [f.values for f in best], LAST, TOLERANCE, secants=0)
+
+
+def _part(problem: Problem, steps: int) -> Problem:
+    """So many simulation steps' worth of the windows; the problem itself where that is all of them."""
+    few = evenly(problem.data, steps)
+    return problem if few.all() else part_of(problem, few)
 
 
 def _chosen(problem: Problem, fits: list[Fit]) -> Polished:

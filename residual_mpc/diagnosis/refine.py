@@ -8,12 +8,12 @@ import numpy as np
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of
 from residual_mpc.diagnosis.explained import Explained, Tolerated
-from residual_mpc.diagnosis.fit import Fit, on_problem
+from residual_mpc.diagnosis.fit import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of
 from residual_mpc.diagnosis.how_far import Shrink, expected_errors, foretold
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.polish import Polished, polish
+from residual_mpc.diagnosis.polish import Polished, carry_on, polish
 from residual_mpc.diagnosis.prepare import Prepared
 from residual_mpc.diagnosis.problem import Problem, build_problem
 from residual_mpc.diagnosis.replay import predict
@@ -27,6 +27,7 @@ from residual_mpc.diagnosis.tolerated import carrying, tolerant
 from residual_mpc.diagnosis.witness import contradicted, witnesses
 from residual_mpc.models.settings import Settings, Term, Values
 
+AGAIN = 4  # steps of the last fit with small differences, from where the plain one ended
 ROOM = 40_000_000  # numbers in the columns of all small differences
 OUTLIERS_WORTH = 0.6  # times the squared noise floor that a few jumping samples have to make of the gap to be a cause
 
@@ -64,7 +65,7 @@ def refine(ready: Prepared, searched: Searched, options: Options, rng: np.random
     return Explained(
         ready.raw, ready.clean, ready.scales, ready.kept, ready.held, problem, before, final, polished.ends,
         searched.rivalry, searched.untestable, ready.outliers, with_outliers, vetoed, doubtful, expected,
-        None if wide is None else Tolerated(wide, polish(wide, [final.values], options.final_steps)[0].fit),
+        None if wide is None else Tolerated(wide, fit_all(wide, [final.values], AGAIN)[0]),
     )  # fmt: skip
 
 
@@ -112,7 +113,7 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
     left = final.values
     for t in vetoed:
         left = without(left, t)
-    return polish(problem, [left], options.final_steps)[0], vetoed
+    return _again(problem, polished, left, options), vetoed
 
 
 def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
@@ -120,8 +121,14 @@ def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> t
     blocks, gone = blocks_of(problem.data), list[Term]()
     while (term := least_sure(polished.fit, blocks)) is not None:
         gone.append(term)
-        polished = polish(problem, [without(polished.fit.values, term)], options.final_steps)[0]
+        polished = _again(problem, polished, without(polished.fit.values, term), options)
     return polished, tuple(gone)
+
+
+def _again(problem: Problem, polished: Polished, fewer: Values, options: Options) -> Polished:
+    """The fit of some of its numbers, from where it was; other starts are not tried again."""
+    fit = carry_on(problem, [fewer], options.final_steps)[0]
+    return Polished(fit, {k: (fit.values[k],) for k in fit.knobs})
 
 
 def _wanted(ready: Prepared, options: Options) -> bool:

@@ -18,6 +18,7 @@ RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the s
 LOOKED_AT = 8
 BETTER = -6.0  # likelihood ratio below which a rival takes the place
 SWAPS = 2
+AGAIN = 3  # steps of the fits that tell whose gap is larger
 VISIBLE, OF_IT = 0.25, 0.1  # times the squared noise floor, and of the squared gap: by so much a rival's may be larger
 FAR = 70.0  # likelihood ratio beyond which a rival is not fitted to the end: it would hold no probability
 BEST = 2  # targets alone that are fitted in place of all
@@ -96,12 +97,12 @@ def _seen_larger(found: Found, fit: Fit, rivals: list[Rival]) -> list[bool]:
     pose in the likelihood, and what they show is no reason to give up what the pose shows.
 
     The close ones are fitted again for that without tolerances, which let a fit rest where its gap is not smallest."""
-    close = [i for i, r in enumerate(rivals) if r.ratio < ALIKE]
+    close = [i for i, r in enumerate(rivals) if r.alike or r.ratio < BETTER]
     if not close:
         return [False] * len(rivals)
     fits = [fit, *(rivals[i].fit for i in close)]
     if found.problem.wide is not None:
-        fits = fit_all(tolerating(found.problem, None), [f.values for f in fits], 4, rough=True)
+        fits = fit_all(tolerating(found.problem, None), [f.values for f in fits], AGAIN, rough=True)
     own, *gaps = found.ruler.squared(fits[::-1])[::-1]
     larger = [g > own + max(VISIBLE * found.ruler.floor, OF_IT * own) for g in gaps]
     return [i in close and larger[close.index(i)] for i in range(len(rivals))]
