@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.additions import HOPELESS, NONE, ROUGH, additions
+from residual_mpc.diagnosis.additions import HOPELESS, NONE, ROUGH, additions, distinct
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import Fit, Race, elsewhere, fit_all
@@ -74,6 +74,8 @@ NEEDLESS = 60.0  # likelihood ratio beyond which such a fit is not carried on: t
 DIVERGED = 0.5  # scaled error of a window: half of the motion is missed
 TYPICAL = 4.0  # times the median window's error
 FAR_FROM_FLOOR = 4.0  # times the squared noise floor
+TRIMMED = 3  # children that are tried without each of their terms
+NEEDED = 4.0  # likelihood ratio that such a term has to be worth
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 
 Report = Callable[[str, float], None]  # what is done, and the share of the search that is behind
@@ -141,7 +143,7 @@ class Climb:
             named = len(beam[0].terms)
             text = f"{named} effect{'' if named == 1 else 's'} named; looking for the next"
             self.report(text, named / settings.largest)
-            children = simplest_first(additions(here, beam, blocks, settings), blocks)
+            children = simplest_first(trimmed(here, additions(here, beam, blocks, settings), blocks, seen), blocks)
             # the cheapest set may only polish what nobody would see: the next one may be the cause
             chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
             if chosen is None:
@@ -181,6 +183,24 @@ def window_trust(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray
 def refit(problem: Problem, fits: list[Fit], most: int = 6) -> list[Fit]:
     """The same sets fitted on this problem, from where they were."""
     return fit_all(problem, [f.values for f in fits], most)
+
+
+def trimmed(problem: Problem, children: list[Fit], blocks: np.ndarray, seen: set[frozenset[Term]]) -> list[Fit]:
+    """Cheapest first; of the first few that the data do not tell apart, sets that grew from different ones of the beam,
+    without a term that the others have made needless. seen: sets that the search has been at."""
+    if len(children) < 2:
+        return children
+    phi = dispersion(children[0], blocks)
+    near = [c for c in children[:TRIMMED] if len(c.terms) > 1 and c.cost <= children[0].cost + ALIKE * phi]
+    if len(near) < 2:
+        return children
+    pairs = [(c, t) for c in near for t in c.terms if frozenset(c.terms) - {t} not in seen]
+    fewer = fit_all(problem, [without(c.values, t) for c, t in pairs], ROUGH, rough=True, near=[c for c, _ in pairs])
+    best: dict[int, Fit] = {}
+    for (child, _), fit in zip(pairs, fewer, strict=True):
+        if fit.cost <= child.cost + NEEDED * phi and (id(child) not in best or fit.cost < best[id(child)].cost):
+            best[id(child)] = fit
+    return distinct([best.get(id(c), c) for c in children])
 
 
 def simplest_first(children: list[Fit], blocks: np.ndarray) -> list[Fit]:
