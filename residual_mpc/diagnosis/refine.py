@@ -47,7 +47,7 @@ class Searched:
 def refine(ready: Prepared, searched: Searched, options: Options, rng: np.random.Generator) -> Explained:
     """The explanation with its numbers, less the effects that a closer look refutes, and the shrink expected of it."""
     found, windows, scales = searched.found, searched.windows, searched.scales
-    problem = build_problem(windows, ready.space, 1.0 / found.problem.weight, found.problem.motion)
+    problem = build_problem(windows, ready.space, found.sigma, found.problem.motion)
     problem = _trusting(problem, searched.rivalry.fit.values, scales)
     polished, base = polish(problem, [searched.rivalry.fit.values, found.base.values], options.final_steps)
     polished, vetoed = _heed_encoders(problem, polished, options)

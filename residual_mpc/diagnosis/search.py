@@ -30,7 +30,8 @@ class Step:
 
 @dataclass(frozen=True)
 class Found:
-    """The chosen set on its final weights, its sub- and rival sets on the same weights, and the way there."""
+    """The chosen set on its final weights, its sub- and rival sets on the same weights, and the way there; sigma (C,):
+    standard deviations for fits that know of no small differences."""
 
     problem: Problem
     fit: Fit
@@ -38,6 +39,7 @@ class Found:
     phi: float
     ruler: "Ruler"
     steps: tuple[Step, ...]
+    sigma: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,8 @@ def search(
         last = prune(climb.at(last), ruler, last, base, noise, blocks, settings, thorough=True)
     here = judge(carrying(problem, last.values), last, noise, scales)
     current, base = refit(here, [last, base])
-    return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps))
+    sigma = 1.0 / judge(problem, current, noise, scales).weight
+    return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps), sigma)
 
 
 @dataclass(frozen=True)
