@@ -38,7 +38,7 @@ def rivals_of(faults: dict[str, dict[str, float]], chosen: Values, only: tuple[s
     problem = judge(problem, fit_all(problem, [chosen])[0], noise, scales)
     base, fit = fit_all(problem, [{}, chosen])
     ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0))
-    return find_rivals(Found(problem, fit, base, dispersion(fit, blocks_of(data)), ruler, ()))
+    return find_rivals(Found(problem, fit, base, dispersion(fit, blocks_of(data)), ruler, (), data.sigma))
 
 
 def test_an_effect_said_of_both_wheels_goes_to_the_one_that_has_it() -> None:
