@@ -11,6 +11,7 @@ from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import Fit, Race, elsewhere, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, per_window
+from residual_mpc.diagnosis.pairs import pairs
 from residual_mpc.diagnosis.problem import Problem, reweigh
 from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.search_settings import SearchSettings
@@ -76,6 +77,7 @@ NEEDLESS = 60.0  # likelihood ratio beyond which such a fit is not carried on: t
 DIVERGED = 0.5  # scaled error of a window: half of the motion is missed
 TYPICAL = 4.0  # times the median window's error
 FAR_FROM_FLOOR = 4.0  # times the squared noise floor
+MUCH = 0.25  # of the squared gap
 TRIMMED = 3  # children that are tried without each of their terms
 NEEDED = 4.0  # likelihood ratio that such a term has to be worth
 ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
@@ -135,6 +137,11 @@ class Climb:
         """The problem, carrying the columns of the small differences about this fit where they are marginalised."""
         return carrying(self.problem, fit.values) if self.small_differences else self.problem
 
+    def _stuck(self, alone: Fit, best: Fit) -> bool:
+        """Whether the best single effect leaves much of the gap."""
+        before, after = self.ruler.squared([alone, best])
+        return bool(after > MUCH * before and self.ruler.much_left(best))
+
     def go_on(self, beam: list[Fit], settings: SearchSettings) -> tuple[list[Fit], list[Step]]:
         """Further steps until none is convincing; the beam at the end and the steps taken."""
         steps, seen = list[Step](), {frozenset(beam[0].terms)}
@@ -146,7 +153,10 @@ class Climb:
             named = len(beam[0].terms)
             text = f"{named} effect{'' if named == 1 else 's'} named; looking for the next"
             self.report(text, named / settings.largest)
-            children = simplest_first(trimmed(here, additions(here, beam, blocks, settings), blocks, seen), blocks)
+            children = additions(here, beam, blocks, settings)
+            if named == 0 and children and self._stuck(beam[0], children[0]):
+                children = sorted([*pairs(here, beam[0], blocks), *children], key=lambda f: f.cost)
+            children = simplest_first(trimmed(here, children, blocks, seen), blocks)
             # the cheapest set may only polish what nobody would see: the next one may be the cause
             chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
             if chosen is None:

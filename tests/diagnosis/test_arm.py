@@ -11,8 +11,13 @@ from scipy.integrate import solve_ivp
 
 from residual_mpc.diagnosis.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.evidence import blocks_of
+from residual_mpc.diagnosis.fit import fit_all
 from residual_mpc.diagnosis.floor import start_bias
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.pairs import pairs
+from residual_mpc.diagnosis.problem import build_problem
+from residual_mpc.diagnosis.space import build_space
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 
@@ -69,6 +74,18 @@ def test_a_friction_is_found(
     (estimate,) = cause.parameters
     assert made.diagnosis.verdict == "effects" and (cause.term.effect, estimate.name) == (effect, parameter)
     assert estimate.value == pytest.approx(truth, rel=0.05)
+
+
+def test_a_weak_servo_that_friction_holds_is_found_as_a_pair(tmp_path: Path) -> None:
+    stiff = XML.replace(f'kp="{KP}"', f'kp="{KP / 0.25}"').replace(f'kv="{KV}"', f'kv="{KV / 0.25}"')
+    data = build_dataset([swing(1, 0.4)], [robot_of(tmp_path, stiff)], SIGMA)
+    problem = build_problem(data, build_space(data, ()), data.sigma, np.ones(len(data.channels)))
+    alone = fit_all(problem, [{}])[0]
+    best, *others = pairs(problem, alone, blocks_of(data))
+    assert {t.effect for t in best.terms} == {"actuator_gain", "coulomb_friction"}
+    gain = next(v for k, v in best.values.items() if k.effect == "actuator_gain")
+    assert gain == pytest.approx(0.25, rel=0.1)
+    assert all(f.cost >= best.cost for f in others)
 
 
 # with jumps between two samples the local quadratic is biased, and the floor has to know it
