@@ -21,8 +21,9 @@ def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, dr
     clean = predict(data, settings)[0]
     bias = start_bias(data, settings)
     out = np.empty((draws, *data.y.shape))
+    fresh = {key: fresh_samples(s.y) for key, s in data.signals.items()}
     for d in range(draws):
-        noise = {key: draw_noise(data, key[1], s, rng) for key, s in data.signals.items()}
+        noise = {key: draw_noise(data, key[1], s, fresh[key], rng) for key, s in data.signals.items()}
         error = start_errors(data, noise)
         moved = predict(data, settings, {c: e + bias.get(c, 0.0) for c, e in error.items()})[0]
         seen = np.full(data.y.shape, np.nan)
@@ -75,9 +76,9 @@ def at_times(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
     return np.asarray(low + (place - k) * (high - low))
 
 
-def draw_noise(data: Dataset, channel: str, signal: Signal, rng: np.random.Generator) -> np.ndarray:
-    """(n,) channel unit: white and coloured noise of the channel, its quantisation, and the error of repeated
-    samples."""
+def draw_noise(data: Dataset, channel: str, signal: Signal, fresh: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(n,) channel unit: white and coloured noise of the channel, its quantisation, and the error of samples that are
+    not fresh (n,) bool but repeated."""
     k = data.channels.index(channel)
     noise_of, step = data.noise[k], data.steps[k]
     n = len(signal.y)
@@ -89,7 +90,6 @@ def draw_noise(data: Dataset, channel: str, signal: Signal, rng: np.random.Gener
         noise = np.round((true + analog) / step) * step - true
     else:
         noise = analog
-    fresh = fresh_samples(signal.y)
     if fresh.all() or fresh.sum() < 2:
         return noise
     last = np.maximum.accumulate(np.where(fresh, np.arange(n), 0))

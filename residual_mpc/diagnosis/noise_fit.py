@@ -99,14 +99,14 @@ def fit_noise(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[
     rng = np.random.default_rng(0)
     c = len(data.channels)
     parts = np.zeros((c, len(lags), c, 1 + len(times)))
-    for k in range(c):
-        if not seen[..., k].any():
-            continue
-        for p, time in enumerate([0.0, *times]):
-            for _ in range(DRAWS):
-                unit = np.zeros_like(scaled)
-                unit[..., k] = np.where(seen[..., k], _unit(t, period, time, rng), 0.0)
-                parts[:, :, k, p] += _increments(_projected(unit, basis), seen, lags)[0] / DRAWS
+    for p, time in enumerate([0.0, *times]):
+        for _ in range(DRAWS):
+            drawn = _unit(t, period, time, rng)  # each channel in turn is replaced by it
+            for k in range(c):
+                if seen[..., k].any():
+                    unit = np.zeros_like(scaled)
+                    unit[..., k] = np.where(seen[..., k], drawn, 0.0)
+                    parts[:, :, k, p] += _increments(_projected(unit, basis), seen, lags)[0] / DRAWS
     bounds = _bounds(data, problem.weight, [0.0, *times], period)
     rounded = data.sigma <= ROUNDED * data.steps / np.sqrt(12.0)
     parts[:, :, rounded, 1:] = 0.0  # steps of the sensor that last several samples look coloured
