@@ -74,7 +74,7 @@ def find_rivals(found: Found) -> Rivalry:
     while places:
         here = _replacements(found.problem, fit, places.pop(), found.phi)
         seen = _seen_larger(found, fit, here)
-        here = [worse(r) if larger else r for r, larger in zip(here, seen, strict=True)]
+        here = [_told_apart(r) if larger else r for r, larger in zip(here, seen, strict=True)]
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
         if better is not None and better.ratio < BETTER and swaps < SWAPS:
@@ -87,7 +87,7 @@ def find_rivals(found: Found) -> Rivalry:
     return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
 
 
-def worse(rival: Rival) -> Rival:
+def _told_apart(rival: Rival) -> Rival:
     """The rival as one that the data tell from the chosen set."""
     return replace(rival, ratio=max(rival.ratio, ALIKE), alike=False)
 

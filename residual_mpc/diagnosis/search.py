@@ -104,17 +104,17 @@ def search(
     if start is not None and len(start) > len(base_values):
         known = fit_all(problem, [start], 0)[0]
         beam = refit(judge(problem, known, noise, scales), [known])
-    climb = Climb(problem, ruler, base, noise, blocks, report)
-    beam, steps = climb.go_on(beam, settings)
+    forward = Forward(problem, ruler, base, noise, blocks, report)
+    beam, steps = forward.go_on(beam, settings)
     if ruler.much_left(beam[0]):  # what closes a good part of that is better than nothing
-        exact = replace(climb, small_differences=False)
-        beam, more = exact.go_on(beam[:1], settings.without_tolerances())
+        unmarginalised = replace(forward, small_differences=False)
+        beam, more = unmarginalised.go_on(beam[:1], settings.without_tolerances())
         if more:
-            climb, settings, steps = exact, settings.without_tolerances(), steps + more
+            forward, settings, steps = unmarginalised, settings.without_tolerances(), steps + more
     last = beam[0]
     if steps and len(last.terms) <= TOGETHER:
         report("fitting without each effect in turn", 1.0)
-        last = prune(climb.at(last), ruler, last, base, noise, blocks, settings, thorough=True)
+        last = prune(forward.at(last), ruler, last, base, noise, blocks, settings, thorough=True)
     here = judge(carrying(problem, last.values), last, noise, scales)
     current, base = refit(here, [last, base])
     sigma = 1.0 / judge(problem, current, noise, scales).weight
@@ -122,7 +122,7 @@ def search(
 
 
 @dataclass(frozen=True)
-class Climb:
+class Forward:
     """Forward steps from a set of effects to larger ones. small_differences: whether those are marginalised."""
 
     problem: Problem
@@ -137,7 +137,7 @@ class Climb:
         """The problem, carrying the columns of the small differences about this fit where they are marginalised."""
         return carrying(self.problem, fit.values) if self.small_differences else self.problem
 
-    def _stuck(self, alone: Fit, best: Fit) -> bool:
+    def _leaves_much(self, alone: Fit, best: Fit) -> bool:
         """Whether the best single effect leaves much of the gap."""
         before, after = self.ruler.squared([alone, best])
         return bool(after > MUCH * before and self.ruler.much_left(best))
@@ -154,7 +154,7 @@ class Climb:
             text = f"{named} effect{'' if named == 1 else 's'} named; looking for the next"
             self.report(text, named / settings.largest)
             children = additions(here, beam, blocks, settings)
-            if named == 0 and children and self._stuck(beam[0], children[0]):
+            if named == 0 and children and self._leaves_much(beam[0], children[0]):
                 children = sorted([*pairs(here, beam[0], blocks), *children], key=lambda f: f.cost)
             children = simplest_first(trimmed(here, children, blocks, seen), blocks)
             # the cheapest set may only polish what nobody would see: the next one may be the cause
