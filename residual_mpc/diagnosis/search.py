@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.fit import Fit, Race, elsewhere, fit_all
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, per_window
 from residual_mpc.diagnosis.pairs import pairs
-from residual_mpc.diagnosis.problem import Problem, reweigh
+from residual_mpc.diagnosis.problem import Problem, reweigh, tolerating
 from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.search_settings import SearchSettings
 from residual_mpc.diagnosis.tolerated import carrying, tolerant
@@ -250,6 +250,14 @@ def convincing(
     if removed < max(settings.over_floor * ruler.floor, settings.share * left):
         return False  # the cheap question first
     fair = judge(problem, best, 1.0 / problem.weight, ruler.scales)
+    if fair.wide is not None:  # small differences let a fit rest where its gap is not smallest
+        plain = fit_all(tolerating(fair, None), [current.values, best.values], 3, rough=True, fresh=[NONE, NONE])
+        _, was, now = ruler.squared([base, *plain])
+        removed, left = was - now, max(was - ruler.floor, 0.0)
+        if removed < max(settings.over_floor * ruler.floor, settings.share * left):
+            return False
+    else:  # nothing is marginalised: the likelihood is as sure of itself as ever
+        settings = settings.without_tolerances()
     after, before = fit_all(fair, [best.values, current.values], 3, fresh=[NONE, NONE])
     ratio = (before.cost - after.cost) / dispersion(after, blocks)
     knobs = len(after.knobs) - len(before.knobs)
