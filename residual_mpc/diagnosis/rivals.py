@@ -104,8 +104,9 @@ def _seen_larger(found: Found, fit: Fit, rivals: list[Rival]) -> list[bool]:
     if found.problem.wide is not None:
         fits = fit_all(tolerating(found.problem, None), [f.values for f in fits], AGAIN, rough=True)
     own, *gaps = found.ruler.squared(fits[::-1])[::-1]
-    larger = [g > own + max(VISIBLE * found.ruler.floor, OF_IT * own) for g in gaps]
-    return [i in close and larger[close.index(i)] for i in range(len(rivals))]
+    most = own + max(VISIBLE * found.ruler.floor, OF_IT * own)
+    larger = {i for i, g in zip(close, gaps, strict=True) if g > most}
+    return [i in larger for i in range(len(rivals))]
 
 
 def _places(fit: Fit) -> list[tuple[Term, ...]]:

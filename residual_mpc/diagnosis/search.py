@@ -157,7 +157,7 @@ class Forward:
             if named == 0 and children and self._leaves_much(beam[0], children[0]):
                 children = sorted([*pairs(here, beam[0], blocks), *children], key=lambda f: f.cost)
             children = simplest_first(trimmed(here, children, blocks, seen), blocks)
-            # the cheapest set may only polish what nobody would see: the next one may be the cause
+            # the set with the lowest cost may improve the gap by too little to see; a later one may be the cause
             chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
             if chosen is None:
                 break

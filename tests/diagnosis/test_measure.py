@@ -1,4 +1,4 @@
-"""`gap`: the same figures over several horizons, and on what a diagnosis kept back."""
+"""The gap over several horizons, and on the data that a diagnosis held out."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_the_headline_is_the_first_of_the_horizons() -> None:
 
 
 def test_what_was_kept_back_is_measured_over_every_horizon(tmp_path: Path) -> None:
-    """Also where only the runs that were kept back are given."""
+    """The same holds if only the held-out runs are given."""
     kept = tmp_path / "diagnosis.json"
     kept.write_text(json.dumps({"held_out": ["r2"]}))
     runs = runs_of(1.06)
