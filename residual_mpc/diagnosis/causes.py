@@ -7,8 +7,10 @@ import numpy as np
 from residual_mpc.diagnosis.evidence import blocks_of, covariance, dispersion, profile_sigma
 from residual_mpc.diagnosis.explained import Explained
 from residual_mpc.diagnosis.fit import Fit
+from residual_mpc.diagnosis.polish import carry_on
 from residual_mpc.diagnosis.problem import Problem
 from residual_mpc.diagnosis.records import Cause, Estimate
+from residual_mpc.diagnosis.search import without
 from residual_mpc.diagnosis.spikes import Outliers
 from residual_mpc.diagnosis.support import Support
 from residual_mpc.diagnosis.verdict import AS_GOOD
@@ -24,6 +26,7 @@ MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
 MOST_PARTIAL = 0.87  # factor where something is left that these sensors can tell
 SHADOW = 0.15  # of the probability that is lost for each factor e by which more is left than the sensors can tell
 LEAST_SURE = 0.5  # factor that stays however much is left
+DOUBTFUL = 0.75  # factor on an effect's probability below which the other numbers' intervals do without it too
 AT_BOUND, RESTING = "rests on the bound of what is tried", 0.5  # and the factor on the probability of such an effect
 APART = 2.5  # half-widths beyond which an interval is that wide since two fits end apart
 
@@ -34,16 +37,17 @@ def causes_of(
     sure: float,
     supports: Mapping[Term, Support],
     doubt: Mapping[Term, float],
+    lacking: Mapping[Knob, tuple[float, ...]],
 ) -> tuple[Cause, ...]:
     """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets;
-    supports and doubt: of each effect, see `support`."""
+    supports and doubt: of each effect, see `support`; lacking: see `without_doubtful`."""
     final, problem = of.final, of.problem
     sigma = sigmas(problem, final)
     aside = _aside(of)
     causes = []
     for term in final.terms:
         estimates = [
-            _estimate(of, i, float(sigma[i]), unexplained, aside.get(k, ()))
+            _estimate(of, i, float(sigma[i]), unexplained, (*aside.get(k, ()), *lacking.get(k, ())))
             for i, k in enumerate(final.knobs)
             if k.effect != TUNE and k.term == term
         ]
@@ -70,6 +74,16 @@ def sigmas(problem: Problem, final: Fit) -> np.ndarray:
     return np.maximum(np.where(final.held & (curvature > 0.0), alone, sigma), profile_sigma(problem, final, phi))
 
 
+def without_doubtful(of: Explained, doubt: Mapping[Term, float], steps: int) -> dict[Knob, tuple[float, ...]]:
+    """Each number's values in the fits without one of the effects that may well not be there; steps: simulation steps
+    that each of these fits takes first."""
+    doubtful = [t for t in of.final.terms if doubt[t] < DOUBTFUL]
+    if len(of.final.terms) < 2 or not doubtful:
+        return {}
+    fits = carry_on(of.problem, [without(of.final.values, t) for t in doubtful], steps)
+    return {k: tuple(f.values[k] for f in fits if k in f.values) for k in of.final.knobs}
+
+
 def _aside(of: Explained) -> dict[Knob, tuple[float, float]]:
     """The interval of each number, limits included, from the fit in which small differences are marginalised."""
     if of.tolerated is None:
@@ -80,7 +94,8 @@ def _aside(of: Explained) -> dict[Knob, tuple[float, float]]:
 
 
 def _estimate(of: Explained, i: int, sigma: float, unexplained: float, aside: tuple[float, ...]) -> Estimate:
-    """aside: limits of the interval with small differences elsewhere, which the stated one includes."""
+    """aside: limits of the interval with small differences elsewhere, and values without a doubtful effect, which the
+    stated interval includes."""
     knob, final, space = of.final.knobs[i], of.final, of.problem.space
     value = final.values[knob]
     unit = _unit(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)

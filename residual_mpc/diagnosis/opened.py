@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.causes import causes_of, most_sure
+from residual_mpc.diagnosis.causes import causes_of, most_sure, without_doubtful
 from residual_mpc.diagnosis.conditions import moved, notes, setup
 from residual_mpc.diagnosis.contenders import alternatives, candidates, rival_sets
 from residual_mpc.diagnosis.dataset import Dataset
@@ -28,7 +28,7 @@ from residual_mpc.diagnosis.stages import Chain, Shares, staged
 from residual_mpc.diagnosis.support import Support, doubts, support_of
 from residual_mpc.diagnosis.verdict import MARGIN, clearest, left_share
 from residual_mpc.diagnosis.where import locate
-from residual_mpc.models.settings import Term
+from residual_mpc.models.settings import Knob, Term
 
 Progress = Callable[[str, float], None]
 
@@ -75,18 +75,25 @@ def open_held_out(
     test = of.test
     achieved = shrink_of(of.raw.take(test), of.scales, errors[0][test], errors[1][test], rng) if helps else None
     supports = support_of(of, longer, found.looks) if helps else {}
-    answered(_diagnosis(found, achieved, supports, Extras()))
+    lacking = without_doubtful(of, doubts(supports, None), options.final_steps) if helps else {}
+    answered(_diagnosis(found, achieved, supports, lacking, Extras()))
     progress("describing the remaining error", 0.9)
     learned, rest = _left(found, found.verdict[0], options, rng, learners)
     progress("sharing the gap among the stages", 0.94)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
     final = of.final if helps else None
     steps, stages = staged(of.after_data, of.scales, of.space, final, gaps, options.final_steps // 2)
-    diagnosis = _diagnosis(found, achieved, supports, Extras(steps, stages, learned, rest))
+    diagnosis = _diagnosis(found, achieved, supports, lacking, Extras(steps, stages, learned, rest))
     return Made(diagnosis, of.raw, of.scales, *errors, test)
 
 
-def _diagnosis(found: Measured, achieved: Shrink | None, supports: Mapping[Term, Support], extras: Extras) -> Diagnosis:
+def _diagnosis(
+    found: Measured,
+    achieved: Shrink | None,
+    supports: Mapping[Term, Support],
+    lacking: Mapping[Knob, tuple[float, ...]],
+    extras: Extras,
+) -> Diagnosis:
     """The records of what was found."""
     of, helps, final = found.of, found.helps, found.of.final
     verdict, share = found.verdict
@@ -104,7 +111,7 @@ def _diagnosis(found: Measured, achieved: Shrink | None, supports: Mapping[Term,
         achieved=achieved,
         stages=extras.stages,
         where=locate(of.raw, of.scales, found.errors["before"]),
-        causes=causes_of(of, share, sure, supports, doubt) if helps else (),
+        causes=causes_of(of, share, sure, supports, doubt, lacking) if helps else (),
         candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, doubt) if helps else (),
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),

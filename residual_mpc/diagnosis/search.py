@@ -227,8 +227,7 @@ def simplest_first(children: list[Fit], blocks: np.ndarray) -> list[Fit]:
 
 def others(ruler: Ruler, base: Fit, best: Fit, children: list[Fit], settings: SearchSettings) -> list[Fit]:
     """Runners-up that the next step may start from as well: none where the best leaves little to explain, since a
-    greedy step
-    goes wrong only while several causes still mix."""
+    greedy step goes wrong only while several causes still mix."""
     first, now = ruler.squared([base, best])
     if now - ruler.floor < settings.settled * (first - ruler.floor):
         return []

@@ -17,12 +17,13 @@ from residual_mpc.diagnosis.search import window_trust, without
 from residual_mpc.diagnosis.thinning import evenly
 from residual_mpc.diagnosis.verdict import AtHorizon
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import TUNE, Term
+from residual_mpc.models.settings import TUNE, Term, Values
 
 KEPT = 0.3  # of its distance from null that a number keeps when any run is left out
 DEPENDS = 0.2  # share of a remainder from which its dependence casts doubt
 CLEAR = 1.0  # times the squared noise floor, from which an effect's contribution is no faint one
 LARGE = 3.0  # times what numbers are off anyway, from which an effect is no such difference
+LAG_LAW = 0.1  # of a lag's time constant: the dead time that a motor of higher order adds to a first-order law
 STEPS = 30_000  # simulation steps that one prediction may cost here
 UNSUPPORTED = 0.5  # factor on the probability of an effect that does not help on unseen windows, or is imitated
 
@@ -88,16 +89,25 @@ def doubts(supports: Mapping[Term, Support], rest: Rest | None) -> dict[Term, fl
 def _size(of: Explained, term: Term) -> float:
     """How far an effect's numbers are from doing nothing, over what numbers are off on this robot anyway."""
     tolerances = None if of.tolerated is None else of.tolerated.problem.tolerances
+    level = 0.0 if tolerances is None else tolerances.level
     sizes = []
     for knob in of.space.knobs(term):
         p = BY_NAME[term.effect].parameter(knob.parameter)
         if p.shape:
             continue
-        if tolerances is None or p.tolerance == 0.0:
+        usual = max(level * p.tolerance * of.space.reference(knob), _of_the_lag(of.final.values, term))
+        if usual == 0.0:
             return np.inf
-        usual = tolerances.level * p.tolerance * of.space.reference(knob)
         sizes.append(abs(of.final.values[knob] - p.null) / usual)
     return max(sizes)
+
+
+def _of_the_lag(values: Values, term: Term) -> float:
+    """s: the dead time of an actuator that its named lag may have made; 0 for other effects."""
+    if term.effect != "command_delay":
+        return 0.0
+    lags = [v for k, v in values.items() if k.effect == "actuator_lag" and (k.target == term.target or not k.target)]
+    return LAG_LAW * max(lags, default=0.0)
 
 
 def _rises(of: Explained, data: Dataset, scales: Scales, floor: float) -> np.ndarray:

@@ -1,0 +1,43 @@
+"""What casts doubt on a named effect, and what that does to the other effects' intervals."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.causes import without_doubtful
+from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.fit import fit_all
+from residual_mpc.diagnosis.problem import build_problem
+from residual_mpc.diagnosis.space import build_space
+from residual_mpc.diagnosis.support import _size
+from residual_mpc.models.settings import Knob, Term
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+LAG, DELAY = Term("actuator_lag", None), Term("command_delay", None)
+TAU, DEAD_TIME = Knob("actuator_lag", None, "time_constant"), Knob("command_delay", None, "delay")
+
+
+def explained(lag: float, delay: float) -> Any:
+    """A fit with both effects to runs whose wheels have a lag alone."""
+    faults = {"actuator_lag": {"time_constant": lag}}
+    runs = [rover_run(f"r{k}", faults, seed=k) for k in range(2)]
+    data = build_dataset(runs, [ROVER] * 2, SIGMA)
+    problem = build_problem(data, build_space(data, ()), data.sigma)
+    fit = fit_all(problem, [{TAU: lag, DEAD_TIME: delay}], 0)[0]
+    return SimpleNamespace(problem=problem, final=fit, tolerated=None, space=problem.space)
+
+
+@pytest.mark.parametrize(("delay", "size"), [(0.01, 1.0), (0.06, 6.0)])
+def test_a_dead_time_counts_beside_the_lag_of_its_actuator(delay: float, size: float) -> None:
+    assert _size(explained(0.1, delay), DELAY) == pytest.approx(size)
+
+
+def test_a_doubtful_effect_widens_the_intervals_of_the_others() -> None:
+    of = explained(0.1, 0.03)
+    assert without_doubtful(of, {LAG: 1.0, DELAY: 1.0}, 20_000) == {}
+    assert without_doubtful(of, {LAG: 1.0, DELAY: 0.5}, 20_000)[TAU][0] == pytest.approx(0.1, abs=0.01)
