@@ -3,6 +3,8 @@
 import math
 from typing import Any
 
+import numpy as np
+
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
 from residual_mpc.effects.ops import Array, Ops, clip
 
@@ -20,6 +22,24 @@ def lag_step(ops: Ops, p: Values, y: Array, u: Array, dt: float) -> tuple[Array,
     e = ops.exp(-dt / ops.maximum(tau, TINY))
     mean = u + (y - u) * (tau / dt) * (1.0 - e)
     return mean, u + (y - u) * e
+
+
+def lagged_sequence(tau: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+    """The means of lag_step over a whole sequence at once, for a batch in numpy; it has settled on the first command.
+
+    tau (B, nu) s, u (B, K, nu) -> (B, K, nu).
+    """
+    from scipy.signal import lfilter  # slow to import
+
+    out = u.copy()
+    for value in np.unique(tau[tau > 0]):
+        row, actuator = np.nonzero(tau == value)
+        line = u[row, :, actuator]  # (n, K)
+        e = np.exp(-dt / value)
+        end, _ = lfilter([1.0 - e], [1.0, -e], line, axis=1, zi=e * line[:, :1])
+        begin = np.concatenate([line[:, :1], end[:, :-1]], axis=1)
+        out[row, :, actuator] = line + (begin - line) * (value / dt) * (1.0 - e)
+    return out
 
 
 def gain_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:

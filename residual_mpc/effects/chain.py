@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from residual_mpc.effects.actuator import lag_step
+from residual_mpc.effects.actuator import lagged_sequence
 from residual_mpc.effects.command import dead_zone_step, delayed_sequence
 from residual_mpc.effects.library import PLUGGED
 from residual_mpc.effects.ops import NUMPY
@@ -28,16 +28,4 @@ def command_chain(
         u = through_commands(effect, p, u, dt)
     if "actuator_lag" not in effects:
         return u[:, lead:]
-    tau = effects["actuator_lag"]["time_constant"]
-    slow = np.flatnonzero((tau > 0).any(axis=1))
-    lag = {"time_constant": tau[slow]}
-    line = u[slow]
-    y = line[:, 0]
-    out = np.empty((len(slow), u.shape[1] - lead, u.shape[2]))
-    for k in range(u.shape[1]):
-        mean, y = lag_step(NUMPY, lag, y, line[:, k], dt)
-        if k >= lead:
-            out[:, k - lead] = mean
-    whole = u[:, lead:].copy()
-    whole[slow] = out
-    return whole
+    return lagged_sequence(effects["actuator_lag"]["time_constant"], u, dt)[:, lead:]

@@ -12,6 +12,7 @@ from residual_mpc.effects.actuator import (
     backlash_step,
     lag_start,
     lag_step,
+    lagged_sequence,
     sag_step,
     saturation_step,
 )
@@ -163,3 +164,12 @@ def test_the_chain_is_delay_then_dead_zone_then_lag() -> None:
     assert came.shape == (3, 50, 2)
     np.testing.assert_allclose(came, wanted[:, lead:], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(command_chain({}, u, lead, dt, zone), u[:, lead:])
+
+
+def test_the_lag_of_a_sequence_is_that_of_its_steps() -> None:
+    tau, u, dt = np.array([[0.0, 0.05], [0.2, 0.05], [1e-5, 0.0]]), RNG.normal(size=(3, 50, 2)), 0.01
+    memory = lag_start(NUMPY, {"time_constant": tau}, u[:, 0], dt)
+    expected = np.empty_like(u)
+    for k in range(u.shape[1]):
+        expected[:, k], memory = lag_step(NUMPY, {"time_constant": tau}, memory, u[:, k], dt)
+    assert lagged_sequence(tau, u, dt) == pytest.approx(expected, rel=1e-9, abs=1e-12)
