@@ -53,15 +53,17 @@ def learn(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarra
     scale = np.sqrt(np.mean(flat**2, axis=0)) + 1e-12
     flat = flat / scale
     fold = np.broadcast_to(folds[:, None], (w, m))[seen]
+    part = [fold == k for k in np.unique(fold)]
+    grams, crosses = [flat[p].T @ flat[p] for p in part], [flat[p].T @ target[p] for p in part]
+    gram, cross = np.sum(grams, axis=0), np.sum(crosses, axis=0)
     scores = np.zeros(len(RIDGES))
-    for k in np.unique(fold):
-        train, test = fold != k, fold == k
-        gram, cross = flat[train].T @ flat[train], flat[train].T @ target[train]
+    for g, c in zip(grams, crosses, strict=True):
         for i, ridge in enumerate(RIDGES):
-            b = np.linalg.solve(gram + ridge * np.eye(f), cross)
-            scores[i] += np.sum((target[test] - flat[test] @ b) ** 2)
+            b = np.linalg.solve(gram - g + ridge * np.eye(f), cross - c)
+            scores[i] += np.sum(b * (g @ b - 2.0 * c))
+    scores += np.sum(target**2)  # the squared errors on windows that were left out of each fit
     ridge = RIDGES[int(np.argmin(scores))]
-    weights = np.linalg.solve(flat.T @ flat + ridge * np.eye(f), flat.T @ target)
+    weights = np.linalg.solve(gram + ridge * np.eye(f), cross)
     if scores.min() >= np.sum(target**2):  # it does not help on windows that it has not seen
         weights = np.zeros_like(weights)
     return Fitted(weights, scale)

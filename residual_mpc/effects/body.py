@@ -121,7 +121,7 @@ LINK_LENGTH = Effect(
     stage="body",
     port="model",
     target="body",
-    parameters=(Parameter("offset", "m", 0.0, -math.inf, math.inf, (0.1,), "length", tolerance=0.01),),
+    parameters=(Parameter("offset", "m", 0.0, -math.inf, math.inf, (0.1, -0.1), "length", tolerance=0.01),),
     summary="a link longer or shorter than modelled",
     null_target=False,
 )
