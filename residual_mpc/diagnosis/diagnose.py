@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from residual_mpc.diagnosis.dataset import Dataset, joined
 from residual_mpc.diagnosis.evidence import blocks_of
@@ -51,14 +52,15 @@ def diagnose(
 
     Raises BadInput where nothing can be compared.
     """
-    progress("cutting the runs into windows", 0.02)
-    ready = prepare(runs, robots, noise, tunable, options, rng)
-    progress("searching for effects", 0.1)
-    searched = _search(ready, options, rng, progress)
-    progress("fitting on all windows", 0.75)
-    explained = refine(ready, searched, options, rng)
-    progress("opening the held-out windows", 0.85)
-    return open_held_out(explained, ready.longer, options, rng, learners, progress, answered)
+    with threadpool_limits(1, "blas"):  # matrices of this size lose by a second thread
+        progress("cutting the runs into windows", 0.02)
+        ready = prepare(runs, robots, noise, tunable, options, rng)
+        progress("searching for effects", 0.1)
+        searched = _search(ready, options, rng, progress)
+        progress("fitting on all windows", 0.75)
+        explained = refine(ready, searched, options, rng)
+        progress("opening the held-out windows", 0.85)
+        return open_held_out(explained, ready.longer, options, rng, learners, progress, answered)
 
 
 def _search(ready: Prepared, options: Options, rng: np.random.Generator, progress: Progress) -> Searched:
