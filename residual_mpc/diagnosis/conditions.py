@@ -52,8 +52,8 @@ def notes(of: Explained, found: Measured) -> tuple[str, ...]:
         )
     if of.vetoed:
         said.append(
-            f"{', '.join(map(str, of.vetoed))} would close the gap, but the wheels' encoders read what it "
-            "would have to make up for: the cause lies before them."
+            f"{', '.join(map(str, of.vetoed))} would close the gap of the pose, but contradicts what the wheels' "
+            "encoders read."
         )
     if not of.held.any():
         said.append("The runs are too short to keep windows back: every figure is on windows that the fit has seen.")

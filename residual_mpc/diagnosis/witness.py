@@ -4,6 +4,9 @@ An effect that acts behind the encoders (a radius, a slip) may close the gap of 
 motor). The encoders tell: the runs themselves say how far a turn of a wheel carries the robot, so that what the
 encoders still read beyond their prediction has a known consequence for the pose. Where that consequence is the very
 change of the pose that the effect makes, the effect stands in for something that the encoders saw.
+
+Conversely, an effect before the encoders (a gain) may close the gap of the pose for a cause behind them (a radius).
+Where the encoders' errors are what the effect does to their prediction, with the opposite sign, they deny it.
 """
 
 import numpy as np
@@ -15,7 +18,7 @@ ACCOUNTS = 0.8  # share of what an effect does to the pose, squared, that the en
 
 
 def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray) -> np.ndarray:
-    """(T,) bool: which effects stand in for something that the witnesses saw.
+    """(T,) bool: which effects stand in for something that the witnesses saw, or are denied by them.
 
     after (W, M, C): the prediction of the whole explanation; without (T, W, M, C): less one effect each. False
     everywhere where there is no witness, or no pose that it could speak about.
@@ -33,11 +36,15 @@ def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray) -> np.nd
     carries = np.linalg.lstsq(turned[good], moved[good], rcond=None)[0]  # (K, 2): m and rad for a rad of each wheel
     size = np.sqrt(np.mean(moved[good] ** 2, axis=0)) + 1e-12
     consequence = (missed @ carries)[good] / size
+    read = [np.isfinite(missed[..., i]) for i in range(len(seen))]
     whole = _moved(after[..., x], after[..., y], after[..., theta])[good] / size
     verdicts = []
     for less in without:
         work = whole - _moved(less[..., x], less[..., y], less[..., theta])[good] / size
-        verdicts.append(np.sum((work - consequence) ** 2) < (1.0 - ACCOUNTS) * np.sum(work**2))
+        stands_in = np.sum((work - consequence) ** 2) < (1.0 - ACCOUNTS) * np.sum(work**2)
+        turns = [_travelled(data, after[..., k] - less[..., k])[r] for k, r in zip(seen, read, strict=True)]
+        left = sum(np.sum((missed[..., i][r] + turn) ** 2) for i, (r, turn) in enumerate(zip(read, turns, strict=True)))
+        verdicts.append(stands_in or left < (1.0 - ACCOUNTS) * sum(np.sum(turn**2) for turn in turns))
     return np.array(verdicts, dtype=bool)
 
 
