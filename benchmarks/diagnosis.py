@@ -110,9 +110,9 @@ def growth(robot: str, case: Path, repeats: int, place: Path) -> str:
 def ten_minutes(case: Path, place: Path) -> str:
     """What a long log of an arm of six joints costs, as a multiple of the time that it lasts, and the memory it takes;
     its answer beside that of the log that it repeats."""
-    from residual_mpc.cli.common import load
+    import residual_mpc as rm
 
-    runs = load(str(case / "robot.toml"), [str(case)], quiet=True).runs
+    runs = rm.read_runs(rm.load_robot(case / "robot.toml"), case).runs
     lasts = sum(float(r.t[-1] - r.t[0]) for r in runs)
     times = int(np.ceil(LONG / lasts))
     click.echo(f"long arm, {times} x {lasts:.0f} s", err=True)
@@ -138,7 +138,7 @@ def enlarge(case: Path, size: int, folder: Path) -> Path:
 
 def diagnose(log: Path) -> Cost:
     """One diagnosis, timed by the stages that it reports."""
-    from residual_mpc.cli.common import load
+    import residual_mpc as rm
     from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
     from residual_mpc.diagnosis.document import to_document
     from residual_mpc.diagnosis.options import Options
@@ -152,12 +152,13 @@ def diagnose(log: Path) -> Cost:
         if text in BEGINS:
             marks.append((BEGINS[text], perf_counter()))
 
-    loaded = load(str(log / "robot.toml"), [str(log)], quiet=True)
+    robot = rm.load_robot(log / "robot.toml")
+    logged = rm.read_runs(robot, log)
     made = run_diagnosis(
-        loaded.runs,
-        loaded.robots,
-        dict(loaded.robot_file.noise),
-        loaded.robot_file.tunable,
+        logged.runs,
+        logged.models,
+        dict(robot.file.noise),
+        robot.file.tunable,
         Options(),
         np.random.default_rng(0),
         progress,
@@ -185,13 +186,14 @@ def throughput(case: Path, repeats: int) -> str:
     import mujoco
     from mujoco.batch import Batch
 
-    from residual_mpc.cli.common import load
+    import residual_mpc as rm
     from residual_mpc.diagnosis.dataset import build_dataset
     from residual_mpc.diagnosis.replay import predict
     from residual_mpc.models.settings import Knob, assemble
 
-    loaded = load(str(case / "robot.toml"), [str(case)], quiet=True)
-    data = build_dataset(loaded.runs, loaded.robots, dict(loaded.robot_file.noise))
+    robot = rm.load_robot(case / "robot.toml")
+    logged = rm.read_runs(robot, case)
+    data = build_dataset(logged.runs, logged.models, dict(robot.file.noise))
     block = data.blocks[0]
     robot, drive = block.robot, block.drive
     model = robot.model  # type: ignore[attr-defined]

@@ -1,1 +1,81 @@
-"""Diagnoses the gap between a robot's model and its logged runs."""
+"""Diagnoses the gap between a robot's model and its logged runs: why they disagree, and a model that disagrees less.
+
+    import residual_mpc as rm
+
+    robot = rm.load_robot("robot.toml")
+    runs = rm.read_runs(robot, "runs/")
+    diagnosis = rm.diagnose(robot, runs)
+    model = rm.augment(robot, diagnosis, dt=0.05)
+
+Everything is imported on first use, so that `import residual_mpc` answers at once.
+"""
+
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from residual_mpc.api.check import Check as Check
+    from residual_mpc.api.check import check as check
+    from residual_mpc.api.diagnosis import Diagnosis as Diagnosis
+    from residual_mpc.api.diagnosis import diagnose as diagnose
+    from residual_mpc.api.excitation import Excitation as Excitation
+    from residual_mpc.api.excitation import excite as excite
+    from residual_mpc.api.gap import Gap as Gap
+    from residual_mpc.api.gap import measure_gap as measure_gap
+    from residual_mpc.api.learning import LearnedModel as LearnedModel
+    from residual_mpc.api.learning import learn as learn
+    from residual_mpc.api.model import AugmentedModel as AugmentedModel
+    from residual_mpc.api.model import augment as augment
+    from residual_mpc.api.robot import NominalRobot as NominalRobot
+    from residual_mpc.api.robot import load_robot as load_robot
+    from residual_mpc.api.runs import Runs as Runs
+    from residual_mpc.api.runs import read_runs as read_runs
+    from residual_mpc.errors import BadInput as BadInput
+
+try:
+    __version__ = version("residual-mpc")
+except PackageNotFoundError:  # a source tree that was never installed
+    __version__ = "0"
+
+_PLACES = {
+    "load_robot": "robot", "NominalRobot": "robot", "read_runs": "runs", "Runs": "runs", "check": "check",
+    "Check": "check", "measure_gap": "gap", "Gap": "gap", "diagnose": "diagnosis", "Diagnosis": "diagnosis",
+    "learn": "learning", "LearnedModel": "learning", "excite": "excitation", "Excitation": "excitation",
+    "augment": "model", "AugmentedModel": "model",
+}  # fmt: skip
+
+__all__ = [
+    "AugmentedModel",
+    "BadInput",
+    "Check",
+    "Diagnosis",
+    "Excitation",
+    "Gap",
+    "LearnedModel",
+    "NominalRobot",
+    "Runs",
+    "__version__",
+    "augment",
+    "check",
+    "diagnose",
+    "excite",
+    "learn",
+    "load_robot",
+    "measure_gap",
+    "read_runs",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "BadInput":
+        from residual_mpc.errors import BadInput
+
+        return BadInput
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"residual_mpc.api.{_PLACES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

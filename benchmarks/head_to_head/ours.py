@@ -80,15 +80,15 @@ class Judged:
 
 def judge(folder: Path, models: Mapping[str, Mapping[str, float]], diagnosis: Path) -> Judged:
     """The gap of the guess, of models given by our names, and of a diagnosis, on the fresh runs of a case."""
-    from residual_mpc.cli.common import load
-    from residual_mpc.diagnosis.measure import measure
+    import residual_mpc as rm
 
-    loaded = load(str(folder / "robot.toml"), [str(folder / "fresh")], quiet=True)
+    robot = rm.load_robot(folder / "robot.toml")
+    fresh = rm.read_runs(robot, folder / "fresh")
     paths = {name: write_model(values, folder / f"model_{name}.json") for name, values in models.items()}
     gaps: dict[str, float] = {}
     floor = 0.0
     for name, path in {**paths, "diagnosed": diagnosis}.items():
-        found = measure(loaded.runs, loaded.robots, loaded.robot_file, 1.0, path, None, 0)
+        found = rm.measure_gap(robot, fresh, model=path).document
         gaps["guess"], gaps[name] = found["nominal"], found["model"]
         floor = found["noise_floor"] if name == "true" else floor
     return Judged(gaps, floor)

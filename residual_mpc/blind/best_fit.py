@@ -66,9 +66,10 @@ def best_fit(effects: Sequence[Planted], clean: Path, case: Path) -> dict[str, f
 
 
 def _windows(folder: Path) -> Dataset:
-    from residual_mpc.cli.common import load
+    from residual_mpc.api.robot import load_robot
+    from residual_mpc.api.runs import read_runs, usable
     from residual_mpc.diagnosis.dataset import build_dataset
 
     runs = sorted(str(p) for p in folder.iterdir() if p.suffix in (".csv", ".parquet"))
-    loaded = load(str(folder / "robot.toml"), runs, quiet=True)
-    return build_dataset(loaded.runs, loaded.robots, loaded.noise, 1.0)
+    logged = usable(read_runs(load_robot(folder / "robot.toml"), runs))
+    return build_dataset(logged.runs, logged.models, logged.noise, 1.0)

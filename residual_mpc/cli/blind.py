@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from residual_mpc.cli.common import emit, json_option, load, robot_option, runs_argument
+from residual_mpc.cli.common import emit, json_option, read, robot_option, runs_argument
 from residual_mpc.cli.progress import progress_bar
 from residual_mpc.errors import BadInput
 
@@ -222,10 +222,10 @@ def baseline(
 
     from residual_mpc.blind.baselines.bench import bench_of, document_of, write_document
 
-    loaded = load(robot, runs, quiet=True)
-    bench = bench_of(loaded.runs, loaded.robots, loaded.noise, loaded.robot_file.tunable, without)
+    nominal, logged = read(robot, runs, quiet=True)
+    bench = bench_of(logged.runs, logged.models, logged.noise, nominal.file.tunable, without)
     fit = getattr(import_module(f"residual_mpc.blind.baselines.{method}"), method)(bench)
-    document = document_of(bench, fit, loaded.robot_file.name)
+    document = document_of(bench, fit, nominal.name)
     write_document(document, out)
     if as_json:
         emit(document)

@@ -1,9 +1,7 @@
 """What the commands share: options, loading, audit, printing."""
 
 import json
-import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +10,9 @@ import click
 from residual_mpc.errors import BadInput
 
 if TYPE_CHECKING:
+    from residual_mpc.api.robot import NominalRobot
+    from residual_mpc.api.runs import Runs
     from residual_mpc.logs.finding import Finding
-    from residual_mpc.logs.run import Run
-    from residual_mpc.models.protocol import Robot
-    from residual_mpc.models.robot_file import RobotFile
 
 Command = Callable[..., Any]
 
@@ -53,49 +50,17 @@ horizon_option = click.option(
 )
 
 
-@dataclass(frozen=True)
-class Loaded:
-    """A call's input, read and audited. robots[i] is the nominal model of runs[i]; noise: 1-sigma of each channel that
-    the robot file states one of."""
+def read(robot: str, paths: Sequence[str], quiet: bool = False) -> "tuple[NominalRobot, Runs]":
+    """The robot and its audited runs, with what the audit warns of on stderr. Raises BadInput for anything that cannot
+    be used."""
+    from residual_mpc.api.robot import load_robot
+    from residual_mpc.api.runs import read_runs, usable
 
-    robot_file: "RobotFile"
-    runs: "tuple[Run, ...]"
-    robots: "tuple[Robot, ...]"
-    findings: "tuple[Finding, ...]"
-    noise: dict[str, float]
-
-
-def load(robot: str, paths: Sequence[str], quiet: bool = False) -> Loaded:
-    """Read the robot file and the runs, build the models, audit. Raises BadInput for anything that cannot be used."""
-    from residual_mpc.logs.audit import audit
-    from residual_mpc.logs.read import read_runs
-    from residual_mpc.models.facts import check_columns, facts_of
-    from residual_mpc.models.load import load_robot
-    from residual_mpc.models.robot_file import for_run, noise_over, read_robot_file
-
-    allow_user_modules()
-    robot_file = read_robot_file(robot)
-    first = load_robot(robot_file)  # a faulty model is reported before a long read
-    result = read_runs(paths, robot_file)
-    built: dict[object, Robot] = {}
-    robots = []
-    for run in result.runs:
-        mine = for_run(robot_file, run.name)
-        key = repr(replace(mine, noise={}, log={}, variants=()))  # all that makes the model
-        if key not in built:
-            built[key] = load_robot(mine)
-        robots.append(built[key])
-    check_columns(result.runs, robots)
-    findings = (*result.findings, *audit(result.runs, facts_of(first)))
-    fatal = [f for f in findings if f.severity == "error"]
-    if fatal:
-        worst = fatal[0]
-        where = ", ".join(str(x) for x in (worst.run, worst.column) if x)
-        raise BadInput(worst.message, where, worst.remedy)
+    nominal = load_robot(robot)  # a faulty model is reported before a long read
+    runs = usable(read_runs(nominal, paths))
     if not quiet:
-        show_findings(findings)
-    noise = noise_over(robot_file, [run.name for run in result.runs])
-    return Loaded(robot_file, result.runs, tuple(robots), findings, noise)
+        show_findings(runs.findings)
+    return nominal, runs
 
 
 def show_findings(findings: "Sequence[Finding]") -> None:
@@ -114,17 +79,6 @@ def emit(document: dict[str, Any]) -> None:
     click.echo(json.dumps(document, indent=2, allow_nan=False))
 
 
-def name_robot_file(model: dict[str, Any], robot_file: "RobotFile", out: Path) -> None:
-    """Write into a model's document where its robot file lies, seen from `out`, so that `export` finds it again.
-
-    A robot that was given by its built-in name has no file; its name is enough.
-    """
-    import os
-
-    if robot_file.source:
-        model["robot_file"] = os.path.relpath(robot_file.source, out)
-
-
 def writable_folder(folder: Path) -> None:
     """Raises BadInput for a folder that could not be written, before minutes are spent on what goes into it."""
     import os
@@ -135,9 +89,3 @@ def writable_folder(folder: Path) -> None:
         raise BadInput(came, str(folder), "name a folder with --out")
     if not os.access(there, os.W_OK | os.X_OK):
         raise BadInput(f"{there} may not be written", str(folder), "choose another folder with --out")
-
-
-def allow_user_modules() -> None:
-    """A user's plant `package.module:factory` may live in the folder they stand in."""
-    if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))

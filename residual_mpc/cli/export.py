@@ -6,8 +6,6 @@ import click
 
 from residual_mpc.cli.common import emit, json_option, seed_option, writable_folder
 
-USUAL_STEP = 0.05  # s, the controllers' usual one
-
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
@@ -29,32 +27,23 @@ def export(
     file: Path, to: str, robot: str | None, out: Path | None, dt: float | None, smooth: float, as_json: bool, seed: int
 ) -> None:
     """Hand on the augmented model of FILE (model.json or diagnosis.json); says how far it lies from its source."""
-    from residual_mpc.diagnosis.document import read_json
+    from residual_mpc.api.model import augment
+    from residual_mpc.api.robot import load_robot
+    from residual_mpc.diagnosis.document import read_written, residual_in
     from residual_mpc.export.source import robot_beside
+    from residual_mpc.export.write import write_mjcf
 
-    document = read_json(file)
+    source = read_written(file)
     where = out or file.parent / f"export_{to}"
     writable_folder(where)
-    named = robot or robot_beside(document, file)
-
-    import numpy as np
-
-    from residual_mpc.export.augmented import Build, read_augmented
-    from residual_mpc.export.write import write_mjcf, write_model
-    from residual_mpc.models.load import load_robot
-    from residual_mpc.models.robot_file import read_robot_file
-
-    robot_file = read_robot_file(named)
-    robot_model = load_robot(robot_file)
-    if to == "mjcf":
-        result = write_mjcf(file, robot_model, where)
-        if robot_file.variants:
-            click.echo(f"note: the model is {robot_file.model}, without what the file's variants change", err=True)
+    nominal = load_robot(robot or robot_beside(source.content, file))
+    if to == "mjcf":  # of a robot that may have no step
+        result = {**write_mjcf(source, nominal.model, where), "folder": str(where)}
+        if nominal.file.variants:
+            click.echo(f"note: the model is {nominal.file.model}, without what the file's variants change", err=True)
     else:
-        at = dt or _step_of(file) or float(getattr(robot_model, "period", USUAL_STEP))
-        model = read_augmented(file, robot_model, Build(at, smooth))
-        result = write_model(model, to, where, np.random.default_rng(seed))  # type: ignore[arg-type]
-    result["folder"] = str(where)
+        learned = file if residual_in(source) is not None else None
+        result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed)
     if as_json:
         emit(result)
         return
@@ -68,10 +57,3 @@ def export(
     if "from_all_effects" in apart and (result["approximated"] or result["left_out"]):
         click.echo(f"  from all that was diagnosed: {apart['from_all_effects']:.2g}")
 
-
-def _step_of(file: Path) -> float | None:
-    """The step of the learned network, s; None where there is none."""
-    from residual_mpc.diagnosis.document import read_residual
-
-    learned = read_residual(file)
-    return None if learned is None else learned.step

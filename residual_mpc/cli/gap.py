@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from residual_mpc.cli.common import emit, horizon_option, json_option, load, robot_option, runs_argument, seed_option
+from residual_mpc.cli.common import emit, horizon_option, json_option, read, robot_option, runs_argument, seed_option
 
 
 @click.command()
@@ -36,13 +36,13 @@ def gap(
 
     0.10 means that in one second the model misses a tenth of the motion; a model that stands still scores about 1.
     """
-    from residual_mpc.diagnosis.measure import measure
-    from residual_mpc.report import gap_lines
+    nominal, logged = read(robot, runs)
 
-    loaded = load(robot, runs)
-    document = measure(loaded.runs, loaded.robots, loaded.robot_file, horizon, model, held_out_of, seed)
+    from residual_mpc.api.gap import measure_gap
+
+    found = measure_gap(nominal, logged, model=model, held_out_of=held_out_of, horizon=horizon, seed=seed)
     if as_json:
-        emit(document)
+        emit(found.document)
         return
-    for line in gap_lines(document):
+    for line in found.lines():
         click.echo(line)

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,27 @@ from residual_mpc.residual.record import KEY, Residual, from_json
 
 SCHEMA = "residual-mpc/diagnosis/1"
 MODEL_SCHEMA = "residual-mpc/model/1"
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """The content of a diagnosis.json or model.json, and the file that it came from, for messages."""
+
+    content: Mapping[str, Any]
+    where: str
+
+
+def read_written(path: Path) -> Written:
+    """A JSON object from a file. Raises BadInput where there is none."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"cannot be read: {error.strerror}", str(path), "name an existing file") from error
+    except ValueError as error:
+        raise BadInput(f"is no JSON: {error}", str(path), "give a diagnosis.json or model.json") from error
+    if not isinstance(content, dict):
+        raise BadInput("is no JSON object", str(path), "give a diagnosis.json or model.json")
+    return Written(content, str(path))
 
 
 def to_document(d: Diagnosis) -> dict[str, Any]:
@@ -106,31 +127,27 @@ def to_model(d: Diagnosis) -> dict[str, Any]:
     }
 
 
-def read_model(path: Path) -> tuple[str, Values, bool]:
-    """(robot, values, whether flagged samples are left out) of a model.json or diagnosis.json.
-
-    Raises BadInput for a file that is missing, not JSON, or of neither kind.
-    """
-    model = _model_in(path)
+def model_in(written: Written) -> tuple[str, Values, bool]:
+    """(robot, values, whether flagged samples are left out). Raises BadInput for neither a model nor a diagnosis."""
+    model = _model_in(written)
     try:
         values = values_of(model["values"])
         return str(model["robot"]), values, bool(model.get("leaves_out_outliers", False))
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(
-            f"the model's values cannot be read: {error!r}", str(path), "write it anew with diagnose"
+            f"the model's values cannot be read: {error!r}", written.where, "write it anew with diagnose"
         ) from error
 
 
-def read_diagnosis(path: Path) -> dict[str, Any]:
-    """The content of a diagnosis.json. Raises BadInput for a file that is missing, not JSON, or no diagnosis."""
-    content = read_json(path)
-    if content.get("schema") != SCHEMA:
+def diagnosis_in(written: Written) -> Mapping[str, Any]:
+    """The content. Raises BadInput where it is no diagnosis."""
+    if written.content.get("schema") != SCHEMA:
         raise BadInput(
-            f"schema is {content.get('schema')!r}, a diagnosis ({SCHEMA}) was wanted",
-            str(path),
+            f"schema is {written.content.get('schema')!r}, a diagnosis ({SCHEMA}) was wanted",
+            written.where,
             "give the diagnosis.json that diagnose wrote",
         )
-    return content
+    return written.content
 
 
 def values_of(rows: Sequence[Mapping[str, Any]]) -> Values:
@@ -142,39 +159,25 @@ def values_of(rows: Sequence[Mapping[str, Any]]) -> Values:
     return values
 
 
-def read_residual(path: Path, last: bool = False) -> Residual | None:
-    """The learned residual of a model.json or diagnosis.json, None where it has none; `last`: only what its last case
-    added.
+def residual_in(written: Written, last: bool = False) -> Residual | None:
+    """The learned residual, None where it has none; `last`: only what its last case added.
 
-    Raises BadInput for a file that is missing, not JSON, of neither kind, or whose residual cannot be read.
+    Raises BadInput for neither a model nor a diagnosis, and for a residual that cannot be read.
     """
-    found = _model_in(path).get("last_residual" if last else KEY)
-    return None if found is None else from_json(found, str(path))
+    found = _model_in(written).get("last_residual" if last else KEY)
+    return None if found is None else from_json(found, written.where)
 
 
-def _model_in(path: Path) -> dict[str, Any]:
-    content = read_json(path)
+def _model_in(written: Written) -> Mapping[str, Any]:
+    content = written.content
     model = content.get("model") if content.get("schema") == SCHEMA else content
     if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
         raise BadInput(
             f"schema is {content.get('schema')!r}" + (", without a model" if model is not content else ""),
-            str(path),
+            written.where,
             f"give a diagnosis.json ({SCHEMA}) or a model.json ({MODEL_SCHEMA})",
         )
     return model
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object from a file. Raises BadInput where there is none."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"cannot be read: {error.strerror}", str(path), "name an existing file") from error
-    except ValueError as error:
-        raise BadInput(f"is no JSON: {error}", str(path), "give a diagnosis.json or model.json") from error
-    if not isinstance(content, dict):
-        raise BadInput("is no JSON object", str(path), "give a diagnosis.json or model.json")
-    return content
 
 
 def _estimate(p: Estimate) -> dict[str, Any]:

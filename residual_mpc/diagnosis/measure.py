@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from residual_mpc.diagnosis.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.document import finite, read_json, read_model, read_residual
+from residual_mpc.diagnosis.document import Written, finite, model_in, residual_in
 from residual_mpc.diagnosis.floor import noise_errors
 from residual_mpc.diagnosis.gap import Scales, gap_of, measure_scales, per_window
 from residual_mpc.diagnosis.hold_out import KeptBack, held_out_mask
@@ -38,8 +37,8 @@ def measure(
     robots: Sequence[Robot],
     robot_file: RobotFile,
     horizon: float,
-    model: Path | None,
-    held_out_of: Path | None,
+    model: Written | None,
+    held_out_of: Written | None,
     seed: int,
 ) -> dict[str, Any]:
     """The gap object of the contract. Raises BadInput for a model of another robot, or held-out runs that are not
@@ -48,17 +47,18 @@ def measure(
     values: Values = {}
     leaves_out = False
     if model is not None:
-        of, values, leaves_out = read_model(model)
-        check_fits(values, robots[0], of, str(model))
-    residual = None if model is None else read_residual(model)
-    if residual is not None and residual.robot != robots[0].name:
+        of, values, leaves_out = model_in(model)
+        check_fits(values, robots[0], of, model.where)
+    residual = None if model is None else residual_in(model)
+    if residual is not None and model is not None and residual.robot != robots[0].name:
         raise BadInput(
             f"its residual was learned on {residual.robot}, and this is {robots[0].name}",
-            str(model),
+            model.where,
             "give the robot file that it was learned with",
         )
     noise = noise_over(robot_file, [run.name for run in runs])
-    model_of = Explaining(values, leaves_out, None if residual is None else (residual, str(model)), model is not None)
+    learned = None if residual is None or model is None else (residual, model.where)
+    model_of = Explaining(values, leaves_out, learned, model is not None)
     kept = None if held_out_of is None else _kept(held_out_of)
     first = build_dataset(runs, robots, noise, horizon)
     mask = None if held_out_of is None else held_out_mask_of(held_out_of, first)
@@ -146,37 +146,35 @@ def _figures(data: Dataset, scales: Scales, mask: np.ndarray | None, model: Expl
     }
 
 
-def held_out_mask_of(path: Path, data: Any) -> np.ndarray:
+def held_out_mask_of(written: Written, data: Any) -> np.ndarray:
     """(W,) the windows that a diagnosis kept back; all of them where only its held-out runs are given."""
-    kept = _kept(path)
+    kept = _kept(written)
     if not kept:
-        raise BadInput("the diagnosis kept nothing back", str(path), "leave --held-out-of away")
+        raise BadInput("the diagnosis kept nothing back", written.where, "leave --held-out-of away")
     names = {data.runs[i].name for i in np.unique(data.run)}
     if {k.run for k in kept} >= names and all(k.start is None for k in kept):
         return np.ones(data.count, dtype=bool)
     return held_out_mask(data, kept)
 
 
-def kept_back_of(path: Path, names: set[str]) -> tuple[KeptBack, ...] | None:
+def kept_back_of(written: Written, names: set[str]) -> tuple[KeptBack, ...] | None:
     """What a diagnosis kept back of the runs `names`; None where it kept back none of them, or all."""
-    kept = tuple(k for k in _kept(path) if k.run in names)
+    kept = tuple(k for k in _kept(written) if k.run in names)
     whole = {k.run for k in kept if k.start is None}
     return None if not kept or whole >= names else kept
 
 
-def _kept(path: Path) -> list[KeptBack]:
-    held_out = read_json(path).get("held_out", [])
+def _kept(written: Written) -> list[KeptBack]:
+    held_out = written.content.get("held_out", [])
     if not isinstance(held_out, list):
-        raise BadInput(f"held_out is {held_out!r}", str(path), "wanted a list, as diagnose writes it")
-    return [_kept_back(item, path) for item in held_out]
+        raise BadInput(f"held_out is {held_out!r}", written.where, "wanted a list, as diagnose writes it")
+    return [_kept_back(item, written.where) for item in held_out]
 
 
-def _kept_back(item: Any, path: Path) -> KeptBack:
+def _kept_back(item: Any, where: str) -> KeptBack:
     if isinstance(item, str):
         return KeptBack(item)
     try:
         return KeptBack(str(item["run"]), float(item["from"]), float(item["to"]))
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise BadInput(
-            f"held_out holds {item!r}", str(path), 'wanted a run\'s name or {"run", "from", "to"}'
-        ) from error
+        raise BadInput(f"held_out holds {item!r}", where, 'wanted a run\'s name or {"run", "from", "to"}') from error

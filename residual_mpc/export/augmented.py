@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from residual_mpc.diagnosis.document import Written, model_in, read_written, residual_in
 from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.export.network import corrected, correction, reads, remembered
@@ -117,23 +118,24 @@ def augment(robot: Robot, values: Values, residual: Residual | None, build: Buil
 
 
 def read_augmented(path: Path, robot: Robot, build: Build) -> Augmented:
+    """The model in the file of a diagnosis or of what was learned. Raises BadInput where it is of another robot."""
+    return augmented_from(read_written(path), robot, build)
+
+
+def augmented_from(written: Written, robot: Robot, build: Build) -> Augmented:
     """The model of a diagnosis.json or model.json. Raises BadInput where it is of another robot."""
-    from residual_mpc.diagnosis.document import read_residual
-
-    return _build(robot, read_settings(path, robot), read_residual(path), build)
+    return _build(robot, settings_from(written, robot), residual_in(written), build)
 
 
-def read_settings(path: Path, robot: Robot) -> Settings:
+def settings_from(written: Written, robot: Robot) -> Settings:
     """The effects of a diagnosis.json or model.json on its robot, one row.
 
     Raises BadInput where the model is of another robot, or has an effect, target or parameter that this one lacks.
     """
-    from residual_mpc.diagnosis.document import read_model
-
-    name, values, _ = read_model(path)
+    name, values, _ = model_in(written)
     if name != robot.name:
-        raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", str(path), "give its own robot file")
-    return _settings(robot, values, name, str(path))
+        raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", written.where, "give its own robot file")
+    return _settings(robot, values, name, written.where)
 
 
 def with_residual(model: Augmented, residual: Residual | None) -> Augmented:

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.diagnosis.document import read_written, residual_in
 from residual_mpc.errors import BadInput
-from residual_mpc.export.augmented import Augmented, Build, read_augmented, read_settings
+from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
 from residual_mpc.export.source import robot_beside
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.robot_file import read_robot_file
@@ -32,18 +33,17 @@ def corrected_simulator(model: Path, robot: str | None = None, rows: int = 1, pe
         BadInput: for a model of another robot, a robot that can neither be simulated nor stepped, or a network on an
             engine (which corrects whole replays, see residual_mpc.residual.robot, and is not stepped).
     """
-    from residual_mpc.diagnosis.document import read_json, read_residual
-
-    nominal = load_robot(read_robot_file(robot or robot_beside(read_json(model), model)))
-    residual = read_residual(model)
+    source = read_written(model)
+    nominal = load_robot(read_robot_file(robot or robot_beside(source.content, model)))
+    residual = residual_in(source)
     at = period or (USUAL_PERIOD if residual is None else residual.step)
     if isinstance(nominal, Stepping) and (residual is not None or not isinstance(nominal, Simulating)):
-        return SteppedSimulator(read_augmented(model, nominal, Build(at)), rows)
+        return SteppedSimulator(augmented_from(source, nominal, Build(at)), rows)
     if not isinstance(nominal, Simulating):
         raise BadInput(f"{nominal.name!r} cannot be stepped", str(model), "see docs/your-own-model.md")
     if residual is not None:
         raise BadInput("a network on an engine is replayed, not stepped", str(model), "take the diagnosis below it")
-    settings = read_settings(model, nominal)
+    settings = settings_from(source, nominal)
     try:
         return nominal.simulator(settings, rows, at)
     except ValueError as error:

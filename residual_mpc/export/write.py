@@ -8,9 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from residual_mpc.diagnosis.document import Written, residual_in
 from residual_mpc.errors import BadInput
 from residual_mpc.export.agreement import Agreement, Step, agreement
-from residual_mpc.export.augmented import Augmented, read_settings
+from residual_mpc.export.augmented import Augmented, settings_from
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.files import write_atomically
 from residual_mpc.models.protocol import Robot
@@ -37,21 +38,19 @@ def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Gener
     return document
 
 
-def write_mjcf(file: Path, robot: Robot, folder: Path) -> dict[str, Any]:
+def write_mjcf(written: Written, robot: Robot, folder: Path) -> dict[str, Any]:
     """Write the effects of a diagnosis.json or model.json into the robot's MJCF, and describe it.
 
     Raises BadInput for a robot that is no MuJoCo model, a model of another robot, or one with a network.
     """
-    from residual_mpc.diagnosis.document import read_residual
-
-    settings = read_settings(file, robot)
+    settings = settings_from(written, robot)
     if not isinstance(robot, WritesMjcf):
         raise BadInput(
             f"the step of {robot.name!r} is no rigid-body model, so that no MJCF can hold its effects", "--to mjcf",
             "export to casadi, c or jax",
         )  # fmt: skip
-    if read_residual(file) is not None:
-        raise BadInput("an MJCF holds no network", str(file), "export the diagnosis that it was learned on")
+    if residual_in(written) is not None:
+        raise BadInput("an MJCF holds no network", written.where, "export the diagnosis that it was learned on")
     made = robot.to_mjcf(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "model.xml", made.text)

@@ -109,12 +109,12 @@ def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_answer_is_on_disk_before_its_report(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever stops what comes after the answer, the answer is whole, and no older report stands beside it."""
-    import residual_mpc.report
+    import residual_mpc.api.diagnosis
 
     def stopped(*arguments: object) -> str:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(residual_mpc.report, "compose", stopped)
+    monkeypatch.setattr(residual_mpc.api.diagnosis, "compose", stopped)
     out = tmp_path / "out"
     out.mkdir()
     (out / "report.html").write_text("of an earlier diagnosis")

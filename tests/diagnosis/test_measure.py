@@ -11,6 +11,7 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.document import read_written
 from residual_mpc.diagnosis.measure import measure
 from residual_mpc.logs.run import Run
 from residual_mpc.models.robot_file import RobotFile
@@ -39,9 +40,9 @@ def test_what_was_kept_back_is_measured_over_every_horizon(tmp_path: Path) -> No
     kept = tmp_path / "diagnosis.json"
     kept.write_text(json.dumps({"held_out": ["r2"]}))
     runs = runs_of(1.06)
-    among = measure(runs, [ROVER] * 3, FILE, 1.0, None, kept, 0)
+    among = measure(runs, [ROVER] * 3, FILE, 1.0, None, read_written(kept), 0)
     assert [h["windows"] for h in among["horizons"]] == [31, 6, 1]
-    alone = measure(runs[2:], [ROVER], FILE, 1.0, None, kept, 0)
+    alone = measure(runs[2:], [ROVER], FILE, 1.0, None, read_written(kept), 0)
     assert [h["windows"] for h in alone["horizons"]] == [31, 6]  # one window of 30 s is too few
 
 

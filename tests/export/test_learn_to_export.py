@@ -14,7 +14,7 @@ from oracles.rover_log import ROBOT, rover_run, write_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
-from residual_mpc.diagnosis.document import read_model, read_residual
+from residual_mpc.diagnosis.document import model_in, read_written, residual_in
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import assemble
 from residual_mpc.residual.robot import ResidualRobot
@@ -48,7 +48,7 @@ def test_a_learned_model_is_exported_without_naming_its_robot(to, learned, tmp_p
     call("export", learned, "--to", to, "--out", tmp_path, "--json")
     said = json.loads(capsys.readouterr().out)
     assert said["largest_difference"]["largest"] < 1e-8
-    assert said["robot"] == "rover" and said["dt"] == read_residual(learned).step
+    assert said["robot"] == "rover" and said["dt"] == residual_in(read_written(learned)).step
 
 
 def test_the_exported_step_drives_as_the_replay_does_inside_the_limit_and_beyond(learned, tmp_path, capsys):
@@ -57,8 +57,8 @@ def test_the_exported_step_drives_as_the_replay_does_inside_the_limit_and_beyond
     f = ca.Function.load(str(tmp_path / "step.casadi"))
     p = np.array([v["value"] for v in said["parameters"]])
     names = [s["name"] for s in said["states"]]
-    r = read_residual(learned)
-    values = read_model(learned)[1]
+    r = residual_in(read_written(learned))
+    values = model_in(read_written(learned))[1]
     rover = DiffDrive("rover", 0.033, 0.16)
     settings = assemble([values], {k.effect: rover.slots(k.effect) for k in values})
     steps, lead = 30, 20  # at rest before, where both have nothing to remember

@@ -62,9 +62,9 @@ def arm(folder: Path) -> MujocoRobot:
 
 
 def settings_of(robot: MujocoRobot, folder: Path) -> Settings:
-    from residual_mpc.diagnosis.document import read_model
+    from residual_mpc.diagnosis.document import model_in, read_written
 
-    values = read_model(folder / "model.json")[1]
+    values = model_in(read_written(folder / "model.json"))[1]
     return assemble([values], {k.effect: robot.slots(k.effect) for k in values})
 
 

@@ -17,6 +17,7 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.document import read_written
 from residual_mpc.diagnosis.measure import measure
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
@@ -197,7 +198,7 @@ def test_a_model_with_memory_is_warmed_up_before_the_window(tmp_path: Path) -> N
     value = {"effect": "actuator_lag", "target": None, "parameter": "time_constant", "value": tau}
     path = tmp_path / "model.json"
     path.write_text(json.dumps({"schema": "residual-mpc/model/1", "robot": "rover", "values": [value]}))
-    came = measure(runs, [ROVER] * 2, RobotFile("robot", "any", noise=SIGMA), HORIZON, path, None, 0)
+    came = measure(runs, [ROVER] * 2, RobotFile("robot", "any", noise=SIGMA), HORIZON, read_written(path), None, 0)
     states = [(c, None) for c in POSE]
     still = dict.fromkeys(POSE, 0.0)
     for key, lag in (("nominal", 0.0), ("model", tau)):

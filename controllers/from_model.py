@@ -1,0 +1,22 @@
+"""Controllers of a model with few words: what `residual_mpc`'s augmented model builds by entry point."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from controllers.lqr import Lqr, build_lqr
+from controllers.mpc import Mpc, build_mpc
+from controllers.settings import MpcSettings
+from residual_mpc.export.augmented import Augmented
+
+
+def mpc(model: Augmented, horizon: int, settings: MpcSettings | None = None) -> Mpc:
+    """An MPC over so many steps; without settings, the rover's weights and limits."""
+    return build_mpc(model, replace(settings or MpcSettings(), horizon=horizon))
+
+
+def lqr(model: Augmented, path: np.ndarray, settings: MpcSettings | None = None) -> Lqr:
+    """An LQR along a path (n, ny), whose last row is held; without settings, the rover's weights and limits."""
+    chosen = settings or MpcSettings()
+    held = np.concatenate([path, np.repeat(path[-1:], chosen.horizon, axis=0)])
+    return build_lqr(model, held, chosen)

@@ -1,0 +1,1 @@
+"""What the commands do, as functions and results; `residual_mpc` itself offers them by name."""

@@ -1,0 +1,209 @@
+"""Where the gap lies, which effects cause it, and how far it shrinks once they are added to the model."""
+
+import shlex
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from residual_mpc.api.diagnosis_files import ANSWER, COMMANDS, write_answer, write_whole
+from residual_mpc.api.display import page
+from residual_mpc.api.robot import NominalRobot
+from residual_mpc.api.runs import Runs, usable
+from residual_mpc.api.written import name_robot_file
+from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
+from residual_mpc.diagnosis.document import Written, to_document
+from residual_mpc.diagnosis.driven import not_commanded
+from residual_mpc.diagnosis.hold_out import KeptBack
+from residual_mpc.diagnosis.opened import Made
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.records import Diagnosis as Record
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.errors import BadInput
+from residual_mpc.experiment.propose import propose
+from residual_mpc.logs.columns import did_you_mean
+from residual_mpc.models.robot_file import measured_over
+from residual_mpc.report import compose, diagnosis_lines, sentence
+from residual_mpc.report.collect import collect
+from residual_mpc.report.words.rest import rest_sentence
+from residual_mpc.residual.remainder import LEARNERS
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Progress = Callable[[str, float], None]  # what is done, and the share of it all that is behind
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """document: the content of diagnosis.json (contract, section 5), but for the places of files; made: what the report
+    draws; commands: the table of the next experiment, None where none was planned."""
+
+    robot: NominalRobot
+    document: dict[str, Any]
+    made: Made
+    commands: str | None
+
+    @property
+    def verdict(self) -> str:
+        """ "no_gap", "effects", "partial" or "unknown"."""
+        return str(self.document["verdict"])
+
+    @property
+    def explanation(self) -> list[dict[str, Any]]:
+        """The named effects, each with target, probability, parameters and evidence."""
+        return list(self.document["explanation"])
+
+    @property
+    def gap(self) -> dict[str, Any]:
+        """Before and after, with the noise floor, at each horizon."""
+        return dict(self.document["gap"])
+
+    def to_frame(self) -> "DataFrame":
+        """One row a parameter of a named effect: value and 95 % interval (low, high) in its unit."""
+        import pandas as pd
+
+        columns = ["effect", "target", "probability", "parameter", "value", "low", "high", "unit"]
+        rows = [
+            (e["effect"], e["target"], e["probability"], name, p["value"], *p["ci95"], p["unit"])
+            for e in self.explanation
+            for name, p in e["parameters"].items()
+        ]
+        return pd.DataFrame(rows, columns=columns)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write diagnosis.json, model.json, report.html and, where one was planned, the next experiment's commands."""
+        out = Path(folder)
+        document = self.document_in(out)
+        write_whole(document, compose(document, collect(self.made)), self.commands, out)
+        return out
+
+    def document_in(self, folder: Path) -> dict[str, Any]:
+        """diagnosis.json as it is written to a folder."""
+        return _placed(self.document, self.robot, folder)
+
+    def as_written(self) -> Written:
+        return Written(self.document, "the diagnosis")
+
+    def lines(self) -> list[str]:
+        """The diagnosis in words."""
+        return diagnosis_lines(self.document)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _repr_html_(self) -> str:
+        return page(self.lines(), self.to_frame())
+
+
+def diagnose(
+    robot: NominalRobot,
+    runs: Runs,
+    *,
+    only: Sequence[str] = (),
+    without: Sequence[str] = (),
+    held_out: Sequence[str] = (),
+    horizon: float = 1.0,
+    seed: int = 0,
+    out: str | Path | None = None,
+    command: str = "",
+    progress: Progress = lambda stage, done: None,
+) -> Diagnosis:
+    """Attribute the gap between the nominal model and the runs.
+
+    Args:
+        only, without: effects to consider alone, or to leave out (contract, section 6).
+        held_out: runs (names or patterns) to keep out of every fit; by default they are chosen.
+        horizon: length of a window, s.
+        out: folder that the answer is written to as soon as it stands, and everything in the end.
+        command: the call as the report prints it; by default the command line that does the same.
+
+    Raises:
+        BadInput: runs that cannot be used or compared, or an effect or run that does not exist.
+    """
+    usable(runs)
+    because = not_commanded(robot.model, measured_over(robot.file, list(runs.names)))
+    options = Options(
+        horizon=horizon,
+        only=_effects(only, "--only"),
+        without=_effects(without, "--without"),
+        without_because=because,
+        held_out=_kept(held_out, runs.names) if held_out else None,
+    )
+    said = command or _command(robot, runs, options, held_out, seed)
+    folder = None if out is None else Path(out)
+
+    def answered(record: Record) -> None:
+        if folder is not None:
+            write_answer(_placed(_document(record, runs, said), robot, folder), folder)
+
+    made = run_diagnosis(
+        runs.runs, runs.models, runs.noise, robot.file.tunable, options, np.random.default_rng(seed), progress,
+        LEARNERS, answered,
+    )  # fmt: skip
+    progress("planning the next experiment", 0.96)
+    document = _document(made.diagnosis, runs, said)
+    logged = {c for r in runs for c in (*r.columns, *r.extra_columns)}
+    proposal = propose(document, robot.model, _excite(robot, Path()), seed, logged)
+    document["next_experiment"] = proposal.next_experiment
+    found = Diagnosis(robot, document, made, proposal.table)
+    if folder is not None:
+        progress("drawing the report", 0.98)
+        found.save(folder)
+    return found
+
+
+def _document(record: Record, runs: Runs, command: str) -> dict[str, Any]:
+    """diagnosis.json, but for the next experiment made concrete and the places of files."""
+    document = to_document(record)
+    document["audit"] = [asdict(finding) for finding in runs.findings]
+    document["command"] = command
+    document["verdict_sentence"] = sentence(document)
+    if document["remainder"]:
+        document["remainder"]["sentence"] = rest_sentence(document["remainder"])
+    return document
+
+
+def _placed(document: dict[str, Any], robot: NominalRobot, folder: Path) -> dict[str, Any]:
+    """The document as it is written to a folder."""
+    following = document["next_experiment"]
+    if following and following.get("excite"):
+        following = {**following, "excite": _excite(robot, folder)}
+    model = name_robot_file(document["model"], robot.file.source, folder)
+    return {**document, "model": model, "next_experiment": following}
+
+
+def _excite(robot: NominalRobot, folder: Path) -> str:
+    """The command that plans the next experiment."""
+    call = ["residual-mpc", "excite", str(folder / ANSWER), "--robot", robot.given, "--out", str(folder / COMMANDS)]
+    return shlex.join(call)
+
+
+def _command(robot: NominalRobot, runs: Runs, options: Options, held_out: Sequence[str], seed: int) -> str:
+    """The command line of a diagnosis."""
+    words = ["residual-mpc", "diagnose", "--robot", robot.given, *runs.paths]
+    for option, values in (("--only", options.only), ("--without", options.without), ("--held-out", held_out)):
+        words += [word for value in values for word in (option, value)]
+    return shlex.join([*words, "--horizon", f"{options.horizon:g}", "--seed", str(seed), "--out", "out"])
+
+
+def _effects(names: Iterable[str], option: str) -> tuple[str, ...]:
+    names = tuple(names)
+    for name in names:
+        if name not in BY_NAME:
+            raise BadInput(f"there is no effect {name!r}", option, did_you_mean(name, BY_NAME))
+    return names
+
+
+def _kept(given: Sequence[str], names: Sequence[str]) -> tuple[KeptBack, ...]:
+    """Runs by name, file or pattern."""
+    out: list[KeptBack] = []
+    for text in given:
+        found = [n for n in names if any(n == t or fnmatchcase(n, t) for t in (text, Path(text).stem))]
+        if not found:
+            raise BadInput(f"there is no run {text!r}", "--held-out", f"the runs are {', '.join(names[:12])}")
+        out += [KeptBack(n) for n in found]
+    return tuple(dict.fromkeys(out))

@@ -1,0 +1,117 @@
+"""Which motions to drive next, as commands that can be played."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from residual_mpc.api.display import page
+from residual_mpc.api.robot import NominalRobot
+from residual_mpc.api.written import Source, written
+from residual_mpc.diagnosis.document import diagnosis_in
+from residual_mpc.experiment.choose import PARTS
+from residual_mpc.experiment.command_file import command_table
+from residual_mpc.experiment.plan import SECONDS, plan_first, plan_next
+from residual_mpc.files import write_atomically
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """document: what `excite --json` prints, but for the file; table: CSV by the log format, one run a motion;
+    warnings: motions that may take a joint out of its range."""
+
+    document: dict[str, Any]
+    table: str
+    warnings: tuple[str, ...]
+
+    def to_frame(self) -> "DataFrame":
+        """The commands: `run` (where there are several motions), `t` (s) and `command.*`."""
+        from io import StringIO
+
+        import pandas as pd
+
+        return pd.read_csv(StringIO(self.table))
+
+    def save(self, file: str | Path) -> Path:
+        """Write the commands to a CSV file."""
+        write_atomically(Path(file), self.table)
+        return Path(file)
+
+    def lines(self) -> list[str]:
+        """The plan in words."""
+        return _lines(self.document)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _repr_html_(self) -> str:
+        return page(self.lines())
+
+
+def excite(
+    robot: NominalRobot,
+    diagnosis: Source | None = None,
+    *,
+    seconds: float = SECONDS,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    seed: int = 0,
+    progress: Progress = lambda stage, done: None,
+) -> Excitation:
+    """Plan the next runs.
+
+    Args:
+        diagnosis: what is to be told apart or shown, or its file; None for a first protocol.
+        seconds: of a motion.
+        limits: actuator -> (lower, upper) command, in the actuator's unit; by default those of the runs that were
+            diagnosed, else the model's.
+
+    Raises:
+        BadInput: a diagnosis that cannot be read, or is of another robot.
+    """
+    rng, within = np.random.default_rng(seed), dict(limits or {})
+    if diagnosis is None:
+        plan = plan_first(robot.model, within, seconds, rng)
+    else:
+        source = written(diagnosis)
+        plan = plan_next(diagnosis_in(source), robot.model, source.where, within, seconds, rng, progress)
+    warnings = tuple(
+        f"{p.motion.name}: a joint is predicted to leave its range, however small the motion; narrow it with --limit, "
+        "or watch over it"
+        for p in plan.played
+        if not p.within
+    )
+    return Excitation(plan.document, command_table([p.motion for p in plan.played], plan.bench.actuators), warnings)
+
+
+def _lines(result: Mapping[str, Any]) -> list[str]:
+    if result["purpose"] == "explore":
+        best, _, *elsewhere = result["motions"]
+        return [
+            "nothing in the library explains the gap: drive the motion that shows it most, twice",
+            f"  {best['name']}: the gap is expected to grow {best['shows']:.2g} times as fast as in the runs so far",
+            *(f"  then {m['name']}: goes where the runs hardly were ({', '.join(m['unseen'])})" for m in elsewhere),
+        ]
+    if not result["parts"]:
+        hidden = sorted({n["effect"] for n in result["not_testable"]})
+        return [
+            f"{len(result['motions'])} motions: {', '.join(m['name'] for m in result['motions'])}",
+            *([f"  not even these would show: {', '.join(hidden)}"] if hidden else []),
+        ]
+    out = [f"to tell apart: {', '.join(result['parts'])}"]
+    if result["sensors"]:
+        out.append(f"  log besides: {', '.join(result['sensors'])}; no motion alone will do")
+    if result["switches"]:
+        out.append("  switch the motors off at times (enabled.*); no motion alone will do")
+    out.append(f"  drive: {', then '.join(result['played'])}")
+    for m in result["motions"]:
+        out.append(f"    {m['name']}: the wrong one is expected to lose by a likelihood ratio of {m['ratio']:.3g}")
+    if not result["told_apart"]:
+        out.append(f"  none is expected to part them beyond doubt ({PARTS:g}): another sensor or a known load may")
+    return out

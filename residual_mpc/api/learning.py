@@ -1,0 +1,236 @@
+"""The residual network of a robot, learned from runs with a Kalman filter."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from residual_mpc.api.display import page
+from residual_mpc.api.robot import NominalRobot
+from residual_mpc.api.runs import Runs, usable
+from residual_mpc.api.written import Source, name_robot_file, written
+from residual_mpc.diagnosis.document import MODEL_SCHEMA, Written, model_in, residual_in
+from residual_mpc.diagnosis.measure import kept_back_of
+from residual_mpc.errors import BadInput
+from residual_mpc.files import write_atomically
+from residual_mpc.models.fits import check_fits
+from residual_mpc.models.settings import Values
+from residual_mpc.residual import checkpoint
+from residual_mpc.residual.learn import LearnSettings
+from residual_mpc.residual.record import KEY, to_json
+from residual_mpc.residual.train import Learned, Report, Task, train
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+CASES = ("sim-to-dyn", "real-to-dyn", "real-to-sim")
+NOTE = (
+    "A network without memory cannot learn what depends on more than the present motion and command: dead time, play, "
+    "slow drift and sensor effects. A diagnosis names these: learn on top of it with --on."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedModel:
+    """document: what `learn --json` prints; model: the content of model.json, but for the robot file's place."""
+
+    robot: NominalRobot
+    document: dict[str, Any]
+    model: dict[str, Any]
+
+    @property
+    def gap(self) -> dict[str, Any]:
+        """Before and after, on what was kept back where anything was."""
+        return dict(self.document["gap"])
+
+    @property
+    def h2_norm(self) -> dict[str, Any]:
+        """The paper's norm of reference minus prediction, first and last, and on what was kept back."""
+        return dict(self.document["h2_norm"])
+
+    def to_frame(self) -> "DataFrame":
+        """One row a channel: its gap before and after."""
+        import pandas as pd
+
+        rows = [(c, g["before"], g["after"]) for c, g in self.gap["channels"].items()]
+        return pd.DataFrame(rows, columns=["channel", "before", "after"])
+
+    def save(self, folder: str | Path) -> Path:
+        """Write model.json and learn.json."""
+        out = Path(folder)
+        model = name_robot_file(self.model, self.robot.file.source, out)
+        write_atomically(out / "model.json", json.dumps(model, allow_nan=False) + "\n")
+        write_atomically(out / "learn.json", json.dumps(self.document, indent=2, allow_nan=False) + "\n")
+        return out
+
+    def as_written(self) -> Written:
+        return Written(self.model, "the learned model")
+
+    def lines(self) -> list[str]:
+        """What was learned, in words."""
+        return _lines(self.document)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _repr_html_(self) -> str:
+        return page(self.lines())
+
+
+def learn(
+    robot: NominalRobot,
+    runs: Runs,
+    *,
+    on: Source | None = None,
+    case: str = "real-to-dyn",
+    warm_start: Source | None = None,
+    form: str | None = None,
+    hidden: Sequence[int] = (10, 10),
+    method: str = "auto",
+    passes: int = 5,
+    step: float | None = None,
+    weights: Mapping[str, float] | None = None,
+    seed: int = 0,
+    out: str | Path | None = None,
+    report: Report = lambda update, of, seconds, h2: None,
+) -> LearnedModel:
+    """Train the residual network on runs, and measure it on runs kept back.
+
+    Args:
+        on: a diagnosis, or its file, whose effects the network comes on top of.
+        case: which model learns from which, see `CASES`.
+        warm_start: what the case before learned, or its file.
+        form: "body", "paper" or "joint": which velocities are corrected, from what; None for the robot's usual one.
+        hidden: nodes of the hidden layers.
+        method: "ukf", "ekf" or "auto".
+        passes: times through the data.
+        step: of the residual, s; None for the form's own.
+        weights: how much a channel's errors count, the paper's costs.
+        out: folder for a checkpoint while it learns, from which the same call goes on, and for the result.
+        report: told of every update.
+
+    Raises:
+        BadInput: runs with too little to learn from, or a diagnosis or residual of another robot.
+    """
+    usable(runs)
+    task = _task(robot, runs, case, on, warm_start, form)
+    settings = LearnSettings(
+        hidden=tuple(hidden), passes=passes, step=step, method=method, costs=tuple((weights or {}).items())
+    )
+    folder = None if out is None else Path(out)
+    made = train(task, settings, np.random.default_rng(seed), report, folder)
+    learned = LearnedModel(robot, _document(made, task), _model(made, task, robot.name))
+    if folder is not None:
+        learned.save(folder)
+        checkpoint.clear(folder / "checkpoint.npz")
+    return learned
+
+
+def _task(
+    robot: NominalRobot, runs: Runs, case: str, on: Source | None, warm_start: Source | None, form: str | None
+) -> Task:
+    if case not in CASES:
+        raise BadInput(f"there is no case {case!r}", "--case", f"give one of {', '.join(CASES)}")
+    values: Values = {}
+    leaves_out, held = False, None
+    if on is not None:
+        below = written(on)
+        of, values, leaves_out = model_in(below)
+        check_fits(values, runs.models[0], of, below.where)
+        held = kept_back_of(below, set(runs.names))
+    earlier, earlier_file = None, ""
+    if warm_start is not None:
+        before = written(warm_start)
+        earlier, earlier_file = residual_in(before, last=case == "real-to-sim"), before.where
+        if earlier is None:
+            raise BadInput("it holds no learned residual", before.where, "give a model.json that learn wrote")
+    return Task(runs.runs, runs.models, runs.noise, case, values, leaves_out, held, earlier, earlier_file, form)
+
+
+def _document(made: Learned, task: Task) -> dict[str, Any]:
+    """The `learn` object of the contract and more."""
+    ms = made.update_ms
+    channels = {
+        c: {"before": float(b), "after": float(a)}
+        for c, b, a in zip(made.channels, made.before.channels, made.after.channels, strict=True)
+        if np.isfinite(b)
+    }
+    condition = made.condition
+    return {
+        "case": task.case,
+        "updates": made.updates,
+        "parameters": made.learned.net.size,
+        "h2_norm": {
+            "first": made.h2.first,
+            "last": made.h2.last,
+            "held_out_before": made.held_out_h2[0],
+            "held_out_after": made.held_out_h2[1],
+        },
+        "converged_after": made.h2.converged_after,
+        "update_ms": {"median": float(np.median(ms)), "p99": float(np.quantile(ms, 0.99))},
+        "gap": {
+            "before": made.before.total,
+            "after": made.after.total,
+            "on": "held_out" if made.kept else "training",
+            "channels": channels,
+            "without_spikes": None
+            if made.without_spikes is None
+            else {"before": made.without_spikes[0], "after": made.without_spikes[1]},
+        },
+        "held_out": [k.document() for k in made.kept],
+        "form": made.learned.form,
+        "step": made.learned.step,
+        "inputs": list(made.learned.inputs),
+        "outputs": list(made.learned.outputs),
+        "chosen_pass": made.chosen_pass,
+        "left_alone": list(made.left_alone),
+        "worse_on_held_out": list(made.worse_held_out),
+        "condition": None
+        if condition is None
+        else {
+            "without": condition.without,
+            "with_earlier": condition.with_earlier,
+            "holds": condition.holds,
+            "kept": made.kept_earlier,
+        },
+        "seconds": made.seconds,
+        "note": NOTE,
+    }
+
+
+def _model(made: Learned, task: Task, name: str) -> dict[str, Any]:
+    return {
+        "schema": MODEL_SCHEMA,
+        "robot": name,
+        "values": [{**k._asdict(), "value": v} for k, v in task.values.items()],
+        "leaves_out_outliers": task.leaves_out_outliers,
+        "held_out": [k.document() for k in made.kept],
+        KEY: to_json(made.whole),
+        f"last_{KEY}": to_json(made.learned),
+        "case": task.case,
+    }
+
+
+def _lines(d: dict[str, Any]) -> list[str]:
+    where = "on runs kept back" if d["gap"]["on"] == "held_out" else "on the runs that it was learned from"
+    out = [f"gap {d['gap']['before']:.3g} -> {d['gap']['after']:.3g} {where}"]
+    out += [f"  {c:<24} {g['before']:.3g} -> {g['after']:.3g}" for c, g in d["gap"]["channels"].items()]
+    h2 = {k: "-" if v is None else f"{v:.3g}" for k, v in d["h2_norm"].items()}
+    out.append(f"  H2 norm {h2['first']} -> {h2['last']}; kept back {h2['held_out_before']} -> {h2['held_out_after']}")
+    done = d["converged_after"]
+    out.append("  the H2 norm did not fall" if done is None else f"  converged after {done:.0f} s of data")
+    if d["condition"]:
+        c = d["condition"]
+        said = "is kept" if c["holds"] else "is set to zero"
+        out.append(
+            f"  the earlier residual {said}: |x_ref - x_pred| is {c['with_earlier']:.3g} with it, {c['without']:.3g} "
+            "without"
+        )
+    if d["left_alone"]:
+        out.append(f"  got worse on windows set aside, left alone: {', '.join(d['left_alone'])}")
+    if d["worse_on_held_out"]:
+        out.append(f"  got worse on runs kept back, left alone: {', '.join(d['worse_on_held_out'])}")
+    return [*out, f"  {d['note']}"]

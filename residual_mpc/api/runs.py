@@ -1,0 +1,115 @@
+"""Logged runs of a robot, read, matched with the models that they were recorded with, and audited."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from residual_mpc.api.display import count, page
+from residual_mpc.api.robot import NominalRobot
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.audit import audit
+from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.read import read_runs as read_tables
+from residual_mpc.logs.run import Run
+from residual_mpc.models.facts import check_columns, facts_of
+from residual_mpc.models.load import load_robot as build_robot
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.robot_file import for_run, noise_over
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Paths = str | Path | Sequence[str | Path]
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """models[i] is the nominal model of runs[i], which differs where a variant of the robot file matches; noise:
+    1-sigma of each channel for which the robot file states one, channel unit; findings: of the reader and the audit;
+    paths: as they were given."""
+
+    runs: tuple[Run, ...]
+    models: tuple[Robot, ...]
+    noise: dict[str, float]
+    findings: tuple[Finding, ...]
+    paths: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def __iter__(self) -> Iterator[Run]:
+        return iter(self.runs)
+
+    def __getitem__(self, i: int) -> Run:
+        return self.runs[i]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(run.name for run in self.runs)
+
+    def to_frame(self) -> "DataFrame":
+        """All samples of all runs: `run`, `t` (s since the run's start) and the runs' columns."""
+        import pandas as pd
+
+        frames = [pd.DataFrame({"run": run.name, "t": run.t, **run.columns}) for run in self.runs]
+        return pd.concat(frames, ignore_index=True)
+
+    def lines(self) -> list[str]:
+        """The runs in words."""
+        seconds = [float(run.t[-1] - run.t[0]) for run in self.runs]
+        return [
+            f"{count(len(self.runs), 'run')}, {sum(seconds):.4g} s in all",
+            *(f"  {r.name:<28} {s:8.2f} s  {len(r.t):7d} samples" for r, s in zip(self.runs, seconds, strict=True)),
+        ]
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _repr_html_(self) -> str:
+        return page(self.lines())
+
+
+def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
+    """Read and audit runs of a robot.
+
+    Args:
+        robot: names the columns and, by its variants, the settings.
+        paths: a file, folder or pattern, or several.
+
+    Raises:
+        BadInput: a table that cannot be read or does not fit the robot, with the file, the row and the column.
+    """
+    given = listed(paths)
+    result = read_tables(given, robot.file)
+    built: dict[str, Robot] = {_what_makes(robot, ""): robot.model}
+    models = []
+    for run in result.runs:
+        key = _what_makes(robot, run.name)
+        if key not in built:
+            built[key] = build_robot(for_run(robot.file, run.name))
+        models.append(built[key])
+    check_columns(result.runs, models)
+    findings = (*result.findings, *audit(result.runs, facts_of(robot.model)))
+    noise = noise_over(robot.file, [run.name for run in result.runs])
+    return Runs(result.runs, tuple(models), noise, findings, given)
+
+
+def usable(runs: Runs) -> Runs:
+    """The runs. Raises BadInput where the audit forbids using them."""
+    worst = next((f for f in runs.findings if f.severity == "error"), None)
+    if worst is not None:
+        where = ", ".join(str(x) for x in (worst.run, worst.column) if x)
+        raise BadInput(worst.message, where, worst.remedy)
+    return runs
+
+
+def listed(paths: Paths) -> tuple[str, ...]:
+    """One path or several, as texts."""
+    return (str(paths),) if isinstance(paths, str | Path) else tuple(str(p) for p in paths)
+
+
+def _what_makes(robot: NominalRobot, run: str) -> str:
+    """All of the robot file that makes the model of a run; of no run, that of the file itself."""
+    file = for_run(robot.file, run) if run else robot.file
+    return repr(replace(file, noise={}, log={}, variants=()))
