@@ -114,7 +114,7 @@ def test_which_and_how_far():
                                 ("wheel_radius_mismatch", 1.04, 0.01)):  # fmt: skip
         assert abs(number(rf"{effect}\s+\w+\s+found ([\d.]+)", text) - hidden) < off, effect
     straight = text.split("found")[-1]
-    assert "wheel_radius_mismatch" in straight and "track_width" not in straight, "what its text says of the straight run"
+    assert "wheel_radius_mismatch" in straight and "track_width" not in straight, "what its text says"
     assert number(r"actuator_lag: .* probability ([\d.]+)", straight) < 0.5
     assert pictures == 1
 
