@@ -37,5 +37,11 @@ class SearchSettings:
     def without_tolerances(self) -> "SearchSettings":
         """Stricter, for likelihoods in which small differences elsewhere are not marginalised."""
         return replace(
-            self, beyond_doubt=25.0, per_knob=4.0, beyond_doubt_sizeable=12.0, beyond_doubt_most=8.0, share=0.1
+            self,
+            beyond_doubt=25.0,
+            per_knob=3.0,
+            sizeable=0.2,
+            beyond_doubt_sizeable=8.0,
+            beyond_doubt_most=6.0,
+            share=0.1,
         )
