@@ -8,6 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from residual_mpc.diagnosis.dataset import Dataset, joined
 from residual_mpc.diagnosis.evidence import blocks_of
+from residual_mpc.diagnosis.fit import on_problem
 from residual_mpc.diagnosis.gap import Gap, Scales, gap_of
 from residual_mpc.diagnosis.learner import RidgeLearner
 from residual_mpc.diagnosis.noise_fit import with_noise
@@ -19,11 +20,12 @@ from residual_mpc.diagnosis.records import Diagnosis
 from residual_mpc.diagnosis.refine import Searched, refine
 from residual_mpc.diagnosis.remainder import Learner
 from residual_mpc.diagnosis.replay import predict
-from residual_mpc.diagnosis.rivals import find_rivals
+from residual_mpc.diagnosis.replays import Replays
+from residual_mpc.diagnosis.rivals import find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.screen import shorten
 from residual_mpc.diagnosis.search import Found, search
 from residual_mpc.diagnosis.testable import not_testable
-from residual_mpc.diagnosis.thinning import thin, thin_whole, well_begun
+from residual_mpc.diagnosis.thinning import evenly, thin, thin_whole, well_begun
 from residual_mpc.diagnosis.verdict import Floor, beyond, floor_of
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
@@ -88,6 +90,10 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
             windows.append((data, scales))
     progress("comparing with rival explanations", 0.6)
     rivalry = find_rivals(found)
+    everywhere = ready.fitting.take(evenly(ready.fitting, options.final_steps))
+    better = holds_elsewhere(rivalry, Replays(everywhere, ready.space), ready.scales)
+    if better is not None:
+        rivalry = find_rivals(replace(found, fit=on_problem(found.problem, better)), most=0)
     by_noise = reweigh(first.problem, first.problem.data.sigma)
     untestable = not_testable(by_noise, first.base, rivalry.fit.terms)
     return Searched(found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])

@@ -6,7 +6,9 @@ import numpy as np
 
 from residual_mpc.diagnosis.additions import EARLY, NONE, ROUGH, closer, compatible
 from residual_mpc.diagnosis.fit import Fit, Race, fit_all, on_problem, possible
+from residual_mpc.diagnosis.gap import Scales, per_window
 from residual_mpc.diagnosis.problem import Problem, tolerating
+from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.screen import glance, smaller
 from residual_mpc.diagnosis.search import ALIKE, Found, without
 from residual_mpc.effects.library import ORDER
@@ -20,6 +22,8 @@ BETTER = -6.0  # likelihood ratio below which a rival takes the place
 SWAPS = 2
 AGAIN = 3  # steps of the fits that tell whose gap is larger
 VISIBLE, OF_IT = 0.25, 0.1  # times the squared noise floor, and of the squared gap: by so much a rival's may be larger
+LOST = 1.0  # squared scaled error at which a window counts: all of its motion is missed
+FAR_SMALLER = 0.6  # times the squared gap on all windows
 FAR = 70.0  # likelihood ratio beyond which a rival is not fitted to the end: it would hold no probability
 BEST = 2  # targets alone that are fitted in place of all
 # without encoders these scale the same two rims, so that one pair of them does what another pair does
@@ -29,8 +33,7 @@ RIM_SCALES = ("actuator_gain", "wheel_radius", "wheel_radius_mismatch")
 @dataclass(frozen=True)
 class Rival:
     """A set with one member (or pair) replaced: what went, what came, the refitted whole, and its likelihood ratio
-    against the
-    chosen set (positive: worse)."""
+    against the chosen set (positive: worse)."""
 
     gone: tuple[Term, ...]
     came: tuple[Term, ...]
@@ -65,9 +68,9 @@ def place(terms: tuple[Term, ...]) -> tuple[int, int, bool, str]:
     return (len(terms), min(ORDER[t.effect] for t in terms), None in names, "".join(n or "" for n in names))
 
 
-def find_rivals(found: Found) -> Rivalry:
-    """Replace each term (each pair of rim scales, and one effect on several targets) by what resembles it; swap where
-    that is better.
+def find_rivals(found: Found, most: int = SWAPS) -> Rivalry:
+    """Replace each term (each pair of rim scales, and one effect on several targets) by what resembles it; swap, `most`
+    times, where that is better.
     """
     fit, rivals = found.fit, list[Rival]()
     places, swaps = _places(fit), 0
@@ -77,7 +80,7 @@ def find_rivals(found: Found) -> Rivalry:
         here = [_told_apart(r) if larger else r for r, larger in zip(here, seen, strict=True)]
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
-        if better is not None and better.ratio < BETTER and swaps < SWAPS:
+        if better is not None and better.ratio < BETTER and swaps < most:
             fit, rivals = on_problem(found.problem, better.fit), []
             places, swaps = _places(fit), swaps + 1
     order = [(t,) for t in fit.terms] + _several(fit)
@@ -85,6 +88,17 @@ def find_rivals(found: Found) -> Rivalry:
     groups = _groups(rivals)
     preferred, groups = _prefer_first(fit, rivals, groups)
     return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
+
+
+def holds_elsewhere(rivalry: Rivalry, replays: Replays, scales: Scales) -> Fit | None:
+    """The rival whose gap on these windows is far smaller than that of the chosen set, None where there is none. A
+    search sees few and short windows; a set that fits them by chance fails on the others."""
+    fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < FAR)]
+    y = replays.data.y
+    squares = [per_window(replays.data, scales, y - p) for p in replays([f.values for f in fits])]
+    gaps = np.array([np.mean(np.minimum(np.nan_to_num(s, nan=LOST), LOST)) for s in squares])
+    best = int(np.argmin(gaps))
+    return fits[best] if gaps[best] < FAR_SMALLER * gaps[0] else None
 
 
 def _told_apart(rival: Rival) -> Rival:

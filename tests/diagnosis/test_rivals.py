@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.rover_log import SIGMA, rover_run
@@ -12,7 +14,8 @@ from residual_mpc.diagnosis.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit import fit_all
 from residual_mpc.diagnosis.gap import measure_scales
 from residual_mpc.diagnosis.problem import build_problem
-from residual_mpc.diagnosis.rivals import Rivalry, find_rivals
+from residual_mpc.diagnosis.replays import Replays
+from residual_mpc.diagnosis.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search import Found, build_ruler, judge
 from residual_mpc.diagnosis.space import build_space
 from residual_mpc.logs.run import Run
@@ -94,3 +97,16 @@ def test_what_nothing_resembles_stands_alone() -> None:
         {"track_width": {"scale": 1.2}}, {Knob("track_width", None, "scale"): 1.2}, ("track_width", "command_delay")
     )
     assert found.groups == () and found.shares[Term("track_width", None)] > 0.999
+
+
+def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
+    """A search may end with a set that fits its own windows and no others."""
+    found = rivals_of(
+        {"actuator_gain": {"gain": 0.9}}, {Knob("actuator_gain", None, "gain"): 0.9}, ("actuator_gain", "wheel_radius")
+    )
+    data = build_dataset([run_of({"actuator_gain": {"gain": 0.9}}, 1.0, 5)], [ROVER], SIGMA)
+    replays, scales = Replays(data, build_space(data, (), ("actuator_gain", "wheel_radius"))), measure_scales(data)
+    assert found.rivals and holds_elsewhere(found, replays, scales) is None
+    lost = replace(found.fit, values={Knob("actuator_gain", None, "gain"): 0.5})
+    better = holds_elsewhere(replace(found, fit=lost), replays, scales)
+    assert better is not None and better.terms == (Term("wheel_radius", None),)
