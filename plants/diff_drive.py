@@ -6,12 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from plants.diff_drive_step import drive_step
-from residual_mpc.effects.actuator import backlash_start, backlash_step, gain_step, sag_step, saturation_step
-from residual_mpc.effects.chain import command_chain
-from residual_mpc.effects.contact import ground_twist, slope_drift
-from residual_mpc.effects.library import PLUGGED
+from residual_mpc.effects.chain import OUTPUT, command_chain, output_chain
+from residual_mpc.effects.ground import ground_twist, world_drift
+from residual_mpc.effects.library import Effects, Sites, present, slots_of
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.plugged import hosted, present, through_outputs
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
@@ -19,24 +17,8 @@ from residual_mpc.models.settings import Settings
 from residual_mpc.models.stepping import StepOptions, Stepped
 
 WHEELS = ("left", "right")
-ON_A_WHEEL = frozenset(
-    {"command_delay", "dead_zone", "actuator_lag", "actuator_gain", "saturation", "voltage_sag", "backlash"}
-)
-ON_THE_ROBOT = frozenset(
-    {
-        "wheel_radius",
-        "wheel_radius_mismatch",
-        "track_width",
-        "lateral_slip",
-        "longitudinal_slip",
-        "slope",
-        "sensor_mounting",
-        "sensor_outliers",
-    }
-)
 POSE = ("pose.x", "pose.y", "pose.theta")
 RESPONSE = 0.05  # s, over which a wheel's acceleration is taken: a tyre's relaxation and a small motor's response
-CONTACT = ("wheel_radius", "wheel_radius_mismatch", "track_width", "lateral_slip", "longitudinal_slip")
 
 
 @dataclass(frozen=True)
@@ -58,13 +40,19 @@ class DiffDrive:
     def channels(self) -> tuple[str, ...]:
         return (*POSE, "twist.x", "twist.y", "twist.theta", "velocity.left", "velocity.right")
 
+    @property
+    def sites(self) -> Sites:
+        """Where effects can act. A bias of pose.x or pose.y shifts the world, which nothing shows."""
+        robot = (self.name,)
+        return {
+            **dict.fromkeys(("command", "strength", "limit", "output", "play"), WHEELS),
+            **dict.fromkeys(("rolling", "rim", "side", "drift", "point", "samples"), robot),
+            "delay": ("pose",),
+            "offset": ("pose.theta",),
+        }
+
     def slots(self, effect: str) -> tuple[str, ...]:
-        if effect in ON_A_WHEEL:
-            return WHEELS
-        if effect in ON_THE_ROBOT:
-            return (self.name,)
-        sensors = {"sensor_delay": ("pose",), "sensor_bias": ("pose.theta",)}
-        return sensors.get(effect) or hosted(PLUGGED, effect, {"command": WHEELS, "output": WHEELS})
+        return slots_of(effect, self.sites)
 
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
         return -np.inf, np.inf
@@ -90,25 +78,25 @@ class DiffDrive:
         self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
     ) -> Mapping[str, np.ndarray]:
         dt, effects = drive.dt, settings.effects
-        remembers = not {"backlash", "longitudinal_slip", *(e.name for e in PLUGGED)}.isdisjoint(effects)
+        slips = any(present(effects, "rim"))
+        remembers = slips or any(e.remembers for e, _ in present(effects, "play", *OUTPUT))
         # play and acceleration know the motion before the window; an encoder read at its start shows the step before
         lead = drive.lead if remembers else min(1, drive.lead)
         motor = _motor_speed(effects, drive, lead)  # (B, lead + K, 2) rad/s, what an encoder on the motor sees
         wheel = _wheel_speed(effects, motor, dt)
-        accel = _acceleration(wheel, lead, dt) if "longitudinal_slip" in effects else np.zeros((1, 1, 2))
+        accel = _acceleration(wheel, lead, dt) if slips else np.zeros((1, 1, 2))
         wheel, motor = wheel[:, lead:], motor[:, max(lead - 1, 0) :]
-        values = {e: effects[e] for e in CONTACT if e in effects}
         radius = settings.tuned.get("wheel_radius", np.array([self.wheel_radius]))[:, None]
         track = settings.tuned.get("track_width", np.array([self.track_width]))[:, None]
         forward, sideways, yaw = ground_twist(
-            NUMPY, values, radius, track, (wheel[..., 0], wheel[..., 1]), (accel[..., 0], accel[..., 1])
+            NUMPY, effects, radius, track, (wheel[..., 0], wheel[..., 1]), (accel[..., 0], accel[..., 1])
         )
         theta = _integrate(start["pose.theta"], yaw, dt)
         middle = 0.5 * (theta[:, 1:] + theta[:, :-1])  # exact to second order for a speed held over the step
         c, s = np.cos(middle), np.sin(middle)
         rates = {"x": forward * c - sideways * s, "y": forward * s + sideways * c, "theta": yaw}
-        if "slope" in effects:
-            drift = slope_drift(NUMPY, effects["slope"])
+        drift = world_drift(NUMPY, effects)
+        if drift is not None:
             rates["x"], rates["y"] = rates["x"] + drift[0], rates["y"] + drift[1]
         out: dict[str, np.ndarray] = {}
         for channel in wanted:
@@ -147,31 +135,27 @@ def build(robot: RobotFile) -> DiffDrive:
     return DiffDrive(robot.name, parameters["wheel_radius"], parameters["track_width"])
 
 
-def _motor_speed(effects: Mapping[str, Mapping[str, np.ndarray]], drive: Drive, lead: int) -> np.ndarray:
+def _motor_speed(effects: Effects, drive: Drive, lead: int) -> np.ndarray:
     """(B, lead + K, 2) rad/s: the motors' speeds from `lead` steps before the window on."""
     dt = drive.dt
     y = command_chain(effects, drive.command, drive.lead - lead, dt, np.array([True, True]))
     if drive.enabled is not None:
         y = np.concatenate([y[:, :lead], y[:, lead:] * drive.enabled], axis=1)
     clock = drive.clock[:, None, None] + dt * (np.arange(y.shape[1]) - lead + 0.5)[None, :, None]
-    for name, step in (("actuator_gain", gain_step), ("voltage_sag", sag_step), ("saturation", saturation_step)):
-        if name in effects:
-            y, _ = step(NUMPY, {p: v[:, None, :] for p, v in effects[name].items()}, (), y, clock, dt)
-    for effect, values in present(PLUGGED, effects, "output"):
-        y = through_outputs(effect, values, y, clock, dt)
-    return y
+    return output_chain(effects, y, clock, dt)
 
 
-def _wheel_speed(effects: Mapping[str, Mapping[str, np.ndarray]], motor: np.ndarray, dt: float) -> np.ndarray:
-    if "backlash" not in effects:
-        return motor
-    p = effects["backlash"]
-    moving = np.argmax(motor != 0, axis=1)  # (B, 2) first step in motion: it tells which stop the play rests on
-    x = backlash_start(NUMPY, p, np.take_along_axis(motor, moving[:, None, :], axis=1)[:, 0])
-    out = np.empty_like(motor)
-    for k in range(motor.shape[1]):
-        out[:, k], x = backlash_step(NUMPY, p, x, motor[:, k], np.zeros(1), dt)
-    return out
+def _wheel_speed(effects: Effects, motor: np.ndarray, dt: float) -> np.ndarray:
+    """(B, lead + K, 2) rad/s: the wheels' speeds behind the play of their gears."""
+    for effect, p in present(effects, "play"):
+        assert effect.start is not None and effect.step is not None
+        moving = np.argmax(motor != 0, axis=1)  # (B, 2) first step in motion: it tells which stop the play rests on
+        x = effect.start(NUMPY, p, np.take_along_axis(motor, moving[:, None, :], axis=1)[:, 0])
+        wheel = np.empty_like(motor)
+        for k in range(motor.shape[1]):
+            wheel[:, k], x = effect.step(NUMPY, p, x, motor[:, k], np.zeros(1), dt)
+        motor = wheel
+    return motor
 
 
 def _acceleration(wheel: np.ndarray, lead: int, dt: float) -> np.ndarray:

@@ -4,18 +4,16 @@ The equations are those of the replay, effect by effect; here they are strung to
 remember as states, so that the step can be differentiated and put into an optimiser.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from residual_mpc.effects.actuator import backlash_step, gain_step, lag_step, sag_step, saturation_step
-from residual_mpc.effects.command import dead_zone_step, delay_step
-from residual_mpc.effects.contact import ground_twist, slope_drift
-from residual_mpc.effects.library import BY_NAME, ORDER, PLUGGED
-from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.effects.chain import OUTPUT, Chain, chain_of
+from residual_mpc.effects.effect import Site
+from residual_mpc.effects.ground import ground_twist, world_drift
+from residual_mpc.effects.library import BY_NAME, ORDER, present
+from residual_mpc.effects.ops import Array
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Settings
 from residual_mpc.models.stepping import Correction, Kinks, Number, StepOptions, Stepped
@@ -25,9 +23,8 @@ POSE = ("pose.x", "pose.y", "pose.theta")
 BODY = ("body.forward", "body.sideways", "body.yaw")  # m/s, m/s, rad/s
 WORLD = ("twist.x", "twist.y", "twist.theta")  # m/s, m/s, rad/s
 COMMANDS = ("command.left", "command.right")  # rad/s
-CONTACT = ("wheel_radius", "wheel_radius_mismatch", "track_width", "lateral_slip", "longitudinal_slip", "slope")
-ACTUATOR = ("actuator_gain", "voltage_sag", "saturation")  # in the order of the replay
-SENSOR = ("sensor_delay", "sensor_bias", "sensor_mounting", "sensor_outliers")  # the estimator's part, not the model's
+GROUND: tuple[Site, ...] = ("rolling", "rim", "side", "drift")
+HOSTED = frozenset(("command", *OUTPUT, "play", *GROUND))  # what a sensor reports is the estimator's part
 ENDLESS = 1e4  # rad/s for a wheel that has no limit: a smoothed minimum would make NaN of infinity
 UNIT = dict(zip((*POSE, *BODY, *WORLD), ("m", "m", "rad", *("m/s", "m/s", "rad/s") * 2), strict=True))
 
@@ -37,27 +34,21 @@ class DriveStep:
     """What the step needs to know beside its numbers: which effects there are, and how long each memory is."""
 
     dt: float  # s
-    effects: frozenset[str]
-    line: int  # past commands a wheel
-    span: int  # past speeds a wheel, over which its acceleration is taken
+    ground: tuple[str, ...]  # names of the effects between wheels and ground
+    sent: Chain  # of a command on its way to a motor
+    driven: Chain  # of a motor's speed on its way to the rim, play last
+    span: int  # past speeds a wheel, over which its acceleration is taken; 0 where nothing asks for it
     options: StepOptions
     index: Mapping[tuple[str, str, str], int]  # (effect, slot, parameter) -> place in p
 
     @property
     def states(self) -> tuple[str, ...]:
         """Pose first, then what is remembered, newest first."""
-        names = [*POSE]
-        for wheel in WHEELS:
-            names += [f"sent.{wheel}.{j}" for j in range(1, self.line + 1)]
-        if "actuator_lag" in self.effects:
-            names += [f"lag.{wheel}" for wheel in WHEELS]
-        if "backlash" in self.effects:
-            names += [f"play.{wheel}" for wheel in WHEELS]
-        if "longitudinal_slip" in self.effects:
-            names += [f"speed.{wheel}.{j}" for wheel in WHEELS for j in range(1, self.span + 1)]
+        names = [*POSE, *self.sent.states, *self.driven.states]
+        names += [f"speed.{wheel}.{j}" for wheel in WHEELS for j in range(1, self.span + 1)]
         names += [f"last.{s}" for s in self.options.remember]
         names += [f"disturbance.{s}" for s in self.options.disturbances]
-        if "voltage_sag" in self.effects:
+        if self.driven.timed:
             names.append("clock")
         return tuple(names)
 
@@ -72,12 +63,13 @@ class DriveStep:
         dt, ops = self.dt, kinks.exact
         now = dict(zip(self.states, x, strict=True))
         new: dict[str, Array] = {}
-        wheel = [self._wheel(kinks, i, u[i], p, now, new) for i in (0, 1)]
-        body = self._ground(kinks, wheel, p, now, new)
+        ground = {e: self._values(e, "", p) for e in self.ground}
+        wheel = [self._wheel(kinks, w, u[i], p, now, new) for i, w in enumerate(WHEELS)]
+        body = self._ground(kinks, wheel, ground, p, now, new)
         signals: dict[str, Array] = dict(zip(BODY, body, strict=True))
         signals |= dict(zip(COMMANDS, u, strict=True))
         signals |= {name: now[name] for name in self.states if name.startswith("last.")}
-        drift = self._drift(ops, p)
+        drift = world_drift(ops, ground) or (0.0, 0.0)
         half = now[POSE[2]] + 0.5 * dt * body[2]
         c, s = ops.cos(half), ops.sin(half)
         world = (body[0] * c - body[1] * s + drift[0], body[0] * s + body[1] * c + drift[1], body[2])
@@ -106,64 +98,34 @@ class DriveStep:
             new["clock"] = now["clock"] + dt
         return tuple(new[name] for name in self.states)
 
-    def _drift(self, ops: Ops, p: Sequence[Array]) -> tuple[Array, Array]:
-        return slope_drift(ops, self._values("slope", 0, p)) if "slope" in self.effects else (0.0, 0.0)
-
-    def _values(self, effect: str, slot: int, p: Sequence[Array]) -> dict[str, Array]:
-        name = WHEELS[slot] if (effect, WHEELS[slot], BY_NAME[effect].parameters[0].name) in self.index else ""
-        return {q.name: p[self.index[effect, name, q.name]] for q in BY_NAME[effect].parameters}
+    def _values(self, effect: str, wheel: str, p: Sequence[Array]) -> dict[str, Array]:
+        slot = wheel if (effect, wheel, BY_NAME[effect].parameters[0].name) in self.index else ""
+        return {q.name: p[self.index[effect, slot, q.name]] for q in BY_NAME[effect].parameters}
 
     def _wheel(
-        self, kinks: Kinks, i: int, u: Array, p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
+        self, kinks: Kinks, wheel: str, u: Array, p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
     ) -> Array:
-        """Mean speed of wheel i over the step, rad/s, from its command; fills its part of the new memory."""
-        dt, wheel, ops = self.dt, WHEELS[i], kinks.exact
-        rough = kinks.rough(1.0)
-        y = u
-        if self.line:
-            past = tuple(now[f"sent.{wheel}.{j}"] for j in range(1, self.line + 1))
-            y, line = delay_step(ops, self._values("command_delay", i, p), (*past, past[-1]), u, dt)
-            new |= {f"sent.{wheel}.{j + 1}": line[j] for j in range(self.line)}
-        if "dead_zone" in self.effects:
-            value = self._values("dead_zone", i, p)
-            if kinks.width > 0:
-                y = soft_dead_zone(ops, value["width"], y, kinks.width)
-            else:
-                y, _ = dead_zone_step(ops, value, (), y, dt)
-        if "actuator_lag" in self.effects:
-            y, new[f"lag.{wheel}"] = lag_step(ops, self._values("actuator_lag", i, p), now[f"lag.{wheel}"], y, dt)
-        laws: dict[str, Any] = {"actuator_gain": gain_step, "voltage_sag": sag_step, "saturation": saturation_step}
-        for name in ACTUATOR:
-            if name in self.effects:
-                clock = now["clock"] + 0.5 * dt if "clock" in now else 0.0
-                table = rough if name == "saturation" else ops
-                y, _ = laws[name](table, self._values(name, i, p), (), y, clock, dt)
-        if "backlash" in self.effects:
-            name = f"play.{wheel}"
-            y, new[name] = backlash_step(kinks.rough(dt), self._values("backlash", i, p), now[name], y, 0.0, dt)
-        return y
+        """Mean speed of a wheel over the step, rad/s, from its command; fills its part of the new memory."""
+
+        def values(effect: str, target: str) -> dict[str, Array]:
+            return self._values(effect, target, p)
+
+        motor = self.sent(kinks, wheel, u, values, now, new)
+        clock = now["clock"] + 0.5 * self.dt if "clock" in now else 0.0
+        return self.driven(kinks, wheel, motor, values, now, new, clock)
 
     def _ground(
-        self, kinks: Kinks, w: Sequence[Array], p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
-    ) -> tuple[Array, Array, Array]:
-        values = {e: self._values(e, 0, p) for e in CONTACT if e in self.effects}
+        self, kinks: Kinks, w: Sequence[Array], effects: Mapping[str, Mapping[str, Array]], p: Sequence[Array],
+        now: Mapping[str, Array], new: dict[str, Array],
+    ) -> tuple[Array, Array, Array]:  # fmt: skip
         accel: list[Array] = [0.0, 0.0]
-        if "longitudinal_slip" in self.effects:
-            for i, wheel in enumerate(WHEELS):
-                past = [now[f"speed.{wheel}.{j}"] for j in range(1, self.span + 1)]
-                accel[i] = (w[i] - past[-1]) / (self.span * self.dt)
-                new |= {f"speed.{wheel}.{j + 1}": v for j, v in enumerate((w[i], *past[:-1]))}
+        for i, wheel in enumerate(WHEELS if self.span else ()):
+            past = [now[f"speed.{wheel}.{j}"] for j in range(1, self.span + 1)]
+            accel[i] = (w[i] - past[-1]) / (self.span * self.dt)
+            new |= {f"speed.{wheel}.{j + 1}": v for j, v in enumerate((w[i], *past[:-1]))}
         radius, track = (p[self.index[TUNE, "", n]] for n in ("wheel_radius", "track_width"))
         # the slip's |r a| is in m/s^2: a command changed by 1 rad/s within a step of dt is r / dt of it
-        return ground_twist(kinks.rough(0.033 / self.dt), values, radius, track, (w[0], w[1]), (accel[0], accel[1]))
-
-
-def soft_dead_zone(ops: Ops, width: Array, u: Array, eps: float) -> Array:
-    """A dead zone whose edge is eps wide, so that its derivative shows the way out: u / (1 + exp(-(|u| - width) /
-    eps)).
-    """
-    away = ops.minimum((width - (u * u + eps * eps) ** 0.5) / eps, 40.0)  # exp stays finite
-    return u / (1.0 + ops.exp(away))
+        return ground_twist(kinks.rough(0.033 / self.dt), effects, radius, track, (w[0], w[1]), (accel[0], accel[1]))
 
 
 def drive_step(
@@ -181,9 +143,7 @@ def drive_step(
         known = ", ".join((*BODY, *WORLD))
         raise BadInput(f"no signal is called {', '.join(sorted(unknown))}", name, f"there are {known}")
     numbers = [Number(TUNE, "", n, float(settings.tuned.get(n, np.array([v]))[0]), "m") for n, v in nominal.items()]
-    yours = {e.name for e in PLUGGED}
-    live = sorted((e for e in settings.effects if e not in SENSOR and e not in yours), key=ORDER.__getitem__)
-    left_out = tuple(f"{e}: an effect of your own is not part of this step" for e in settings.effects if e in yours)
+    live = sorted((e for e in settings.effects if BY_NAME[e].place in HOSTED), key=ORDER.__getitem__)
     for effect in live:
         for q in BY_NAME[effect].parameters:
             row = settings.effects[effect][q.name][0]
@@ -191,18 +151,25 @@ def drive_step(
             numbers += [
                 Number(effect, s, q.name, min(float(v), ENDLESS), q.unit) for s, v in zip(slots, row, strict=True)
             ]
-    line = 0
-    if "command_delay" in live:
-        line = max(1, math.ceil(float(settings.effects["command_delay"]["delay"].max()) / options.dt - 1e-9))
-    span = max(1, round(response / options.dt))
+    effects = {e: settings.effects[e] for e in live}
+    span = max(1, round(response / options.dt)) if any(present(effects, "rim")) else 0
     index = {(n.effect, n.slot, n.parameter): i for i, n in enumerate(numbers)}
-    step = DriveStep(options.dt, frozenset(live), line, span, options, index)
-    rest = np.zeros(len(step.states))
-    if "clock" in step.states:
-        rest[step.states.index("clock")] = options.clock
+    sent = chain_of(effects, ("command",), WHEELS, options.dt)
+    driven = chain_of(effects, (*OUTPUT, "play"), WHEELS, options.dt)
+    ground = tuple(e.name for e, _ in present(effects, *GROUND))
+    step = DriveStep(options.dt, ground, sent, driven, span, options, index)
+    value = {(n.effect, n.slot, n.parameter): n.value for n in numbers}
+
+    def values(effect: str, wheel: str) -> dict[str, float]:
+        return {q.name: value.get((effect, wheel, q.name), value.get((effect, "", q.name), q.null))
+                for q in BY_NAME[effect].parameters}  # fmt: skip
+
+    still = dict.fromkeys(WHEELS, 0.0)
+    resting = {**sent.resting(still, values), **driven.resting(still, values), "clock": options.clock}
+    rest = np.array([resting.get(s, 0.0) for s in step.states])
     return Stepped(
         options.dt, step.states, POSE, tuple(_unit(s) for s in step.states), WHEELS, tuple(numbers),
-        (*BODY, *WORLD, *COMMANDS, *(f"model.{w}" for w in WORLD)), rest, step, left_out=left_out,
+        (*BODY, *WORLD, *COMMANDS, *(f"model.{w}" for w in WORLD)), rest, step,
     )  # fmt: skip
 
 
@@ -210,4 +177,5 @@ def _unit(state: str) -> str:
     kind, _, rest = state.partition(".")
     if kind in ("last", "disturbance"):
         return UNIT[rest]
-    return UNIT.get(state) or {"play": "rad", "clock": "s"}.get(kind, "rad/s")
+    remembered = {e.label: e.memory_unit for e in BY_NAME.values() if e.label and e.memory_unit}
+    return UNIT.get(state) or {**remembered, "clock": "s"}.get(kind, "rad/s")

@@ -13,7 +13,8 @@ from plants.blind_families.strength import tuned
 from residual_mpc.blind.asked import Asked
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer, Planted
-from residual_mpc.blind.twins import may_be_withheld, twins_of
+from residual_mpc.blind.twins import may_be_withheld
+from residual_mpc.effects.equivalents import twins_of
 
 STRONG = 7.0  # ratio to the noise floor of a usual strong effect
 SHOWN = (2.5, 18.0)  # least and most ratio of what is planted

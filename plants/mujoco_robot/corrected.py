@@ -12,12 +12,10 @@ from plants.mujoco_robot.channels import read_channels, write_start
 from plants.mujoco_robot.edits import edit_batch
 from plants.mujoco_robot.gear_start import begin
 from plants.mujoco_robot.gears import by_gears, edit_gears, feedback
-from plants.mujoco_robot.one_step import OneStep, error_zone
-from residual_mpc.effects.actuator import lag_step
-from residual_mpc.effects.command import dead_zone_step
-from residual_mpc.effects.library import PLUGGED
+from plants.mujoco_robot.one_step import OneStep
+from residual_mpc.effects.chain import joined, on_command, on_errors
+from residual_mpc.effects.library import changes
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.plugged import present
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.sensing import Late
 from residual_mpc.models.settings import Settings
@@ -32,7 +30,7 @@ class Saved:
 
     engine: dict[str, np.ndarray]
     line: np.ndarray
-    lagged: np.ndarray
+    memories: tuple[Any, ...]
     force: np.ndarray
     clock: np.ndarray
     steps: int
@@ -49,9 +47,6 @@ class CorrectedMujoco:
         silence_mujoco()
         if settings.rows != 1 or rows < 1:
             raise ValueError(f"{settings.rows} rows of settings (wanted: 1) for {rows} simulations (1 or more)")
-        own = ", ".join(e.name for e, _ in present(PLUGGED, settings.effects, "command"))
-        if own:
-            raise ValueError(f"{own} acts on commands and is an effect of your own: it is replayed, not stepped")
         whole = round(period / robot.step)
         if whole < 1 or abs(whole * robot.step - period) > 1e-9 * period + 1e-12:
             raise ValueError(
@@ -75,15 +70,13 @@ class CorrectedMujoco:
         if not self._one_by_one:  # what they write never changes
             for update in self._between:
                 update(0, np.zeros((rows, len(robot.joints))), np.zeros((rows, nu)))
-        self._once = OneStep(self._batch, robot, self._between, servos, error_zone(robot, self._settings), dt)
-        zone = effects.get("dead_zone", {}).get("width")
-        self._on_command = None if zone is None else np.where(robot.servo, 0.0, zone)
-        delay = effects.get("command_delay", {}).get("delay", np.zeros((rows, nu)))
-        self._late, self._part = np.divmod(delay / dt, 1.0)
+        self._once = OneStep(self._batch, robot, self._between, servos, on_errors(effects, robot.servo), dt)
+        delay = changes(effects, "command delay")
+        self._late, self._part = np.divmod(np.zeros((rows, nu)) if delay is None else delay / dt, 1.0)
         self._late = self._late.astype(int)
-        self._lag = effects.get("actuator_lag")
         self._line = np.zeros((int(self._late.max()) + 2, rows, nu))  # newest first
-        self._lagged = np.zeros((rows, nu))
+        self._chain = [(e, p) for e, p in on_command(effects, ~robot.servo) if e.trim is None]  # after the line
+        self._memories: tuple[Any, ...] = ()
         self._k = 0
         self._sensors = Late(robot, self._settings, period)
         self._force = np.zeros((rows, nu))  # of the last step: a friction may depend on the load
@@ -134,12 +127,12 @@ class CorrectedMujoco:
             command = np.where(robot.servo, length, 0.0)
         held = self._commanded(command)
         self._line[:] = held
-        self._lagged[:] = held
+        self._memories, arrived = self._settled(held)
         self._force[:] = 0.0
         if robot.gears is not None:
             for update in self._between:
                 update(self._k, v[:, robot.dofs], self._force)
-            begin(b, robot, self._settings, self._zoned(held)[:, None], 0, self._once.servos)
+            begin(b, robot, self._settings, arrived[:, None], 0, self._once.servos)
         if robot.model.na:
             b.bind("act")[:] = held[:, robot.model.actuator_actadr >= 0]
         self._clock[:] = -self._k * self._dt  # the updates between the steps add the steps since the beginning
@@ -164,7 +157,7 @@ class CorrectedMujoco:
         return self._sensors.read()
 
     def _actuated(self, held: np.ndarray) -> np.ndarray:
-        """What the actuators see in the next step of the model, (rows, nu): delay, dead zone, lag."""
+        """What the actuators see in the next step of the model, (rows, nu)."""
         self._line[1:] = self._line[:-1]
         self._line[0] = held
         u = held
@@ -172,23 +165,29 @@ class CorrectedMujoco:
             rows, columns = np.ogrid[: self.rows, : self.robot.model.nu]
             u = (1.0 - self._part) * self._line[self._late, rows, columns]
             u += self._part * self._line[self._late + 1, rows, columns]
-        u = self._zoned(u)
-        if self._lag is not None:
-            u, self._lagged[:] = lag_step(NUMPY, self._lag, self._lagged, u, self._dt)
+        memories = []
+        for (effect, p), memory in zip(self._chain, self._memories, strict=True):
+            assert effect.step is not None
+            u, memory = effect.step(NUMPY, p, memory, u, self._dt)
+            memories.append(memory)
+        self._memories = tuple(memories)
         return np.asarray(u)
 
-    def _zoned(self, u: np.ndarray) -> np.ndarray:
-        """After the dead zones that act on commands."""
-        if self._on_command is None:
-            return u
-        return np.asarray(dead_zone_step(NUMPY, {"width": self._on_command}, (), u, self._dt)[0])
+    def _settled(self, u: np.ndarray) -> tuple[tuple[Any, ...], np.ndarray]:
+        """What the chain remembers of a command (rows, nu) that has been held for ever, and what arrives of it."""
+        memories = []
+        for effect, p in self._chain:
+            assert effect.start is not None and effect.step is not None
+            memories.append(effect.start(NUMPY, p, u, self._dt))
+            u, _ = effect.step(NUMPY, p, memories[-1], u, self._dt)
+        return tuple(memories), np.asarray(u)
 
     def save(self) -> Saved:
         fields = ("qpos", "qvel", "qacc_warmstart", *(("act",) if self.robot.model.na else ()))
         return Saved(
             {f: self._batch.bind(f).copy() for f in fields},
             self._line.copy(),
-            self._lagged.copy(),
+            self._memories,
             self._force.copy(),
             self._clock.copy(),
             self._k,
@@ -203,7 +202,8 @@ class CorrectedMujoco:
         """rows (rows,) bool: which ones go back to what was saved."""
         for f, value in saved.engine.items():
             self._batch.bind(f)[rows] = value[rows]
-        self._line[:, rows], self._lagged[rows] = saved.line[:, rows], saved.lagged[rows]
+        self._line[:, rows] = saved.line[:, rows]
+        self._memories = joined(lambda old, new: np.where(rows[:, None], old, new), saved.memories, self._memories)
         self._force[rows], self._clock[rows] = saved.force[rows], saved.clock[rows]
         self._sensors.restore(saved.late, rows)
 

@@ -3,13 +3,13 @@
 Rows in which an effect is null keep the compiled values, bit for bit.
 """
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from plants.mujoco_robot.base import hinges_and_slides
 from plants.mujoco_robot.masses import add_point_mass, principal, quat_to_matrix
+from residual_mpc.effects.library import Effects, changes
 from residual_mpc.models.settings import Settings
 
 if TYPE_CHECKING:
@@ -29,18 +29,16 @@ def edit_batch(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
     effects = settings.effects
     if robot.wheels is not None:
         changed |= robot.wheels.edit(batch, model, effects)
-    if robot.lengths is not None and "link_length" in effects:
-        robot.lengths.edit(batch, effects["link_length"]["offset"])
+    offset, rotor, damping = (changes(effects, q) for q in ("link length", "rotor inertia", "viscous damping"))
+    if robot.lengths is not None and offset is not None:
+        robot.lengths.edit(batch, offset)
         changed = True
-    if "armature" in effects:
-        _add(batch.expand("dof_armature"), dofs, effects["armature"]["inertia"])
+    if rotor is not None:
+        _add(batch.expand("dof_armature"), dofs, rotor)
         changed = True
-    if "viscous_friction" in effects:
-        _add(batch.expand("dof_damping"), dofs, effects["viscous_friction"]["coefficient"])
-    masses = [e for e in ("link_mass", "payload") if e in effects]
-    if masses:
-        _edit_masses(batch, model, effects, masses, robot.payload)
-        changed = True
+    if damping is not None:
+        _add(batch.expand("dof_damping"), dofs, damping)
+    changed |= _edit_masses(batch, model, effects, robot.payload)
     if changed:
         batch.set_const()
 
@@ -51,12 +49,12 @@ def _add(field: np.ndarray, dofs: np.ndarray, value: np.ndarray) -> None:
 
 
 def _edit_masses(
-    batch: Any,
-    model: "mujoco.MjModel",
-    effects: Mapping[str, Mapping[str, np.ndarray]],
-    names: list[str],
-    payload: tuple[int, np.ndarray],
-) -> None:
+    batch: Any, model: "mujoco.MjModel", effects: Effects, payload: tuple[int, np.ndarray]
+) -> bool:
+    """Write the masses of the links and of the tool; whether any effect changes them."""
+    links, centres, tool = (changes(effects, q) for q in ("link mass", "link centre", "tool mass"))
+    if links is None and centres is None and tool is None:
+        return False
     mass, com = batch.expand("body_mass"), batch.expand("body_ipos")
     moments, axes = batch.expand("body_inertia"), batch.expand("body_iquat")
 
@@ -67,20 +65,20 @@ def _edit_masses(
         mass[rows, body], com[rows, body] = m, c
         moments[rows, body], axes[rows, body] = principal(about)
 
-    for name in names:
-        p = effects[name]
-        if name == "payload":
-            rows = np.flatnonzero(p["mass"][:, 0])
-            rewrite(rows, payload[0], p["mass"][rows, 0], np.broadcast_to(payload[1], (len(rows), 3)))
+    none = np.zeros((mass.shape[0], model.nbody - 1))
+    more, moved = (none if links is None else links), (none if centres is None else centres)
+    for slot in range(model.nbody - 1):
+        body = slot + 1
+        rows = np.flatnonzero((more[:, slot] != 0) | (moved[:, slot] != 0))
+        if not len(rows):
             continue
-        for slot in range(model.nbody - 1):
-            body = slot + 1
-            rows = np.flatnonzero((p["mass"][:, slot] != 0) | (p["com"][:, slot] != 0))
-            if not len(rows):
-                continue
-            # mass at the link's own centre leaves the centre; then the whole moves along the line to the next joint
-            rewrite(rows, body, p["mass"][rows, slot], com[rows, body].copy())
-            com[rows, body] += p["com"][rows, slot, None] * link_direction(model, body)
+        # mass at the link's own centre leaves the centre; then the whole moves along the line to the next joint
+        rewrite(rows, body, more[rows, slot], com[rows, body].copy())
+        com[rows, body] += moved[rows, slot, None] * link_direction(model, body)
+    if tool is not None:
+        rows = np.flatnonzero(tool[:, 0])
+        rewrite(rows, payload[0], tool[rows, 0], np.broadcast_to(payload[1], (len(rows), 3)))
+    return True
 
 
 def link_direction(model: "mujoco.MjModel", body: int) -> np.ndarray:

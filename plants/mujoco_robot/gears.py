@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from residual_mpc.effects.library import changes, present
 from residual_mpc.models.settings import Settings, is_null
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
     from plants.mujoco_robot.robot import MujocoRobot
 
-ON_GEARS = ("joint_compliance", "backlash")
 DAMPING_RATIO = 0.05  # of a compliance's own oscillation: steel and grease
 SLOWED = 2.0  # 1/s: how fast grease slows a link that floats in its play
 LEAST_ROTOR = 0.02  # of the link's inertia: a rotor without any inertia has no equation of motion
@@ -68,9 +68,8 @@ def by_gears(robot: "MujocoRobot", settings: Settings) -> Iterator[tuple["Mujoco
     """The robot with its gears split as rows of the settings need it, and those rows (n,)."""
     names = robot.geared if robot.gears is None else ()
     split = np.zeros((settings.rows, len(names)), dtype=bool)
-    for effect in ON_GEARS:
-        if names and effect in settings.effects:
-            split |= ~is_null(effect, settings.effects[effect])
+    for effect, p in present(settings.effects, "play", "spring") if names else ():
+        split |= ~is_null(effect.name, p)
     if not split.any():
         yield robot, np.arange(settings.rows)
         return
@@ -166,7 +165,8 @@ def edit_gears(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
     batch.expand("dof_damping")[:, gears.dofs] = np.where(firm, spring, SLOWED * reduced)
     reach = np.where(firm, FAR, 0.5 * gap)
     batch.expand("jnt_range")[:, gears.numbers] = np.stack([-reach, reach], axis=-1)
-    if "armature" in settings.effects or any(name.endswith(".armature") for name in settings.tuned):
+    tuned = any(name.endswith(".armature") for name in settings.tuned)
+    if tuned or changes(settings.effects, "rotor inertia") is not None:
         motor = robot.dofs[gears.joints]
         armature = batch.expand("dof_armature")
         armature[:, motor] = np.maximum(armature[:, motor], LEAST_ROTOR * gears.link)
@@ -179,10 +179,9 @@ def of_gears(robot: "MujocoRobot", settings: Settings) -> tuple[np.ndarray, np.n
     assert gears is not None
     names = robot.geared
     at = [names.index(robot.joints[j]) for j in gears.joints.tolist()]
-    none = np.full((settings.rows, len(names)), np.inf)
-    stiffness: np.ndarray = settings.effects.get("joint_compliance", {}).get("stiffness", none)
-    gap: np.ndarray = settings.effects.get("backlash", {}).get("gap", np.zeros_like(none))
-    return stiffness[:, at], gap[:, at]
+    rigid = np.full((settings.rows, len(names)), np.inf)
+    stiffness, gap = (changes(settings.effects, q) for q in ("gear stiffness", "gear play"))
+    return (rigid if stiffness is None else stiffness)[:, at], (np.zeros_like(rigid) if gap is None else gap)[:, at]
 
 
 @dataclass(frozen=True, eq=False)

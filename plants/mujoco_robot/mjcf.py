@@ -10,9 +10,9 @@ from plants.mujoco_robot.between import between_steps
 from plants.mujoco_robot.channels import write_start
 from plants.mujoco_robot.compile import NO_LIMIT, prepared
 from plants.mujoco_robot.edits import edit_batch
-from plants.mujoco_robot.gears import ON_GEARS
-from plants.mujoco_robot.wheels import ON_WHEELS
-from residual_mpc.effects.library import PLUGGED
+from residual_mpc.effects.body import COULOMB
+from residual_mpc.effects.effect import Effect
+from residual_mpc.effects.library import BY_NAME, changes, present
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
@@ -23,19 +23,6 @@ if TYPE_CHECKING:
 
     from plants.mujoco_robot.robot import MujocoRobot
 
-# what changes from step to step, or what a sensor reports
-NOT_HELD = {
-    "voltage_sag": "no actuator of MuJoCo weakens with time",
-    "dead_zone": "no actuator of MuJoCo ignores small commands",
-    "load_dependent_friction": "MuJoCo's dry friction does not change with the load",
-    **dict.fromkeys(ON_GEARS, "it takes a joint more behind the motor, which the stepped simulator has"),
-    **dict.fromkeys(ON_WHEELS, "wheels are bodies and shapes, which are not rewritten here"),
-    "sensor_delay": "what a sensor reports belongs to whoever reads it",
-    "sensor_bias": "what a sensor reports belongs to whoever reads it",
-    "sensor_mounting": "what a sensor reports belongs to whoever reads it",
-    "sensor_outliers": "what a sensor reports belongs to whoever reads it",
-}
-LEVEL = "stribeck_friction: dry friction halfway between static and kinetic; MuJoCo's does not change with the speed"
 HELD_AS_NUMBERS = (  # fields of the compiled model -> where a specification keeps them
     "dof_damping", "dof_armature", "dof_frictionloss", "dof_solimp",
     "actuator_gainprm", "actuator_biasprm", "actuator_forcerange",
@@ -50,9 +37,9 @@ def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
     if robot.spec is None or robot.settings:
         why = "its model has no file of its own" if robot.spec is None else "its variants are several models"
         raise BadInput(f"{robot.name!r} is not written as an MJCF: {why}", "--to mjcf", "export each model file alone")
-    reasons = NOT_HELD | {e.name: "an effect of your own is an equation, which no MJCF holds" for e in PLUGGED}
-    left_out = tuple(f"{e}: {reasons[e]}" for e in settings.effects if e in reasons)
-    held = _with_level(Settings(1, {e: p for e, p in settings.effects.items() if e not in reasons}, settings.tuned))
+    reasons = {e: _not_held(BY_NAME[e]) for e in settings.effects}
+    left_out = tuple(f"{e}: {why}" for e, why in reasons.items() if why)
+    held = _settled(Settings(1, {e: p for e, p in settings.effects.items() if not reasons[e]}, settings.tuned))
     spec, plain = robot.spec.copy(), robot.model
     _write_numbers(spec, robot, held)
     _write_memory(spec, held)
@@ -63,17 +50,24 @@ def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
     text = spec.to_xml()
     spec.meshdir, spec.texturedir = robot.spec.meshdir, robot.spec.texturedir
     (apart, whole), points = _apart(robot, (held, settings), spec)
-    return Mjcf(text, (LEVEL,) if "stribeck_friction" in settings.effects else (), left_out, apart, whole, points)
+    notes = tuple(f"{e}: {BY_NAME[e].in_mjcf}" for e in settings.effects if BY_NAME[e].in_mjcf)
+    return Mjcf(text, notes, left_out, apart, whole, points)
 
 
-def _with_level(settings: Settings) -> Settings:
-    """Friction that falls with the speed as dry friction of its middle level, beside what is dry already."""
-    if "stribeck_friction" not in settings.effects:
-        return settings
-    falling, rest = settings.effects["stribeck_friction"], settings.without("stribeck_friction")
-    level = 0.5 * (falling["static"] + falling["kinetic"])
-    dry = rest.effects.get("coulomb_friction", {"torque": np.zeros_like(level)})
-    return Settings(1, {**rest.effects, "coulomb_friction": {"torque": dry["torque"] + level}}, rest.tuned)
+def _not_held(effect: Effect) -> str:
+    """Why an MJCF does not hold the effect; empty where it does."""
+    return "an effect of your own is an equation, which no MJCF holds" if effect.own else effect.not_in_mjcf
+
+
+def _settled(settings: Settings) -> Settings:
+    """Friction that changes with the motion as the constant dry friction that comes nearest, beside what is dry
+    already."""
+    for effect, values in [(e, p) for e, p in present(settings.effects, "friction") if e.settled is not None]:
+        assert effect.settled is not None
+        level, rest = effect.settled(values), settings.without(effect.name)
+        dry = rest.effects.get(COULOMB.name, {"torque": np.zeros_like(level)})
+        settings = Settings(1, {**rest.effects, COULOMB.name: {"torque": dry["torque"] + level}}, rest.tuned)
+    return settings
 
 
 def _write_numbers(spec: "mujoco.MjSpec", robot: "MujocoRobot", settings: Settings) -> None:
@@ -128,8 +122,8 @@ def _write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
     import mujoco
 
     effects, dt = settings.effects, spec.option.timestep
-    delays = effects.get("command_delay", {}).get("delay", np.zeros((1, len(spec.actuators))))[0]
-    lags = effects.get("actuator_lag", {}).get("time_constant", np.zeros((1, len(spec.actuators))))[0]
+    found = (changes(effects, q) for q in ("command delay", "command lag"))
+    delays, lags = (np.zeros(len(spec.actuators)) if x is None else x[0] for x in found)
     for actuator, delay, lag in zip(spec.actuators, delays.tolist(), lags.tolist(), strict=True):
         if delay > 0:
             actuator.delay, actuator.nsample, actuator.interp = delay, int(np.ceil(delay / dt)) + 2, 1  # linear

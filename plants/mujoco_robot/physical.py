@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_robot.compile import NO_LIMIT
+from residual_mpc.effects.library import BY_NAME
 
 if TYPE_CHECKING:
     import mujoco
@@ -38,7 +39,8 @@ def _of_one(robot: "MujocoRobot", effect: str, parameter: str, slot: str | None)
     if slot is not None and len(low) > 1:
         at = robot.slots(effect).index(slot)
         return float(low[at]), float(high[at])
-    most = _rotor_of_all(robot) if effect == "armature" and len(low) > 1 else float(high.min())
+    rotor = BY_NAME[effect].parameter(parameter).quantity == "rotor inertia"
+    most = _rotor_of_all(robot) if rotor and len(low) > 1 else float(high.min())
     return float(low.max()), most
 
 
@@ -46,25 +48,23 @@ def _of_slots(robot: "MujocoRobot", effect: str, parameter: str) -> Bounds:
     """(slots,) each, or (1,) where one limit holds for all."""
     m, dof = robot.model, robot.dofs
     free = np.full(1, np.inf)
-    match effect, parameter:
-        case "coulomb_friction", "torque":
+    match BY_NAME[effect].parameter(parameter).quantity:
+        case "dry friction":
             return -m.dof_frictionloss[dof], robot.torques
-        case "stribeck_friction", "static" | "kinetic":
-            return np.full(len(dof), -np.inf), robot.torques
-        case "viscous_friction", "coefficient":
+        case "viscous damping":
             return -m.dof_damping[dof], np.full(len(dof), np.inf)
-        case "armature", "inertia":
+        case "rotor inertia":
             return (KEPT_ROTOR - 1.0) * m.dof_armature[dof], _rotors(robot)
-        case "payload", "mass":
+        case "tool mass":
             return (KEPT - 1.0) * m.body_mass[[robot.payload[0]]], np.full(1, _moving_mass(m))
-        case "link_mass", "mass":
+        case "link mass":
             return (KEPT - 1.0) * m.body_mass[1:], np.full(m.nbody - 1, _moving_mass(m))
-        case "backlash", "gap":
+        case "gear play":
             return -free, np.full(1, MOST_PLAY)
-        case "joint_compliance", "stiffness":
+        case "gear stiffness":
             stiffness = SOFTEST * np.array([robot.reference("inertia", j) for j in robot.geared])
             return (stiffness, np.full(len(stiffness), np.inf)) if len(stiffness) else (-free, free)
-        case "link_length", "offset" if robot.lengths is not None and robot.lengths.lines:
+        case "link length" if robot.lengths is not None and robot.lengths.lines:
             lengths = np.array([length for _, length in robot.lengths.lines.values()])
             return (KEPT - 1.0) * lengths, 2.0 * lengths
     return -free, free

@@ -14,8 +14,8 @@ from plants.mujoco_robot.channels import read_channels, write_start
 from plants.mujoco_robot.edits import edit_batch
 from plants.mujoco_robot.gear_start import WARM, begin
 from plants.mujoco_robot.gears import by_gears, edit_gears, feedback
-from plants.mujoco_robot.one_step import OneStep, error_zone
-from residual_mpc.effects.chain import command_chain
+from plants.mujoco_robot.one_step import OneStep
+from residual_mpc.effects.chain import command_chain, on_errors
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
@@ -105,7 +105,7 @@ def _replay(
         if model.na:
             batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     if stepped:
-        step = OneStep(batch, robot, between, servos, error_zone(robot, settings), drive.dt)
+        step = OneStep(batch, robot, between, servos, on_errors(settings.effects, robot.servo), drive.dt)
         out = _step_by_step(step, u, wanted)
     else:
         out = _roll_out(batch, robot, drive, u, between, wanted)

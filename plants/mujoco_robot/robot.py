@@ -10,15 +10,14 @@ import numpy as np
 
 from plants.mujoco_robot.base import PLANAR, Base, hinges_and_slides
 from plants.mujoco_robot.edits import tunable_values
-from plants.mujoco_robot.gears import ON_GEARS, Gears, split, splittable
+from plants.mujoco_robot.gears import Gears, split, splittable
 from plants.mujoco_robot.lengths import Lengths
 from plants.mujoco_robot.loops import Loops
 from plants.mujoco_robot.physical import largest_inertias, largest_torques, physical_bounds
 from plants.mujoco_robot.replay import replay
 from plants.mujoco_robot.variants import merge
-from plants.mujoco_robot.wheels import ON_WHEELS, Wheels, find_wheels
-from residual_mpc.effects.library import PLUGGED
-from residual_mpc.effects.plugged import hosted
+from plants.mujoco_robot.wheels import Wheels, find_wheels
+from residual_mpc.effects.library import Sites, slots_of
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.simulating import Mjcf
@@ -28,10 +27,6 @@ if TYPE_CHECKING:
 
     from plants.mujoco_robot.corrected import CorrectedMujoco
 
-ON_ACTUATORS = frozenset({"command_delay", "dead_zone", "actuator_lag", "actuator_gain", "saturation", "voltage_sag"})
-ON_JOINTS = frozenset(
-    {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction", "armature"}
-)
 PLAY = 0.25  # of what a wheel may have: 0.008 to 0.13 rad between an arm's motor and link
 POSITION, VELOCITY, TORQUE = "position", "velocity", "torque"
 
@@ -197,36 +192,34 @@ class MujocoRobot:
         """This robot and others as one, whose settings are told apart by Drive.setting; None where that cannot be."""
         return merge((self, *others))
 
-    def slots(self, effect: str) -> tuple[str, ...]:
-        if effect in ON_ACTUATORS:
-            return self.actuators
-        if effect in ON_JOINTS:
-            return self.joints
-        if effect in ON_GEARS:
-            return self.geared
-        if effect in ("payload", "sensor_outliers"):
-            return (self.name,)
-        return self._sensor_slots(effect) if effect.startswith("sensor_") else self._body_slots(effect)
+    @cached_property
+    def sites(self) -> Sites:
+        """Where effects can act."""
+        robot, lengths = (self.name,), () if self.lengths is None else self.lengths.links
+        return {
+            **dict.fromkeys(("command", "strength", "limit"), self.actuators),
+            **dict.fromkeys(("dry friction", "friction", "damping", "rotor"), self.joints),
+            **dict.fromkeys(("play", "spring"), self.geared),
+            **dict.fromkeys(("tool", "samples"), robot),
+            "link": self.links,
+            "length": tuple(self.links[b - 1] for b in lengths),
+            "rolling": () if self.wheels is None else robot,
+            **self._sensor_sites,
+        }
 
-    def _sensor_slots(self, effect: str) -> tuple[str, ...]:
+    @property
+    def _sensor_sites(self) -> Sites:
         if self.base is None:
-            biased = tuple(f"position.{j}" for j in self.joints)
-            return {"sensor_delay": self.joints, "sensor_bias": biased}.get(effect, ())
+            return {"delay": self.joints, "offset": tuple(f"position.{j}" for j in self.joints)}
         others = tuple(j for j, rolls in zip(self.joints, self.base.rolling, strict=True) if not rolls.any())
         return {  # a wheel's angle is not measured, and says nothing of where the robot is
-            "sensor_delay": ("pose", *others),
-            "sensor_bias": ("pose.theta", *(f"position.{j}" for j in others)),
-            "sensor_mounting": (self.name,),
-        }.get(effect, ())
+            "delay": ("pose", *others),
+            "offset": ("pose.theta", *(f"position.{j}" for j in others)),
+            "point": (self.name,),
+        }
 
-    def _body_slots(self, effect: str) -> tuple[str, ...]:
-        if effect in ON_WHEELS and self.wheels is not None:
-            return (self.name,)
-        if effect == "link_length" and self.lengths is not None:
-            return tuple(self.links[b - 1] for b in self.lengths.links)
-        if effect == "link_mass":
-            return self.links
-        return hosted(PLUGGED, effect, {"command": self.actuators, "friction": self.joints})
+    def slots(self, effect: str) -> tuple[str, ...]:
+        return slots_of(effect, self.sites)
 
     @cached_property
     def inertias(self) -> np.ndarray:

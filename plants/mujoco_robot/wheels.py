@@ -1,17 +1,15 @@
 """The wheels that a driving robot stands on: their size and their distance as effects, batched."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from plants.mujoco_robot.base import ROLLS, Base, hinges_and_slides
+from residual_mpc.effects.library import Effects, changes
 
 if TYPE_CHECKING:
     import mujoco
-
-ON_WHEELS = ("wheel_radius", "wheel_radius_mismatch", "track_width")
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,21 +24,22 @@ class Wheels:
     right: np.ndarray
     geoms: tuple[tuple[int, ...], ...]
 
-    def edit(self, batch: Any, model: "mujoco.MjModel", effects: Mapping[str, Mapping[str, np.ndarray]]) -> bool:
+    def edit(self, batch: Any, model: "mujoco.MjModel", effects: Effects) -> bool:
         """Write radius and track into the batch; whether derived constants have to follow.
 
         A hub moves up or down with its wheel's radius, so that the chassis stands as it stood.
         """
-        if not any(e in effects for e in ON_WHEELS):
+        both, right, track = (changes(effects, q) for q in ("wheel radius", "right wheel radius", "track width"))
+        if both is None and right is None and track is None:
             return False
         place = batch.expand("body_pos")
-        if "track_width" in effects:
-            place[:, self.body, 1] *= effects["track_width"]["scale"]
+        if track is not None:
+            place[:, self.body, 1] *= track
         factor = np.ones((place.shape[0], len(self.body)))
-        if "wheel_radius" in effects:
-            factor = factor * effects["wheel_radius"]["scale"]
-        if "wheel_radius_mismatch" in effects:
-            factor = np.where(self.right, factor * effects["wheel_radius_mismatch"]["ratio"], factor)
+        if both is not None:
+            factor = factor * both
+        if right is not None:
+            factor = np.where(self.right, factor * right, factor)
         if not (factor == 1.0).all():
             place[:, self.body, 2] += (factor - 1.0) * self.radius
             size, bound = batch.expand("geom_size"), batch.expand("geom_rbound")

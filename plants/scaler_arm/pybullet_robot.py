@@ -15,14 +15,14 @@ from plants.scaler_arm.bullet import World
 from plants.scaler_arm.geometry import MOTORS, SCALER, Arm
 from plants.scaler_arm.robot import with_servo
 from plants.scaler_arm.start import closed
-from residual_mpc.effects.chain import command_chain
-from residual_mpc.effects.command import dead_zone_step
+from residual_mpc.effects.chain import command_chain, limits_of, on_errors
+from residual_mpc.effects.effect import Effect, Values
+from residual_mpc.effects.library import Sites, slots_of
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Settings
 
-ON_MOTORS = frozenset({"command_delay", "dead_zone", "actuator_lag", "saturation"})
 WORTH_PROCESSES = 20_000  # steps of one simulation: below, starting processes costs more than it brings
 
 
@@ -51,13 +51,17 @@ class PybulletRobot:
     def limits(self) -> Mapping[str, tuple[float, float]]:
         return dict(zip(MOTORS, self.arm.limits, strict=True))
 
-    def slots(self, effect: str) -> tuple[str, ...]:
-        if effect in ON_MOTORS or effect == "sensor_delay":
-            return MOTORS
+    @property
+    def sites(self) -> Sites:
+        """Where effects can act."""
         return {
-            "sensor_bias": tuple(f"position.{m}" for m in MOTORS),
-            "sensor_outliers": (self.name,),
-        }.get(effect, ())
+            **dict.fromkeys(("command", "limit", "delay"), MOTORS),
+            "offset": tuple(f"position.{m}" for m in MOTORS),
+            "samples": (self.name,),
+        }
+
+    def slots(self, effect: str) -> tuple[str, ...]:
+        return slots_of(effect, self.sites)
 
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
         return -np.inf, np.inf
@@ -74,11 +78,12 @@ class PybulletRobot:
         effects, rows = settings.effects, settings.rows
         u = command_chain(effects, drive.command, drive.lead, drive.dt, np.zeros(len(MOTORS), dtype=bool))
         torque = np.full((rows, len(MOTORS)), self.arm.servo.torque)
-        if "saturation" in effects:
-            torque = np.minimum(torque, effects["saturation"]["limit"])
-        width = effects["dead_zone"]["width"] if "dead_zone" in effects else np.zeros((rows, len(MOTORS)))
+        limits = limits_of(effects)
+        if limits is not None:
+            torque = np.minimum(torque, limits[1])
+        errors = tuple(on_errors(effects, np.ones(len(MOTORS), dtype=bool)))
         q, v = (np.stack([start[f"{k}.{m}"] for m in MOTORS], axis=-1) for k in ("position", "velocity"))
-        task = _Task(self.arm, drive.dt, q, v, np.ascontiguousarray(u), torque, width, drive.enabled)
+        task = _Task(self.arm, drive.dt, q, v, np.ascontiguousarray(u), torque, errors, drive.enabled)
         found = _on_all_cores(task) if u.shape[0] * u.shape[1] > WORTH_PROCESSES else _stepped(task)
         kinds = {"position": found[0], "velocity": found[1], "output": found[2]}
         split = {c: c.split(".") for c in wanted}
@@ -96,8 +101,8 @@ def build(robot: RobotFile) -> PybulletRobot:
 
 @dataclass(frozen=True)
 class _Task:
-    """Rows to be stepped: angles q and rates v (B, 6), targets u (B, K, 6) rad, torque limits N m and dead zones rad
-    (B, 6), enabled (B, K, 6) of 0 or 1, or None.
+    """Rows to be stepped: angles q and rates v (B, 6), targets u (B, K, 6) rad, torque limits N m (B, 6), effects on
+    the servos' errors with their parameters (B, 6), enabled (B, K, 6) of 0 or 1, or None.
     """
 
     arm: Arm
@@ -106,12 +111,13 @@ class _Task:
     v: np.ndarray
     u: np.ndarray
     torque: np.ndarray
-    width: np.ndarray
+    errors: tuple[tuple[Effect, Values], ...]
     enabled: np.ndarray | None
 
     def part(self, at: np.ndarray) -> "_Task":
         on = None if self.enabled is None else self.enabled[at]
-        return _Task(self.arm, self.dt, self.q[at], self.v[at], self.u[at], self.torque[at], self.width[at], on)
+        errors = tuple((effect, {k: v[at] for k, v in p.items()}) for effect, p in self.errors)
+        return _Task(self.arm, self.dt, self.q[at], self.v[at], self.u[at], self.torque[at], errors, on)
 
 
 Found = tuple[np.ndarray, np.ndarray, np.ndarray]  # positions rad, rates rad/s, torques N m: (B, K + 1, 6)
@@ -133,11 +139,13 @@ def _stepped(task: _Task) -> Found:
     for row in range(rows):
         world.put(closed(task.q[row], task.v[row], task.arm))
         q[row, 0], v[row, 0] = task.q[row], task.v[row]
-        width = task.width[row] if task.width[row].any() else None
         for k in range(steps):
             target = task.u[row, k]
-            if width is not None:
-                error, _ = dead_zone_step(NUMPY, {"width": width}, (), target - q[row, k], task.dt)
+            if task.errors:
+                error = target - q[row, k]
+                for effect, p in task.errors:
+                    assert effect.step is not None
+                    error, _ = effect.step(NUMPY, {name: v[row] for name, v in p.items()}, (), error, task.dt)
                 target = q[row, k] + error
             on = 1.0 if task.enabled is None else task.enabled[row, k]
             world.servo(target, task.dt, task.torque[row] * on)

@@ -11,26 +11,13 @@ from plants.scaler_arm.robot import with_servo
 from plants.scaler_arm.servo import Load, Servo, advance, weights
 from plants.scaler_arm.step import RATES, arm_step, nominal
 from plants.scaler_arm.weight import masses
-from residual_mpc.effects.actuator import gain_step, sag_step
-from residual_mpc.effects.chain import command_chain
-from residual_mpc.effects.command import dead_zone_step
+from residual_mpc.effects.chain import command_chain, on_errors, scaled
+from residual_mpc.effects.library import BY_NAME, Effects, Sites, changes, present, slots_of
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.stepping import StepOptions, Stepped
-
-ON_MOTORS = frozenset(
-    {
-        "command_delay",
-        "dead_zone",
-        "actuator_lag",
-        "actuator_gain",
-        "voltage_sag",
-        "coulomb_friction",
-        "viscous_friction",
-    }
-)  # no sensor_delay: in a log the few ms that the servos' inertia takes, which this model lacks, would pass for one
 
 
 @dataclass(frozen=True)
@@ -67,16 +54,26 @@ class ServoArm:
     def limits(self) -> Mapping[str, tuple[float, float]]:
         return dict(zip(MOTORS, self.arm.limits, strict=True))
 
+    @property
+    def sites(self) -> Sites:
+        """Where effects can act. No delay of readings: in a log the few ms that the servos' inertia takes, which this
+        model lacks, would pass for one."""
+        return {
+            **dict.fromkeys(("command", "strength", "dry friction", "damping"), MOTORS),
+            **dict.fromkeys(("tool", "samples"), (self.name,)),
+            "offset": tuple(f"position.{m}" for m in MOTORS),
+        }
+
     def slots(self, effect: str) -> tuple[str, ...]:
-        if effect in ON_MOTORS:
-            return MOTORS
-        biased = tuple(f"position.{m}" for m in MOTORS)
-        return {"payload": (self.name,), "sensor_outliers": (self.name,), "sensor_bias": biased}.get(effect, ())
+        return slots_of(effect, self.sites)
 
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
-        least = {"viscous_friction": -0.9 * self.arm.servo.damping, "coulomb_friction": 0.0}
-        least["payload"] = -0.9 * self.arm.gripper_body.mass
-        return least.get(effect, -np.inf), np.inf
+        least: dict[str | None, float] = {
+            "viscous damping": -0.9 * self.arm.servo.damping,
+            "dry friction": 0.0,
+            "tool mass": -0.9 * self.arm.gripper_body.mass,
+        }
+        return least.get(BY_NAME[effect].parameter(parameter).quantity, -np.inf), np.inf
 
     def reference(self, kind: str, slot: str | None) -> float:
         return {"mass": 0.1, "inertia": self.arm.servo.armature, "length": 0.1}.get(kind, 1.0)
@@ -97,10 +94,10 @@ class ServoArm:
         bare = [
             Servo(number[f"actuator.{m}.kp"], number[f"actuator.{m}.kv"], number[f"joint.{m}.damping"]) for m in MOTORS
         ]
-        load = Load(
-            {n: number[f"body.{n}.mass"] for n in masses(self.arm)},
-            effects["payload"]["mass"][:, 0] if "payload" in effects else 0.0, {}, {},
-        )  # fmt: skip
+        tool = changes(effects, "tool mass")
+        bodies = {n: number[f"body.{n}.mass"] for n in masses(self.arm)}
+        load = Load(bodies, 0.0 if tool is None else tool[:, 0], {}, {})
+        errors = on_errors(effects, np.ones(len(MOTORS), dtype=bool))
         q = np.stack([start[f"position.{m}"] for m in MOTORS], axis=-1).astype(np.float64)
         nodes = np.empty((settings.rows, drive.steps + 1, len(MOTORS)))
         rates, force = np.empty_like(nodes), np.empty_like(nodes)
@@ -112,8 +109,9 @@ class ServoArm:
             for i in range(len(MOTORS)):
                 law = _with_effects(bare[i], i, effects, drive.clock + (k + 0.5) * dt, dt)
                 error = u[:, k, i] - q[:, i]
-                if "dead_zone" in effects:
-                    error, _ = dead_zone_step(NUMPY, {"width": effects["dead_zone"]["width"][:, i]}, (), error, dt)
+                for effect, p in errors:
+                    assert effect.step is not None
+                    error, _ = effect.step(NUMPY, {k: v[:, i] for k, v in p.items()}, (), error, dt)
                 move = advance(NUMPY, NUMPY, law, error, weight[i], dt)
                 if drive.enabled is not None:  # a motor that is off is braked by its gear
                     move = move * drive.enabled[:, k, i]
@@ -137,16 +135,18 @@ def build(robot: RobotFile) -> ServoArm:
     return ServoArm(robot.name, with_servo(SCALER, robot))
 
 
-def _with_effects(
-    law: Servo, i: int, effects: Mapping[str, Mapping[str, np.ndarray]], clock: np.ndarray, dt: float
-) -> Servo:
+def _with_effects(law: Servo, i: int, effects: Effects, clock: np.ndarray, dt: float) -> Servo:
     """Motor i's law in every row."""
-    kp, kv, b = law.kp, law.kv, law.b
-    if "viscous_friction" in effects:
-        b = b + effects["viscous_friction"]["coefficient"][:, i]
-    for name, step in (("actuator_gain", gain_step), ("voltage_sag", sag_step)):
-        if name in effects:
-            scale, _ = step(NUMPY, {k: v[:, i] for k, v in effects[name].items()}, (), 1.0, clock, dt)
-            kp, kv = scale * kp, scale * kv
-    level = effects["coulomb_friction"]["torque"][:, i] if "coulomb_friction" in effects else None
+    damping = changes(effects, "viscous damping")
+    b = law.b if damping is None else law.b + damping[:, i]
+    mine = [(e, {k: v[:, i] for k, v in p.items()}) for e, p in present(effects, "strength")]
+    kp, kv = law.kp, law.kv
+    for one in mine:
+        scale = scaled(NUMPY, [one], 1.0, clock, dt)
+        kp, kv = scale * kp, scale * kv
+    level: np.ndarray | None = None
+    for effect, p in present(effects, "dry friction"):
+        assert effect.step is not None
+        more = effect.step(NUMPY, {k: v[:, i] for k, v in p.items()}, kp, kp)
+        level = more if level is None else level + more
     return Servo(kp, kv, b, level)

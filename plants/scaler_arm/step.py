@@ -13,16 +13,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from plants.diff_drive_step import soft_dead_zone
 from plants.scaler_arm.geometry import HOME, MOTORS, Arm, Triple
 from plants.scaler_arm.kinematics import chain, forward_kinematics, posture
 from plants.scaler_arm.rotation import Vector, cross
 from plants.scaler_arm.servo import Load, Servo, advance, torque, weights
 from plants.scaler_arm.weight import BODIES, centres, masses
-from residual_mpc.effects.actuator import gain_step, lag_step, sag_step
-from residual_mpc.effects.body import coulomb_level, load_level, stribeck_level
-from residual_mpc.effects.command import dead_zone_step, delay_step
-from residual_mpc.effects.library import BY_NAME, ORDER
+from residual_mpc.effects.chain import Chain, chain_of, scaled
+from residual_mpc.effects.effect import Site
+from residual_mpc.effects.library import BY_NAME, ORDER, changes, present
 from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Settings
@@ -34,26 +32,17 @@ RATES = tuple(f"velocity.{m}" for m in MOTORS)  # rad/s, of the step: the networ
 TOOL = ("tool.x", "tool.y", "tool.z")  # m
 TASK = ("task.x", "task.y", "task.z")  # m/s, what a correction adds to the tool's velocity
 TURN = ("turn.x", "turn.y", "turn.z")  # the gripper against home: sine of the angle times its axis
-FRICTIONS = ("coulomb_friction", "stribeck_friction", "load_dependent_friction")
-ON_MOTORS = (
-    "command_delay",
-    "dead_zone",
-    "actuator_lag",
-    "actuator_gain",
-    "voltage_sag",
-    "viscous_friction",
-    *FRICTIONS,
-)
-WEIGHS = ("payload", "link_mass")
-SENSOR = ("sensor_delay", "sensor_bias", "sensor_outliers")  # the estimator's part, not the model's
-LEFT_OUT = {
-    "saturation": "a limit of torque shows in how fast the arm gathers speed, and this step has no inertia",
-    "armature": "this step has no inertia",
-    "link_length": "this step closes the five-bar with the lengths that the arm is built with",
-    "joint_compliance": "this step has no motor side of a gear that could part from the link",
-    "backlash": "this step has no motor side of a gear that could part from the link",
+ON_MOTORS: tuple[Site, ...] = ("command", "strength", "damping", "dry friction", "friction")
+WEIGHS: tuple[Site, ...] = ("tool", "link")
+NO_GEAR = "this step has no motor side of a gear that could part from the link"
+LEFT_OUT: Mapping[str, str] = {
+    "limit": "a limit of torque shows in how fast the arm gathers speed, and this step has no inertia",
+    "rotor": "this step has no inertia",
+    "length": "this step closes the five-bar with the lengths that the arm is built with",
+    "spring": NO_GEAR,
+    "play": NO_GEAR,
 }
-UNIT = {"position": "rad", "sent": "rad", "lag": "rad", "speed": "rad/s", "offset": "m", "clock": "s"}
+UNIT = {"position": "rad", "speed": "rad/s", "offset": "m", "clock": "s", "disturbance": "rad/s"}
 
 
 @dataclass(frozen=True)
@@ -62,25 +51,24 @@ class ArmStep:
 
     arm: Arm
     dt: float  # s
-    effects: frozenset[str]
-    line: int  # past commands a motor
+    effects: tuple[str, ...]  # in the order of the chain
+    sent: Chain  # of a command on its way to a servo
+    errors: Chain  # what acts on a servo's error
     options: StepOptions
     index: Mapping[tuple[str, str, str], int]  # (effect, slot, parameter) -> place in p
     along: Mapping[str, Triple]  # unit vectors, along which a link's centre of mass is moved
+    numbers: tuple[float, ...]  # p as it is now
 
     @property
     def states(self) -> tuple[str, ...]:
         """Angles first, then what is remembered, newest first."""
         names = [*POSITIONS]
-        for m in MOTORS:
-            names += [f"sent.{m}.{j}" for j in range(1, self.line + 1)]
-        if "actuator_lag" in self.effects:
-            names += [f"lag.{m}" for m in MOTORS]
-        if self.effects & {"stribeck_friction", "load_dependent_friction"}:
+        names += [*self.sent.states, *self.errors.states]
+        if any(BY_NAME[e].place == "friction" for e in self.effects):
             names += [f"speed.{m}" for m in MOTORS]
         names += [f"offset.{s}" for s in self.options.corrected]
         names += [f"disturbance.{s}" for s in self.options.disturbances]
-        if "voltage_sag" in self.effects:
+        if any(BY_NAME[e].place == "strength" and BY_NAME[e].timed for e in self.effects):
             names.append("clock")
         return tuple(names)
 
@@ -98,10 +86,14 @@ class ArmStep:
         q = [now[c] for c in POSITIONS]
         weight = weights(ops, self.arm, chain(self.arm), q, self._load(p))
         signals: dict[str, Array] = dict(zip(COMMANDS, u, strict=True))
+
+        def values(effect: str, slot: str) -> dict[str, Array]:
+            return self._values(effect, slot, p)
+
         for i, m in enumerate(MOTORS):
-            sent = self._arrives(ops, i, u[i], p, now, new)
+            sent = self.sent(kinks, m, u[i], values, now, new)
             law = self._law(ops, i, now, sent - q[i], p)
-            error = self._dead(kinks, i, sent - q[i], p)
+            error = self.errors(kinks, m, sent - q[i], values, now, new)
             rate = advance(ops, kinks.rough(self.arm.servo.stiffness), law, error, weight[i], dt) / dt
             if f"disturbance.{RATES[i]}" in now:
                 rate = rate + now[f"disturbance.{RATES[i]}"]
@@ -130,15 +122,18 @@ class ArmStep:
 
     def resting(self, pose: Mapping[str, float]) -> np.ndarray:
         """(nx,) at rest at these angles; every command on its way is the one that holds them but for the weight."""
-        x = np.zeros(len(self.states))
-        for i, name in enumerate(self.states):
-            kind, _, rest = name.partition(".")
-            if kind in ("position", "sent", "lag"):
-                m = rest.split(".")[0]
-                x[i] = pose.get(f"position.{m}", HOME[MOTORS.index(m)])
-            elif name == "clock":
-                x[i] = self.options.clock
-        return x
+        at = {m: pose.get(f"position.{m}", home) for m, home in zip(MOTORS, HOME, strict=True)}
+
+        def values(effect: str, slot: str) -> dict[str, float]:
+            return self._values(effect, slot, self.numbers)
+
+        known = {
+            **{f"position.{m}": q for m, q in at.items()},
+            **self.sent.resting(at, values),
+            **self.errors.resting(dict.fromkeys(MOTORS, 0.0), values),
+            "clock": self.options.clock,
+        }
+        return np.array([known.get(name, 0.0) for name in self.states])
 
     def holding(self, x: np.ndarray) -> np.ndarray:
         """(6,) rad: where the joints are; the arm's weight then draws it down by its sag."""
@@ -151,59 +146,38 @@ class ArmStep:
     def _values(self, effect: str, slot: str, p: Sequence[Array]) -> dict[str, Array]:
         return {q.name: self._number(effect, slot, q.name, p, q.null) for q in BY_NAME[effect].parameters}
 
-    def _arrives(
-        self, ops: Ops, i: int, u: Array, p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
-    ) -> Array:
-        """The command that motor i sees, mean over the step; fills its part of the new memory."""
-        m, dt = MOTORS[i], self.dt
-        if self.line:
-            past = tuple(now[f"sent.{m}.{j}"] for j in range(1, self.line + 1))
-            u, line = delay_step(ops, self._values("command_delay", m, p), (*past, past[-1]), u, dt)
-            new |= {f"sent.{m}.{j + 1}": line[j] for j in range(self.line)}
-        if "actuator_lag" in self.effects:
-            u, new[f"lag.{m}"] = lag_step(ops, self._values("actuator_lag", m, p), now[f"lag.{m}"], u, dt)
-        return u
-
     def _law(self, ops: Ops, i: int, now: Mapping[str, Array], error: Array, p: Sequence[Array]) -> Servo:
         m = MOTORS[i]
         kp, kv = (p[self.index[TUNE, "", f"actuator.{m}.{k}"]] for k in ("kp", "kv"))
         b = p[self.index[TUNE, "", f"joint.{m}.damping"]]
-        if "viscous_friction" in self.effects:
-            b = b + self._values("viscous_friction", m, p)["coefficient"]
-        for name, law in (("actuator_gain", gain_step), ("voltage_sag", sag_step)):
-            if name in self.effects:
-                clock = now["clock"] + 0.5 * self.dt if "clock" in now else 0.0
-                scale, _ = law(ops, self._values(name, m, p), (), 1.0, clock, self.dt)
-                kp, kv = scale * kp, scale * kv
+        effects = {e: self._values(e, m, p) for e in self.effects}
+        damping = changes(effects, "viscous damping")
+        b = b if damping is None else b + damping
+        clock = now["clock"] + 0.5 * self.dt if "clock" in now else 0.0
+        for one in present(effects, "strength"):
+            scale = scaled(ops, [one], 1.0, clock, self.dt)
+            kp, kv = scale * kp, scale * kv
         bare = Servo(kp, kv, b)
         level: Array | None = None
-        laws = {"coulomb_friction": coulomb_level, "stribeck_friction": stribeck_level}
-        for name in FRICTIONS:
-            if name not in self.effects:
-                continue
-            speed = now.get(f"speed.{m}", 0.0)
-            force = torque(bare, error, speed)
-            part = laws.get(name, load_level)(ops, self._values(name, m, p), speed, force)
+        speed = now.get(f"speed.{m}", 0.0)
+        for effect, value in present(effects, "dry friction", "friction"):
+            assert effect.step is not None
+            part = effect.step(ops, value, speed, torque(bare, error, speed))
             level = part if level is None else level + part
         return Servo(kp, kv, b, level)
-
-    def _dead(self, kinks: Kinks, i: int, error: Array, p: Sequence[Array]) -> Array:
-        if "dead_zone" not in self.effects:
-            return error
-        value = self._values("dead_zone", MOTORS[i], p)
-        if kinks.width > 0:
-            return soft_dead_zone(kinks.exact, value["width"], error, kinks.width)
-        return dead_zone_step(kinks.exact, value, (), error, self.dt)[0]
 
     def _load(self, p: Sequence[Array]) -> Load:
         mass: dict[str, Array] = {n: p[self.index[TUNE, "", f"body.{n}.mass"]] for n in BODIES}
         shifts: dict[str, Array] = {}
-        if "link_mass" in self.effects:
-            for n in BODIES:
-                added = self._values("link_mass", n, p)
-                mass[n] = mass[n] + added["mass"]
-                shifts[n] = added["com"]
-        payload = self._number("payload", "", "mass", p, 0.0) if "payload" in self.effects else 0.0
+        for n in BODIES:
+            effects = {e: self._values(e, n, p) for e in self.effects if BY_NAME[e].place == "link"}
+            added, moved = changes(effects, "link mass"), changes(effects, "link centre")
+            if added is not None:
+                mass[n] = mass[n] + added
+            if moved is not None:
+                shifts[n] = moved
+        tool = changes({e: self._values(e, "", p) for e in self.effects if BY_NAME[e].place == "tool"}, "tool mass")
+        payload = 0.0 if tool is None else tool
         return Load(mass, payload, shifts, self.along)
 
 
@@ -247,26 +221,29 @@ def arm_step(
     numbers = _tuned(arm, settings)
     left_out = [f"{n}: only what the servos, the frictions and the masses are is part of this step"
                 for n in settings.tuned if n not in {x.parameter for x in numbers}]  # fmt: skip
-    live = sorted((e for e in settings.effects if e not in SENSOR), key=ORDER.__getitem__)
+    live = sorted((e for e in settings.effects if BY_NAME[e].stage != "sensor"), key=ORDER.__getitem__)
     hosted = []
     for effect in live:
-        if effect not in (*ON_MOTORS, *WEIGHS):
-            left_out.append(f"{effect}: {LEFT_OUT.get(effect, 'not part of this step')}")
+        place = BY_NAME[effect].place
+        if place not in (*ON_MOTORS, *WEIGHS):
+            left_out.append(f"{effect}: {LEFT_OUT.get(place, 'not part of this step')}")
             continue
         hosted.append(effect)
         targets = slots(effect)
         for q in BY_NAME[effect].parameters:
             for slot, v in zip(targets, settings.effects[effect][q.name][0], strict=True):
-                if effect in ON_MOTORS and slot not in MOTORS:
+                if place in ON_MOTORS and slot not in MOTORS:
                     if v != q.null and not q.shape:
                         left_out.append(f"{effect} [{slot}]: a joint without a motor follows the others")
                     continue
                 numbers.append(Number(effect, "" if slot == name else slot, q.name, float(v), q.unit))
-    line = 0
-    if "command_delay" in hosted:
-        line = max(1, math.ceil(float(settings.effects["command_delay"]["delay"].max()) / options.dt - 1e-9))
+    effects = {e: settings.effects[e] for e in hosted}
+    sent, errors = (chain_of(effects, ("command",), MOTORS, options.dt, on_error=own) for own in (False, True))
     index = {(n.effect, n.slot, n.parameter): i for i, n in enumerate(numbers)}
-    step = ArmStep(arm, options.dt, frozenset(hosted), line, options, index, _along(arm))
+    order = tuple(e.name for e, _ in present(effects, *ON_MOTORS, *WEIGHS))
+    step = ArmStep(
+        arm, options.dt, order, sent, errors, options, index, _along(arm), tuple(n.value for n in numbers)
+    )  # fmt: skip
     units = tuple(_unit(s) for s in step.states)
     return Stepped(
         options.dt,
@@ -309,11 +286,13 @@ def _along(arm: Arm) -> dict[str, Triple]:
 
 
 def _unit(state: str) -> str:
-    return "rad/s" if state.startswith("disturbance.") else UNIT[state.partition(".")[0]]
+    kind = state.partition(".")[0]
+    return UNIT.get(kind) or next((e.memory_unit for e in BY_NAME.values() if e.label == kind and e.memory_unit), "rad")
 
 
 def numpy_output(arm: Arm, q: np.ndarray) -> np.ndarray:
     """(..., 6) tool point and turn of the gripper at motor angles q (..., 6)."""
-    step = ArmStep(arm, 1.0, frozenset(), 0, StepOptions(1.0), {}, {})
+    nothing = Chain((), MOTORS, 1.0, {})
+    step = ArmStep(arm, 1.0, (), nothing, nothing, StepOptions(1.0), {}, {}, ())
     found = step.output(NUMPY, [*np.moveaxis(q, -1, 0)])
     return np.stack([np.broadcast_to(v, q.shape[:-1]) for v in found], axis=-1)

@@ -9,14 +9,12 @@ from plants.wheeled.bullet_engine import BulletEngine
 from plants.wheeled.engine import CHANNELS, Motion
 from plants.wheeled.geometry import WHEELS, Geometry
 from plants.wheeled.simulators import TURTLEBOT
-from residual_mpc.effects.actuator import gain_step, sag_step, saturation_step
-from residual_mpc.effects.chain import command_chain
+from residual_mpc.effects.chain import command_chain, output_chain
+from residual_mpc.effects.library import BY_NAME, Sites, changes, present, slots_of
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.settings import Settings
 
-ON_A_WHEEL = ("command_delay", "dead_zone", "actuator_lag", "actuator_gain", "saturation", "voltage_sag")
-ON_THE_ROBOT = ("wheel_radius", "wheel_radius_mismatch", "track_width", "sensor_mounting", "sensor_outliers")
 AXES = ("x", "y", "theta")
 WORTH = 20_000  # rows times nodes, about a second: below that a second process costs more than it brings
 
@@ -38,15 +36,22 @@ class BulletRobot:
         planar = tuple(State(f"pose.{a}", f"twist.{a}") for a in AXES)
         return (*planar, *(State(f"velocity.{w}", None) for w in WHEELS))
 
+    @property
+    def sites(self) -> Sites:
+        """Where effects can act."""
+        return {
+            **dict.fromkeys(("command", "strength", "limit", "output", "dry friction"), WHEELS),
+            **dict.fromkeys(("rolling", "point", "samples"), (self.name,)),
+            "delay": ("pose",),
+            "offset": ("pose.theta",),
+        }
+
     def slots(self, effect: str) -> tuple[str, ...]:
-        if effect in ON_A_WHEEL or effect == "coulomb_friction":
-            return WHEELS
-        if effect in ON_THE_ROBOT:
-            return (self.name,)
-        return {"sensor_delay": ("pose",), "sensor_bias": ("pose.theta",)}.get(effect, ())
+        return slots_of(effect, self.sites)
 
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
-        return (0.0, np.inf) if effect == "coulomb_friction" else (-np.inf, np.inf)
+        friction = BY_NAME[effect].parameter(parameter).quantity == "dry friction"
+        return (0.0, np.inf) if friction else (-np.inf, np.inf)
 
     def reference(self, kind: str, slot: str | None) -> float:
         wheel = self.geometry.left
@@ -82,9 +87,7 @@ def _set_points(settings: Settings, drive: Drive) -> np.ndarray:
     if drive.enabled is not None:
         y = y * drive.enabled
     clock = drive.clock[:, None, None] + dt * (np.arange(y.shape[1]) + 0.5)[None, :, None]
-    for name, step in (("actuator_gain", gain_step), ("voltage_sag", sag_step), ("saturation", saturation_step)):
-        if name in effects:
-            y, _ = step(NUMPY, {p: v[:, None, :] for p, v in effects[name].items()}, (), y, clock, dt)
+    y = output_chain(effects, y, clock, dt)
     return np.asarray(np.broadcast_to(y, (settings.rows, drive.steps, 2)))
 
 
@@ -94,22 +97,26 @@ def _figures(robot: BulletRobot, settings: Settings) -> np.ndarray:
     left = settings.tuned.get("wheel_radius", robot.geometry.left.radius * one)
     track = settings.tuned.get("track_width", robot.geometry.track * one)
     effects = settings.effects
-    if "wheel_radius" in effects:
-        left = left * effects["wheel_radius"]["scale"][:, 0]
+    both, ratio = changes(effects, "wheel radius"), changes(effects, "right wheel radius")
+    scale = changes(effects, "track width")
+    if both is not None:
+        left = left * both[:, 0]
     # the nominal wheels may differ already
     right = left * (robot.geometry.right.radius / robot.geometry.left.radius)
-    if "wheel_radius_mismatch" in effects:
-        right = right * effects["wheel_radius_mismatch"]["ratio"][:, 0]
-    if "track_width" in effects:
-        track = track * effects["track_width"]["scale"][:, 0]
+    if ratio is not None:
+        right = right * ratio[:, 0]
+    if scale is not None:
+        track = track * scale[:, 0]
     return np.stack([left, right, track], axis=1)
 
 
 def _friction(settings: Settings) -> np.ndarray:
     """(B, 2) N m of dry friction on the wheels."""
-    if "coulomb_friction" not in settings.effects:
-        return np.zeros((settings.rows, 2))
-    return np.broadcast_to(settings.effects["coulomb_friction"]["torque"], (settings.rows, 2))
+    level = np.zeros((settings.rows, 2))
+    for effect, p in present(settings.effects, "dry friction"):
+        assert effect.step is not None
+        level = level + effect.step(NUMPY, p, level, level)
+    return level
 
 
 def _processes() -> int:

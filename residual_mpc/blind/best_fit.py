@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from residual_mpc.blind.records import Answer, Planted
+from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 
 if TYPE_CHECKING:
     from residual_mpc.diagnosis.dataset import Dataset
 
-_FLAGGED = "sensor_outliers"  # counted, not fitted
+_FLAGGED = SENSOR_OUTLIERS.name  # counted, not fitted
 _FIT_STEPS = 40_000  # simulation steps that one hypothesis may cost
 
 

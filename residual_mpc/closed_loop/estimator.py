@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.closed_loop.protocols import Reading
+from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.sensor import unmounted
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.export.casadi_model import casadi_model
 from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
+from residual_mpc.models.sensing import sensor_value
 
 
 @dataclass(frozen=True)
@@ -136,16 +137,15 @@ class Filter:
 
     def _pose(self, reading: Reading) -> np.ndarray:
         """(ny,) the measured pose with bias and mounting undone; NaN where nothing was reported."""
-        poses, effects = self.model.stepped.poses, self.model.settings.effects
+        poses, settings = self.model.stepped.poses, self.model.settings
         y = np.array([reading.get(c, np.nan) for c in poses], dtype=np.float64)
-        if "sensor_bias" in effects:
-            slots = self.model.robot.slots("sensor_bias")
-            for i, c in enumerate(poses):
-                if c in slots:
-                    y[i] -= effects["sensor_bias"]["bias"][0, slots.index(c)]
-        if "sensor_mounting" in effects:
-            p = {k: v[0, 0] for k, v in effects["sensor_mounting"].items()}
-            y[0], y[1] = unmounted(NUMPY, p, y[0], y[1], y[2])
+        for i, c in enumerate(poses):
+            offset = sensor_value(self.model.robot, settings, "reading offset", c)
+            if offset is not None:
+                y[i] -= offset[0]
+        for effect, values in present(settings.effects, "point"):
+            assert effect.undo is not None
+            y[0], y[1] = effect.undo(NUMPY, {k: v[0, 0] for k, v in values.items()}, y[0], y[1], y[2])
         return y
 
 
@@ -166,9 +166,8 @@ def build_filter(model: Augmented, settings: EstimatorSettings, compile: bool = 
     stage = compiled(c.stage, compiler() if compile else None)
     n, m = model.nx, model.nu
     call = buffered(stage, (n, m, len(model.p)), (n, n * n, n * m))
-    late = 0.0
-    if "sensor_delay" in model.settings.effects:
-        late = float(model.settings.effects["sensor_delay"]["delay"].max()) / model.build.dt
+    delays = changes(model.settings.effects, "reading delay")
+    late = 0.0 if delays is None else float(delays.max()) / model.build.dt
     whole = int(np.ceil(late - 1e-9))
     part = float(late - np.floor(late + 1e-9))
     anew = tuple(states.index(name) for name in model.stepped.restarts)

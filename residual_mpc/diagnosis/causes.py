@@ -15,6 +15,7 @@ from residual_mpc.diagnosis.spikes import Outliers
 from residual_mpc.diagnosis.support import Support
 from residual_mpc.diagnosis.verdict import AS_GOOD
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Term
 
@@ -129,7 +130,7 @@ def _outliers(outliers: Outliers) -> Cause:
     counted = binomtest(int(sum(m.sum() for m in marks)), sum(len(m) for m in marks))
     low, high = counted.proportion_ci(method="wilson")
     estimate = Estimate("rate", outliers.share, (float(low), float(high)), "1")
-    term = Term("sensor_outliers", None)
+    term = Term(SENSOR_OUTLIERS.name, None)
     return Cause(term, MOST_SURE, (estimate,), BY_NAME[term.effect].summary, None, ("fits",))
 
 

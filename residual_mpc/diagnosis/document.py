@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from residual_mpc.diagnosis.records import Diagnosis, Estimate
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import Knob, Term, Values
 from residual_mpc.residual.record import KEY, Residual, from_json
@@ -118,7 +119,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
 
 def to_model(d: Diagnosis) -> dict[str, Any]:
     """The augmented model: every value that differs from the nominal one."""
-    outliers = any(c.term.effect == "sensor_outliers" for c in d.causes)
+    outliers = any(not BY_NAME[c.term.effect].fitted for c in d.causes)
     return {
         "schema": MODEL_SCHEMA,
         "robot": d.robot,

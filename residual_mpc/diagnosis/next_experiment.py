@@ -1,37 +1,12 @@
-"""What to log or drive next, so that a confounded group comes apart. The table holds measured separations."""
+"""What to log or drive next, so that a confounded group comes apart."""
 
 from collections.abc import Iterable
 
 from residual_mpc.diagnosis.records import Verdict
+from residual_mpc.effects.equivalents import SEPARATIONS
 from residual_mpc.models.settings import Term
 
-ENCODERS = "log the wheel encoders (velocity.left and velocity.right)"
 EXPLORE = "drive the motion that shows the gap most, twice, and one that goes where no run has been"
-TABLE: tuple[tuple[frozenset[str], str, str], ...] = (
-    (frozenset({"command_delay", "sensor_delay"}), ENCODERS, "log stretches with the motor off (enabled.* = 0)"),
-    (frozenset({"actuator_gain", "wheel_radius"}), ENCODERS, ""),
-    (frozenset({"actuator_gain", "wheel_radius_mismatch"}), ENCODERS, ""),
-    (frozenset({"wheel_radius", "slope"}), "drive straight at two headings, both ways", ""),
-    (
-        frozenset({"wheel_radius", "longitudinal_slip"}),
-        "drive at constant speed as well as with hard accelerations",
-        "",
-    ),
-    (frozenset({"lateral_slip", "sensor_mounting"}), "spin in place, and drive arcs at varying speed", ""),
-    (
-        frozenset({"actuator_lag", "command_delay"}),
-        "drive steps and fast multisines of both wheels",
-        "send steps and a chirp",
-    ),
-    (frozenset({"coulomb_friction", "backlash"}), "", "send a chirp"),
-    (frozenset({"payload", "joint_compliance"}), "", "log stretches with the motor off (enabled.* = 0)"),
-    (frozenset({"viscous_friction", "command_delay"}), "", "send a chirp"),
-    (frozenset({"viscous_friction", "actuator_lag"}), "", "send a chirp"),
-    (frozenset({"payload", "armature"}), "", "send steps, and hold the arm at several heights"),
-    (frozenset({"coulomb_friction", "load_dependent_friction"}), "", "repeat the motion under a second payload"),
-    (frozenset({"coulomb_friction", "stribeck_friction"}), "", "move slowly and fast: creep, then chirp"),
-    (frozenset({"payload", "link_mass"}), "", "repeat the motion with a known payload"),
-)
 
 
 def next_experiment(
@@ -41,10 +16,10 @@ def next_experiment(
     None otherwise."""
     for group in groups:
         names = {t.effect for member in group for t in member}
-        for pair, on_wheels, on_arm in TABLE:
-            what = on_wheels if wheeled else on_arm
-            if pair <= names and what:
-                return {"parts": sorted(pair), "what": what, "commands": None}
+        for separation in SEPARATIONS:
+            what = separation.wheeled if wheeled else separation.arm
+            if separation.pair <= names and what:
+                return {"parts": sorted(separation.pair), "what": what, "commands": None}
         if len(group) > 1:
             what = (
                 "drive spins, straights both ways at two headings, and both signs of speed times a multisine of turning"

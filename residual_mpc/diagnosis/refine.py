@@ -25,6 +25,7 @@ from residual_mpc.diagnosis.thinning import evenly
 from residual_mpc.diagnosis.tolerances import small_differences
 from residual_mpc.diagnosis.tolerated import carrying, tolerant
 from residual_mpc.diagnosis.witness import contradicted, witnesses
+from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
 
 AGAIN = 4  # steps of the last fit with small differences, from where the plain one ended
@@ -132,7 +133,7 @@ def _again(problem: Problem, polished: Polished, fewer: Values, options: Options
 
 
 def _wanted(ready: Prepared, options: Options) -> bool:
-    name = "sensor_outliers"
+    name = SENSOR_OUTLIERS.name
     return ready.outliers.enough and (not options.only or name in options.only) and name not in options.without
 
 

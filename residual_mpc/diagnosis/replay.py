@@ -7,8 +7,8 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Block, Dataset
 from residual_mpc.diagnosis.local_fit import local_fit
+from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.sensor import mounted, unmounted
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.sensing import sensor_value
 from residual_mpc.models.settings import Settings
@@ -53,18 +53,19 @@ def start_states(data: Dataset, block: Block, settings: Settings, sooner: float 
         if state.velocity is not None:
             rate, _ = _local(data, block, state.velocity, _delay(block.robot, settings, state.velocity) - early)
             out[state.velocity] = np.nan_to_num(np.where(np.isnan(rate), slope, rate))
-    if "sensor_mounting" in settings.effects:
-        p = settings.effects["sensor_mounting"]
-        out["pose.x"], out["pose.y"] = unmounted(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
+    for effect, p in present(settings.effects, "point"):
+        assert effect.undo is not None
+        out["pose.x"], out["pose.y"] = effect.undo(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
     return out
 
 
 def earliest(block: Block, settings: Settings) -> np.ndarray:
     """(H,) s: how long before the window's start the replay begins: each hypothesis' largest sensor delay, in whole
     steps. A part of a step would smear the commands' edges over the encoders that are read beside them."""
-    if "sensor_delay" not in settings.effects:
+    delays = changes(settings.effects, "reading delay")
+    if delays is None:
         return np.zeros(settings.rows)
-    longest, dt = settings.effects["sensor_delay"]["delay"].max(axis=1), block.drive.dt
+    longest, dt = delays.max(axis=1), block.drive.dt
     return np.asarray(dt * np.ceil(longest / dt - 1e-9))
 
 
@@ -83,11 +84,12 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
     for channel in wanted:
         late = (_delay(block.robot, settings, channel) - early)[:, None, None]  # (H, 1, 1) s
         sampled[channel] = _interpolate(nodes[channel].reshape(h, w, -1), t[None] - late, drive.dt)
-    if "sensor_mounting" in settings.effects and "pose.x" in sampled:
-        p = {k: v[:, :, None] for k, v in settings.effects["sensor_mounting"].items()}
-        theta = sampled.get("pose.theta")
-        if theta is not None:
-            sampled["pose.x"], sampled["pose.y"] = mounted(NUMPY, p, sampled["pose.x"], sampled["pose.y"], theta)
+    posed = "pose.x" in sampled and "pose.theta" in sampled
+    for effect, values in present(settings.effects, "point") if posed else ():
+        assert effect.step is not None
+        p = {k: v[:, :, None] for k, v in values.items()}
+        seen = effect.step(NUMPY, p, sampled["pose.x"], sampled["pose.y"], sampled["pose.theta"])
+        sampled["pose.x"], sampled["pose.y"] = seen
     out = np.full((h, w, t.shape[1], len(data.channels)), np.nan)
     for k, channel in enumerate(data.channels):
         if channel in sampled:
@@ -158,13 +160,13 @@ def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
 
 def _delay(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
     """(H,) s."""
-    value = sensor_value(robot, settings, "sensor_delay", "delay", channel)
+    value = sensor_value(robot, settings, "reading delay", channel)
     return np.zeros(settings.rows) if value is None else value
 
 
 def _bias(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
     """(H, 1) channel unit."""
-    value = sensor_value(robot, settings, "sensor_bias", "bias", channel)
+    value = sensor_value(robot, settings, "reading offset", channel)
     return np.zeros((settings.rows, 1)) if value is None else value[:, None]
 
 

@@ -11,7 +11,8 @@ from residual_mpc.diagnosis.problem import Problem, tolerating
 from residual_mpc.diagnosis.replays import Replays
 from residual_mpc.diagnosis.screen import glance, smaller
 from residual_mpc.diagnosis.search import ALIKE, Found, without
-from residual_mpc.effects.library import ORDER
+from residual_mpc.effects.equivalents import together
+from residual_mpc.effects.library import BY_NAME, ORDER
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-in may miss
@@ -26,8 +27,6 @@ LOST = 1.0  # squared scaled error at which a window counts: all of its motion i
 FAR_SMALLER = 0.6  # times the squared gap on all windows
 FAR = 70.0  # likelihood ratio beyond which a rival is not fitted to the end: it would hold no probability
 BEST = 2  # targets alone that are fitted in place of all
-# without encoders these scale the same two rims, so that one pair of them does what another pair does
-RIM_SCALES = ("actuator_gain", "wheel_radius", "wheel_radius_mismatch")
 
 
 @dataclass(frozen=True)
@@ -153,8 +152,8 @@ def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float
                 seen.add(lead.term)
                 starts.append({**rest.values, **lead.start})
         starts += _as_pair(problem, rest, fit, gone[0], candidates)
-    elif all(t.effect in RIM_SCALES for t in gone):
-        rims = [c for c in candidates if c.effect in RIM_SCALES and c not in gone]
+    elif (word := _interchangeable(gone)) is not None:
+        rims = [c for c in candidates if BY_NAME[c.effect].interchangeable == word and c not in gone]
         for i, a in enumerate(rims):
             starts += [
                 {**rest.values, **problem.space.probes(a)[-1], **problem.space.probes(b)[-1]}
@@ -184,12 +183,10 @@ def _on_all(
 
 
 def _as_pair(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
-    """The left wheel's gain as what does the same to both rims: all of it in both radii, taken back from the right."""
-    pair = (Term("wheel_radius", None), Term("wheel_radius_mismatch", None))
-    if gone != Term("actuator_gain", "left") or not all(t in candidates for t in pair):
-        return []
-    gain = fit.values[Knob(*gone, "gain")]
-    return [_with(problem, rest, {Knob(*pair[0], "scale"): gain, Knob(*pair[1], "ratio"): 1.0 / gain})]
+    """An effect on one target as the several effects that do the same together, where there are such."""
+    numbers = {k.parameter: v for k, v in fit.values.items() if k.term == gone}
+    found: Values = {Knob(*knob): v for knob, v in together(*gone, numbers).items()}
+    return [_with(problem, rest, found)] if found and all(k.term in candidates for k in found) else []
 
 
 def _with(problem: Problem, rest: Fit, found: Values) -> Values:
@@ -230,8 +227,14 @@ def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: floa
 
 
 def _rim_pairs(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
-    rims = [t for t in terms if t.effect in RIM_SCALES]
-    return [(a, b) for i, a in enumerate(rims) for b in rims[i + 1 :]]
+    return [(a, b) for i, a in enumerate(terms) for b in terms[i + 1 :] if _interchangeable((a, b)) is not None]
+
+
+def _interchangeable(terms: tuple[Term, ...]) -> str | None:
+    """What these effects do alike, so that a pair of them does what another pair does; None where they do not. Without
+    encoders gains, radius and mismatch scale the same two rims."""
+    words = {BY_NAME[t.effect].interchangeable for t in terms}
+    return words.pop() or None if len(words) == 1 else None
 
 
 def _on_targets(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:

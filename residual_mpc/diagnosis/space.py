@@ -11,14 +11,11 @@ import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.library import BY_NAME, LIBRARY
+from residual_mpc.effects.library import BY_NAME, LIBRARY, holder
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, assemble
 
-FITTED = tuple(e for e in LIBRARY if e.name != "sensor_outliers")  # outliers are flagged, not fitted
-
-SLOW = frozenset({"voltage_sag"})  # effects of minutes, not of seconds: in short runs they only imitate others
-SLOW_FROM = 8.0  # s
+FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
 
 
@@ -71,14 +68,12 @@ class Space:
             return 0.0, np.inf
         p = BY_NAME[knob.effect].parameter(knob.parameter)
         low, high = self.robot.bounds(knob.effect, knob.parameter, knob.target)
-        if knob.effect == "dead_zone":
-            high = min(high, 0.9 * self._largest("command", knob))
-        if knob.effect == "saturation":
-            high = min(high, 1.2 * self._largest("output", knob))
-        if knob.effect == "viscous_friction":
-            high = min(high, self._most_damping(knob.target))
-        if knob.effect == "link_mass" and knob.parameter == "com":
-            reach = self.robot.reference("length", None)
+        if math.isfinite(p.most):
+            high = min(high, p.most * self._largest(p.reference, knob))
+        if p.quantity == "viscous damping":
+            high = min(high, self._most_damping(knob))
+        if p.within is not None:
+            reach = self.robot.reference(p.within, None)
             low, high = max(low, -reach), min(high, reach)
         return max(p.lower, low), min(p.upper, high)
 
@@ -106,12 +101,13 @@ class Space:
         nominal = {k: self.null(k) for k in self.tunables if k in named}
         return assemble([{**nominal, **h} for h in hypotheses] if nominal else hypotheses, self.slots)
 
-    def _most_damping(self, target: str | None) -> float:
+    def _most_damping(self, knob: Knob) -> float:
         """N m s/rad with which a joint at its typical speed would take all that its motor gives; inf where nothing is
         known of the motor."""
-        slots = self.slots["viscous_friction"] if target is None else (target,)
-        slots = tuple(s for s in slots if s in self.slots["coulomb_friction"])
-        torques = (self.robot.bounds("coulomb_friction", "torque", s)[1] / self._speed(s) for s in slots)
+        friction, torque = holder("dry friction")
+        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        slots = tuple(s for s in slots if s in self.slots[friction])
+        torques = (self.robot.bounds(friction, torque, s)[1] / self._speed(s) for s in slots)
         return min(torques, default=np.inf)
 
     def _speed(self, joint: str) -> float:
@@ -140,7 +136,7 @@ def build_space(
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
     longest = max(float(r.t[-1] - r.t[0]) for r in data.runs)
     why = f"no run is longer than {longest:.2g} s"
-    ruled_out = {t: why for t in candidates if t.effect in SLOW and longest < SLOW_FROM}
+    ruled_out = {t: why for t in candidates if longest < BY_NAME[t.effect].seconds}
     ruled_out |= {t: because[t] for t in candidates if t in because}
     candidates = tuple(t for t in candidates if t not in ruled_out)
     free = tuple(
@@ -153,10 +149,10 @@ def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:
     """All targets alike, and each target alone. A robot's only target is named by no target."""
     if not slots:
         return []
-    if effect.name == "sensor_delay" and slots == ("pose",):
+    if effect.target == "channel" and slots == ("pose",):
         encoders = any(c.startswith("velocity.") for c in data.channels)
         return [Term(effect.name, "pose" if encoders else None)]
-    if effect.name == "sensor_bias":
+    if effect.target == "channel" and not effect.null_target:
         return [Term(effect.name, s) for s in slots if s in data.channels]
     if len(slots) == 1:
         return [Term(effect.name, None)]

@@ -23,23 +23,15 @@ KEPT = 0.3  # of its distance from null that a number keeps when any run is left
 DEPENDS = 0.2  # share of a remainder from which its dependence casts doubt
 CLEAR = 1.0  # times the squared noise floor, from which an effect's contribution is no faint one
 LARGE = 3.0  # times what numbers are off anyway, from which an effect is no such difference
-LAG_LAW = 0.1  # of a lag's time constant: the dead time that a motor of higher order adds to a first-order law
 STEPS = 30_000  # simulation steps that one prediction may cost here
 UNSUPPORTED = 0.5  # factor on the probability of an effect that does not help on unseen windows, or is imitated
 
-# What a remainder that depends on this quantity is easily mistaken for: a steady effect fitted to a changing one.
-IMITATED: Mapping[str, frozenset[str]] = {
-    **dict.fromkeys(
-        ("time", "order", "run", "work"),
-        frozenset({"voltage_sag", "actuator_gain", "wheel_radius", "coulomb_friction", "viscous_friction"}),
-    ),
-    **dict.fromkeys(
-        ("position", "angle"),
-        frozenset(
-            {"actuator_gain", "coulomb_friction", "load_dependent_friction", "payload", "link_mass", "sensor_bias"}
-        ),
-    ),
-    "speed": frozenset({"actuator_gain", "wheel_radius", "viscous_friction"}),
+# What the kinds of dependence of a remainder amount to (see Effect.imitates): a steady effect that is fitted to a
+# changing one is mistaken for it.
+DEPENDENCE: Mapping[str, str] = {
+    **dict.fromkeys(("time", "order", "run", "work"), "time"),
+    **dict.fromkeys(("position", "angle"), "position"),
+    "speed": "speed",
 }
 
 
@@ -75,14 +67,13 @@ def support_of(of: Explained, longer: Sequence[Look], looks: Sequence[AtHorizon]
 def doubts(supports: Mapping[Term, Support], rest: Rest | None) -> dict[Term, float]:
     """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint or
     no larger than small differences elsewhere, and where what is left depends on a quantity that it would imitate."""
-    on = set() if rest is None else {d.kind for d in rest.depends if d.share >= DEPENDS}
-    imitated = frozenset[str]().union(*(IMITATED.get(kind, frozenset()) for kind in on))
+    on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= DEPENDS}
     out = {}
     for term, support in supports.items():
         helps = 1.0 if "predicts" in support.evidence else UNSUPPORTED
         clear = UNSUPPORTED + (1.0 - UNSUPPORTED) * float(np.clip(support.strength / CLEAR, 0.0, 1.0))
         large = UNSUPPORTED + (1.0 - UNSUPPORTED) * float(np.clip((support.size - 1.0) / (LARGE - 1.0), 0.0, 1.0))
-        out[term] = helps * min(clear, large) * (UNSUPPORTED if term.effect in imitated else 1.0)
+        out[term] = helps * min(clear, large) * (UNSUPPORTED if on & BY_NAME[term.effect].imitates else 1.0)
     return out
 
 
@@ -95,19 +86,22 @@ def _size(of: Explained, term: Term) -> float:
         p = BY_NAME[term.effect].parameter(knob.parameter)
         if p.shape:
             continue
-        usual = max(level * p.tolerance * of.space.reference(knob), _of_the_lag(of.final.values, term))
+        usual = max(level * p.tolerance * of.space.reference(knob), _shadow(of.final.values, term))
         if usual == 0.0:
             return np.inf
         sizes.append(abs(of.final.values[knob] - p.null) / usual)
     return max(sizes)
 
 
-def _of_the_lag(values: Values, term: Term) -> float:
-    """s: the dead time of an actuator that its named lag may have made; 0 for other effects."""
-    if term.effect != "command_delay":
-        return 0.0
-    lags = [v for k, v in values.items() if k.effect == "actuator_lag" and (k.target == term.target or not k.target)]
-    return LAG_LAW * max(lags, default=0.0)
+def _shadow(values: Values, term: Term) -> float:
+    """How large the effect may seem by itself beside the named effects on the same target that feign it."""
+    most = 0.0
+    for quantity, share in BY_NAME[term.effect].shadows:
+        for k, v in values.items():
+            here = k.effect != TUNE and (k.target == term.target or not k.target)
+            if here and BY_NAME[k.effect].parameter(k.parameter).quantity == quantity:
+                most = max(most, share * v)
+    return most
 
 
 def _rises(of: Explained, data: Dataset, scales: Scales, floor: float) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
 from residual_mpc.effects.ops import Array, Ops, clip
+from residual_mpc.effects.phrase import Phrase
 
 TINY = 1e-12  # s: keeps exp(-dt / tau) defined at tau = 0, where it is exactly 0
 
@@ -40,6 +41,11 @@ def lagged_sequence(tau: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         begin = np.concatenate([line[:, :1], end[:, :-1]], axis=1)
         out[row, :, actuator] = line + (begin - line) * (value / dt) * (1.0 - e)
     return out
+
+
+def lag_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
+    """lag_step over a whole sequence, see `lagged_sequence`."""
+    return lagged_sequence(p["time_constant"], u, dt)
 
 
 def gain_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:
@@ -77,10 +83,18 @@ ACTUATOR_LAG = Effect(
     stage="actuator",
     port="command",
     target="actuator",
-    parameters=(Parameter("time_constant", "s", 0.0, 0.0, 3.0, (0.02, 0.06, 0.15, 0.35), tolerance=0.02),),
+    parameters=(
+        Parameter(
+            "time_constant", "s", 0.0, 0.0, 3.0, (0.02, 0.06, 0.15, 0.35), tolerance=0.02, quantity="command lag"
+        ),
+    ),
     summary="the actuator follows its command like a first-order system",
     start=lag_start,
     step=lag_step,
+    rank=90,
+    sequence=lag_sequence,
+    label="lag",
+    phrase=Phrase("{who} follows its command with a lag of {time_constant}"),
 )
 
 ACTUATOR_GAIN = Effect(
@@ -92,6 +106,13 @@ ACTUATOR_GAIN = Effect(
     summary="the actuator gives a multiple of what the model expects",
     start=no_memory,
     step=gain_step,
+    site="strength",
+    rank=10,
+    timed=False,
+    steady=True,
+    imitates=frozenset({"time", "position", "speed"}),
+    interchangeable="rim speed",
+    phrase=Phrase("{who} delivers {gain} of its modelled output", shares=("gain",)),
 )
 
 SATURATION = Effect(
@@ -109,11 +130,19 @@ SATURATION = Effect(
             (0.96, 0.88, 0.77, 0.64, 0.5, 0.35, 0.22, 0.12),
             "output",
             True,
+            most=1.2,
         ),
     ),
     summary="the actuator's output stops at a limit that the model lacks",
     start=no_memory,
     step=saturation_step,
+    site="limit",
+    rank=30,
+    timed=False,
+    steady=True,
+    kink="signal",
+    unseen="no command near the actuator's limit",
+    phrase=Phrase("the {quantity} of {who} saturates at {limit}"),
 )
 
 VOLTAGE_SAG = Effect(
@@ -125,6 +154,14 @@ VOLTAGE_SAG = Effect(
     summary="the actuator weakens over each run",
     start=no_memory,
     step=sag_step,
+    site="strength",
+    rank=20,
+    supply=True,
+    seconds=8.0,  # an effect of minutes: in short runs it only imitates others
+    unseen="the runs are too short for the supply to weaken",
+    imitates=frozenset({"time"}),
+    phrase=Phrase("the gain of {who} falls by {rate} per second", shares=("rate",)),
+    not_in_mjcf="no actuator of MuJoCo weakens with time",
 )
 
 BACKLASH = Effect(
@@ -132,8 +169,24 @@ BACKLASH = Effect(
     stage="actuator",
     port="output",
     target="actuator",
-    parameters=(Parameter("gap", "rad", 0.0, 0.0, 2.0, (0.03, 0.08, 0.2, 0.5), "play", True, tolerance=0.02),),
+    parameters=(
+        Parameter(
+            "gap", "rad", 0.0, 0.0, 2.0, (0.03, 0.08, 0.2, 0.5), "play", True, tolerance=0.02, quantity="gear play"
+        ),
+    ),
     summary="play between motor and link",
     start=backlash_start,
     step=backlash_step,
+    site="play",
+    rank=90,
+    timed=False,
+    label="play",
+    memory_unit="rad",
+    kink="step",
+    stalls=("gap",),
+    unseen="the motion hardly reverses",
+    phrase=Phrase("{who} has {gap} of play", "every gear", "the gear of {}"),
+    not_in_mjcf="it takes a joint more behind the motor, which the stepped simulator has",
 )
+
+EFFECTS = (ACTUATOR_LAG, ACTUATOR_GAIN, SATURATION, VOLTAGE_SAG, BACKLASH)

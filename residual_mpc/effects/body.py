@@ -4,6 +4,7 @@ import math
 
 from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.effects.phrase import Phrase
 
 
 def coulomb_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
@@ -33,9 +34,27 @@ COULOMB = Effect(
     stage="body",
     port="friction",
     target="joint",
-    parameters=(Parameter("torque", "N m", 0.0, -math.inf, math.inf, (0.05, 0.2, 0.5), "torque", tolerance=0.05),),
+    parameters=(
+        Parameter(
+            "torque",
+            "N m",
+            0.0,
+            -math.inf,
+            math.inf,
+            (0.05, 0.2, 0.5),
+            "torque",
+            tolerance=0.05,
+            quantity="dry friction",
+        ),
+    ),
     summary="dry friction in a joint",
     step=coulomb_level,
+    site="dry friction",
+    rank=10,
+    steady=True,
+    stalls=("torque",),
+    imitates=frozenset({"time", "position"}),
+    phrase=Phrase("{who} has {torque} more dry friction than modelled"),
 )
 
 VISCOUS = Effect(
@@ -44,10 +63,23 @@ VISCOUS = Effect(
     port="friction",
     target="joint",
     parameters=(
-        Parameter("coefficient", "N m s/rad", 0.0, -math.inf, math.inf, (0.1, 0.4), "torque/speed", tolerance=0.05),
+        Parameter(
+            "coefficient",
+            "N m s/rad",
+            0.0,
+            -math.inf,
+            math.inf,
+            (0.1, 0.4),
+            "torque/speed",
+            tolerance=0.05,
+            quantity="viscous damping",
+        ),
     ),
     summary="friction that grows with speed",
     step=viscous_torque,
+    site="damping",
+    imitates=frozenset({"time", "speed"}),
+    phrase=Phrase("{who} has {coefficient} more viscous friction than modelled"),
 )
 
 STRIBECK = Effect(
@@ -56,13 +88,19 @@ STRIBECK = Effect(
     port="friction",
     target="joint",
     parameters=(
-        Parameter("static", "N m", 0.0, 0.0, math.inf, (0.2, 0.5), "torque"),
-        Parameter("kinetic", "N m", 0.0, 0.0, math.inf, (0.1, 0.2), "torque"),
+        Parameter("static", "N m", 0.0, 0.0, math.inf, (0.2, 0.5), "torque", quantity="dry friction"),
+        Parameter("kinetic", "N m", 0.0, 0.0, math.inf, (0.1, 0.2), "torque", quantity="dry friction"),
         Parameter("velocity", "rad/s", 0.1, 0.005, 2.0, (0.05, 0.15), shape=True),
     ),
     summary="dry friction that is larger at rest than in motion",
     step=stribeck_level,
     sensible=lambda p: p["static"] >= p["kinetic"],
+    rank=20,
+    stalls=("static", "kinetic"),
+    unseen="no slow motion in which the friction would rise",
+    phrase=Phrase("the friction of {who} differs from the model by {static} near standstill and {kinetic} at speed"),
+    in_mjcf="dry friction halfway between static and kinetic; MuJoCo's does not change with the speed",
+    settled=lambda p: 0.5 * (p["static"] + p["kinetic"]),
 )
 
 LOAD_FRICTION = Effect(
@@ -73,6 +111,12 @@ LOAD_FRICTION = Effect(
     parameters=(Parameter("coefficient", "1", 0.0, 0.0, 0.9, (0.1, 0.3), tolerance=0.03),),
     summary="dry friction that grows with the torque that the gear carries",
     step=load_level,
+    rank=30,
+    stalls=("coefficient",),
+    unseen="the torque hardly varies",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("friction in {who} takes {coefficient} of the transmitted torque", shares=("coefficient",)),
+    not_in_mjcf="MuJoCo's dry friction does not change with the load",
 )
 
 PAYLOAD = Effect(
@@ -80,8 +124,13 @@ PAYLOAD = Effect(
     stage="body",
     port="model",
     target="robot",
-    parameters=(Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.1, 0.4), "mass", tolerance=0.05),),
+    parameters=(
+        Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.1, 0.4), "mass", tolerance=0.05, quantity="tool mass"),
+    ),
     summary="a mass at the payload site",
+    site="tool",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("the robot carries {mass} more than modelled"),
 )
 
 LINK_MASS = Effect(
@@ -90,11 +139,14 @@ LINK_MASS = Effect(
     port="model",
     target="body",
     parameters=(
-        Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.3, -0.3), "mass", tolerance=0.05),
-        Parameter("com", "m", 0.0, -0.5, 0.5, (0.0, 0.0)),
+        Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.3, -0.3), "mass", tolerance=0.05, quantity="link mass"),
+        Parameter("com", "m", 0.0, -0.5, 0.5, (0.0, 0.0), quantity="link centre", within="length"),
     ),
     summary="a link heavier or lighter than modelled",
     null_target=False,
+    site="link",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("{who} is {mass} heavier than modelled"),
 )
 
 ARMATURE = Effect(
@@ -102,8 +154,22 @@ ARMATURE = Effect(
     stage="body",
     port="model",
     target="joint",
-    parameters=(Parameter("inertia", "kg m^2", 0.0, -math.inf, math.inf, (0.3, 1.5, 8.0), "inertia", tolerance=0.1),),
+    parameters=(
+        Parameter(
+            "inertia",
+            "kg m^2",
+            0.0,
+            -math.inf,
+            math.inf,
+            (0.3, 1.5, 8.0),
+            "inertia",
+            tolerance=0.1,
+            quantity="rotor inertia",
+        ),
+    ),
     summary="rotor inertia seen through the gear",
+    site="rotor",
+    phrase=Phrase("{who} has {inertia} more rotor inertia than modelled"),
 )
 
 JOINT_COMPLIANCE = Effect(
@@ -112,8 +178,16 @@ JOINT_COMPLIANCE = Effect(
     port="model",
     target="joint",
     # in units of the inertia: springs on which the link swings at 25 and 80 rad/s
-    parameters=(Parameter("stiffness", "N m/rad", math.inf, 0.0, math.inf, (600.0, 6000.0), "inertia"),),
+    parameters=(
+        Parameter(
+            "stiffness", "N m/rad", math.inf, 0.0, math.inf, (600.0, 6000.0), "inertia", quantity="gear stiffness"
+        ),
+    ),
     summary="a spring between motor and link",
+    site="spring",
+    unseen="the torque that the gear carries hardly varies",
+    phrase=Phrase("{who} is elastic, with a stiffness of {stiffness}", "every gear", "the gear of {}"),
+    not_in_mjcf="it takes a joint more behind the motor, which the stepped simulator has",
 )
 
 LINK_LENGTH = Effect(
@@ -121,7 +195,26 @@ LINK_LENGTH = Effect(
     stage="body",
     port="model",
     target="body",
-    parameters=(Parameter("offset", "m", 0.0, -math.inf, math.inf, (0.1, -0.1), "length", tolerance=0.01),),
+    parameters=(
+        Parameter(
+            "offset", "m", 0.0, -math.inf, math.inf, (0.1, -0.1), "length", tolerance=0.01, quantity="link length"
+        ),
+    ),
     summary="a link longer or shorter than modelled",
     null_target=False,
+    site="length",
+    unseen="the joints before it hardly move, or carry little",
+    phrase=Phrase("{who} is {offset} longer than modelled"),
+)
+
+EFFECTS = (
+    COULOMB,
+    VISCOUS,
+    STRIBECK,
+    LOAD_FRICTION,
+    PAYLOAD,
+    LINK_MASS,
+    ARMATURE,
+    JOINT_COMPLIANCE,
+    LINK_LENGTH,
 )

@@ -1,31 +1,207 @@
-"""The command's way to the actuator, for a batch: delay, dead zone, a user's own, lag."""
+"""The way of a command to the actuator and of the actuator's output to the joint: effect after effect, for a whole run
+at once in numpy (`command_chain`, `output_chain`) and for one step in any array library (`Chain`)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from residual_mpc.effects.actuator import lagged_sequence
-from residual_mpc.effects.command import dead_zone_step, delayed_sequence
-from residual_mpc.effects.library import PLUGGED
-from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.plugged import present, through_commands
+from residual_mpc.effects.effect import Effect, Site, Values
+from residual_mpc.effects.library import CHAINED, Effects, present
+from residual_mpc.effects.ops import NUMPY, Array, Ops
+
+OUTPUT: tuple[Site, ...] = ("strength", "limit", "output")  # what acts on an actuator's output, before the play
 
 
-def command_chain(
-    effects: Mapping[str, Mapping[str, np.ndarray]], u: np.ndarray, lead: int, dt: float, dead_zone: np.ndarray
-) -> np.ndarray:
+def command_chain(effects: Effects, u: np.ndarray, lead: int, dt: float, direct: np.ndarray) -> np.ndarray:
     """What the actuators see after the lead: (B, K, nu) from u (B, lead + K, nu).
 
-    dead_zone (nu,) bool: the actuators whose dead zone acts on the command itself; a position servo's acts on its
-    error, which only the robot knows.
+    direct (nu,) bool: the actuators at which every effect acts on the command itself; at a position servo some act on
+    its error, which only the robot knows (see `on_errors`).
     """
-    if "command_delay" in effects:
-        u = delayed_sequence(effects["command_delay"]["delay"], u, dt)
-    if "dead_zone" in effects and dead_zone.any():
-        width = np.where(dead_zone, effects["dead_zone"]["width"], 0.0)[:, None, :]
-        u, _ = dead_zone_step(NUMPY, {"width": width}, (), u, dt)
-    for effect, p in present(PLUGGED, effects, "command"):
+    for effect, p in on_command(effects, direct):
         u = through_commands(effect, p, u, dt)
-    if "actuator_lag" not in effects:
-        return u[:, lead:]
-    return lagged_sequence(effects["actuator_lag"]["time_constant"], u, dt)[:, lead:]
+    return u[:, lead:]
+
+
+def output_chain(effects: Effects, y: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
+    """What the effects make of the actuators' outputs y (B, K, nu); clock (B, K, 1) s since the run began."""
+    for effect, p in present(effects, *OUTPUT):
+        y = through_outputs(effect, p, y, clock, dt)
+    return y
+
+
+def on_command(effects: Effects, direct: np.ndarray) -> list[tuple[Effect, Values]]:
+    """The effects that act on commands, those that act on a servo's error doing nothing but where `direct` (nu,)."""
+    found = []
+    for effect, p in present(effects, "command"):
+        if not effect.on_error:
+            found.append((effect, p))
+        elif direct.any():
+            found.append((effect, _where(effect, p, direct)))
+    return found
+
+
+def on_errors(effects: Effects, servo: np.ndarray) -> list[tuple[Effect, Values]]:
+    """The effects that act on the errors of position servos, doing nothing at other actuators. servo: (nu,) bool."""
+    if not servo.any():
+        return []
+    return [(e, _where(e, p, servo)) for e, p in present(effects, "command") if e.on_error]
+
+
+def through_commands(effect: Effect, p: Values, u: np.ndarray, dt: float) -> np.ndarray:
+    """What an effect at the command port makes of u (B, K, nu); before its beginning the first command is held."""
+    if effect.sequence is not None:
+        return np.asarray(effect.sequence(p, u, dt))
+    assert effect.start is not None and effect.step is not None
+    memory = effect.start(NUMPY, p, u[:, 0], dt)
+    out = np.empty_like(u)
+    for k in range(u.shape[1]):
+        out[:, k], memory = effect.step(NUMPY, p, memory, u[:, k], dt)
+    return out
+
+
+def through_outputs(effect: Effect, p: Values, y: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
+    """What an effect at the output port makes of y (B, K, nu); clock (B, K, 1) s since the run began."""
+    assert effect.start is not None and effect.step is not None
+    if not effect.remembers:
+        out, _ = effect.step(NUMPY, {k: v[:, None, :] for k, v in p.items()}, (), y, clock, dt)
+        return np.asarray(out)
+    memory = effect.start(NUMPY, p, y[:, 0])
+    out = np.empty_like(y)
+    for k in range(y.shape[1]):
+        out[:, k], memory = effect.step(NUMPY, p, memory, y[:, k], clock[:, k], dt)
+    return out
+
+
+def scaled(ops: Ops, effects: Sequence[tuple[Effect, Values]], factor: Array, clock: Array, dt: float) -> Array:
+    """A factor on the outputs after the effects at the strength site. clock: s since the run began."""
+    for effect, p in effects:
+        assert effect.step is not None
+        factor, _ = effect.step(ops, p, (), factor, clock, dt)
+    return factor
+
+
+def limits_of(effects: Effects) -> tuple[np.ndarray, np.ndarray] | None:
+    """(B, nu) lowest and highest output that the effects let through; None where none limits it."""
+    low: Array = -np.inf
+    high: Array = np.inf
+    found = list(present(effects, "limit"))
+    for effect, p in found:
+        assert effect.step is not None
+        low, high = (effect.step(NUMPY, p, (), y, 0.0, 0.0)[0] for y in (low, high))
+    return (low, high) if found else None
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The effects at some sites on each actuator, as one step with named memory.
+
+    effects: in their order. names: by effect the names of its memory, for one target ("sent.{}.1").
+    """
+
+    effects: tuple[Effect, ...]
+    targets: tuple[str, ...]
+    dt: float  # s
+    names: Mapping[str, tuple[str, ...]]
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of all that is remembered, effect by effect."""
+        return tuple(n.format(t) for e in self.effects for t in self.targets for n in self.names[e.name])
+
+    @property
+    def timed(self) -> bool:
+        """Whether an equation reads the clock."""
+        return any(e.port == "output" and e.timed for e in self.effects)
+
+    def __call__(
+        self, kinks: Any, target: str, signal: Array, values: Callable[[str, str], Values], now: Mapping[str, Array],
+        new: dict[str, Array], clock: Array = 0.0,
+    ) -> Array:  # fmt: skip
+        """The signal of one target after the chain. kinks: see models.stepping.Kinks; values(effect, target): its
+        parameters; now: states by name, `new` is filled with their next values."""
+        for effect in self.effects:
+            signal = self._through(effect, kinks, target, signal, values(effect.name, target), now, new, clock)
+        return signal
+
+    def _through(
+        self, effect: Effect, kinks: Any, target: str, signal: Array, p: Values, now: Mapping[str, Array],
+        new: dict[str, Array], clock: Array,
+    ) -> Array:  # fmt: skip
+        if effect.rounded is not None and kinks.width > 0:
+            return effect.rounded(kinks.exact, p, signal, kinks.width)
+        assert effect.step is not None
+        names = [n.format(target) for n in self.names[effect.name]]
+        memory = _packed(effect, p, [now[n] for n in names], self.dt)
+        ops = {"none": kinks.exact, "signal": kinks.rough(1.0), "step": kinks.rough(self.dt)}[effect.kink]
+        time = (clock,) if effect.port == "output" else ()
+        out, memory = effect.step(ops, p, memory, signal, *time, self.dt)
+        new |= dict(zip(names, leaves(memory), strict=True))
+        return out
+
+    def resting(self, signals: Mapping[str, float], values: Callable[[str, str], Values]) -> dict[str, float]:
+        """What is remembered by a robot whose signals (by target) have been held for ever, by state."""
+        out: dict[str, float] = {}
+        for effect in self.effects:
+            for target in self.targets:
+                numbers = leaves(_begun(effect, values(effect.name, target), signals[target], self.dt))
+                names = [n.format(target) for n in self.names[effect.name]]
+                out |= dict(zip(names, map(float, numbers[: len(names)]), strict=True))
+        return out
+
+
+def chain_of(
+    effects: Effects, sites: Sequence[Site], targets: tuple[str, ...], dt: float, on_error: bool | None = None
+) -> Chain:
+    """The chain of the effects (one row of settings) at these sites. on_error: only those that act on a servo's error
+    (True) or on the command (False), None for all."""
+    here = [e for e in CHAINED if e.place in sites and e.name in effects and on_error in (None, e.on_error)]
+    names = {}
+    for effect in here:
+        p = {k: v[0] for k, v in effects[effect.name].items()}
+        memory = _begun(effect, p, 0.0, dt)
+        if effect.trim is not None:
+            memory = effect.trim(memory, p, dt)
+        label, count = effect.label or effect.name, len(leaves(memory))
+        single = not isinstance(memory, tuple | list)
+        names[effect.name] = (f"{label}.{{}}",) if single else tuple(f"{label}.{{}}.{j + 1}" for j in range(count))
+    return Chain(tuple(here), targets, dt, names)
+
+
+def leaves(memory: Any) -> list[Any]:
+    """The numbers of a memory, which may be nested in tuples."""
+    return [x for part in memory for x in leaves(part)] if isinstance(memory, tuple | list) else [memory]
+
+
+def joined(choose: Callable[..., Any], *memories: Any) -> Any:
+    """A memory whose numbers are chosen from those of several of the same form."""
+    if isinstance(memories[0], tuple | list):
+        return tuple(joined(choose, *parts) for parts in zip(*memories, strict=True))
+    return choose(*memories)
+
+
+def _begun(effect: Effect, p: Values, signal: Any, dt: float) -> Any:
+    """The memory at its beginning."""
+    if effect.start is None:
+        return ()
+    return effect.start(NUMPY, p, signal, dt) if effect.port == "command" else effect.start(NUMPY, p, signal)
+
+
+def _packed(effect: Effect, p: Values, numbers: list[Any], dt: float) -> Any:
+    """A memory of the effect's own form that holds these numbers."""
+    if effect.trim is not None:  # a line of any length
+        return tuple(numbers)
+    form = _begun(effect, {q.name: q.null for q in effect.parameters}, 0.0, dt)
+    rest = iter(numbers)
+    return _filled(form, rest)
+
+
+def _filled(form: Any, numbers: Any) -> Any:
+    return tuple(_filled(part, numbers) for part in form) if isinstance(form, tuple | list) else next(numbers)
+
+
+def _where(effect: Effect, p: Values, chosen: np.ndarray) -> Values:
+    """The parameters (B, nu) at the chosen actuators (nu,), their null values at the others."""
+    return {q.name: np.where(chosen, p[q.name], q.null) for q in effect.parameters}

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
-from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.effects.ops import NUMPY, Array, Ops
+from residual_mpc.effects.phrase import Phrase
 
 LONGEST_DELAY = 0.3  # s: longer dead times are a different fault (a lost connection), and cost memory
 
@@ -18,12 +19,22 @@ def delay_start(ops: Ops, p: Values, u: Array, dt: float) -> tuple[Array, ...]:
 
 def delay_step(ops: Ops, p: Values, memory: tuple[Array, ...], u: Array, dt: float) -> tuple[Array, Any]:
     """u(t - delay), linear between the samples of the line: hat weights, so that it is smooth enough to optimise."""
-    line = (u, *memory[:-1])
+    line = (u, *memory)
     n = p["delay"] / dt  # the dead time in samples, not an integer
     out = u * ops.maximum(1.0 - n, 0.0)
     for j, past in enumerate(line[1:], start=1):
         out = out + past * ops.maximum(1.0 - ops.absolute(n - j), 0.0)
-    return out, line
+    return out, line[:-1]
+
+
+def delay_trim(memory: tuple[Array, ...], p: Values, dt: float) -> tuple[Array, ...]:
+    """The line as long as the delays at hand need it."""
+    return memory[: max(1, math.ceil(float(np.max(p["delay"])) / dt - 1e-9))]
+
+
+def delay_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
+    """delay_step over a whole sequence, see `delayed_sequence`."""
+    return delayed_sequence(p["delay"], u, dt)
 
 
 def delayed_sequence(delay: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
@@ -45,15 +56,41 @@ def dead_zone_step(ops: Ops, p: Values, memory: Any, u: Array, dt: float) -> tup
     return ops.where(ops.absolute(u) < p["width"], 0.0 * u, u), memory
 
 
+def dead_zone_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
+    """dead_zone_step over a whole sequence: p (B, nu), u (B, K, nu)."""
+    return np.asarray(dead_zone_step(NUMPY, {"width": p["width"][:, None, :]}, (), u, dt)[0])
+
+
+def rounded_dead_zone(ops: Ops, p: Values, u: Array, eps: float) -> Array:
+    """A dead zone whose edge is eps wide, so that its derivative shows the way out: u / (1 + exp(-(|u| - width) /
+    eps)).
+    """
+    away = ops.minimum((p["width"] - (u * u + eps * eps) ** 0.5) / eps, 40.0)  # exp stays finite
+    return u / (1.0 + ops.exp(away))
+
+
+POSITION_ERRORS = "{who} ignores position errors smaller than {width}"
+
 COMMAND_DELAY = Effect(
     name="command_delay",
     stage="command",
     port="command",
     target="actuator",
-    parameters=(Parameter("delay", "s", 0.0, 0.0, LONGEST_DELAY, (0.01, 0.03, 0.08, 0.16), tolerance=0.005),),
+    parameters=(
+        Parameter(
+            "delay", "s", 0.0, 0.0, LONGEST_DELAY, (0.01, 0.03, 0.08, 0.16), tolerance=0.005, quantity="command delay"
+        ),
+    ),
     summary="commands reach the actuator late",
     start=delay_start,
     step=delay_step,
+    rank=10,
+    sequence=delay_sequence,
+    trim=delay_trim,
+    label="sent",
+    # a motor of higher order adds about a tenth of its lag to a first-order law's as dead time
+    shadows=(("command lag", 0.1),),
+    phrase=Phrase("{who} take effect {delay} late", "commands", "commands to {}"),
 )
 
 DEAD_ZONE = Effect(
@@ -72,9 +109,22 @@ DEAD_ZONE = Effect(
             "command",
             True,
             tolerance=0.03,
+            most=0.9,
         ),
     ),
     summary="small commands do nothing",
     start=no_memory,
     step=dead_zone_step,
+    rank=20,
+    on_error=True,
+    sequence=dead_zone_sequence,
+    rounded=rounded_dead_zone,
+    stalls=("width",),
+    unseen="no small commands near which it would act",
+    phrase=Phrase(
+        "{who} ignores commands smaller than {width}", by_unit={"rad": POSITION_ERRORS, "m": POSITION_ERRORS}
+    ),
+    not_in_mjcf="no actuator of MuJoCo ignores small commands",
 )
+
+EFFECTS = (COMMAND_DELAY, DEAD_ZONE)

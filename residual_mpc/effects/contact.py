@@ -1,51 +1,26 @@
-"""Effects between the wheels and the ground, and the one equation of the wheeled base that hosts them."""
+"""Effects between the wheels and the ground."""
 
 import math
-from collections.abc import Mapping
 
 from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.effects.phrase import Phrase
 
 GRAVITY = 9.81  # m/s^2
 
 
-def ground_twist(
-    ops: Ops,
-    p: Mapping[str, Values],
-    wheel_radius: Array,
-    track_width: Array,
-    w: tuple[Array, Array],
-    a: tuple[Array, Array],
-) -> tuple[Array, Array, Array]:
-    """Body-frame velocity of a differential drive (paper, the equation labelled wheel_prop) with the contact
-    effects in `p`.
+def slipping_rim(ops: Ops, p: Values, v: Array, a: Array) -> Array:
+    """Ground speed of a rim, m/s: v (1 - coefficient |a| / g).
 
-    w: wheel speeds left, right, rad/s; a: their accelerations, rad/s^2.
-    Returns forward m/s, sideways (to the left) m/s, yaw rate rad/s. An effect that is not in `p` is not computed.
+    v: the rim's own speed, m/s; a: its acceleration, m/s^2. A slipping wheel never drives backwards: the factor stops
+    at zero, which the contract's formula leaves open.
     """
-    r_left: Array = wheel_radius
-    if "wheel_radius" in p:
-        r_left = wheel_radius * p["wheel_radius"]["scale"]
-    r_right = r_left
-    if "wheel_radius_mismatch" in p:
-        r_right = r_left * p["wheel_radius_mismatch"]["ratio"]
-    rims = [r_left * w[0], r_right * w[1]]
-    if "longitudinal_slip" in p:
-        c = p["longitudinal_slip"]["coefficient"]
-        # a slipping wheel never drives backwards: the factor stops at zero, which the contract's formula leaves open
-        rims = [
-            v * ops.maximum(1.0 - c * ops.absolute(r * acc) / GRAVITY, 0.0)
-            for v, r, acc in zip(rims, (r_left, r_right), a, strict=True)
-        ]
-    track: Array = track_width
-    if "track_width" in p:
-        track = track_width * p["track_width"]["scale"]
-    forward = 0.5 * (rims[0] + rims[1])
-    yaw = (rims[1] - rims[0]) / track
-    sideways = 0.0 * forward
-    if "lateral_slip" in p:
-        sideways = -p["lateral_slip"]["coefficient"] * forward * yaw  # outwards: away from the turn's centre
-    return forward, sideways, yaw
+    return v * ops.maximum(1.0 - p["coefficient"] * ops.absolute(a) / GRAVITY, 0.0)
+
+
+def sideslip(ops: Ops, p: Values, forward: Array, yaw: Array) -> Array:
+    """Sideways speed to the left, m/s, of a base that is carried outwards in a turn, away from its centre."""
+    return -p["coefficient"] * forward * yaw
 
 
 def slope_drift(ops: Ops, p: Values) -> tuple[Array, Array]:
@@ -53,40 +28,85 @@ def slope_drift(ops: Ops, p: Values) -> tuple[Array, Array]:
     return p["rate"] * ops.cos(p["heading"]), p["rate"] * ops.sin(p["heading"])
 
 
-def _ground(name: str, parameters: tuple[Parameter, ...], summary: str) -> Effect:
-    return Effect(name, "contact", "ground", "robot", parameters, summary)
+WHEEL_RADIUS = Effect(
+    name="wheel_radius",
+    stage="contact",
+    port="model",
+    target="robot",
+    parameters=(Parameter("scale", "1", 1.0, 0.05, 3.0, (0.85, 1.15), tolerance=0.01, quantity="wheel radius"),),
+    summary="both wheels larger or smaller",
+    site="rolling",
+    imitates=frozenset({"time", "speed"}),
+    interchangeable="rim speed",
+    phrase=Phrase("the effective wheel radius is {scale} of the modelled one", shares=("scale",)),
+    not_in_mjcf="wheels are bodies and shapes, which are not rewritten here",
+)
 
+WHEEL_RADIUS_MISMATCH = Effect(
+    name="wheel_radius_mismatch",
+    stage="contact",
+    port="model",
+    target="robot",
+    parameters=(Parameter("ratio", "1", 1.0, 0.3, 3.0, (0.95, 1.05), tolerance=0.005, quantity="right wheel radius"),),
+    summary="one wheel larger than the other",
+    site="rolling",
+    interchangeable="rim speed",
+    phrase=Phrase("the radius of the right wheel is {ratio} of that of the left wheel", shares=("ratio",)),
+    not_in_mjcf="wheels are bodies and shapes, which are not rewritten here",
+)
 
-WHEEL_RADIUS = _ground(
-    "wheel_radius",
-    (Parameter("scale", "1", 1.0, 0.05, 3.0, (0.85, 1.15), tolerance=0.01),),
-    "both wheels larger or smaller",
+TRACK_WIDTH = Effect(
+    name="track_width",
+    stage="contact",
+    port="model",
+    target="robot",
+    parameters=(Parameter("scale", "1", 1.0, 0.1, 20.0, (0.8, 1.25, 2.0), tolerance=0.015, quantity="track width"),),
+    summary="another effective track width",
+    site="rolling",
+    unseen="the robot hardly turns",
+    phrase=Phrase("the robot turns as if its track were {scale} times as wide"),
+    not_in_mjcf="wheels are bodies and shapes, which are not rewritten here",
 )
-WHEEL_RADIUS_MISMATCH = _ground(
-    "wheel_radius_mismatch",
-    (Parameter("ratio", "1", 1.0, 0.3, 3.0, (0.95, 1.05), tolerance=0.005),),
-    "one wheel larger than the other",
+
+LATERAL_SLIP = Effect(
+    name="lateral_slip",
+    stage="contact",
+    port="ground",
+    target="robot",
+    parameters=(Parameter("coefficient", "s", 0.0, -2.0, 2.0, (0.05, 0.3), tolerance=0.015),),
+    summary="sideways drift in turns",
+    step=sideslip,
+    site="side",
+    unseen="the robot hardly turns while it drives",
+    phrase=Phrase("the robot slips outwards in turns (coefficient {coefficient})"),
 )
-TRACK_WIDTH = _ground(
-    "track_width",
-    (Parameter("scale", "1", 1.0, 0.1, 20.0, (0.8, 1.25, 2.0), tolerance=0.015),),
-    "another effective track width",
+
+LONGITUDINAL_SLIP = Effect(
+    name="longitudinal_slip",
+    stage="contact",
+    port="ground",
+    target="robot",
+    parameters=(Parameter("coefficient", "1", 0.0, 0.0, 20.0, (0.3, 2.0), tolerance=0.05),),
+    summary="wheels that slip when they accelerate",
+    step=slipping_rim,
+    site="rim",
+    unseen="the robot hardly accelerates",
+    phrase=Phrase("the wheels slip when they accelerate (coefficient {coefficient})"),
 )
-LATERAL_SLIP = _ground(
-    "lateral_slip",
-    (Parameter("coefficient", "s", 0.0, -2.0, 2.0, (0.05, 0.3), tolerance=0.015),),
-    "sideways drift in turns",
-)
-LONGITUDINAL_SLIP = _ground(
-    "longitudinal_slip",
-    (Parameter("coefficient", "1", 0.0, 0.0, 20.0, (0.3, 2.0), tolerance=0.05),),
-    "wheels that slip when they accelerate",
-)
-SLOPE = _ground(
-    "slope",
-    (
+
+SLOPE = Effect(
+    name="slope",
+    stage="contact",
+    port="ground",
+    target="robot",
+    parameters=(
         Parameter("rate", "m/s", 0.0, 0.0, 1.0, (0.02, 0.02, 0.02, 0.02), tolerance=0.002),
         Parameter("heading", "rad", 0.0, -math.inf, math.inf, (0.0, 1.5708, 3.1416, -1.5708), shape=True),
     ),
-    "steady drift in one world direction",
+    summary="steady drift in one world direction",
+    step=slope_drift,
+    site="drift",
+    phrase=Phrase("the robot drifts at {rate} in a fixed direction"),
 )
+
+EFFECTS = (WHEEL_RADIUS, WHEEL_RADIUS_MISMATCH, TRACK_WIDTH, LATERAL_SLIP, LONGITUDINAL_SLIP, SLOPE)

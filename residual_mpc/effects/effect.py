@@ -1,18 +1,57 @@
-"""What an unmodelled effect is: a stage of the chain, an equation, parameters with a null value, memory if it has
-one.
-"""
+"""What an unmodelled effect is: where on a robot it acts, its equation, its parameters with their null values, and what
+the other parts of the program have to know of it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.effects.phrase import Phrase
 
 Stage = Literal["command", "actuator", "body", "contact", "sensor"]
 Port = Literal["command", "output", "friction", "ground", "sensor", "model"]
 TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
 Reference = Literal["one", "command", "output", "torque", "torque/speed", "inertia", "mass", "length", "play"]
 Values = Mapping[str, Array]  # parameter name -> value, an array that broadcasts over the signal
+
+# The places of a robot at which an effect can act. A robot names its targets at each place that it has.
+Site = Literal[
+    "command",  # a command on its way to the actuator
+    "strength",  # a factor on the actuator's output (its force; of a wheel its speed)
+    "limit",  # a limit of the actuator's output
+    "output",  # any other change of the actuator's output
+    "play",  # free motion between motor and link
+    "spring",  # elasticity between motor and link
+    "dry friction",  # a constant torque against a joint's motion
+    "friction",  # a torque against a joint's motion that depends on speed or load
+    "damping",  # a joint's viscous damping
+    "rotor",  # a rotor's inertia at a joint
+    "tool",  # a mass at the payload site
+    "link",  # a link's mass and centre of mass
+    "length",  # the distance of two joints along a link
+    "rolling",  # wheel radii and track
+    "rim",  # the speed of a wheel's rim over the ground
+    "side",  # sideways motion of the base
+    "drift",  # motion of the base in the world
+    "delay",  # the age of a reading
+    "offset",  # a constant in a reading
+    "point",  # the tracked point on the body
+    "samples",  # single samples of a reading
+]
+# What a parameter changes of the model. Factors multiply it, everything else adds to it.
+Quantity = Literal[
+    "command delay", "command lag",  # s
+    "wheel radius", "right wheel radius", "track width",  # factors
+    "dry friction",  # N m
+    "viscous damping",  # N m s/rad
+    "rotor inertia",  # kg m^2
+    "tool mass", "link mass",  # kg
+    "link centre", "link length",  # m
+    "gear stiffness",  # N m/rad
+    "gear play",  # rad
+    "reading delay",  # s
+    "reading offset",  # the channel's unit
+]  # fmt: skip
 
 STAGES: tuple[Stage, ...] = ("command", "actuator", "body", "contact", "sensor")
 
@@ -37,6 +76,9 @@ class Parameter:
     threshold: bool = False  # acts by comparison, so that derivatives say little: the fit also scans it
     tolerance: float = 0.0  # by which a well-made robot differs from its model, in units of the reference
     shape: bool = False  # says how the effect acts, not how much: more of the effect does not change it
+    quantity: Quantity | None = None  # of the model, which this number changes
+    most: float = float("inf")  # largest value worth a fit, in units of the largest reference of its targets
+    within: Reference | None = None  # the robot's own size that this number stays within, on both sides
 
     def __post_init__(self) -> None:
         if not self.lower <= self.null <= self.upper:
@@ -45,17 +87,18 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Effect:
-    """One unmodelled effect.
+    """One unmodelled effect, with all that the program knows of it.
 
-    `port` says which signal of the chain the equation takes; the signatures are
+    `port` says which signature the equation has:
 
     - command:  start(ops, p, u, dt) -> memory;  step(ops, p, memory, u, dt) -> (u, memory)
-    - output:   step(ops, p, memory, y, clock, dt) -> (y, memory), start(ops, p, y) -> memory; clock is s since the
-    run began
-    - friction: level(ops, p, w, tau) -> torque against the motion, N m (times sgn(w)); for viscous friction the
-      coefficient itself multiplies w
-    - ground:   see contact.py;  sensor: see sensor.py
-    - model:    no equation; the robot edits its own model
+    - output:   start(ops, p, y) -> memory;  step(ops, p, memory, y, clock, dt) -> (y, memory); clock is s since the
+      run began
+    - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))
+    - ground:   by site; rim: step(ops, p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p,
+      forward, yaw) -> m/s to the left; drift: step(ops, p) -> (m/s, m/s) in the world
+    - sensor:   at the point: step(ops, p, x, y, theta) -> (x, y), and `undo`, its inverse
+    - model:    no equation: its parameters change quantities of the model
     """
 
     name: str
@@ -68,6 +111,48 @@ class Effect:
     step: Callable[..., Any] | None = None
     null_target: bool = True  # whether "all targets alike" is a hypothesis of its own
     sensible: Callable[[Mapping[str, float]], bool] | None = None  # rules out values that only imitate another effect
+    site: Site | None = None  # None: the port's own (command, output, friction)
+
+    # the chain
+    rank: int = 50  # order among the effects of a port, smallest first
+    on_error: bool = False  # at a position servo it acts on the position error instead of the command
+    timed: bool = True  # the equation of an output reads the clock
+    steady: bool = False  # what it does to an output or joint changes neither with time nor with the motion
+    supply: bool = False  # acts on the actuator's supply: the limit of its force follows
+    sequence: Callable[[Values, Array, float], Array] | None = None  # (p, u (B, K, n), dt): a whole run of commands
+    trim: Callable[[Any, Values, float], Any] | None = None  # (memory, p, dt): as much of the memory as p needs
+    label: str = ""  # of its memory in the states of a step; default its name
+    memory_unit: str = ""  # default the signal's
+    rounded: Callable[..., Array] | None = None  # (ops, p, u, width): the equation with its kink rounded off
+    kink: Literal["none", "signal", "step"] = "none"  # what kinks: nothing, the signal, or the signal times dt
+    stalls: tuple[str, ...] = ()  # parameters that make the slope with respect to the command zero
+    undo: Callable[..., Any] | None = None
+
+    # the diagnosis
+    fitted: bool = True  # its parameters are fitted; otherwise samples are flagged and counted
+    seconds: float = 0.0  # s that a run has to last for the effect to show
+    unseen: str = "its strongest plausible dose moves the prediction by less than the noise"  # why runs do not show it
+    imitates: frozenset[str] = frozenset()  # dependences of a remainder that this effect is mistaken for
+    shadows: tuple[tuple[Quantity, float], ...] = ()  # (quantity, share): its size that such a number may feign
+    interchangeable: str = ""  # effects with the same word do the same in pairs
+
+    # the words
+    phrase: Phrase | None = None
+    not_in_mjcf: str = ""  # why an MJCF cannot hold it; empty where it can
+    in_mjcf: str = ""  # what of it an MJCF holds, where that is not all
+    settled: Callable[[Values], Array] | None = None  # constant dry friction that comes nearest to it, N m
+
+    own: bool = field(default=False, compare=False)  # a user's own, found by entry point
+
+    @property
+    def place(self) -> str:
+        """The site, also where it follows from the port."""
+        return self.site or self.port
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the equation has memory."""
+        return self.start is not None and self.start is not no_memory
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name; KeyError otherwise."""

@@ -1,40 +1,57 @@
 """All effects, in the order of the contract's table (the order decides which of a confounded group is named); a user's
 own come last."""
 
+from collections.abc import Iterator, Mapping
+
 from residual_mpc.effects import actuator, body, command, contact, sensor
-from residual_mpc.effects.effect import Effect
+from residual_mpc.effects.effect import Effect, Quantity, Site, Values
+from residual_mpc.effects.ops import Array
 from residual_mpc.effects.plugged import plugged_in
 
 BUILT_IN: tuple[Effect, ...] = (
-    command.COMMAND_DELAY,
-    command.DEAD_ZONE,
-    actuator.ACTUATOR_LAG,
-    actuator.ACTUATOR_GAIN,
-    actuator.SATURATION,
-    actuator.VOLTAGE_SAG,
-    actuator.BACKLASH,
-    body.COULOMB,
-    body.VISCOUS,
-    body.STRIBECK,
-    body.LOAD_FRICTION,
-    body.PAYLOAD,
-    body.LINK_MASS,
-    body.ARMATURE,
-    body.JOINT_COMPLIANCE,
-    body.LINK_LENGTH,
-    contact.WHEEL_RADIUS,
-    contact.WHEEL_RADIUS_MISMATCH,
-    contact.TRACK_WIDTH,
-    contact.LATERAL_SLIP,
-    contact.LONGITUDINAL_SLIP,
-    contact.SLOPE,
-    sensor.SENSOR_DELAY,
-    sensor.SENSOR_BIAS,
-    sensor.SENSOR_MOUNTING,
-    sensor.SENSOR_OUTLIERS,
+    *command.EFFECTS,
+    *actuator.EFFECTS,
+    *body.EFFECTS,
+    *contact.EFFECTS,
+    *sensor.EFFECTS,
 )
 PLUGGED: tuple[Effect, ...] = plugged_in(frozenset(effect.name for effect in BUILT_IN))
 LIBRARY: tuple[Effect, ...] = BUILT_IN + PLUGGED
 
 BY_NAME: dict[str, Effect] = {effect.name: effect for effect in LIBRARY}
 ORDER: dict[str, int] = {effect.name: place for place, effect in enumerate(LIBRARY)}
+CHAINED: tuple[Effect, ...] = tuple(sorted(LIBRARY, key=lambda effect: effect.rank))  # stable: ties by the table
+
+Sites = Mapping[Site, tuple[str, ...]]  # where effects can act on a robot -> its targets there
+Effects = Mapping[str, Values]  # effect -> parameter -> values, those of Settings.effects
+
+FACTORS: frozenset[Quantity] = frozenset({"wheel radius", "right wheel radius", "track width"})
+
+
+def slots_of(effect: str, sites: Sites) -> tuple[str, ...]:
+    """The targets that an effect has on a robot with these sites; empty where it has none, or is unknown."""
+    return sites.get(BY_NAME[effect].place, ()) if effect in BY_NAME else ()  # type: ignore[call-overload, no-any-return]
+
+
+def present(effects: Effects, *sites: Site) -> Iterator[tuple[Effect, Values]]:
+    """The effects at these sites, with their parameters, in the order of the chain."""
+    for effect in CHAINED:
+        if effect.place in sites and effect.name in effects:
+            yield effect, effects[effect.name]
+
+
+def changes(effects: Effects, quantity: Quantity) -> Array | None:
+    """What the effects make of a quantity of the model: the product of its factors, or the sum of what is added;
+    None where none of them changes it."""
+    total = None
+    for effect in CHAINED:
+        for p in effect.parameters if effect.name in effects else ():
+            if p.quantity == quantity:
+                value = effects[effect.name][p.name]
+                total = value if total is None else total * value if quantity in FACTORS else total + value
+    return total
+
+
+def holder(quantity: Quantity) -> tuple[str, str]:
+    """(effect, parameter): the first in the table that changes a quantity."""
+    return next((e.name, p.name) for e in LIBRARY for p in e.parameters if p.quantity == quantity)

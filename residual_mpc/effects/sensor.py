@@ -4,6 +4,9 @@ import math
 
 from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.effects.phrase import Phrase
+
+READ_ELSEWHERE = "what a sensor reports belongs to whoever reads it"
 
 
 def mounted(ops: Ops, p: Values, x: Array, y: Array, theta: Array) -> tuple[Array, Array]:
@@ -23,8 +26,11 @@ SENSOR_DELAY = Effect(
     stage="sensor",
     port="sensor",
     target="channel",
-    parameters=(Parameter("delay", "s", 0.0, 0.0, 0.3, (0.01, 0.04, 0.1), tolerance=0.005),),
+    parameters=(Parameter("delay", "s", 0.0, 0.0, 0.3, (0.01, 0.04, 0.1), tolerance=0.005, quantity="reading delay"),),
     summary="measurements arrive late",
+    site="delay",
+    phrase=Phrase("{who} arrive {delay} late", "the measurements", "the measurements of {}"),
+    not_in_mjcf=READ_ELSEWHERE,
 )
 
 SENSOR_BIAS = Effect(
@@ -32,9 +38,18 @@ SENSOR_BIAS = Effect(
     stage="sensor",
     port="sensor",
     target="channel",
-    parameters=(Parameter("bias", "channel unit", 0.0, -math.inf, math.inf, (0.03, -0.03), tolerance=0.005),),
+    parameters=(
+        Parameter(
+            "bias", "channel unit", 0.0, -math.inf, math.inf, (0.03, -0.03), tolerance=0.005, quantity="reading offset"
+        ),
+    ),
     summary="a constant offset of one channel",
     null_target=False,
+    site="offset",
+    unseen="the robot hardly drives in the direction that it biases",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("{who} reads {bias} too high"),
+    not_in_mjcf=READ_ELSEWHERE,
 )
 
 SENSOR_MOUNTING = Effect(
@@ -47,6 +62,12 @@ SENSOR_MOUNTING = Effect(
         Parameter("y", "m", 0.0, -2.0, 2.0, (0.0, 0.03), tolerance=0.004),
     ),
     summary="the tracked point is not the point that the model moves",
+    step=mounted,
+    undo=unmounted,
+    site="point",
+    unseen="the robot hardly turns",
+    phrase=Phrase("the tracked point sits at ({x}, {y}) in the body frame, not where the model has it"),
+    not_in_mjcf=READ_ELSEWHERE,
 )
 
 SENSOR_OUTLIERS = Effect(
@@ -56,4 +77,10 @@ SENSOR_OUTLIERS = Effect(
     target="robot",
     parameters=(Parameter("rate", "1", 0.0, 0.0, 1.0, ()),),
     summary="samples that jump away",
+    site="samples",
+    fitted=False,
+    phrase=Phrase("{rate} of the samples are outliers", shares=("rate",)),
+    not_in_mjcf=READ_ELSEWHERE,
 )
+
+EFFECTS = (SENSOR_DELAY, SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS)

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from residual_mpc.effects.effect import Quantity
+from residual_mpc.effects.library import BY_NAME, present
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.sensor import mounted
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings
 
@@ -20,22 +21,29 @@ def slot_of(channel: str, slots: tuple[str, ...]) -> int | None:
     return None
 
 
-def sensor_value(robot: Robot, settings: Settings, effect: str, parameter: str, channel: str) -> np.ndarray | None:
-    """(rows,) of the settings, what a sensor effect does to a channel; None where it does nothing to it."""
-    if effect not in settings.effects:
-        return None
-    slot = slot_of(channel, robot.slots(effect))
-    return None if slot is None else settings.effects[effect][parameter][:, slot]
+def sensor_value(robot: Robot, settings: Settings, quantity: Quantity, channel: str) -> np.ndarray | None:
+    """(rows,) of the settings, what the sensor effects add to a quantity of a channel's readings; None where they do
+    nothing to it."""
+    total: np.ndarray | None = None
+    for effect, values in settings.effects.items():
+        for p in BY_NAME[effect].parameters:
+            slot = slot_of(channel, robot.slots(effect)) if p.quantity == quantity else None
+            if slot is not None:
+                value = values[p.name][:, slot]
+                total = value if total is None else total + value
+    return total
 
 
 def sensed(robot: Robot, settings: Settings, true: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Mounting and bias on channels (rows,); see the order of the stages."""
     out = dict(true)
-    if "sensor_mounting" in settings.effects and {"pose.x", "pose.y", "pose.theta"} <= set(out):
-        p = {k: v[:, 0] for k, v in settings.effects["sensor_mounting"].items()}
-        out["pose.x"], out["pose.y"] = mounted(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
+    posed = {"pose.x", "pose.y", "pose.theta"} <= set(out)
+    for effect, values in present(settings.effects, "point") if posed else ():
+        assert effect.step is not None
+        p = {k: v[:, 0] for k, v in values.items()}
+        out["pose.x"], out["pose.y"] = effect.step(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
     for channel, value in out.items():
-        bias = sensor_value(robot, settings, "sensor_bias", "bias", channel)
+        bias = sensor_value(robot, settings, "reading offset", channel)
         if bias is not None:
             out[channel] = value + bias
     return out
@@ -46,7 +54,7 @@ class Late:
 
     def __init__(self, robot: Robot, settings: Settings, period: float) -> None:
         self._robot, self._settings = robot, settings
-        delays = {c: sensor_value(robot, settings, "sensor_delay", "delay", c) for c in robot.channels}
+        delays = {c: sensor_value(robot, settings, "reading delay", c) for c in robot.channels}
         self._late = {c: d / period for c, d in delays.items() if d is not None and d.any()}
         longest = max((float(d.max()) for d in self._late.values()), default=0.0)
         self._line: deque[Mapping[str, np.ndarray]] = deque(maxlen=int(np.ceil(longest)) + 2)  # newest first

@@ -59,11 +59,10 @@ class Settings:
 
 
 def is_null(effect: str, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """(n, slots) bool: where an effect does nothing. A stribeck velocity or a slope heading alone does nothing."""
-    quiet = {"stribeck_friction": ("static", "kinetic"), "slope": ("rate",)}.get(effect)
+    """(n, slots) bool: where an effect does nothing. A parameter that says only how it acts does nothing alone."""
     out: np.ndarray | None = None
     for p in BY_NAME[effect].parameters:
-        if quiet is not None and p.name not in quiet:
+        if p.shape:
             continue
         same = values[p.name] == p.null
         out = same if out is None else out & same

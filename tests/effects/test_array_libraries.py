@@ -19,7 +19,8 @@ from residual_mpc.effects.actuator import (
 )
 from residual_mpc.effects.body import coulomb_level, load_level, stribeck_level, viscous_torque
 from residual_mpc.effects.command import dead_zone_step, delay_start, delay_step
-from residual_mpc.effects.contact import ground_twist, slope_drift
+from residual_mpc.effects.contact import slope_drift
+from residual_mpc.effects.ground import ground_twist
 from residual_mpc.effects.ops import NUMPY, Array, Ops, casadi_ops, jax_ops
 from residual_mpc.effects.sensor import mounted, unmounted
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from residual_mpc.effects.actuator import lag_start, lag_step
-from residual_mpc.effects.contact import ground_twist, slope_drift
 from residual_mpc.effects.effect import STAGES, Effect, Parameter
+from residual_mpc.effects.ground import ground_twist, world_drift
 from residual_mpc.effects.library import BY_NAME, LIBRARY
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.effects.sensor import mounted, unmounted
@@ -54,15 +54,14 @@ def test_a_friction_brakes_nothing(name: str) -> None:
     np.testing.assert_array_equal(effect.step(NUMPY, null_of(effect), SIGNALS[0], SIGNALS[1]) + SIGNALS[2], SIGNALS[2])
 
 
-@pytest.mark.parametrize("name", of_port("ground"))
+@pytest.mark.parametrize("name", [e.name for e in LIBRARY if e.stage == "contact"])
 def test_the_ground_is_the_papers(name: str) -> None:
     w, a = (SIGNALS[0], SIGNALS[1]), (SIGNALS[2], SIGNALS[3])
     bare = ground_twist(NUMPY, {}, 0.033, 0.16, w, a)
-    if name == "slope":
-        drift = slope_drift(NUMPY, null_of(BY_NAME[name]))
-        there = (bare[0] + drift[0], bare[1] + drift[1], bare[2])
-    else:
-        there = ground_twist(NUMPY, {name: null_of(BY_NAME[name])}, 0.033, 0.16, w, a)
+    effects = {name: null_of(BY_NAME[name])}
+    there = ground_twist(NUMPY, effects, 0.033, 0.16, w, a)
+    x, y = world_drift(NUMPY, effects) or (0.0, 0.0)
+    there = (there[0] + x, there[1] + y, there[2])
     for x, y in zip(there, bare, strict=True):
         np.testing.assert_array_equal(x, y)
 

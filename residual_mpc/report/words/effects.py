@@ -3,8 +3,9 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.report.words.numbers import listed, measure, number, percent
-from residual_mpc.report.words.phrases import OPPOSITES, PHRASES, QUANTITIES
+from residual_mpc.report.words.phrases import OPPOSITES, QUANTITIES
 
 Effect = Mapping[str, Any]  # an entry of diagnosis.json that names an effect
 
@@ -30,8 +31,8 @@ def name_at(effect: Effect) -> str:
 
 def stage(effect: Effect) -> str:
     """The stage of the chain at which the effect sits; empty for an effect that the library does not have."""
-    phrase = PHRASES.get(effect["effect"])
-    return str(effect.get("stage") or (phrase.stage if phrase else ""))
+    known = BY_NAME.get(effect["effect"])
+    return str(effect.get("stage") or (known.stage if known else ""))
 
 
 def numbers_of(effect: Effect) -> dict[str, Mapping[str, Any]]:
@@ -45,11 +46,12 @@ def sentence_of(effect: Effect) -> str:
 
     An effect from elsewhere, or one without its parameters, is called by its name.
     """
-    phrase = PHRASES.get(effect["effect"])
+    known = BY_NAME.get(effect["effect"])
+    phrase = known.phrase if known else None
     target = effect.get("target") or effect.get("only_target")
     if effect["effect"] == "fitted_law":
         return f"a law in {effect.get('on', 'the motion')}, fitted to the runs, corrects {target or 'the robot'}"
-    if phrase is None:
+    if known is None or phrase is None:
         return f"{name(effect)} acts on {target or 'the robot'}"
     parameters = numbers_of(effect)
     units = [str(p.get("unit", "1")) for p in parameters.values()]
@@ -59,11 +61,11 @@ def sentence_of(effect: Effect) -> str:
         value = float(parameter["value"])
         if value < 0 and f"{{{key}}}" in text:  # a number that the clause does not name turns no word round
             text, value = _opposite(text, value)
-        values[key] = _written(key, phrase.shares, phrase.millionths)(value, str(parameter.get("unit", "1")))
+        values[key] = _written(key, phrase.shares)(value, str(parameter.get("unit", "1")))
     try:
-        return text.format(who=phrase.who(target), **values)
+        return text.format(who=phrase.who(target, known.target), **values)
     except KeyError:
-        return f"{name(effect)} acts on {phrase.who(target)}"
+        return f"{name(effect)} acts on {phrase.who(target, known.target)}"
 
 
 def remarks(effect: Effect, since_start: Callable[[str, float], float]) -> list[str]:
@@ -79,12 +81,8 @@ def remarks(effect: Effect, since_start: Callable[[str, float], float]) -> list[
     return [*out, str(effect["note"])] if effect.get("note") else out
 
 
-def _written(key: str, shares: tuple[str, ...], millionths: tuple[str, ...]) -> Callable[[float, str], str]:
-    if key in shares:
-        return lambda value, unit: percent(value)
-    if key in millionths:
-        return lambda value, unit: measure(1e6 * value, "ppm")
-    return measure
+def _written(key: str, shares: tuple[str, ...]) -> Callable[[float, str], str]:
+    return (lambda value, unit: percent(value)) if key in shares else measure
 
 
 def _opposite(text: str, value: float) -> tuple[str, float]:

@@ -1,0 +1,34 @@
+"""How a report states an effect: one clause, for arms and for robots that drive."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+# How a target is called, by the kind of target.
+TARGETS = {"actuator": "actuator {}", "joint": "joint {}", "body": "link {}", "channel": "channel {}", "robot": "{}"}
+WHEELS = {"left": "the left wheel", "right": "the right wheel"}
+EVERYONE = {
+    "actuator": "every actuator",
+    "joint": "every joint",
+    "body": "every link",
+    "channel": "every channel",
+    "robot": "the robot",
+}
+
+
+@dataclass(frozen=True)
+class Phrase:
+    """`text` names the parameters in braces; {who}: the target; {quantity}: what a limit's unit measures."""
+
+    text: str
+    everyone: str = ""  # in place of a target where there is none; else by EVERYONE
+    someone: str = ""  # how the target is called, where that differs from TARGETS
+    shares: tuple[str, ...] = ()  # parameters that read better as a percentage
+    by_unit: Mapping[str, str] = field(default_factory=dict)  # unit -> the text in place of `text`
+
+    def who(self, target: str | None, kind: str) -> str:
+        """The target, as the clause names it. kind: of target, a key of TARGETS."""
+        if not target:
+            return self.everyone or EVERYONE[kind]
+        if target in WHEELS and not self.someone:
+            return WHEELS[target]
+        return (self.someone or TARGETS[kind]).format(WHEELS.get(target, target))
