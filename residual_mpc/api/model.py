@@ -11,7 +11,7 @@ import numpy as np
 from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.written import Source, written
-from residual_mpc.diagnosis.document import Written, model_in, residual_in
+from residual_mpc.diagnosis.results.document import Written, model_in, residual_in
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented, Build
 from residual_mpc.export.augmented import augment as augment_robot
@@ -173,7 +173,7 @@ def augment(
 
 
 def _nominal(robot: NominalRobot) -> Written:
-    from residual_mpc.diagnosis.document import MODEL_SCHEMA
+    from residual_mpc.diagnosis.results.document import MODEL_SCHEMA
 
     return Written({"schema": MODEL_SCHEMA, "robot": robot.name, "values": []}, "the nominal model")
 

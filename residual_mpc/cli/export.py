@@ -29,7 +29,7 @@ def export(
     """Hand on the augmented model of FILE (model.json or diagnosis.json); says how far it lies from its source."""
     from residual_mpc.api.model import augment
     from residual_mpc.api.robot import load_robot
-    from residual_mpc.diagnosis.document import read_written, residual_in
+    from residual_mpc.diagnosis.results.document import read_written, residual_in
     from residual_mpc.export.source import robot_beside
     from residual_mpc.export.write import write_mjcf
 

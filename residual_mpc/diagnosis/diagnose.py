@@ -6,27 +6,25 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from residual_mpc.diagnosis.dataset import Dataset, joined
-from residual_mpc.diagnosis.evidence import blocks_of
-from residual_mpc.diagnosis.fit import on_problem
-from residual_mpc.diagnosis.gap import Gap, Scales, gap_of
-from residual_mpc.diagnosis.learner import RidgeLearner
-from residual_mpc.diagnosis.noise_fit import with_noise
-from residual_mpc.diagnosis.opened import Made, open_held_out
+from residual_mpc.diagnosis.data.dataset import Dataset, joined
+from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of
+from residual_mpc.diagnosis.data.subsampling import evenly, shorten, thin, thin_whole
+from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.fit.least_squares import on_problem
+from residual_mpc.diagnosis.fit.noise_fit import with_noise
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.prepare import Prepared, prepare
-from residual_mpc.diagnosis.problem import build_problem, reweigh
-from residual_mpc.diagnosis.records import Diagnosis
-from residual_mpc.diagnosis.refine import Searched, refine
-from residual_mpc.diagnosis.remainder import Learner
-from residual_mpc.diagnosis.replay import predict
-from residual_mpc.diagnosis.replays import Replays
-from residual_mpc.diagnosis.rivals import find_rivals, holds_elsewhere
-from residual_mpc.diagnosis.screen import shorten
-from residual_mpc.diagnosis.search import Found, search
-from residual_mpc.diagnosis.testable import not_testable
-from residual_mpc.diagnosis.thinning import evenly, thin, thin_whole, well_begun
-from residual_mpc.diagnosis.verdict import Floor, beyond, floor_of
+from residual_mpc.diagnosis.phases.prepare import Prepared, prepare
+from residual_mpc.diagnosis.phases.refine import Searched, refine
+from residual_mpc.diagnosis.phases.validate import open_held_out
+from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of, well_begun
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.problem import build_problem, reweigh
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.remainder.learning import Learner, RidgeLearner
+from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult
+from residual_mpc.diagnosis.search.rivals import find_rivals, holds_elsewhere
+from residual_mpc.diagnosis.search.stepwise import Found, search
+from residual_mpc.diagnosis.search.testable import not_testable
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 
@@ -48,7 +46,7 @@ def diagnose(
     progress: Progress = lambda stage, done: None,
     learners: Sequence[Learner] = (RidgeLearner(),),
     answered: Callable[[Diagnosis], None] = lambda diagnosis: None,
-) -> Made:
+) -> DiagnosisResult:
     """robots[i] is the nominal model of runs[i]; learners: those that try to learn what is left; answered: told the
     answer as soon as it stands, before what is left is described.
 
@@ -91,7 +89,7 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
     progress("comparing with rival explanations", 0.6)
     rivalry = find_rivals(found)
     everywhere = ready.fitting.take(evenly(ready.fitting, options.final_steps))
-    better = holds_elsewhere(rivalry, Replays(everywhere, ready.space), ready.scales)
+    better = holds_elsewhere(rivalry, PredictionCache(everywhere, ready.space), ready.scales)
     if better is not None:
         rivalry = find_rivals(replace(found, fit=on_problem(found.problem, better)), most=0)
     by_noise = reweigh(first.problem, first.problem.data.sigma)
@@ -122,7 +120,7 @@ def _on(
 
 def _seen_over(
     data: Dataset, scales: Scales, found: Found, ready: Prepared, rng: np.random.Generator
-) -> tuple[Dataset, Gap, Floor]:
+) -> tuple[Dataset, Gap, NoiseFloor]:
     """Longer windows with the noise that what was found leaves there, its gap and its floor."""
     row = ready.space.settings([found.fit.values])
     predicted = predict(data, row)[0]

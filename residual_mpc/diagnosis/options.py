@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from residual_mpc.diagnosis.hold_out import KeptBack
-from residual_mpc.diagnosis.search_settings import SearchSettings
+from residual_mpc.diagnosis.data.hold_out import KeptBack
+from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import Term
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from residual_mpc.diagnosis.document import Written, model_in, read_written, residual_in
+from residual_mpc.diagnosis.results.document import Written, model_in, read_written, residual_in
 from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.export.network import corrected, correction, reads, remembered

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from residual_mpc.diagnosis.document import read_written, residual_in
+from residual_mpc.diagnosis.results.document import read_written, residual_in
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
 from residual_mpc.export.source import robot_beside

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from residual_mpc.diagnosis.document import Written, residual_in
+from residual_mpc.diagnosis.results.document import Written, residual_in
 from residual_mpc.errors import BadInput
 from residual_mpc.export.agreement import Agreement, Step, agreement
 from residual_mpc.export.augmented import Augmented, settings_from

@@ -17,9 +17,9 @@ from oracles.rover_log import rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.diagnose import diagnose
-from residual_mpc.diagnosis.document import MODEL_SCHEMA, SCHEMA, to_document
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.remainder import Learned
+from residual_mpc.diagnosis.remainder.learning import Learned
+from residual_mpc.diagnosis.results.document import MODEL_SCHEMA, SCHEMA, to_document
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.logs.run import Run
 

@@ -14,7 +14,7 @@ from oracles.rover_log import ROBOT, rover_run, write_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
-from residual_mpc.diagnosis.document import model_in, read_written, residual_in
+from residual_mpc.diagnosis.results.document import model_in, read_written, residual_in
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import assemble
 from residual_mpc.residual.robot import ResidualRobot
