@@ -1,40 +1,12 @@
 """A diagnosis as the JSON that scripts rely on, and the augmented model that `gap --model` reads back."""
 
-import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict
 from typing import Any
 
 from residual_mpc.diagnosis.results.records import Diagnosis, Estimate
-from residual_mpc.errors import BadInput
-from residual_mpc.models.settings import Knob, Term, Values
-from residual_mpc.residual.record import KEY, Residual, from_json
-
-SCHEMA = "residual-mpc/diagnosis/1"
-MODEL_SCHEMA = "residual-mpc/model/1"
-
-
-@dataclass(frozen=True, eq=False)
-class Written:
-    """The content of a diagnosis.json or model.json, and the file that it came from, for messages."""
-
-    content: Mapping[str, Any]
-    where: str
-
-
-def read_written(path: Path) -> Written:
-    """A JSON object from a file. Raises BadInput where there is none."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"cannot be read: {error.strerror}", str(path), "name an existing file") from error
-    except ValueError as error:
-        raise BadInput(f"is no JSON: {error}", str(path), "give a diagnosis.json or model.json") from error
-    if not isinstance(content, dict):
-        raise BadInput("is no JSON object", str(path), "give a diagnosis.json or model.json")
-    return Written(content, str(path))
+from residual_mpc.models.model_file import DIAGNOSIS_SCHEMA, MODEL_SCHEMA
+from residual_mpc.models.settings import Term, Values
 
 
 def to_document(d: Diagnosis) -> dict[str, Any]:
@@ -49,7 +21,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             "ci95": list(d.achieved.ci95),
         }
     document = {
-        "schema": SCHEMA,
+        "schema": DIAGNOSIS_SCHEMA,
         "robot": d.robot,
         "verdict": d.verdict,
         "held_out": [k.document() for k in d.held_out],
@@ -125,59 +97,6 @@ def to_model(d: Diagnosis) -> dict[str, Any]:
         "values": _rows(d.values),
         "leaves_out_outliers": outliers,
     }
-
-
-def model_in(written: Written) -> tuple[str, Values, bool]:
-    """(robot, values, whether flagged samples are left out). Raises BadInput for neither a model nor a diagnosis."""
-    model = _model_in(written)
-    try:
-        values = values_of(model["values"])
-        return str(model["robot"]), values, bool(model.get("leaves_out_outliers", False))
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(
-            f"the model's values cannot be read: {error!r}", written.where, "write it anew with diagnose"
-        ) from error
-
-
-def diagnosis_in(written: Written) -> Mapping[str, Any]:
-    """The content. Raises BadInput where it is no diagnosis."""
-    if written.content.get("schema") != SCHEMA:
-        raise BadInput(
-            f"schema is {written.content.get('schema')!r}, a diagnosis ({SCHEMA}) was wanted",
-            written.where,
-            "give the diagnosis.json that diagnose wrote",
-        )
-    return written.content
-
-
-def values_of(rows: Sequence[Mapping[str, Any]]) -> Values:
-    """The values of a model as they are written. Raises KeyError, TypeError or ValueError where they cannot be read."""
-    values = {Knob(v["effect"], v["target"], v["parameter"]): float(v["value"]) for v in rows}
-    for knob, value in values.items():
-        if not math.isfinite(value):
-            raise ValueError(f"{knob.parameter} of {knob.effect} is {value}")
-    return values
-
-
-def residual_in(written: Written, last: bool = False) -> Residual | None:
-    """The learned residual, None where it has none; `last`: only what its last case added.
-
-    Raises BadInput for neither a model nor a diagnosis, and for a residual that cannot be read.
-    """
-    found = _model_in(written).get("last_residual" if last else KEY)
-    return None if found is None else from_json(found, written.where)
-
-
-def _model_in(written: Written) -> Mapping[str, Any]:
-    content = written.content
-    model = content.get("model") if content.get("schema") == SCHEMA else content
-    if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
-        raise BadInput(
-            f"schema is {content.get('schema')!r}" + (", without a model" if model is not content else ""),
-            written.where,
-            f"give a diagnosis.json ({SCHEMA}) or a model.json ({MODEL_SCHEMA})",
-        )
-    return model
 
 
 def _estimate(p: Estimate) -> dict[str, Any]:
