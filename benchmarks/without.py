@@ -83,12 +83,12 @@ MEANS = {f.__name__: f for f in (start_states, coloured_residuals, several_sets,
 
 def told(**changes: float) -> None:
     """Other settings of the search than the product's."""
-    whole = stepwise.search
+    whole = stepwise.stepwise_search
 
     def other(problem: Any, scales: Any, settings: Any, *rest: Any) -> Found:
         return whole(problem, scales, replace(settings, **changes), *rest)
 
-    everywhere("search", other)
+    everywhere("stepwise_search", other)
 
 
 def everywhere(name: str, by: Callable[..., Any]) -> None:

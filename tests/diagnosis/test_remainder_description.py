@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.diagnosis.remainder.description import describe
+from residual_mpc.diagnosis.remainder.description import describe_remainder
 from residual_mpc.diagnosis.remainder.missing_rates import tempered, travelled
 from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.logs.run import Run
@@ -62,7 +62,7 @@ def described(cause: Cause, gust: float = 0.0, hot: float = 0.0) -> Rest:
     predicted = predict(data, settings)[0]
     rng = np.random.default_rng(0)
     floors = noise_errors(data, settings, rng, 3)
-    return describe(data, measure_scales(data), settings, predicted, data.y - predicted, floors, None, rng)
+    return describe_remainder(data, measure_scales(data), settings, predicted, data.y - predicted, floors, None, rng)
 
 
 def sentence(rest: Rest) -> str:

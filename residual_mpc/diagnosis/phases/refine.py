@@ -1,11 +1,9 @@
-"""The third phase of a diagnosis: what the search found is fitted to the end and questioned, before anything is
-opened."""
+"""The third phase: what the search found is fitted to the end and questioned, before anything is opened."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.encoder_consistency import contradicted, independent_encoders
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
@@ -14,17 +12,17 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of, least_sure
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
 from residual_mpc.diagnosis.fit.polish import Polished, carry_on, polish
-from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.prepare import Prepared
+from residual_mpc.diagnosis.phases.search import Searched
+from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
 from residual_mpc.diagnosis.results.shrink import Shrink, expected_shrink
-from residual_mpc.diagnosis.search.rivals import Rivalry
-from residual_mpc.diagnosis.search.stepwise import Found, without
-from residual_mpc.diagnosis.search.testable import NotTestable
+from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.models.settings import Settings, Term, Values
 
 AGAIN = 4  # steps of the last fit with small differences, from where the plain one ended
@@ -33,40 +31,36 @@ OUTLIERS_WORTH = 0.6  # times the squared noise floor that a few jumping samples
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
-    """What the second phase found: the set, its rivals, what these runs cannot show, and the windows it was found on,
-    all of those that fits may see."""
+class Refined:
+    """The explanation that stands before anything is opened, and the longer horizons that it is judged over as well."""
 
-    found: Found
-    rivalry: Rivalry
-    untestable: tuple[NotTestable, ...]
-    windows: Dataset
-    scales: Scales
+    explanation: FittedExplanation
+    longer: tuple[HorizonWindows, ...]
+    options: Options
 
 
-def refine(ready: Prepared, searched: Searched, options: Options, rng: np.random.Generator) -> FittedExplanation:
+def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> Refined:
     """The explanation with its numbers, less the effects that a closer look refutes, and the shrink expected of it."""
-    found, windows, scales = searched.found, searched.windows, searched.scales
-    problem = build_problem(windows, ready.space, found.sigma, found.problem.motion)
-    problem = _trusting(problem, searched.rivalry.fit.values, scales)
-    polished, base = polish(problem, [searched.rivalry.fit.values, found.base.values], options.final_steps)
+    progress("fitting on all windows", 0.75)
+    prepared, found, rivalry = searched.prepared, searched.found, searched.rivalry
+    options = prepared.options
+    problem = build_problem(searched.windows, prepared.space, found.sigma, found.problem.motion)
+    problem = _trusting(problem, rivalry.fit.values, searched.scales)
+    polished, base = polish(problem, [rivalry.fit.values, found.base.values], options.final_steps)
     polished, vetoed = _heed_encoders(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit
     wide = _tolerating(problem, final)
-    spoilt = ready.raw.take(~ready.held)
-    row = ready.space.settings([final.values])
-    with_outliers = _wanted(ready, options) and (
-        ready.outliers.frequent or _weigh(spoilt, ready.fitting, ready.scales, row, rng, options)
-    )
+    with_outliers = _outliers_count(prepared, prepared.space.settings([final.values]), rng)
     expected = None
     if final.terms or with_outliers:
-        expected = _expected(ready, problem, final, before, with_outliers, rng)
-    return FittedExplanation(
-        ready.raw, ready.clean, ready.scales, ready.kept, ready.held, problem, before, final, polished.ends,
-        searched.rivalry, searched.untestable, ready.outliers, with_outliers, vetoed, doubtful, expected,
+        expected = _expected(prepared, problem, final, before, with_outliers, rng)
+    explanation = FittedExplanation(
+        prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, problem, before, final,
+        polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, vetoed, doubtful, expected,
         None if wide is None else MarginalisedFit(wide, fit_all(wide, [final.values], AGAIN)[0]),
     )  # fmt: skip
+    return Refined(explanation, prepared.longer, options)
 
 
 def _trusting(problem: Problem, values: Values, scales: Scales) -> Problem:
@@ -85,18 +79,18 @@ def _tolerating(problem: Problem, fit: Fit) -> Problem | None:
 
 
 def _expected(
-    ready: Prepared, problem: Problem, final: Fit, base: Fit, with_outliers: bool, rng: np.random.Generator
+    prepared: Prepared, problem: Problem, final: Fit, base: Fit, with_outliers: bool, rng: np.random.Generator
 ) -> Shrink:
     """The shrink, by cross-validation on the windows of the headline's horizon."""
-    spoilt = ready.raw.take(~ready.held)
+    spoilt = prepared.raw.take(~prepared.held)
     here = final
-    if problem.data.count != ready.fitting.count or problem.data.horizon != ready.raw.horizon:
-        plain = build_problem(ready.fitting, ready.space, 1.0 / problem.weight)
-        here = on_problem(_trusting(plain, final.values, ready.scales), final)
-    before = spoilt.y - predict(spoilt, ready.space.settings([base.values]))[0]
-    after = expected_errors(ready.fitting if with_outliers else spoilt, ready.space, here)
-    kept_back = ready.raw.take(ready.held) if ready.held.any() else spoilt
-    return expected_shrink(spoilt, kept_back, ready.scales, before, after, rng)
+    if problem.data.count != prepared.fitting.count or problem.data.horizon != prepared.raw.horizon:
+        plain = build_problem(prepared.fitting, prepared.space, 1.0 / problem.weight)
+        here = on_problem(_trusting(plain, final.values, prepared.scales), final)
+    before = spoilt.y - predict(spoilt, prepared.space.settings([base.values]))[0]
+    after = expected_errors(prepared.fitting if with_outliers else spoilt, prepared.space, here)
+    kept_back = prepared.raw.take(prepared.held) if prepared.held.any() else spoilt
+    return expected_shrink(spoilt, kept_back, prepared.scales, before, after, rng)
 
 
 def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
@@ -131,17 +125,20 @@ def _again(problem: Problem, polished: Polished, fewer: Values, options: Options
     return Polished(fit, {k: (fit.values[k],) for k in fit.knobs})
 
 
-def _wanted(ready: Prepared, options: Options) -> bool:
-    name = "sensor_outliers"
-    return ready.outliers.enough and (not options.only or name in options.only) and name not in options.without
+def _outliers_count(prepared: Prepared, row: Settings, rng: np.random.Generator) -> bool:
+    """Whether the samples that jump away are a cause: they may be named, are enough to be no accident, and are either
+    frequent or make up much of what the effects (one row of settings) leave."""
+    name, options, outliers = "sensor_outliers", prepared.options, prepared.outliers
+    if not outliers.enough or (options.only and name not in options.only) or name in options.without:
+        return False
+    return outliers.frequent or _weigh(prepared, row, rng)
 
 
-def _weigh(
-    spoilt: Dataset, clean: Dataset, scales: Scales, row: Settings, rng: np.random.Generator, options: Options
-) -> bool:
+def _weigh(prepared: Prepared, row: Settings, rng: np.random.Generator) -> bool:
     """Whether the flagged samples, few as they are, make up much of what the effects leave: the search's own terms."""
+    options, clean, scales = prepared.options, prepared.fitting, prepared.scales
     keep = evenly(clean, options.final_steps)
-    spoilt, clean = spoilt.take(keep), clean.take(keep)
+    spoilt, clean = prepared.raw.take(~prepared.held).take(keep), clean.take(keep)
     left, cleaned = (gap_of(d, scales, d.y - predict(d, row)[0]).total ** 2 for d in (spoilt, clean))
     floor = float(np.mean([gap_of(clean, scales, e).total ** 2 for e in noise_errors(clean, row, rng, 4)]))
     worth = max(OUTLIERS_WORTH * floor, options.search.sizeable * (left - floor))

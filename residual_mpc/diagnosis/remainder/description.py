@@ -22,7 +22,7 @@ SMALL = 0.05  # share of the rest below which a component is not asked
 ALIKE = 0.03  # of the rest, within which the simpler of two coordinates is named
 
 
-def describe(
+def describe_remainder(
     data: Dataset,
     scales: Scales,
     settings: Settings,

@@ -82,7 +82,7 @@ ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
 Report = Callable[[str, float], None]  # what is done, and the share of the search that is behind
 
 
-def search(
+def stepwise_search(
     problem: Problem,
     scales: Scales,
     settings: SearchSettings,
