@@ -9,9 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import TUNE, Knob, Term, Values
+from residual_mpc.models.settings import TUNE, Knob, Values
 
 STEP = 0.15  # derivative step in units of a knob's scale: wide, since sampled commands make delays and dead zones rough
 PART = 0.2  # and no more than this of a number that multiplies the nominal one, which may be a fiftieth of it
@@ -28,7 +29,7 @@ class Fit:
     """values by knob; cost: sum of squares of the whitened residual r (W, n); jacobian (W, n, P) per scaled knob, the
     scales beside it, in the order of `knobs`. `held` (P,) marks knobs that rest on a bound; `fresh`: see `fit_all`."""
 
-    terms: tuple[Term, ...]
+    terms: EffectSet
     knobs: tuple[Knob, ...]
     values: Values
     scales: np.ndarray

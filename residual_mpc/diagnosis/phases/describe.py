@@ -20,8 +20,8 @@ from residual_mpc.diagnosis.results.causes import causes_of, most_sure
 from residual_mpc.diagnosis.results.conditions import moved, notes, setup
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
-from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult
-from residual_mpc.diagnosis.results.stages import Chain, Shares, staged
+from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult, GapStep, StageShare
+from residual_mpc.diagnosis.results.stages import staged
 from residual_mpc.diagnosis.results.support import doubts
 from residual_mpc.diagnosis.results.verdict import clearest, left_share
 from residual_mpc.diagnosis.search.stepwise import Ruler
@@ -34,8 +34,8 @@ class Extras:
     """What is computed once the answer stands: the gap as effects are added, the stages' shares, what was learned of
     the remainder, and what it is like."""
 
-    steps: Chain = ()
-    stages: Shares = ()
+    steps: tuple[GapStep, ...] = ()
+    stages: tuple[StageShare, ...] = ()
     learned: Learned = NOTHING
     rest: Rest | None = None
 

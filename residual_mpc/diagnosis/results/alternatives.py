@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from residual_mpc.diagnosis.fit.least_squares import Fit
-from residual_mpc.diagnosis.results.records import Alternative, Candidate
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
+from residual_mpc.diagnosis.results.records import Alternative, Candidate, RivalSet
 from residual_mpc.diagnosis.search.rivals import Rivalry
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import Term
@@ -41,23 +42,21 @@ def candidates(
     return tuple(sorted(out, key=lambda c: -c.probability))
 
 
-def rival_sets(rivalry: Rivalry) -> tuple[tuple[tuple[Term, ...], float], ...]:
+def rival_sets(rivalry: Rivalry) -> tuple[RivalSet, ...]:
     """The best few sets as wholes, the chosen one among them, with the share of the likelihood that each holds."""
-    weights: dict[tuple[Term, ...], float] = {rivalry.as_found.terms: 1.0}
+    weights: dict[EffectSet, float] = {rivalry.as_found.terms: 1.0}
     for r in rivalry.rivals:
         weight = float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))
         weights[r.fit.terms] = max(weights.get(r.fit.terms, 0.0), weight)
     total = sum(weights.values())
-    ranked = sorted(((t, w / total) for t, w in weights.items()), key=lambda tw: -tw[1])
+    ranked = sorted((RivalSet(t, w / total) for t, w in weights.items()), key=lambda r: -r.probability)
     return tuple(ranked[:6])
 
 
-def alternatives(
-    rivalry: Rivalry, groups: tuple[tuple[tuple[Term, ...], ...], ...], final: Fit
-) -> tuple[Alternative, ...]:
+def alternatives(rivalry: Rivalry, groups: tuple[ConfoundedGroup, ...], final: Fit) -> tuple[Alternative, ...]:
     """The other members of the groups, each with the values of the whole in which it stands; then the closest rivals
     that are not beyond doubt worse."""
-    out: dict[tuple[Term, ...], Alternative] = {}
+    out: dict[EffectSet, Alternative] = {}
     for group in groups:
         here = next((m for m in group if all(t in final.terms for t in m)), ())
         for member in group:

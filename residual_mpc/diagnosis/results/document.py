@@ -4,6 +4,7 @@ import math
 from dataclasses import asdict
 from typing import Any
 
+from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.results.records import Diagnosis, Estimate
 from residual_mpc.models.model_file import DIAGNOSIS_SCHEMA, MODEL_SCHEMA
 from residual_mpc.models.settings import Term, Values
@@ -40,7 +41,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
         },
         "shrink": shrink,
         "where": {
-            "stages": [{"name": n, "share": s} for n, s in d.stages],
+            "stages": [{"name": s.name, "share": s.share} for s in d.stages],
             "channels": [{"name": n, "share": s} for n, s in d.where.channels],
             "regimes": [{"name": r.name, "share": r.share, "lift": r.lift} for r in d.where.regimes],
             "times": [{"run": s.run, "from": s.start, "to": s.end, "share": s.share} for s in d.where.times],
@@ -64,8 +65,8 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
         "learned": {"by": d.learned.by, "asked": list(d.learned.asked)},
         "remainder": None if d.rest is None else d.rest.document(),
         "next_experiment": d.next_experiment,
-        "stages_of_gap": [{"terms": [_term(t) for t in terms], "gap": g} for terms, g in d.steps],
-        "rivals": [{"terms": [_term(t) for t in terms], "probability": p} for terms, p in d.rivals],
+        "stages_of_gap": [{"terms": [_term(t) for t in s.effects], "gap": s.gap} for s in d.steps],
+        "rivals": [{"terms": [_term(t) for t in r.effects], "probability": r.probability} for r in d.rivals],
         "alternatives": [
             {
                 "effects": [_term(t) for t in a.terms],
@@ -112,7 +113,7 @@ def _term(term: Term) -> dict[str, str | None]:
     return {"effect": term.effect, "target": term.target}
 
 
-def _member(member: tuple[Term, ...]) -> Any:
+def _member(member: EffectSet) -> Any:
     return _term(member[0]) if len(member) == 1 else [_term(t) for t in member]
 
 

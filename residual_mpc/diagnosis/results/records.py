@@ -8,6 +8,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.data.where import Where
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.remainder.learning import Learned
 from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.diagnosis.results.shrink import Shrink
@@ -99,11 +100,35 @@ class Alternative:
     those that they replace, and all of its values. ratio: likelihood ratio by which it is worse; confounded: whether
     it stands in a group, or is a close rival."""
 
-    terms: tuple[Term, ...]
-    instead_of: tuple[Term, ...]
+    terms: EffectSet
+    instead_of: EffectSet
     values: Values
     ratio: float
     confounded: bool
+
+
+@dataclass(frozen=True)
+class RivalSet:
+    """A set of effects that was compared as a whole, with the share of the likelihood that it holds."""
+
+    effects: EffectSet
+    probability: float
+
+
+@dataclass(frozen=True)
+class GapStep:
+    """The gap on the held-out windows with these effects added, unitless."""
+
+    effects: EffectSet
+    gap: float
+
+
+@dataclass(frozen=True)
+class StageShare:
+    """A stage's share of the squared gap; "noise" and "unexplained" are stages as well."""
+
+    name: str
+    share: float
 
 
 @dataclass(frozen=True)
@@ -124,7 +149,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The whole answer. `stages`: (stage, share of the squared gap); `steps`: held-out gap as effects are added."""
+    """The whole answer."""
 
     robot: str
     verdict: Verdict
@@ -132,12 +157,12 @@ class Diagnosis:
     gap: GapFigures
     expected: Shrink | None
     achieved: Shrink | None
-    stages: tuple[tuple[str, float], ...]
+    stages: tuple[StageShare, ...]
     where: Where
     causes: tuple[Cause, ...]
     candidates: tuple[Candidate, ...]
-    groups: tuple[tuple[tuple[Term, ...], ...], ...]
-    rivals: tuple[tuple[tuple[Term, ...], float], ...]
+    groups: tuple[ConfoundedGroup, ...]
+    rivals: tuple[RivalSet, ...]
     alternatives: tuple[Alternative, ...]
     setup: Setup
     not_testable: tuple[NotTestable, ...]
@@ -145,7 +170,7 @@ class Diagnosis:
     unexplained: float
     learned: Learned
     rest: Rest | None  # None where what is left is within the noise
-    steps: tuple[tuple[tuple[Term, ...], float], ...]
+    steps: tuple[GapStep, ...]
     outlier_share: float
     outlier_channels: dict[str, float]
     next_experiment: dict[str, object] | None

@@ -6,6 +6,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import MOST, Fit, Race, fit_all, on_problem, possible
+from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.screen import (
     ScreenedTerm,
@@ -31,7 +32,7 @@ GENEROUS = 4.0  # a fit may find this many times the drop that the screening's l
 Ranked = TypeVar("Ranked")
 
 
-def compatible(term: Term, terms: tuple[Term, ...]) -> bool:
+def compatible(term: Term, terms: EffectSet) -> bool:
     """Whether a term may join: not twice the same, and never an effect both on all targets and on one."""
     return all(
         t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in terms

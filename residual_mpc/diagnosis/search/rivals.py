@@ -6,6 +6,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.gap import Scales, per_window
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem, possible
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
 from residual_mpc.diagnosis.search.additions import EARLY, NONE, ROUGH, closer, compatible
@@ -35,8 +36,8 @@ class Rival:
     """A set with one member (or pair) replaced: what went, what came, the refitted whole, and its likelihood ratio
     against the chosen set (positive: worse)."""
 
-    gone: tuple[Term, ...]
-    came: tuple[Term, ...]
+    gone: EffectSet
+    came: EffectSet
     fit: Fit
     ratio: float
     alike: bool
@@ -44,16 +45,16 @@ class Rival:
 
 @dataclass(frozen=True)
 class Rivalry:
-    """The chosen fit after swaps, its rivals, the confounded groups (members are tuples of terms), and each
+    """The chosen fit after swaps, its rivals, the confounded groups, and each
     candidate's share of the likelihood in the place that it competes for."""
 
     fit: Fit
     rivals: tuple[Rival, ...]
-    groups: tuple[tuple[tuple[Term, ...], ...], ...]
+    groups: tuple[ConfoundedGroup, ...]
     shares: dict[Term, float]
     as_found: Fit  # before the first of a group was preferred
 
-    def standing_for(self, member: tuple[Term, ...]) -> Fit | None:
+    def standing_for(self, member: EffectSet) -> Fit | None:
         """The fit in which a group's member stands; None for one that no fit here holds."""
         if all(t in self.as_found.terms for t in member):
             return self.as_found
@@ -61,7 +62,7 @@ class Rivalry:
         return fits[0].fit if fits else None
 
 
-def place(terms: tuple[Term, ...]) -> tuple[int, int, bool, str]:
+def place(terms: EffectSet) -> tuple[int, int, bool, str]:
     """Order of a member: fewer terms first, then the contract's table, then one target before all, which claims less:
     where only one joint ever reaches its limit, nothing is known of the others'."""
     names = [t.target for t in terms]
@@ -242,10 +243,10 @@ def _on_targets(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
     return [tuple(ts) for ts in by_effect.values() if len(ts) > 1]
 
 
-def _groups(rivals: list[Rival]) -> tuple[tuple[tuple[Term, ...], ...], ...]:
+def _groups(rivals: list[Rival]) -> tuple[ConfoundedGroup, ...]:
     """One group per replaced member: it, and what stands in for it. A pair's group that only repeats the groups of its
     members says nothing new and is left out."""
-    members: dict[tuple[Term, ...], list[tuple[Term, ...]]] = {}
+    members: dict[EffectSet, list[EffectSet]] = {}
     for r in rivals:
         if r.alike:
             members.setdefault(r.gone, []).append(r.came)
@@ -261,8 +262,8 @@ def _groups(rivals: list[Rival]) -> tuple[tuple[tuple[Term, ...], ...], ...]:
 
 
 def _prefer_first(
-    fit: Fit, rivals: list[Rival], groups: tuple[tuple[tuple[Term, ...], ...], ...]
-) -> tuple[Fit, tuple[tuple[tuple[Term, ...], ...], ...]]:
+    fit: Fit, rivals: list[Rival], groups: tuple[ConfoundedGroup, ...]
+) -> tuple[Fit, tuple[ConfoundedGroup, ...]]:
     """Let the first of a group, by the contract's table, stand in the explanation where it takes one exchange."""
     for group in groups:
         first = group[0]
@@ -285,7 +286,7 @@ def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
         came = [r for r in rivals if r.came == (term,)]
         preferred = came and not any(r.gone == (term,) for r in rivals)
         place_of = min(came, key=lambda r: r.ratio).gone if preferred else (term,)
-        weights: dict[tuple[Term, ...], float] = {place_of: 1.0}
+        weights: dict[EffectSet, float] = {place_of: 1.0}
         for r in rivals:
             if r.gone == place_of:
                 weight = float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))

@@ -9,6 +9,7 @@ from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, elsewhere, fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
+from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
@@ -23,7 +24,7 @@ from residual_mpc.models.settings import TUNE, Knob, Term, Values
 class Step:
     """One accepted step of the search, for the report: the set after it, and its cost in that step's weights."""
 
-    terms: tuple[Term, ...]
+    terms: EffectSet
     before: float
     after: float
 
