@@ -140,8 +140,8 @@ def diagnose(log: Path) -> Cost:
     """One diagnosis, timed by the stages that it reports."""
     import residual_mpc as rm
     from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
-    from residual_mpc.diagnosis.document import to_document
     from residual_mpc.diagnosis.options import Options
+    from residual_mpc.diagnosis.results.document import to_document
     from residual_mpc.report import sentence, write_report
     from residual_mpc.report.collect import collect
     from residual_mpc.residual.remainder import LEARNERS
@@ -187,8 +187,8 @@ def throughput(case: Path, repeats: int) -> str:
     from mujoco.batch import Batch
 
     import residual_mpc as rm
-    from residual_mpc.diagnosis.dataset import build_dataset
-    from residual_mpc.diagnosis.replay import predict
+    from residual_mpc.diagnosis.data.dataset import build_dataset
+    from residual_mpc.diagnosis.predict.replay import predict
     from residual_mpc.models.settings import Knob, assemble
 
     robot = rm.load_robot(case / "robot.toml")

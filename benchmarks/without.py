@@ -9,11 +9,13 @@ from dataclasses import replace
 from typing import Any
 
 from residual_mpc.cli.main import main
-from residual_mpc.diagnosis import diagnose, problem, search
-from residual_mpc.diagnosis.additions import Ranked
-from residual_mpc.diagnosis.rivals import Rivalry
-from residual_mpc.diagnosis.search import Found
-from residual_mpc.diagnosis.spikes import Outliers
+from residual_mpc.diagnosis.data.outliers import Outliers
+from residual_mpc.diagnosis.phases import prepare
+from residual_mpc.diagnosis.predict import problem
+from residual_mpc.diagnosis.search import stepwise
+from residual_mpc.diagnosis.search.additions import Ranked
+from residual_mpc.diagnosis.search.rivals import Rivalry
+from residual_mpc.diagnosis.search.stepwise import Found
 
 
 def start_states() -> None:
@@ -59,14 +61,14 @@ def what_is_compared() -> None:
     everywhere("mixed", first)
 
 
-def witnesses() -> None:
+def encoder_consistency() -> None:
     """Encoders do not contradict a stand-in."""
-    everywhere("witnesses", lambda data: ())
+    everywhere("independent_encoders", lambda data: ())
 
 
 def outliers() -> None:
     """No sample is flagged."""
-    flagging: Callable[..., Outliers] = diagnose.find_outliers
+    flagging: Callable[..., Outliers] = prepare.find_outliers
 
     def none(data: Any) -> Outliers:
         found = flagging(data)
@@ -76,17 +78,17 @@ def outliers() -> None:
 
 
 MEANS = {f.__name__: f for f in (start_states, coloured_residuals, several_sets, worth, pruning, exchange,
-                                 what_is_compared, witnesses, outliers)}  # fmt: skip
+                                 what_is_compared, encoder_consistency, outliers)}  # fmt: skip
 
 
 def told(**changes: float) -> None:
     """Other settings of the search than the product's."""
-    whole = search.search
+    whole = stepwise.stepwise_search
 
     def other(problem: Any, scales: Any, settings: Any, *rest: Any) -> Found:
         return whole(problem, scales, replace(settings, **changes), *rest)
 
-    everywhere("search", other)
+    everywhere("stepwise_search", other)
 
 
 def everywhere(name: str, by: Callable[..., Any]) -> None:

@@ -10,12 +10,12 @@ from residual_mpc.closed_loop.episode import Episode
 from residual_mpc.closed_loop.estimator import build_filter
 from residual_mpc.closed_loop.loop import LoopSettings, run_closed_loop
 from residual_mpc.closed_loop.scenario import Progress, RunOptions
-from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.diagnose import diagnose
-from residual_mpc.diagnosis.gap import gap_of, measure_scales
-from residual_mpc.diagnosis.opened import Made
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.export import Build, augment
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings, Values, assemble
@@ -31,7 +31,7 @@ class Learned:
     """runs: the practice; made: their diagnosis; network: taught on the nominal model; rest: on the diagnosed one."""
 
     runs: tuple[Run, ...]
-    made: Made
+    made: DiagnosisResult
     network: Residual
     rest: Residual
 

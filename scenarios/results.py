@@ -8,7 +8,7 @@ import numpy as np
 
 from residual_mpc.closed_loop.compare import Comparison
 from residual_mpc.closed_loop.metrics import h2_over_time, path_error
-from residual_mpc.diagnosis.document import to_document
+from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.files import write_atomically
 from scenarios.practice import Learned
 from scenarios.scenario import ClosedLoop

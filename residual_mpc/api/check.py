@@ -9,7 +9,7 @@ import numpy as np
 from residual_mpc.api.display import count, page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Paths, Runs, listed
-from residual_mpc.diagnosis.dataset import compared_channels
+from residual_mpc.diagnosis.data.dataset import compared_channels
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.columns import group, member

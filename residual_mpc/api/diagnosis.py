@@ -14,17 +14,18 @@ from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.api.written import name_robot_file
+from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
-from residual_mpc.diagnosis.document import Written, to_document
-from residual_mpc.diagnosis.driven import not_commanded
-from residual_mpc.diagnosis.hold_out import KeptBack
-from residual_mpc.diagnosis.opened import Made
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.records import Diagnosis as Record
+from residual_mpc.diagnosis.results.document import to_document
+from residual_mpc.diagnosis.results.records import Diagnosis as Record
+from residual_mpc.diagnosis.results.records import DiagnosisResult
+from residual_mpc.diagnosis.search.measured_commands import not_commanded
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 from residual_mpc.experiment.propose import propose
 from residual_mpc.logs.columns import did_you_mean
+from residual_mpc.models.model_file import Written
 from residual_mpc.models.robot_file import measured_over
 from residual_mpc.report import compose, diagnosis_lines, sentence
 from residual_mpc.report.collect import collect
@@ -44,7 +45,7 @@ class Diagnosis:
 
     robot: NominalRobot
     document: dict[str, Any]
-    made: Made
+    made: DiagnosisResult
     commands: str | None
 
     @property

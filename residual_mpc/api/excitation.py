@@ -10,11 +10,11 @@ import numpy as np
 from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.written import Source, written
-from residual_mpc.diagnosis.document import diagnosis_in
 from residual_mpc.experiment.choose import PARTS
 from residual_mpc.experiment.command_file import command_table
 from residual_mpc.experiment.plan import SECONDS, plan_first, plan_next
 from residual_mpc.files import write_atomically
+from residual_mpc.models.model_file import diagnosis_in
 
 if TYPE_CHECKING:
     from pandas import DataFrame

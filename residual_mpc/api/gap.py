@@ -7,7 +7,7 @@ from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.api.written import Source, written
-from residual_mpc.diagnosis.measure import measure
+from residual_mpc.diagnosis.gap_figures import gap_figures
 from residual_mpc.report import gap_lines
 
 if TYPE_CHECKING:
@@ -82,4 +82,4 @@ def measure_gap(
     usable(runs)
     other = None if model is None else written(model)
     kept = None if held_out_of is None else written(held_out_of)
-    return Gap(measure(runs.runs, runs.models, robot.file, horizon, other, kept, seed))
+    return Gap(gap_figures(runs.runs, runs.models, robot.file, horizon, other, kept, seed))

@@ -12,16 +12,17 @@ from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.api.written import Source, name_robot_file, written
-from residual_mpc.diagnosis.document import MODEL_SCHEMA, Written, model_in, residual_in
-from residual_mpc.diagnosis.measure import kept_back_of
+from residual_mpc.diagnosis.gap_figures import kept_back_of
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
 from residual_mpc.models.fits import check_fits
+from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_in
 from residual_mpc.models.settings import Values
 from residual_mpc.residual import checkpoint
 from residual_mpc.residual.learn import LearnSettings
 from residual_mpc.residual.record import KEY, to_json
 from residual_mpc.residual.train import Learned, Report, Task, train
+from residual_mpc.residual.written import residual_in
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -11,13 +11,14 @@ import numpy as np
 from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.written import Source, written
-from residual_mpc.diagnosis.document import Written, model_in, residual_in
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented, Build
 from residual_mpc.export.augmented import augment as augment_robot
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.export.write import TARGETS, write_mjcf, write_model
+from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.settings import Values
+from residual_mpc.residual.written import residual_in
 
 USUAL_STEP = 0.05  # s, the controllers' usual one
 CONTROLLERS = "residual_mpc.controllers"  # entry points: "mpc" and "lqr"
@@ -173,7 +174,7 @@ def augment(
 
 
 def _nominal(robot: NominalRobot) -> Written:
-    from residual_mpc.diagnosis.document import MODEL_SCHEMA
+    from residual_mpc.models.model_file import MODEL_SCHEMA
 
     return Written({"schema": MODEL_SCHEMA, "robot": robot.name, "values": []}, "the nominal model")
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from residual_mpc.diagnosis.document import Written, read_written
+from residual_mpc.models.model_file import Written, read_written
 
 
 class Documented(Protocol):

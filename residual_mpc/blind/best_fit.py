@@ -19,7 +19,7 @@ from residual_mpc.blind.records import Answer, Planted
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 
 if TYPE_CHECKING:
-    from residual_mpc.diagnosis.dataset import Dataset
+    from residual_mpc.diagnosis.data.dataset import Dataset
 
 _FLAGGED = SENSOR_OUTLIERS.name  # counted, not fitted
 _FIT_STEPS = 40_000  # simulation steps that one hypothesis may cost
@@ -42,10 +42,10 @@ def with_best_fit(answer: Answer, clean: Path, case: Path) -> Answer:
 def best_fit(effects: Sequence[Planted], clean: Path, case: Path) -> dict[str, float]:
     """Least squares from the drawn values, over all windows of the runs in ``clean``, each channel weighed by its
     noise in ``case``: without noise of its own, a channel would outweigh all others."""
-    from residual_mpc.diagnosis.fit import fit_all
-    from residual_mpc.diagnosis.problem import build_problem
-    from residual_mpc.diagnosis.space import build_space
-    from residual_mpc.diagnosis.thinning import thin
+    from residual_mpc.diagnosis.data.subsampling import thin
+    from residual_mpc.diagnosis.fit.least_squares import fit_all
+    from residual_mpc.diagnosis.predict.problem import build_problem
+    from residual_mpc.diagnosis.predict.space import build_space
     from residual_mpc.models.settings import Knob
 
     fitted = [p for p in effects if p.effect != _FLAGGED]
@@ -69,7 +69,7 @@ def best_fit(effects: Sequence[Planted], clean: Path, case: Path) -> dict[str, f
 def _windows(folder: Path) -> Dataset:
     from residual_mpc.api.robot import load_robot
     from residual_mpc.api.runs import read_runs, usable
-    from residual_mpc.diagnosis.dataset import build_dataset
+    from residual_mpc.diagnosis.data.dataset import build_dataset
 
     runs = sorted(str(p) for p in folder.iterdir() if p.suffix in (".csv", ".parquet"))
     logged = usable(read_runs(load_robot(folder / "robot.toml"), runs))

@@ -29,9 +29,10 @@ def export(
     """Hand on the augmented model of FILE (model.json or diagnosis.json); says how far it lies from its source."""
     from residual_mpc.api.model import augment
     from residual_mpc.api.robot import load_robot
-    from residual_mpc.diagnosis.document import read_written, residual_in
     from residual_mpc.export.source import robot_beside
     from residual_mpc.export.write import write_mjcf
+    from residual_mpc.models.model_file import read_written
+    from residual_mpc.residual.written import residual_in
 
     source = read_written(file)
     where = out or file.parent / f"export_{to}"

@@ -1,11 +1,13 @@
 """What a diagnosis may be told."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from residual_mpc.diagnosis.hold_out import KeptBack
-from residual_mpc.diagnosis.search_settings import SearchSettings
+from residual_mpc.diagnosis.data.hold_out import KeptBack
+from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import Term
+
+Progress = Callable[[str, float], None]  # told what is done now, and the share of it all that is behind
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.fit import fit_all
-from residual_mpc.diagnosis.problem import build_problem
-from residual_mpc.diagnosis.search_settings import SearchSettings
-from residual_mpc.diagnosis.space import build_space
-from residual_mpc.diagnosis.testable import NotTestable, not_testable
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
 from residual_mpc.experiment.bench import Bench, with_encoders
 from residual_mpc.experiment.motions import Motion, motions
 from residual_mpc.experiment.separate import Planned, Separation, allowed, driven, separation

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from residual_mpc.diagnosis.document import values_of
 from residual_mpc.errors import BadInput
 from residual_mpc.models.fits import check_fits
+from residual_mpc.models.model_file import values_of
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.where import regime_masks
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.where import regime_masks
 from residual_mpc.experiment.bench import Bench
 from residual_mpc.experiment.motions import motions
 from residual_mpc.experiment.separate import Planned, allowed, driven

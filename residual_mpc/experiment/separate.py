@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.fit import fit_all
-from residual_mpc.diagnosis.problem import Problem, build_problem
-from residual_mpc.diagnosis.replay import predict
-from residual_mpc.diagnosis.space import build_space
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.experiment.bench import Bench
 from residual_mpc.experiment.motions import Motion, scaled
 from residual_mpc.logs.run import Run

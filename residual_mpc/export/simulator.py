@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from residual_mpc.diagnosis.document import read_written, residual_in
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
 from residual_mpc.export.source import robot_beside
 from residual_mpc.models.load import load_robot
+from residual_mpc.models.model_file import read_written
 from residual_mpc.models.robot_file import read_robot_file
 from residual_mpc.models.sensing import Late
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.simulating import Simulating, Simulator
 from residual_mpc.models.stepping import Stepping
+from residual_mpc.residual.written import residual_in
 
 USUAL_PERIOD = 0.02  # s
 

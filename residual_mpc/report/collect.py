@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import Dataset
-from residual_mpc.diagnosis.gap import gap_from_squares, window_squares
-from residual_mpc.diagnosis.opened import Made
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import gap_from_squares, window_squares
+from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.report.evidence import Evidence, Panel, Windows
 
 PANELS = 6
@@ -12,7 +12,7 @@ STRETCH = 8  # windows shown in one panel, at most
 UNITS = {"pose.theta": "rad", "pose.x": "m", "pose.y": "m", "twist.theta": "rad/s", "twist.x": "m/s", "twist.y": "m/s"}
 
 
-def collect(made: Made) -> Evidence:
+def collect(made: DiagnosisResult) -> Evidence:
     """The channels with the largest gap, around the held-out window that shows it best, and the gap of every window."""
     eye = np.eye(made.data.count)
     before = gap_from_squares(*window_squares(made.data, made.scales, made.before), eye)
@@ -26,7 +26,7 @@ def collect(made: Made) -> Evidence:
     return Evidence(_panels(made, before), windows, starts)
 
 
-def _panels(made: Made, per_window: np.ndarray) -> tuple[Panel, ...]:
+def _panels(made: DiagnosisResult, per_window: np.ndarray) -> tuple[Panel, ...]:
     data, out = made.data, []
     shares = dict(made.diagnosis.where.channels)
     for channel in sorted(shares, key=lambda c: -shares[c])[:PANELS]:
@@ -51,7 +51,7 @@ def _around(worst: int, windows: np.ndarray, data: Dataset) -> np.ndarray:
     return np.asarray(mine[first : first + STRETCH])
 
 
-def _panel(made: Made, channel: str, k: int, windows: np.ndarray) -> Panel:
+def _panel(made: DiagnosisResult, channel: str, k: int, windows: np.ndarray) -> Panel:
     data = made.data
     pieces: list[np.ndarray] = []
     for w in windows:

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.gap import Gap, Scales, gap_of, measure_scales, per_window
-from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_mask
-from residual_mpc.diagnosis.replay import predict, with_outliers_removed
-from residual_mpc.diagnosis.spikes import find_outliers
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, measure_scales, per_window
+from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.data.outliers import find_outliers
+from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings

@@ -7,8 +7,8 @@ from time import perf_counter
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import Dataset
-from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import Settings
 from residual_mpc.residual import ekf, ukf

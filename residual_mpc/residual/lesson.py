@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import Dataset
-from residual_mpc.diagnosis.problem import start_sigma
-from residual_mpc.diagnosis.replay import earliest, predict
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.predict.problem import start_sigma
+from residual_mpc.diagnosis.predict.replay import earliest, predict
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
 from residual_mpc.residual.filter import Measurement

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual_mpc.diagnosis.dataset import Dataset
-from residual_mpc.diagnosis.local_fit import local_fit
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.local_fit import local_fit
 
 
 def reference_velocities(data: Dataset, run: int, outputs: Sequence[str], t: np.ndarray) -> np.ndarray:

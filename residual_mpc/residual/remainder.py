@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from residual_mpc.diagnosis.dataset import Dataset
-from residual_mpc.diagnosis.learner import RidgeLearner
-from residual_mpc.diagnosis.remainder import Learner, Remainder
-from residual_mpc.diagnosis.screen import shorten
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.subsampling import shorten
+from residual_mpc.diagnosis.remainder.learning import Learner, Remainder, RidgeLearner
 from residual_mpc.residual.exam import Exam, clean, spared
 from residual_mpc.residual.forms import Form, usual_form
 from residual_mpc.residual.learn import LearnSettings, begin, first_error, order_of, prior, run, step_of
@@ -29,7 +28,7 @@ class NetworkLearner:
     name: str = "network"
 
     def left(self, of: Remainder, rng: np.random.Generator) -> np.ndarray | None:
-        """As `residual_mpc.diagnosis.remainder.Learner`."""
+        """As `residual_mpc.diagnosis.remainder.learning.Learner`."""
         form = usual_form(of.data.blocks[0].robot)
         with threadpool_limits(1):  # nets of this size lose by a second thread
             learned = self._learned(of, form, rng)

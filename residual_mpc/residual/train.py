@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.gap import Gap, per_window
-from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import Gap, per_window
+from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run

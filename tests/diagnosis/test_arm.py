@@ -9,15 +9,15 @@ import pytest
 from oracles.arms import robot_of
 from scipy.integrate import solve_ivp
 
-from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import diagnose
-from residual_mpc.diagnosis.evidence import blocks_of
-from residual_mpc.diagnosis.fit import fit_all
-from residual_mpc.diagnosis.floor import start_bias
+from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.pairs import pairs
-from residual_mpc.diagnosis.problem import build_problem
-from residual_mpc.diagnosis.space import build_space
+from residual_mpc.diagnosis.predict.noise_errors import start_bias
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search.pairs import pairs
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 

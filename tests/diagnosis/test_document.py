@@ -17,11 +17,12 @@ from oracles.rover_log import rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.diagnose import diagnose
-from residual_mpc.diagnosis.document import MODEL_SCHEMA, SCHEMA, to_document
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.remainder import Learned
+from residual_mpc.diagnosis.remainder.learning import Learned
+from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.logs.run import Run
+from residual_mpc.models.model_file import DIAGNOSIS_SCHEMA, MODEL_SCHEMA
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
 TRACK = {"track_width": {"scale": 1.25}}
@@ -56,7 +57,7 @@ def numbers(x: Any) -> list[float]:
 
 def test_the_keys_of_the_contract(case: tuple[str, dict[str, Any]]) -> None:
     _, d = case
-    assert set(d) >= KEYS and d["schema"] == SCHEMA and d["robot"] == "rover"
+    assert set(d) >= KEYS and d["schema"] == DIAGNOSIS_SCHEMA and d["robot"] == "rover"
     assert set(d["gap"]) >= {"before", "after", "noise_floor", "horizon"}
     assert set(d["where"]) >= {"stages", "channels", "regimes", "times"}
     assert set(d["unexplained"]) >= {"share", "learned_residual_shrink"}

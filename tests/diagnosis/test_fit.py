@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from residual_mpc.diagnosis.fit import Race, fit_all
+from residual_mpc.diagnosis.fit.least_squares import Race, fit_all
 from residual_mpc.models.settings import Knob, Values
 
 A, B, OTHER = (Knob("viscous_friction", joint, "coefficient") for joint in ("a", "b", "c"))

@@ -10,10 +10,10 @@ from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.gap import measure_scales, per_window
-from residual_mpc.diagnosis.hold_out import KeptBack, choose_held_out, held_out_mask
-from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales, per_window
+from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import Settings
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual_mpc.diagnosis.local_fit import local_fit
+from residual_mpc.diagnosis.data.local_fit import local_fit
 
 
 def literal(t: np.ndarray, y: np.ndarray, at: float) -> tuple[float, float]:

@@ -9,14 +9,14 @@ import pytest
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.floor import noise_errors
-from residual_mpc.diagnosis.gap import gap_of, measure_scales
-from residual_mpc.diagnosis.noise_fit import fit_noise, no_more_than_left, stated_sizes
-from residual_mpc.diagnosis.noise_model import ChannelNoise, ornstein_uhlenbeck
-from residual_mpc.diagnosis.problem import build_problem
-from residual_mpc.diagnosis.replay import predict
-from residual_mpc.diagnosis.space import build_space
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
+from residual_mpc.diagnosis.data.noise_model import ChannelNoise, ornstein_uhlenbeck
+from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
+from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 

@@ -13,10 +13,10 @@ from oracles.rover_log import ROBOT, rover_run, write_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
+from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.diagnose import diagnose
-from residual_mpc.diagnosis.document import to_document
-from residual_mpc.diagnosis.hold_out import KeptBack
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.logs.run import Run
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)

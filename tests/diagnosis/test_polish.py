@@ -7,15 +7,14 @@ import pytest
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.causes import sigmas
-from residual_mpc.diagnosis.constant_velocity import constant_velocity
-from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.fit import elsewhere, fit_all, possible
-from residual_mpc.diagnosis.gap import gap_of, measure_scales
-from residual_mpc.diagnosis.polish import polish
-from residual_mpc.diagnosis.problem import Problem, build_problem
-from residual_mpc.diagnosis.search import DIVERGED, window_trust
-from residual_mpc.diagnosis.space import build_space
+from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import DIVERGED, gap_of, measure_scales, window_trust
+from residual_mpc.diagnosis.fit.least_squares import elsewhere, fit_all, possible
+from residual_mpc.diagnosis.fit.polish import polish
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.results.causes import sigmas
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob
 

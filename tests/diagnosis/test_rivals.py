@@ -9,15 +9,15 @@ import pytest
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit import fit_all
-from residual_mpc.diagnosis.gap import measure_scales
-from residual_mpc.diagnosis.problem import build_problem
-from residual_mpc.diagnosis.replays import Replays
-from residual_mpc.diagnosis.rivals import Rivalry, find_rivals, holds_elsewhere
-from residual_mpc.diagnosis.search import Found, build_ruler, judge
-from residual_mpc.diagnosis.space import build_space
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
+from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
+from residual_mpc.diagnosis.search.stepwise import Found, build_ruler, judge
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -105,7 +105,10 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
         {"actuator_gain": {"gain": 0.9}}, {Knob("actuator_gain", None, "gain"): 0.9}, ("actuator_gain", "wheel_radius")
     )
     data = build_dataset([run_of({"actuator_gain": {"gain": 0.9}}, 1.0, 5)], [ROVER], SIGMA)
-    replays, scales = Replays(data, build_space(data, (), ("actuator_gain", "wheel_radius"))), measure_scales(data)
+    replays, scales = (
+        PredictionCache(data, build_space(data, (), ("actuator_gain", "wheel_radius"))),
+        measure_scales(data),
+    )
     assert found.rivals and holds_elsewhere(found, replays, scales) is None
     lost = replace(found.fit, values={Knob("actuator_gain", None, "gain"): 0.5})
     better = holds_elsewhere(replace(found, fit=lost), replays, scales)

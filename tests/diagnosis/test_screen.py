@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from residual_mpc.diagnosis.additions import PROBES, varied
-from residual_mpc.diagnosis.screen import Lead, drawn
+from residual_mpc.diagnosis.search.additions import PROBES, varied
+from residual_mpc.diagnosis.search.screen import ScreenedTerm, drawn
 from residual_mpc.models.settings import Term
 
 
@@ -45,5 +45,7 @@ def test_a_glance_draws_the_few_windows_that_hold_half_of_what_is_left() -> None
 
 def test_many_doses_of_one_effect_leave_room_for_the_next() -> None:
     weak, limit = Term("actuator_gain", None), Term("saturation", None)
-    leads = [Lead(weak, {}, 10.0 - k, 0.0, 0.0, 1.0) for k in range(5)] + [Lead(limit, {}, 1.0, 0.0, 0.0, 1.0)]
+    leads = [ScreenedTerm(weak, {}, 10.0 - k, 0.0, 0.0, 1.0) for k in range(5)] + [
+        ScreenedTerm(limit, {}, 1.0, 0.0, 0.0, 1.0)
+    ]
     assert varied(leads) == [*leads[:PROBES], leads[5]]

@@ -8,8 +8,8 @@ from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 from oracles.rover_log import rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
 from residual_mpc.effects.library import BY_NAME, LIBRARY
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Settings, assemble

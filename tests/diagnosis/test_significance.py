@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from residual_mpc.diagnosis.fit import Fit
-from residual_mpc.diagnosis.significance import least_sure
+from residual_mpc.diagnosis.fit.evidence import least_sure
+from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.models.settings import Knob, Term
 
 WINDOWS, SAMPLES = 60, 20

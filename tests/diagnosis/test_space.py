@@ -9,7 +9,7 @@ import pytest
 from oracles.arms import MIXED, SERVOS, arm_xml, robot_of
 
 from plants.mujoco_robot import MujocoRobot
-from residual_mpc.diagnosis.space import Space
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.models.settings import Knob
 

@@ -9,12 +9,12 @@ import pytest
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.causes import without_doubtful
-from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.fit import fit_all
-from residual_mpc.diagnosis.problem import build_problem
-from residual_mpc.diagnosis.space import build_space
-from residual_mpc.diagnosis.support import _size
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.results.causes import without_doubtful
+from residual_mpc.diagnosis.results.support import _size
 from residual_mpc.models.settings import Knob, Term
 
 ROVER = DiffDrive("rover", 0.033, 0.16)

@@ -7,12 +7,12 @@ import pytest
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.fit import fit_all
-from residual_mpc.diagnosis.problem import Problem, build_problem, part_of, tolerating, whitened
-from residual_mpc.diagnosis.space import build_space
-from residual_mpc.diagnosis.tolerances import LEVELS, Tolerances, likeliest_level
-from residual_mpc.diagnosis.tolerated import carrying, tolerant
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of, tolerating, whitened
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.predict.tolerances import LEVELS, Tolerances, likeliest_level
 from residual_mpc.models.settings import Knob
 
 ROVER = DiffDrive("rover", 0.033, 0.16)

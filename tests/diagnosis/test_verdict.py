@@ -5,25 +5,28 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from residual_mpc.diagnosis.causes import MOST_SURE, most_sure
-from residual_mpc.diagnosis.gap import Gap
-from residual_mpc.diagnosis.rest.records import Curve, Dependence, Rest
-from residual_mpc.diagnosis.support import Support, doubts
-from residual_mpc.diagnosis.verdict import AtHorizon, Floor, beyond, floor_from, left_share, verdict_of, with_luck
-from residual_mpc.diagnosis.where import Where
+from residual_mpc.diagnosis.data.gap import Gap
+from residual_mpc.diagnosis.data.where import Where
+from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_from, with_luck
+from residual_mpc.diagnosis.remainder.records import Curve, Dependence, Rest
+from residual_mpc.diagnosis.results.causes import MOST_SURE, most_sure
+from residual_mpc.diagnosis.results.support import Support, doubts
+from residual_mpc.diagnosis.results.verdict import HorizonGaps, left_share, verdict_of
 from residual_mpc.models.settings import Term
 
 
-def floor(total: float, windows: int = 100) -> Floor:
+def floor(total: float, windows: int = 100) -> NoiseFloor:
     each = np.array([total, total])
-    return Floor(total, each, 1.2 * total, 1.2 * each, windows)
+    return NoiseFloor(total, each, 1.2 * total, 1.2 * each, windows)
 
 
-def at(before: float, after: float, noise: float, horizon: float = 1.0, channels: tuple[float, ...] = ()) -> AtHorizon:
+def at(
+    before: float, after: float, noise: float, horizon: float = 1.0, channels: tuple[float, ...] = ()
+) -> HorizonGaps:
     """The gaps over one horizon; channels: those after, where they differ from the total."""
     left = np.array(channels or (after, after))
     start = Gap(before, np.array([before, before]))
-    return AtHorizon(horizon, 100, True, start, start, Gap(after, left), Gap(after, left), floor(noise), {})
+    return HorizonGaps(horizon, 100, True, start, start, Gap(after, left), Gap(after, left), floor(noise), {})
 
 
 @pytest.mark.parametrize(
@@ -37,7 +40,7 @@ def at(before: float, after: float, noise: float, horizon: float = 1.0, channels
         ([at(0.5, 0.09, 0.05)], "effects"),  # within twice the noise
     ],
 )
-def test_an_explanation_is_whole_where_every_horizon_and_channel_says_so(looks: list[AtHorizon], wanted: str) -> None:
+def test_an_explanation_is_whole_where_every_horizon_and_channel_says_so(looks: list[HorizonGaps], wanted: str) -> None:
     assert verdict_of(looks) == wanted
 
 

@@ -8,7 +8,7 @@ from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.dataset import build_dataset, window_starts
+from residual_mpc.diagnosis.data.dataset import build_dataset, window_starts
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 

@@ -62,7 +62,7 @@ def arm(folder: Path) -> MujocoRobot:
 
 
 def settings_of(robot: MujocoRobot, folder: Path) -> Settings:
-    from residual_mpc.diagnosis.document import model_in, read_written
+    from residual_mpc.models.model_file import model_in, read_written
 
     values = model_in(read_written(folder / "model.json"))[1]
     return assemble([values], {k.effect: robot.slots(k.effect) for k in values})

@@ -16,10 +16,10 @@ from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.document import read_written
-from residual_mpc.diagnosis.measure import measure
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.gap_figures import gap_figures
 from residual_mpc.logs.run import Run
+from residual_mpc.models.model_file import read_written
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile
 
@@ -89,7 +89,7 @@ def wheel_replay(model: mujoco.MjModel) -> object:
 def compare(runs: list[Run], robot: Robot, replay: object, noise: dict[str, float]) -> dict[str, object]:
     """Both gaps of the runs; returns the literal one."""
     file = RobotFile("robot", "any", noise=noise)
-    came = measure(runs, [robot] * len(runs), file, HORIZON, None, None, 0)
+    came = gap_figures(runs, [robot] * len(runs), file, HORIZON, None, None, 0)
     data = build_dataset(runs, [robot] * len(runs), noise, HORIZON)
     sigma = dict(zip(data.channels, data.sigma.tolist(), strict=True))
     step = dict(zip(data.channels, data.steps.tolist(), strict=True))
@@ -198,7 +198,7 @@ def test_a_model_with_memory_is_warmed_up_before_the_window(tmp_path: Path) -> N
     value = {"effect": "actuator_lag", "target": None, "parameter": "time_constant", "value": tau}
     path = tmp_path / "model.json"
     path.write_text(json.dumps({"schema": "residual-mpc/model/1", "robot": "rover", "values": [value]}))
-    came = measure(runs, [ROVER] * 2, RobotFile("robot", "any", noise=SIGMA), HORIZON, read_written(path), None, 0)
+    came = gap_figures(runs, [ROVER] * 2, RobotFile("robot", "any", noise=SIGMA), HORIZON, read_written(path), None, 0)
     states = [(c, None) for c in POSE]
     still = dict.fromkeys(POSE, 0.0)
     for key, lag in (("nominal", 0.0), ("model", tau)):

@@ -11,7 +11,7 @@ from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.measure import measure
+from residual_mpc.diagnosis.gap_figures import gap_figures
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile
@@ -30,7 +30,7 @@ def floor_and_truth(clean: Run, robot: Robot, noise: dict[str, float], step: flo
             else:
                 columns[c] = columns[c] + sigma * rng.standard_normal(len(clean.t))
         run = Run("run", clean.t, columns)
-        gap = measure([run], [robot], RobotFile("r", "any", noise=noise), 1.0, None, None, draw)
+        gap = gap_figures([run], [robot], RobotFile("r", "any", noise=noise), 1.0, None, None, draw)
         stated.append(gap["noise_floor"])
         seen.append(gap["nominal"])
     return float(np.sqrt(np.mean(np.square(stated)))), float(np.sqrt(np.mean(np.square(seen))))

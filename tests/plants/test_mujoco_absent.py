@@ -13,8 +13,8 @@ from oracles.urdfs import arm_urdf
 
 from plants.mujoco_robot import MujocoRobot, build
 from plants.mujoco_robot.anatomy import anatomy
-from residual_mpc.diagnosis.dataset import build_dataset
-from residual_mpc.diagnosis.replay import start_states
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.predict.replay import start_states
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.facts import check_columns

@@ -15,7 +15,7 @@ from oracles.rover_log import ROBOT, rover_run, write_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
-from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.models.settings import Settings
 from residual_mpc.residual import checkpoint
 from residual_mpc.residual.forms import form_named

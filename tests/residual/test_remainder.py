@@ -7,14 +7,13 @@ import pytest
 from oracles.rover_log import rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.dataset import build_dataset
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.diagnose import diagnose
-from residual_mpc.diagnosis.document import to_document
-from residual_mpc.diagnosis.gap import measure_scales
-from residual_mpc.diagnosis.learner import RidgeLearner
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.remainder import NOTHING, Learned, Remainder, learn, remainder_of
-from residual_mpc.diagnosis.replay import predict
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.remainder.learning import NOTHING, Learned, Remainder, RidgeLearner, learn, remainder_of
+from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.models.settings import Settings
 from residual_mpc.residual.remainder import LEARNERS, NetworkLearner
 

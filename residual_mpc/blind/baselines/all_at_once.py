@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from residual_mpc.blind.baselines.bench import Bench
-from residual_mpc.diagnosis.fit import Fit, fit_all
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.models.settings import Term
 
 

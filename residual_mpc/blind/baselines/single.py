@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from residual_mpc.blind.baselines.bench import Bench, cost_on
-from residual_mpc.diagnosis.fit import Fit, fit_all
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 
 
 def single(bench: Bench) -> Fit | None:

@@ -11,9 +11,9 @@ import numpy as np
 
 from residual_mpc.blind.baselines.all_at_once import _separate
 from residual_mpc.blind.baselines.bench import Bench
-from residual_mpc.diagnosis.fit import Fit, fit_all
-from residual_mpc.diagnosis.problem import build_problem
-from residual_mpc.diagnosis.screen import shorten
+from residual_mpc.diagnosis.data.subsampling import shorten
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.models.settings import Term, Values
 
 _PART = 0.1  # of a window of one second

@@ -1,0 +1,1 @@
+"""Runs cut into windows: what was measured and sent, its noise, its outliers, and what is held out."""

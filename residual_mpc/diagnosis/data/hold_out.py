@@ -1,0 +1,110 @@
+"""Which runs or blocks no fit may see."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.errors import BadInput
+
+BY_RUN_FROM = 6  # runs: with fewer, each run's motion may be the only one of its kind, so that blocks are kept back
+SHARE = 0.25
+CHUNK = 3  # windows in a stretch that is kept back: what happens rarely is then on both sides
+LONG_CHUNK = 5  # in a run of LONG windows or more: such a stretch holds a window of the next horizon as well
+LONG = 30
+EVERY = 4
+FEWEST = 4  # windows that a run needs before some of it is kept back
+
+
+@dataclass(frozen=True)
+class KeptBack:
+    """A whole run, or whole windows of one: from and to in s."""
+
+    run: str
+    start: float | None = None
+    end: float | None = None
+
+    def document(self) -> str | dict[str, object]:
+        """As diagnosis.json has it."""
+        if self.start is None:
+            return self.run
+        return {"run": self.run, "from": self.start, "to": self.end}
+
+
+def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
+    """A quarter of the runs, or of each run's windows in stretches; nothing where there are fewer than four windows.
+
+    nominal (W,): mean square of the nominal model's scaled error in each window. Runs are drawn from all ranks of
+    it, and a stretch is one where it is typical of its run, so that what is kept back is neither the easiest nor
+    the hardest part. A run that alone has some sensor, or alone had its motors switched off, is never kept back whole:
+    no fit would know what it alone can tell.
+    """
+    names = [r.name for r in data.runs]
+    present = np.unique(data.run)
+    alone = np.array([_alone(data, i, present) for i in present])
+    whole = present[~alone]
+    out: list[KeptBack] = []
+    if len(whole) >= BY_RUN_FROM:
+        n = max(1, int(round(SHARE * len(whole))))
+        size = [float(np.nanmean(nominal[data.run == i])) for i in whole]
+        ranked = whole[np.argsort(size, kind="stable")]
+        pick = ranked[((np.arange(n) + 0.5) * len(whole) / n).astype(int)]
+        out = [KeptBack(names[i]) for i in sorted(pick)]
+    for i in present[alone] if out else present:
+        mine = np.flatnonzero(data.run == i)
+        mine = mine[np.argsort(data.start[mine])]
+        if len(mine) < FEWEST:
+            continue
+        most = LONG_CHUNK if len(mine) >= LONG else CHUNK
+        chunk = np.arange(len(mine)) // max(1, min(most, len(mine) // EVERY))
+        phase = _typical(np.nan_to_num(nominal[mine]), chunk)
+        for c in np.unique(chunk[chunk % EVERY == phase]):
+            stretch = data.start[mine[chunk == c]]
+            out.append(KeptBack(names[i], float(stretch[0]), float(stretch[-1] + data.horizon)))
+    return tuple(out)
+
+
+def _alone(data: Dataset, run: int, present: np.ndarray) -> bool:
+    """Whether a run has what no other of those `present` has: a sensor, or motors that were off for a while."""
+
+    def has(i: int) -> set[str]:
+        channels = {c for (k, c), s in data.signals.items() if k == i and len(s.y)}
+        columns = data.runs[i].columns
+        return channels | {c for c, x in columns.items() if c.startswith("enabled.") and (x == 0).any()}
+
+    return bool(has(run).difference(*(has(int(i)) for i in present if i != run)))
+
+
+def _typical(nominal: np.ndarray, chunk: np.ndarray) -> int:
+    """Which of the EVERY interleaved quarters has the mean nominal error closest to that of the whole run."""
+    means = np.array([nominal[chunk % EVERY == phase].mean() for phase in range(EVERY)])
+    off = np.log((means + 1e-12) / (nominal.mean() + 1e-12))
+    return int(
+        np.argmin(np.where(off > 0, 3.0 * off, -off))
+    )  # rather too easy: what is rare has to be seen to be fitted
+
+
+def held_out_mask(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:
+    """(W,) bool: the windows that are kept back.
+
+    Raises BadInput for a run that is not there, or where all or none of the windows would be kept back.
+    """
+    names = [r.name for r in data.runs]
+    mask = np.zeros(data.count, dtype=bool)
+    for k in kept:
+        if k.run not in names:
+            raise BadInput(
+                f"held-out run {k.run!r} is not among the runs", "--held-out", f"the runs are {', '.join(names[:12])}"
+            )
+        mine = data.run == names.index(k.run)
+        if k.start is not None and k.end is not None:
+            mine &= (data.start >= k.start - 1e-6) & (data.start + data.horizon <= k.end + 1e-6)
+        mask |= mine
+    if kept and (mask.all() or not mask.any()):
+        raise BadInput(
+            f"{int(mask.sum())} of {data.count} windows would be held out",
+            "--held-out",
+            "hold some back and leave some to fit",
+        )
+    return mask

@@ -1,0 +1,50 @@
+"""Samples of the localisation or of an encoder that jump away and come back: flagged once, before anything is
+fitted.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import POSITION_LIKE, Dataset
+from residual_mpc.logs.signals import spikes
+
+FREQUENT = 0.002  # share of a channel's samples from which outliers are a cause, whatever they do to the gap
+FEW = 5  # flagged samples below which a share says nothing
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """flagged[run, channel]: (n,) bool over that signal's samples; shares by channel, and over the position-like
+    ones.
+    """
+
+    flagged: dict[tuple[int, str], np.ndarray]
+    shares: dict[str, float]
+    share: float
+    count: int
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are enough of them to be more than an accident."""
+        return self.count >= FEW
+
+    @property
+    def frequent(self) -> bool:
+        return self.share >= FREQUENT
+
+
+def find_outliers(data: Dataset) -> Outliers:
+    """Flag the samples that jump away, channel by channel."""
+    flagged, hits, sizes = {}, dict.fromkeys(data.channels, 0), dict.fromkeys(data.channels, 0)
+    for (i, c), s in data.signals.items():
+        if c.split(".")[0] not in POSITION_LIKE or len(s.y) < 8:
+            continue
+        mask = spikes(s.t, s.y, float(data.sigma[data.channels.index(c)]))
+        flagged[i, c] = mask
+        hits[c] += int(mask.sum())
+        sizes[c] += len(mask)
+    # a localisation jumps as a whole: one stamp is one outlier, however many of its channels show it
+    total = sum(hits.values())
+    shares = {c: hits[c] / sizes[c] for c in data.channels if sizes[c]}
+    return Outliers(flagged, shares, max(shares.values(), default=0.0), total)

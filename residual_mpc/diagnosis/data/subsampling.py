@@ -1,0 +1,56 @@
+"""Fewer or shorter windows where all of them would cost more than they tell."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+
+FEWEST_WHOLE = 10  # windows that are left whole
+FEWEST = 32  # windows that are left, however small the steps
+
+
+def thin(data: Dataset, steps: int) -> Dataset:
+    """Less to replay, so that one hypothesis costs at most about `steps` simulation steps: windows cut to their first
+    half, and evenly fewer of them."""
+    if data.count * max(b.drive.steps for b in data.blocks) > 2 * steps:
+        data = shorten(data, 0.5)
+    keep = evenly(data, steps)
+    return data if keep.all() else data.take(keep)
+
+
+def thin_whole(data: Dataset, steps: int) -> Dataset:
+    """As `thin`, of windows whose length is their point: none is cut short, and FEWEST_WHOLE are left."""
+    keep = evenly(data, max(steps, FEWEST_WHOLE * max(b.drive.steps for b in data.blocks)))
+    return data if keep.all() else data.take(keep)
+
+
+def evenly(data: Dataset, steps: int) -> np.ndarray:
+    """(W,) bool: every so many windows, so that they cost at most about `steps` simulation steps."""
+    keep = np.ones(data.count, dtype=bool)
+    if data.cost > steps:
+        keep[:] = False
+        fewest = int(np.ceil(FEWEST / max(data.horizon, 1.0)))
+        count = min(max(fewest, steps * data.count // data.cost), data.count)
+        keep[np.unique(np.linspace(0, data.count - 1, count).round().astype(int))] = True
+    return keep
+
+
+def shorten(data: Dataset, part: float) -> Dataset:
+    """The same windows cut to their first `part`."""
+    horizon = data.horizon * part
+    with np.errstate(invalid="ignore"):
+        inside = data.t <= horizon
+    m = int(inside.sum(axis=1).max())
+    blocks = []
+    for b in data.blocks:
+        steps = int(np.ceil(horizon / b.drive.dt - 1e-9))
+        drive = replace(
+            b.drive,
+            command=b.drive.command[:, : b.drive.lead + steps],
+            enabled=None if b.drive.enabled is None else b.drive.enabled[:, :steps],
+        )
+        blocks.append(replace(b, drive=drive))
+    t = np.where(inside, data.t, np.nan)[:, :m]
+    y = np.where(inside[:, :, None], data.y, np.nan)[:, :m]
+    return replace(data, blocks=tuple(blocks), t=t, y=y, horizon=horizon)

@@ -1,0 +1,110 @@
+"""What was sent in each window, on the replay's own grid, and what the actuators held before it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.logs.run import Run, held
+from residual_mpc.models.protocol import Drive, Inverting, Robot
+
+LEAD = 1.2  # s of commands before a window, that warm up what remembers
+
+
+@dataclass(frozen=True)
+class Signal:
+    """The samples of one channel of one run that are not missing: t (n,) s, y (n,) channel unit."""
+
+    t: np.ndarray
+    y: np.ndarray
+
+
+def drive_of(
+    robot: Robot,
+    runs: Sequence[Run],
+    starts: Sequence[np.ndarray],
+    horizon: float,
+    index: Sequence[int],
+    signals: Mapping[tuple[int, str], Signal],
+) -> Drive:
+    """The commands of one robot's windows on the replay's grid. runs share the robot; starts[k] (W_k,) s and index[k]
+    are those of runs[k]; signals by (index, channel)."""
+    dt = robot.step or float(np.clip(min(r.period for r in runs) / 4.0, 0.004, 0.01))
+    steps = int(np.ceil(horizon / dt - 1e-9))
+    lead = int(np.ceil(LEAD / dt))
+    commands, enabled, clocks = [], [], []
+    for run, t0, i in zip(runs, starts, index, strict=True):
+        edges = t0[:, None] + dt * np.arange(-lead, steps + 1)[None, :]
+        per_actuator = [
+            _mean_held(run, held(run, f"command.{a}"), edges, _resting(robot, k, run, i, signals))
+            for k, a in enumerate(robot.actuators)
+        ]
+        warm = np.stack(per_actuator, axis=-1)
+        for k in range(len(robot.actuators)):
+            _settle(warm[:, 0, k], robot, k, i, edges[:, 0], signals)
+        commands.append(warm)
+        clocks.append(t0 - run.t[0])
+        centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
+        at = np.clip(np.searchsorted(run.t, centres, side="right") - 1, 0, len(run.t) - 1)
+        on = [
+            held(run, f"enabled.{a}")[at] if f"enabled.{a}" in run.columns else np.ones(at.shape)
+            for a in robot.actuators
+        ]
+        enabled.append(np.where(np.isnan(on), 1.0, on).transpose(1, 2, 0))
+    on_all = np.concatenate(enabled)
+    always = bool((on_all == 1).all())
+    return Drive(
+        dt,
+        lead,
+        np.concatenate(commands),
+        None if always else on_all[:, lead:],
+        np.concatenate(clocks),
+        enabled_before=None if always else on_all[:, :lead],
+    )
+
+
+def _resting(robot: Robot, k: int, run: Run, i: int, signals: Mapping[tuple[int, str], Signal]) -> float | None:
+    """What the actuator held before the first stamp, if the run measured it: a wheel's speed, a servo's position. Where
+    only the robot's own motion was measured, that tells standstill from the first command; None: the first command."""
+    kind = {"speed": "velocity", "velocity": "velocity", "position": "position"}.get(robot.command_kinds[k])
+    joints = getattr(robot, "actuator_joints", robot.actuators)
+    signal = signals.get((i, f"{kind}.{joints[k]}"))
+    if signal is not None and len(signal.y):
+        return float(signal.y[0])
+    sources = {s.position: signals.get((i, s.position)) for s in robot.states}
+    known = {c: s for c, s in sources.items() if s is not None and len(s.y) > 1}
+    if not isinstance(robot, Inverting) or len(known) < len(sources):
+        return None
+    at = run.t[:1]
+    fits = {c: (local_fit(s.t, at), s) for c, s in known.items()}
+    value = {c: float(np.nan_to_num(f.value(s.y)[0])) for c, (f, s) in fits.items()}
+    rate = {c: float(np.nan_to_num(f.slope(s.y)[0])) for c, (f, s) in fits.items()}
+    moving = robot.outputs_from(value, rate)
+    first = {a: float(held(run, f"command.{a}")[0]) for a in robot.actuators}
+    still = sum(moving[a] ** 2 - (moving[a] - first[a]) ** 2 for a in robot.actuators) < 0.0
+    return 0.0 if still else None
+
+
+def _settle(
+    first: np.ndarray, robot: Robot, k: int, i: int, at: np.ndarray, signals: Mapping[tuple[int, str], Signal]
+) -> None:
+    """Let the warm-up of a wheel begin at its measured speed: a lag as long as the warm-up would still hold its first
+    command. first (W,): the first command of each window's warm-up, changed in place; at (W,) s."""
+    joints = getattr(robot, "actuator_joints", robot.actuators)
+    signal = signals.get((i, f"velocity.{joints[k]}"))
+    if robot.command_kinds[k] != "speed" or signal is None:
+        return
+    fit = local_fit(signal.t, at)
+    first[:] = np.where(fit.count > 0, fit.value(signal.y), first)
+
+
+def _mean_held(run: Run, u: np.ndarray, edges: np.ndarray, before: float | None) -> np.ndarray:
+    """(W, K) mean of the held command u (n,) over each interval of edges (W, K + 1) s."""
+    t = run.t
+    first = u[0] if before is None else before
+    total = np.concatenate([[0.0], np.cumsum(u[:-1] * np.diff(t))])
+    at = np.searchsorted(t, edges, side="right") - 1
+    inside = np.clip(at, 0, len(t) - 1)
+    integral = np.where(at < 0, first * (edges - t[0]), total[inside] + u[inside] * (edges - t[inside]))
+    return np.asarray(np.diff(integral, axis=1) / np.diff(edges, axis=1))

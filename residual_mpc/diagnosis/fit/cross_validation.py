@@ -1,0 +1,56 @@
+"""Fits that have not seen part of the windows, and their errors there."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.models.settings import Knob, Values
+
+FOLDS = 6
+
+
+def fold_values(fit: Fit, folds: np.ndarray) -> list[Values]:
+    """The fit without each fold: one Gauss-Newton step from the whole (exact for a linear model)."""
+    if not fit.knobs:
+        return [{}] * (int(folds.max()) + 1)
+    out: list[Values] = []
+    free = ~fit.held
+    for k in range(int(folds.max()) + 1):
+        rest = folds != k
+        j = fit.jacobian[rest].reshape(-1, len(fit.knobs))[:, free]
+        step = np.zeros(len(fit.knobs))
+        if free.any() and len(j):
+            step[free] = -np.linalg.lstsq(j, fit.r[rest].ravel(), rcond=None)[0]
+        moved = np.array(list(fit.values.values())) + np.clip(step, -5.0, 5.0) * fit.scales
+        out.append(dict(zip(fit.knobs, moved.tolist(), strict=True)))
+    return out
+
+
+def folds_of(data: Dataset) -> np.ndarray:
+    """(W,) fold numbers: by run where there are many, else stretches of time."""
+    present = np.unique(data.run)
+    if len(present) >= FOLDS:
+        return np.searchsorted(present, data.run) % FOLDS
+    blocks = blocks_of(data)
+    return (blocks * FOLDS) // (int(blocks.max()) + 1)
+
+
+def expected_errors(data: Dataset, space: Space, fit: Fit) -> np.ndarray:
+    """(W, M, C) measured - predicted, each window predicted by the fit that has not seen its fold."""
+    folds = folds_of(data)
+    error = np.empty_like(data.y)
+    for k, values in enumerate(fold_values(fit, folds)):
+        mine = folds == k
+        if mine.any():
+            unseen = data.take(mine)
+            error[mine] = unseen.y - predict(unseen, space.settings([_inside(space, values)]))[0]
+    return error
+
+
+def _inside(space: Space, values: Mapping[Knob, float]) -> Values:
+    return {k: float(np.clip(v, *space.bounds(k))) for k, v in values.items()}

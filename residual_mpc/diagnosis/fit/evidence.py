@@ -1,0 +1,106 @@
+"""How much a drop in cost is worth when residuals are coloured and the model is not the truth."""
+
+import numpy as np
+from scipy.special import chdtri
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE, Term
+
+PROFILE = (0.001, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08, 0.16)  # relative offsets at which a profile is looked at
+BLOCK = 3.0  # s: windows closer than this count as one observation
+
+DOUBT = 0.05
+
+
+def blocks_of(data: Dataset) -> np.ndarray:
+    """(W,) block number of each window: stretches of BLOCK seconds of one run."""
+    stretch = np.floor((data.start + 1e-9) / max(BLOCK, data.horizon)).astype(int)
+    _, number = np.unique(np.stack([data.run, stretch]), axis=1, return_inverse=True)
+    return np.asarray(number).ravel()
+
+
+def dispersion(fit: Fit, blocks: np.ndarray) -> float:
+    """tr(H^-1 G) / P with H = J'J and G the covariance of the blocks' gradients: 1 where the residuals are white
+    and of the
+    assumed size, larger where they are coloured (Takeuchi's criterion; White 1982, eq. 3.2). At least 1."""
+    if not fit.knobs:
+        return 1.0
+    bread, meat = _sandwich(fit, blocks)
+    free = ~fit.held
+    if not free.any():
+        return 1.0
+    ratio = np.linalg.lstsq(bread[np.ix_(free, free)], meat[np.ix_(free, free)], rcond=None)[0]
+    return float(max(1.0, np.trace(ratio) / free.sum()))
+
+
+def covariance(fit: Fit, blocks: np.ndarray) -> np.ndarray:
+    """(P, P) sandwich covariance of the knobs in their own units; held knobs have zero rows."""
+    p = len(fit.knobs)
+    out = np.zeros((p, p))
+    free = ~fit.held
+    if not free.any():
+        return out
+    bread, meat = _sandwich(fit, blocks)
+    inverse = np.linalg.pinv(bread[np.ix_(free, free)])
+    n = len(np.unique(blocks))
+    small = n / max(n - int(free.sum()), 1)  # few blocks understate the meat
+    out[np.ix_(free, free)] = small * inverse @ meat[np.ix_(free, free)] @ inverse
+    return np.asarray(out * fit.scales[:, None] * fit.scales[None, :])
+
+
+def _sandwich(fit: Fit, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    gradients = np.einsum("wnp,wn->wp", fit.jacobian, fit.r)
+    summed = np.zeros((blocks.max() + 1, gradients.shape[1]))
+    np.add.at(summed, blocks, gradients)
+    j = fit.jacobian.reshape(-1, gradients.shape[1])
+    bread = j.T @ j
+    # never less than what white noise of the residual's own size would give
+    white = bread * max(fit.cost / max(float(np.count_nonzero(fit.r)), 1.0), 1e-12)
+    meat = summed.T @ summed
+    return bread, np.where(np.eye(len(bread), dtype=bool), np.maximum(meat, white), meat)
+
+
+def profile_sigma(problem: Problem, fit: Fit, phi: float) -> np.ndarray:
+    """(P,) standard deviation of each threshold from its cost profile, the others held; 0 for knobs that are no
+    threshold.
+
+    A threshold's derivative says little (a dead zone moves in steps), so its interval is where the cost rises by phi.
+    """
+    out = np.zeros(len(fit.knobs))
+    for i, knob in enumerate(fit.knobs):
+        if knob.effect == TUNE or not BY_NAME[knob.effect].parameter(knob.parameter).threshold:
+            continue
+        value = fit.values[knob]
+        rows = [{**fit.values, knob: value * (1.0 + side * step)} for step in PROFILE for side in (-1.0, 1.0)]
+        cost = np.einsum("hwn,hwn->h", r := problem.residuals(rows), r).reshape(-1, 2)
+        risen = (cost - fit.cost) > phi
+        sides = [PROFILE[int(np.argmax(risen[:, s]))] if risen[:, s].any() else PROFILE[-1] for s in (0, 1)]
+        out[i] = abs(value) * max(sides)
+    return out
+
+
+def least_sure(fit: Fit, blocks: np.ndarray) -> Term | None:
+    """The effect that is the nearest to none among those whose numbers a 95 % region does not tell from none; None
+    where every effect is told from none.
+
+    Wald's test of all numbers of an effect at once (Wald 1943), with the sandwich covariance. A
+    threshold, whose derivative says little, and what does nothing at infinity are not asked.
+    """
+    spread = covariance(fit, blocks)
+    doubtful: dict[Term, float] = {}
+    for term in fit.terms:
+        mine = [i for i, k in enumerate(fit.knobs) if k.effect != TUNE and k.term == term]
+        kinds = [BY_NAME[term.effect].parameter(fit.knobs[i].parameter) for i in mine]
+        if any(p.threshold for p in kinds) or fit.held[mine].any():
+            continue
+        away = np.array([fit.values[fit.knobs[i]] - p.null for i, p in zip(mine, kinds, strict=True) if not p.shape])
+        mine = [i for i, p in zip(mine, kinds, strict=True) if not p.shape]
+        if not mine or not np.isfinite(away).all():
+            continue
+        distance = float(away @ np.linalg.pinv(spread[np.ix_(mine, mine)]) @ away)
+        if distance < (most := float(chdtri(len(mine), DOUBT))):
+            doubtful[term] = distance / most
+    return min(doubtful, key=lambda t: doubtful[t], default=None)

@@ -1,0 +1,38 @@
+"""A problem with the small differences of the robot at hand marginalised, at the level that a fit leaves likely."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.problem import Problem, tolerating, whitened
+from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level, small_differences
+from residual_mpc.models.settings import Knob, Values
+
+
+def tolerant(problem: Problem, fit: Fit) -> Problem:
+    """The problem with its tolerances at the level that this fit's residuals make likeliest."""
+    plain = tolerating(problem, None)
+    if problem.tolerances is None or not problem.tolerances.columns.shape[2]:
+        return plain
+    blocks = blocks_of(problem.data)
+    a, r = whitened(plain, problem.tolerances.columns), plain.residuals([fit.values])[0]
+    gram, score = a.T @ a, a.T @ r.ravel()
+    inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+    left = r - (a @ (inverse @ score)).reshape(r.shape)
+    scores = np.zeros((blocks.max() + 1, a.shape[1]))
+    np.add.at(scores, blocks, np.einsum("wnk,wn->wk", a.reshape(*r.shape, -1), left))
+    phi = max(1.0, float(np.einsum("kl,bk,bl->", inverse, scores, scores)) / a.shape[1])
+    level = likeliest_level(gram, score, phi)
+    return tolerating(plain, replace(problem.tolerances, level=level, dispersion=phi))
+
+
+def carrying(problem: Problem, values: Values, free: tuple[Knob, ...] = ()) -> Problem:
+    """The problem with the columns of its tolerances measured at these values, not yet marginalised; none of `free`."""
+    rows = small_differences(problem.space, values, free)
+    here, *moved = problem.replays([values, *rows])
+    seen = np.isfinite(problem.data.y)
+    columns = [np.clip(np.nan_to_num(np.where(seen, m - here, 0.0)), -1e6, 1e6).reshape(len(here), -1) for m in moved]
+    none = np.zeros((len(here), here[0].size, 0))
+    return tolerating(problem, Tolerances(np.stack(columns, axis=-1) if columns else none, 0.0))

@@ -1,0 +1,182 @@
+"""The gap of the nominal model and of a diagnosed one on the same runs: what `residual-mpc gap` prints."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales, per_window
+from residual_mpc.diagnosis.data.hold_out import KeptBack, held_out_mask
+from residual_mpc.diagnosis.data.noise_model import ChannelNoise
+from residual_mpc.diagnosis.data.outliers import find_outliers
+from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
+from residual_mpc.diagnosis.predict.horizons import FORETOLD, full_windows, longer_horizons
+from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.noise_floor import floor_from
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.results.document import finite
+from residual_mpc.diagnosis.results.gaps import quantiles
+from residual_mpc.effects.library import LIBRARY
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.run import Run
+from residual_mpc.models.fits import check_fits
+from residual_mpc.models.model_file import Written, model_in
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.robot_file import RobotFile, noise_over
+from residual_mpc.models.settings import Settings, Values, assemble
+from residual_mpc.residual.record import Residual
+from residual_mpc.residual.robot import with_residual
+from residual_mpc.residual.written import residual_in
+
+
+def gap_figures(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    robot_file: RobotFile,
+    horizon: float,
+    model: Written | None,
+    held_out_of: Written | None,
+    seed: int,
+) -> dict[str, Any]:
+    """The gap object of the contract. Raises BadInput for a model of another robot, or held-out runs that are not
+    there.
+    """
+    values: Values = {}
+    leaves_out = False
+    if model is not None:
+        of, values, leaves_out = model_in(model)
+        check_fits(values, robots[0], of, model.where)
+    residual = None if model is None else residual_in(model)
+    if residual is not None and model is not None and residual.robot != robots[0].name:
+        raise BadInput(
+            f"its residual was learned on {residual.robot}, and this is {robots[0].name}",
+            model.where,
+            "give the robot file that it was learned with",
+        )
+    noise = noise_over(robot_file, [run.name for run in runs])
+    learned = None if residual is None or model is None else (residual, model.where)
+    model_of = Explaining(values, leaves_out, learned, model is not None)
+    kept = None if held_out_of is None else _kept(held_out_of)
+    first = build_dataset(runs, robots, noise, horizon)
+    mask = None if held_out_of is None else held_out_mask_of(held_out_of, first)
+    longer = [h for h in longer_horizons(first.runs, horizon) if kept is None or all(k.start is None for k in kept)]
+    wholes = [build_dataset(runs, robots, noise, h, full_windows(first.runs, h)) for h in longer]
+    coloured = _noise_of(wholes[0] if wholes else first, first, model_of)
+    headline = _figures(replace(first, noise=coloured), measure_scales(first), mask, model_of, seed)
+    more = []
+    for data in wholes:
+        scales = measure_scales(data)
+        try:
+            of_runs = None if held_out_of is None else held_out_mask_of(held_out_of, data)
+        except BadInput:  # what was held out is shorter than this horizon
+            continue
+        found = _figures(replace(data, noise=coloured), scales, of_runs, model_of, seed)
+        if found["noise_floor"] < FORETOLD:
+            more.append(found)
+    g = {k: v for k, v in headline.items() if k != "channels"}
+    found = {**g, "skipped": first.skipped, "channels": headline["channels"], "horizons": [headline, *more]}
+    clean: dict[str, Any] = finite(found)
+    return clean
+
+
+@dataclass(frozen=True)
+class Explaining:
+    """A model beside the nominal one: its effects' values, whether samples that jump away are among them, and what was
+    learned, with its file. given: whether there is such a model at all."""
+
+    values: Values
+    leaves_out: bool
+    residual: tuple[Residual, str] | None
+    given: bool
+
+
+def _noise_of(data: Dataset, headline: Dataset, model: Explaining) -> tuple[ChannelNoise, ...]:
+    """The noise that the model leaves, no more than there is at the headline's horizon."""
+    seen, settings = _seen(data, model)
+    problem = build_problem(seen, build_space(data, ()), seen.sigma)
+    noise = fit_noise(problem, measure_scales(data), predict(seen, settings)[0])
+    return stated_sizes(seen, no_more_than_left(noise, _seen(headline, model)[0], measure_scales(headline), settings))
+
+
+def _seen(data: Dataset, model: Explaining) -> tuple[Dataset, Settings]:
+    """The data as the model sees them, and its settings."""
+    seen = with_outliers_removed(data, find_outliers(data).flagged) if model.leaves_out else data
+    if model.residual is not None:
+        blocks = with_residual([b.robot for b in seen.blocks], *model.residual)
+        seen = replace(seen, blocks=tuple(replace(b, robot=r) for b, r in zip(seen.blocks, blocks, strict=True)))
+    robot = data.blocks[0].robot
+    return seen, assemble([model.values], {e.name: robot.slots(e.name) for e in LIBRARY})
+
+
+def _figures(data: Dataset, scales: Scales, mask: np.ndarray | None, model: Explaining, seed: int) -> dict[str, Any]:
+    """The gap object of one horizon."""
+    data = data if mask is None else data.take(mask)
+    seen, settings = _seen(data, model)
+    nominal = data.y - predict(data, Settings(1))[0]
+    other = seen.y - predict(seen, settings)[0] if model.given else None
+    g = gap_of(data, scales, nominal)
+    m = None if other is None else gap_of(seen, scales, other)
+    drawn = noise_errors(seen, settings, np.random.default_rng(seed))
+    floor = floor_from([gap_of(seen, scales, e) for e in drawn], seen.count)
+    steady = gap_of(data, scales, data.y - constant_velocity(data)).total
+    windows = {"nominal": quantiles(per_window(data, scales, nominal))}
+    if other is not None:
+        windows["model"] = quantiles(per_window(seen, scales, other))
+    return {
+        "nominal": g.total,
+        "model": None if m is None else m.total,
+        "noise_floor": floor.total,
+        "constant_velocity": steady,
+        "horizon": data.horizon,
+        "windows": data.count,
+        "still": [c for c, s, k in zip(data.channels, scales.still, scales.compared, strict=True) if s and k],
+        "window_gaps": windows,
+        "channels": {
+            c: {
+                "nominal": float(g.channels[k]),
+                "model": None if m is None else float(m.channels[k]),
+                "noise_floor": float(floor.channels[k]),
+            }
+            for k, c in enumerate(data.channels)
+            if not scales.still[k]
+        },
+    }
+
+
+def held_out_mask_of(written: Written, data: Any) -> np.ndarray:
+    """(W,) the windows that a diagnosis kept back; all of them where only its held-out runs are given."""
+    kept = _kept(written)
+    if not kept:
+        raise BadInput("the diagnosis kept nothing back", written.where, "leave --held-out-of away")
+    names = {data.runs[i].name for i in np.unique(data.run)}
+    if {k.run for k in kept} >= names and all(k.start is None for k in kept):
+        return np.ones(data.count, dtype=bool)
+    return held_out_mask(data, kept)
+
+
+def kept_back_of(written: Written, names: set[str]) -> tuple[KeptBack, ...] | None:
+    """What a diagnosis kept back of the runs `names`; None where it kept back none of them, or all."""
+    kept = tuple(k for k in _kept(written) if k.run in names)
+    whole = {k.run for k in kept if k.start is None}
+    return None if not kept or whole >= names else kept
+
+
+def _kept(written: Written) -> list[KeptBack]:
+    held_out = written.content.get("held_out", [])
+    if not isinstance(held_out, list):
+        raise BadInput(f"held_out is {held_out!r}", written.where, "wanted a list, as diagnose writes it")
+    return [_kept_back(item, written.where) for item in held_out]
+
+
+def _kept_back(item: Any, where: str) -> KeptBack:
+    if isinstance(item, str):
+        return KeptBack(item)
+    try:
+        return KeptBack(str(item["run"]), float(item["from"]), float(item["to"]))
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise BadInput(f"held_out holds {item!r}", where, 'wanted a run\'s name or {"run", "from", "to"}') from error

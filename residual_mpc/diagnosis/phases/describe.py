@@ -1,0 +1,128 @@
+"""The last phase: the answer as records, what the explanation leaves, and the stages' shares of the gap."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.where import locate
+from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
+from residual_mpc.diagnosis.options import Progress
+from residual_mpc.diagnosis.phases.validate import Validated
+from residual_mpc.diagnosis.predict.noise_floor import MARGIN
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.remainder.description import describe_remainder
+from residual_mpc.diagnosis.remainder.learning import NOTHING, Learned, Learner, learn, remainder_of
+from residual_mpc.diagnosis.remainder.records import Rest
+from residual_mpc.diagnosis.remainder.resemblance import resembles
+from residual_mpc.diagnosis.results.alternatives import alternatives, candidates, rival_sets
+from residual_mpc.diagnosis.results.causes import causes_of, most_sure
+from residual_mpc.diagnosis.results.conditions import moved, notes, setup
+from residual_mpc.diagnosis.results.gaps import ExplanationGaps
+from residual_mpc.diagnosis.results.next_experiment import next_experiment
+from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult, GapStep, StageShare
+from residual_mpc.diagnosis.results.stages import staged
+from residual_mpc.diagnosis.results.support import doubts
+from residual_mpc.diagnosis.results.verdict import clearest, left_share
+from residual_mpc.diagnosis.search.stepwise import Ruler
+
+FEW = 4  # draws of the noise that tell what of a remainder is noise
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What is computed once the answer stands: the gap as effects are added, the stages' shares, what was learned of
+    the remainder, and what it is like."""
+
+    steps: tuple[GapStep, ...] = ()
+    stages: tuple[StageShare, ...] = ()
+    learned: Learned = NOTHING
+    rest: Rest | None = None
+
+
+def describe(
+    validated: Validated,
+    learners: Sequence[Learner],
+    rng: np.random.Generator,
+    progress: Progress,
+    answered: Callable[[Diagnosis], None],
+) -> DiagnosisResult:
+    """answered: told the answer before the extras are computed."""
+    answered(_diagnosis(validated, Extras()))
+    found, of = validated.gaps, validated.explanation
+    progress("describing the remaining error", 0.9)
+    learned, rest = _left(found, rng, learners)
+    progress("sharing the gap among the stages", 0.94)
+    gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
+    final = of.final if found.helps else None
+    steps, stages = staged(of.after_data, of.scales, of.space, final, gaps, validated.options.final_steps // 2)
+    diagnosis = _diagnosis(validated, Extras(steps, stages, learned, rest))
+    return DiagnosisResult(diagnosis, of.raw, of.scales, *validated.errors, of.test)
+
+
+def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
+    """The records of what was found."""
+    found, of, supports = validated.gaps, validated.explanation, validated.supports
+    helps, final = found.helps, of.final
+    verdict, share = found.verdict
+    # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
+    sure = most_sure(verdict, left_share(clearest(found.looks)) if helps else share, _times_floor(found))
+    doubt = doubts(supports, extras.rest)
+    groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
+    others = alternatives(of.rivalry, groups, final) if helps else ()
+    return Diagnosis(
+        robot=of.space.robot.name,
+        verdict=verdict,
+        held_out=of.kept if of.held.any() else (),
+        gap=found.figures(),
+        expected=of.expected if helps else None,
+        achieved=validated.achieved,
+        stages=extras.stages,
+        where=locate(of.raw, of.scales, found.errors["before"]),
+        causes=causes_of(of, share, sure, supports, doubt, validated.lacking) if helps else (),
+        candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, doubt) if helps else (),
+        groups=groups,
+        rivals=rival_sets(of.rivalry) if helps else (),
+        alternatives=others,
+        setup=setup(of.raw, dispersion(final, blocks_of(of.problem.data))),
+        not_testable=of.untestable,
+        moved=moved(of.base, final) if helps else (),
+        unexplained=share,
+        learned=extras.learned,
+        rest=extras.rest,
+        steps=extras.steps,
+        outlier_share=of.outliers.share if of.with_outliers else 0.0,
+        outlier_channels={c: s for c, s in of.outliers.shares.items() if s > 0} if of.with_outliers else {},
+        next_experiment=next_experiment(
+            (*groups, *((a.instead_of, a.terms) for a in others if not a.confounded)),
+            wheeled="left" in of.raw.blocks[0].robot.actuators,
+            verdict=verdict,
+        ),
+        values=final.values if helps else of.base.values,
+        notes=notes(of, found),
+    )
+
+
+def _times_floor(found: ExplanationGaps) -> float:
+    """How many times the noise floor is left, at the horizon where that is most."""
+    return max(look.steady.total / max(look.floor.total, 1e-12) for look in found.looks)
+
+
+def _left(found: ExplanationGaps, rng: np.random.Generator, learners: Sequence[Learner]) -> tuple[Learned, Rest | None]:
+    """What the learners make of the rest, and what it is like; what a perfect model might have left under this noise is
+    not worth their time."""
+    of, first = found.of, found.looks[0]
+    if found.verdict[0] == "no_gap" or found.left.total <= max(MARGIN * first.floor.total, first.floor.luck):
+        return NOTHING, None
+    name, seen, current = ("after", of.after_data, of.final) if found.helps else ("before", of.raw, of.base)
+    predicted, error, row = found.predicted[name], found.errors[name], of.space.settings([current.values])
+    learned = NOTHING
+    if of.held.any():
+        remainder = remainder_of(seen, of.scales, row, predicted, error, of.held)
+        learned = learn(remainder, learners, rng.spawn(1)[0])
+    judge = Ruler(PredictionCache(seen.take(of.test), of.space), of.scales, first.floor.total**2)
+    like = resembles(of.problem, current, of.left_out, judge)
+    unspoilt = np.where(np.isfinite(of.clean.y), error, np.nan)
+    return learned, describe_remainder(
+        seen, of.scales, row, predicted, unspoilt, found.floors[:FEW], like, rng.spawn(1)[0]
+    )

@@ -1,0 +1,146 @@
+"""The third phase: what the search found is fitted to the end and questioned, before anything is opened."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.encoder_consistency import contradicted, independent_encoders
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
+from residual_mpc.diagnosis.data.subsampling import evenly
+from residual_mpc.diagnosis.fit.cross_validation import expected_errors
+from residual_mpc.diagnosis.fit.evidence import blocks_of, least_sure
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
+from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
+from residual_mpc.diagnosis.fit.polish import Polished, carry_on, polish
+from residual_mpc.diagnosis.options import Options, Progress
+from residual_mpc.diagnosis.phases.prepare import Prepared
+from residual_mpc.diagnosis.phases.search import Searched
+from residual_mpc.diagnosis.predict.horizons import HorizonWindows
+from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.tolerances import small_differences
+from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
+from residual_mpc.diagnosis.results.shrink import Shrink, expected_shrink
+from residual_mpc.diagnosis.search.stepwise import without
+from residual_mpc.effects.sensor import SENSOR_OUTLIERS
+from residual_mpc.models.settings import Settings, Term, Values
+
+AGAIN = 4  # steps of the last fit with small differences, from where the plain one ended
+ROOM = 40_000_000  # numbers in the columns of all small differences
+OUTLIERS_WORTH = 0.6  # times the squared noise floor that a few jumping samples have to make of the gap to be a cause
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """The explanation that stands before anything is opened, and the longer horizons that it is judged over as well."""
+
+    explanation: FittedExplanation
+    longer: tuple[HorizonWindows, ...]
+    options: Options
+
+
+def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> Refined:
+    """The explanation with its numbers, less the effects that a closer look refutes, and the shrink expected of it."""
+    progress("fitting on all windows", 0.75)
+    prepared, found, rivalry = searched.prepared, searched.found, searched.rivalry
+    options = prepared.options
+    problem = build_problem(searched.windows, prepared.space, found.sigma, found.problem.motion)
+    problem = _trusting(problem, rivalry.fit.values, searched.scales)
+    polished, base = polish(problem, [rivalry.fit.values, found.base.values], options.final_steps)
+    polished, vetoed = _heed_encoders(problem, polished, options)
+    polished, doubtful = _leave_doubtful(problem, polished, options)
+    final, before = polished.fit, base.fit
+    wide = _tolerating(problem, final)
+    with_outliers = _outliers_count(prepared, prepared.space.settings([final.values]), rng)
+    expected = None
+    if final.terms or with_outliers:
+        expected = _expected(prepared, problem, final, before, with_outliers, rng)
+    explanation = FittedExplanation(
+        prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, problem, before, final,
+        polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, vetoed, doubtful, expected,
+        None if wide is None else MarginalisedFit(wide, fit_all(wide, [final.values], AGAIN)[0]),
+    )  # fmt: skip
+    return Refined(explanation, prepared.longer, options)
+
+
+def _trusting(problem: Problem, values: Values, scales: Scales) -> Problem:
+    """The problem in which windows that diverge under these values weigh less."""
+    trust = window_trust(problem.data, scales, problem.data.y - problem.replays([values])[0])
+    return problem if (trust == 1.0).all() else replace(problem, count=trust)
+
+
+def _tolerating(problem: Problem, fit: Fit) -> Problem | None:
+    """The problem with small differences marginalised in every number that the fit does not free; None where there are
+    none, and where their columns would not fit into memory."""
+    if not fit.terms or problem.data.y.size * len(small_differences(problem.space, fit.values)) > ROOM:
+        return None
+    wide = tolerant(carrying(problem, fit.values, fit.knobs), fit)
+    return None if wide.wide is None else wide
+
+
+def _expected(
+    prepared: Prepared, problem: Problem, final: Fit, base: Fit, with_outliers: bool, rng: np.random.Generator
+) -> Shrink:
+    """The shrink, by cross-validation on the windows of the headline's horizon."""
+    spoilt = prepared.raw.take(~prepared.held)
+    here = final
+    if problem.data.count != prepared.fitting.count or problem.data.horizon != prepared.raw.horizon:
+        plain = build_problem(prepared.fitting, prepared.space, 1.0 / problem.weight)
+        here = on_problem(_trusting(plain, final.values, prepared.scales), final)
+    before = spoilt.y - predict(spoilt, prepared.space.settings([base.values]))[0]
+    after = expected_errors(prepared.fitting if with_outliers else spoilt, prepared.space, here)
+    kept_back = prepared.raw.take(prepared.held) if prepared.held.any() else spoilt
+    return expected_shrink(spoilt, kept_back, prepared.scales, before, after, rng)
+
+
+def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
+    """The fit without the effects that the encoders contradict, and those."""
+    final = polished.fit
+    if not final.terms or not independent_encoders(problem.data):
+        return polished, ()
+    rows = [final.values, *(without(final.values, t) for t in final.terms)]
+    after, *less = predict(problem.data, problem.space.settings(rows))
+    bad = contradicted(problem.data, after, np.stack(less))
+    vetoed = tuple(t for t, b in zip(final.terms, bad, strict=True) if b)
+    if not vetoed:
+        return polished, ()
+    left = final.values
+    for t in vetoed:
+        left = without(left, t)
+    return _again(problem, polished, left, options), vetoed
+
+
+def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
+    """The fit without the effects that cannot be told from none on all windows, and those."""
+    blocks, gone = blocks_of(problem.data), list[Term]()
+    while (term := least_sure(polished.fit, blocks)) is not None:
+        gone.append(term)
+        polished = _again(problem, polished, without(polished.fit.values, term), options)
+    return polished, tuple(gone)
+
+
+def _again(problem: Problem, polished: Polished, fewer: Values, options: Options) -> Polished:
+    """The fit of some of its numbers, from where it was; other starts are not tried again."""
+    fit = carry_on(problem, [fewer], options.final_steps)[0]
+    return Polished(fit, {k: (fit.values[k],) for k in fit.knobs})
+
+
+def _outliers_count(prepared: Prepared, row: Settings, rng: np.random.Generator) -> bool:
+    """Whether the samples that jump away are a cause: they may be named, are enough to be no accident, and are either
+    frequent or make up much of what the effects (one row of settings) leave."""
+    name, options, outliers = SENSOR_OUTLIERS.name, prepared.options, prepared.outliers
+    if not outliers.enough or (options.only and name not in options.only) or name in options.without:
+        return False
+    return outliers.frequent or _weigh(prepared, row, rng)
+
+
+def _weigh(prepared: Prepared, row: Settings, rng: np.random.Generator) -> bool:
+    """Whether the flagged samples, few as they are, make up much of what the effects leave: the search's own terms."""
+    options, clean, scales = prepared.options, prepared.fitting, prepared.scales
+    keep = evenly(clean, options.final_steps)
+    spoilt, clean = prepared.raw.take(~prepared.held).take(keep), clean.take(keep)
+    left, cleaned = (gap_of(d, scales, d.y - predict(d, row)[0]).total ** 2 for d in (spoilt, clean))
+    floor = float(np.mean([gap_of(clean, scales, e).total ** 2 for e in noise_errors(clean, row, rng, 4)]))
+    worth = max(OUTLIERS_WORTH * floor, options.search.sizeable * (left - floor))
+    return left - cleaned > worth

@@ -1,0 +1,55 @@
+"""The fourth phase: the held-out windows are opened, and the explanation is judged on them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.options import Options, Progress
+from residual_mpc.diagnosis.phases.refine import Refined
+from residual_mpc.diagnosis.results.causes import without_doubtful
+from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.gaps import ExplanationGaps, measure_gaps
+from residual_mpc.diagnosis.results.shrink import Shrink, shrink_of
+from residual_mpc.diagnosis.results.support import Support, doubts, support_of
+from residual_mpc.models.settings import Knob, Term
+
+
+@dataclass(frozen=True, eq=False)
+class Validated:
+    """gaps: those of the explanation, over every horizon, and whether it helps; achieved: the shrink on the held-out
+    windows, None where nothing helps; supports: of each effect; lacking: each number's values without one of the
+    effects that may well not be there."""
+
+    gaps: ExplanationGaps
+    achieved: Shrink | None
+    supports: Mapping[Term, Support]
+    lacking: Mapping[Knob, tuple[float, ...]]
+    options: Options
+
+    @property
+    def explanation(self) -> FittedExplanation:
+        """On data with the noise that it leaves."""
+        return self.gaps.of
+
+    @property
+    def errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """(W, M, C) before and after, channel units; an explanation that does not help leaves the errors as they
+        were."""
+        errors = self.gaps.errors
+        return errors["before"], errors["after" if self.gaps.helps else "before"]
+
+
+def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> Validated:
+    """From here on nothing is fitted to change the explanation."""
+    progress("opening the held-out windows", 0.85)
+    options, longer = refined.options, refined.longer
+    gaps = measure_gaps(refined.explanation, longer, options.final_steps, rng)
+    if not gaps.helps:
+        return Validated(gaps, None, {}, {}, options)
+    of = gaps.of
+    before, after = gaps.errors["before"], gaps.errors["after"]
+    achieved = shrink_of(of.raw.take(of.test), of.scales, before[of.test], after[of.test], rng)
+    supports = support_of(of, longer, gaps.looks)
+    lacking = without_doubtful(of, doubts(supports, None), options.final_steps)
+    return Validated(gaps, achieved, supports, lacking, options)

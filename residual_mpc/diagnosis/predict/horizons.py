@@ -1,0 +1,150 @@
+"""The same runs over several horizons: what adds up slowly shows over seconds, not within one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, window_starts
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales
+from residual_mpc.diagnosis.data.hold_out import KeptBack
+from residual_mpc.diagnosis.data.subsampling import evenly
+from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.run import Run
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Settings
+
+LONGER = 5.0  # s
+LONGEST = 30.0  # s
+APART = 1.5  # times the horizon before it, from which a longer one says something new
+FEWEST = 3  # windows that a horizon needs
+LENGTHS = (20.0, 15.0, 10.0, 7.5)  # s: of windows that fits may see where none of a horizon's length is free
+FORETOLD = 0.1  # noise floor up to which a motion counts as foretold (contract, section 4)
+LOOK = 40_000  # simulation steps that the first look at a horizon may cost
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonWindows:
+    """The runs over one horizon. raw: all its W windows as they were logged, clean: less the samples that jump away;
+    held (W,) bool: the windows that lie in what is held out; free: the windows that fits may see, cut from whatever
+    lies between and shorter where that is, with the scales of their motion; None where nothing there is longer than
+    the horizon before."""
+
+    horizon: float
+    raw: Dataset
+    clean: Dataset
+    scales: Scales
+    held: np.ndarray
+    free: "tuple[Dataset, Scales] | None"
+
+    @property
+    def test(self) -> np.ndarray:
+        """(W,) bool: the windows that figures are printed for: those held out, all where there are none."""
+        return self.held if self.held.any() else np.ones(self.raw.count, dtype=bool)
+
+
+def longer_horizons(runs: Sequence[Run], horizon: float) -> tuple[float, ...]:
+    """s: 5 s and the longest up to 30 s that the runs hold at least FEWEST windows of, each well beyond the one
+    before."""
+    lengths = np.array([r.t[-1] - r.t[0] for r in runs])
+    out: list[float] = []
+    for wanted in (LONGER, float(min(LONGEST, np.floor(np.median(lengths) / LONGER) * LONGER))):
+        fits = int(np.floor(lengths / wanted + 1e-6).sum()) if wanted > 0.0 else 0
+        if fits >= FEWEST and wanted >= APART * max([horizon, *out]):
+            out.append(wanted)
+    return tuple(out)
+
+
+def full_windows(runs: Sequence[Run], horizon: float) -> list[np.ndarray]:
+    """Where the windows of each run begin, s; a run that is shorter than the horizon has none."""
+    return [window_starts(r, horizon) if r.t[-1] - r.t[0] >= horizon - r.period else r.t[:0] for r in runs]
+
+
+def windows_over(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    noise: Mapping[str, float],
+    horizon: float,
+    shorter: float,
+    kept: Sequence[KeptBack],
+    flagged: Mapping[tuple[int, str], np.ndarray],
+) -> HorizonWindows | None:
+    """The runs over a horizon, of which `shorter` is the one before; None where nothing moves or no window has a
+    measured start."""
+    whole = full_windows(runs, horizon)
+    if sum(map(len, whole)) < FEWEST:
+        return None
+    try:
+        raw = build_dataset(runs, robots, noise, horizon, whole)
+        scales = measure_scales(raw)
+    except BadInput:  # said already, of the first horizon
+        return None
+    clean = with_outliers_removed(raw, flagged)
+    spans = [_spans(r, kept) for r in runs]
+    held = np.array([_inside(spans[i], t, t + horizon) for i, t in zip(raw.run, raw.start, strict=True)])
+    return HorizonWindows(
+        horizon, raw, clean, scales, held, _free(runs, robots, noise, horizon, shorter, spans, flagged)
+    )
+
+
+def _free(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    noise: Mapping[str, float],
+    horizon: float,
+    shorter: float,
+    spans: Sequence[Sequence[tuple[float, float]]],
+    flagged: Mapping[tuple[int, str], np.ndarray],
+) -> tuple[Dataset, Scales] | None:
+    """The longest windows up to the horizon of which enough lie between what is held out."""
+    for length in (horizon, *(x for x in LENGTHS if x < horizon)):
+        if length < APART * shorter:
+            break
+        between = [_free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
+        if sum(map(len, between)) < FEWEST:
+            continue
+        try:
+            cut = with_outliers_removed(build_dataset(runs, robots, noise, length, between), flagged)
+            return cut, measure_scales(cut)
+        except BadInput:  # none has a measured start, or nothing moves
+            continue
+    return None
+
+
+def foretold(clean: Dataset, scales: Scales, rng: np.random.Generator) -> bool:
+    """Whether the nominal model predicts these windows: its noise floor stays under FORETOLD, and none diverges."""
+    some = clean.take(evenly(clean, LOOK))
+    if not np.isfinite(predict(some, Settings(1))[0][np.isfinite(some.y)]).all():
+        return False
+    return bool(gap_of(some, scales, noise_errors(some, Settings(1), rng, 1)[0]).total < FORETOLD)
+
+
+def _spans(run: Run, kept: Sequence[KeptBack]) -> list[tuple[float, float]]:
+    """What is held out of a run, s, neighbours joined, in order."""
+    mine = sorted(
+        (-np.inf, np.inf) if k.start is None or k.end is None else (k.start, k.end) for k in kept if k.run == run.name
+    )
+    out: list[tuple[float, float]] = []
+    for begin, end in mine:
+        if out and begin <= out[-1][1] + 1e-6:
+            out[-1] = (out[-1][0], max(out[-1][1], end))
+        else:
+            out.append((begin, end))
+    return out
+
+
+def _inside(spans: Sequence[tuple[float, float]], begin: float, end: float) -> bool:
+    return any(a - 1e-6 <= begin and end <= b + 1e-6 for a, b in spans)
+
+
+def _free_starts(run: Run, spans: Sequence[tuple[float, float]], horizon: float) -> np.ndarray:
+    """(W,) s: windows one after the other in each stretch between what is held out."""
+    edges = [float(run.t[0]), *(x for span in spans for x in span), float(run.t[-1])]
+    out = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        slack = run.period if end >= run.t[-1] else 0.0  # none of what is held out
+        count = int(np.floor((end - begin + slack) / horizon + 1e-9)) if end > begin else 0
+        out.append(begin + horizon * np.arange(count))
+    return np.concatenate(out)

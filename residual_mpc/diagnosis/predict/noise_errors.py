@@ -1,0 +1,123 @@
+"""The noise floor: the gap of a perfect model under the sensor noise, start-state error included, by simulation."""
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset, Signal
+from residual_mpc.diagnosis.data.local_fit import REACH, local_fit
+from residual_mpc.diagnosis.data.noise_model import draw_coloured
+from residual_mpc.diagnosis.predict.replay import earliest, predict, run_up
+from residual_mpc.logs.signals import fresh_samples
+from residual_mpc.models.settings import Settings
+
+DRAWS = 3
+
+
+def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, draws: int = DRAWS) -> np.ndarray:
+    """(draws, W, M, C): what measured - predicted would be if the model (settings, one row) were perfect.
+
+    Each draw gives every signal fresh sensor noise, quantised and repeated as in the log, fits the start states
+    through it, and replays from there.
+    """
+    clean = predict(data, settings)[0]
+    bias = start_bias(data, settings)
+    out = np.empty((draws, *data.y.shape))
+    fresh = {key: fresh_samples(s.y) for key, s in data.signals.items()}
+    for d in range(draws):
+        noise = {key: draw_noise(data, key[1], s, fresh[key], rng) for key, s in data.signals.items()}
+        error = start_errors(data, noise)
+        moved = predict(data, settings, {c: e + bias.get(c, 0.0) for c, e in error.items()})[0]
+        seen = np.full(data.y.shape, np.nan)
+        for (i, c), n in noise.items():
+            k = data.channels.index(c)
+            t = data.signals[i, c].t
+            for w in np.flatnonzero(data.run == i):
+                good = np.isfinite(data.y[w, :, k])
+                at = np.searchsorted(t, data.t[w, good] + data.start[w] - 1e-9)
+                seen[w, good, k] = n[np.minimum(at, len(n) - 1)]
+        out[d] = seen - (moved - clean)
+    return out
+
+
+def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
+    """Error of the start states (W,) by channel that the local quadratics make without any noise.
+
+    Where a command jumps between two samples, no quadratic follows the motion. The model's own motion through each
+    start, replayed from a quarter second before it, is sampled as the log is, fitted, and compared with itself. Zero
+    where the run does not reach back that far.
+    """
+    out: dict[str, np.ndarray] = {}
+    for block in data.blocks:
+        nodes, reaches = run_up(data, block, settings, REACH)
+        begin = float(earliest(block, settings)[0]) + REACH  # s from the first node to the window's start
+        dt, rows = block.drive.dt, np.arange(data.count)[block.where]
+        for state in block.robot.states:
+            for channel, source, slope in state.sources:
+                bias = out.setdefault(channel, np.zeros(data.count))
+                for i in np.unique(data.run[rows]):
+                    signal = data.signals.get((int(i), source))
+                    mine = np.flatnonzero((data.run[rows] == i) & reaches)
+                    if signal is None or not len(mine):
+                        continue
+                    fit = local_fit(signal.t, data.start[rows[mine]])
+                    at = signal.t[fit.index] - data.start[rows[mine], None] + begin  # (W_i, 5) s on the nodes
+                    line = nodes[source][mine]
+                    seen = at_times(line, at, dt)
+                    weights = fit.slope_weights if slope else fit.value_weights
+                    true = at_times(nodes[channel][mine], np.full((len(mine), 1), begin), dt)[:, 0]
+                    bias[rows[mine]] = np.nan_to_num(np.einsum("qi,qi->q", weights, seen) - true)
+    return out
+
+
+def at_times(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
+    """(W, n) linear between nodes (W, K) at times t (W, n) s from the first node."""
+    place = np.clip(t / dt, 0.0, nodes.shape[1] - 1.001)
+    k = place.astype(int)
+    low, high = np.take_along_axis(nodes, k, axis=1), np.take_along_axis(nodes, k + 1, axis=1)
+    return np.asarray(low + (place - k) * (high - low))
+
+
+def draw_noise(data: Dataset, channel: str, signal: Signal, fresh: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(n,) channel unit: white and coloured noise of the channel, its quantisation, and the error of samples that are
+    not fresh (n,) bool but repeated."""
+    k = data.channels.index(channel)
+    noise_of, step = data.noise[k], data.steps[k]
+    n = len(signal.y)
+    analog = np.sqrt(max(noise_of.white**2 - step**2 / 12.0, 0.0)) * rng.standard_normal(n)
+    if noise_of.coloured:
+        analog = analog + draw_coloured(noise_of, signal.t, rng)
+    if step > 0:
+        true = signal.y + rng.uniform(-0.5, 0.5, n) * step
+        noise = np.round((true + analog) / step) * step - true
+    else:
+        noise = analog
+    if fresh.all() or fresh.sum() < 2:
+        return noise
+    last = np.maximum.accumulate(np.where(fresh, np.arange(n), 0))
+    between = np.interp(signal.t, signal.t[fresh], signal.y[fresh])
+    return np.asarray(noise[last] + signal.y[last] - between)
+
+
+def start_errors(data: Dataset, noise: dict[tuple[int, str], np.ndarray]) -> dict[str, np.ndarray]:
+    """Errors of the start states (W,) by channel that a noise on the signals causes."""
+    out: dict[str, np.ndarray] = {}
+    for block in data.blocks:
+        for state in block.robot.states:
+            position = np.zeros(data.count)
+            rate = np.zeros(data.count)
+            for i in np.unique(data.run[block.where]):
+                mine = np.flatnonzero(data.run == i)
+                for channel in (state.position, state.velocity):
+                    signal = data.signals.get((int(i), channel)) if channel else None
+                    if signal is None:
+                        continue
+                    fit = local_fit(signal.t, data.start[mine])
+                    if channel == state.position:
+                        position[mine] = np.nan_to_num(fit.value(noise[int(i), channel]))
+                        rate[mine] = np.nan_to_num(fit.slope(noise[int(i), channel]))
+                    else:
+                        assert channel is not None
+                        rate[mine] = np.nan_to_num(fit.value(noise[int(i), channel]))
+            out[state.position] = out.get(state.position, 0.0) + position
+            if state.velocity is not None:
+                out[state.velocity] = out.get(state.velocity, 0.0) + rate
+    return out

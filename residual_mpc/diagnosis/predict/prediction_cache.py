@@ -1,0 +1,71 @@
+"""Predictions that were made before: a search asks for the same hypothesis again, under other weights or on fewer
+windows, and a replay costs more than all else."""
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.models.settings import Knob, Values
+
+ROOM = 16_000_000  # numbers that are kept
+
+Key = frozenset[tuple[Knob, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class PredictionCache:
+    """The predictions of hypotheses on the windows of `data`, the latest of them kept.
+
+    source: where the same hypotheses may be known from; its windows `pick` (W_source,), cut to what `data` holds of
+    each, are these.
+    """
+
+    data: Dataset
+    space: Space
+    source: "PredictionCache | None" = None
+    pick: np.ndarray | None = None
+    kept: "OrderedDict[Key, np.ndarray]" = field(default_factory=OrderedDict)
+
+    def __call__(self, hypotheses: Sequence[Values]) -> np.ndarray:
+        """(H, W, M, C) channel units; see `predict`."""
+        keys = [_key(h) for h in hypotheses]
+        found = {key: known for key in keys if (known := self.known(key)) is not None}
+        new: Mapping[Key, Values] = {k: h for k, h in zip(keys, hypotheses, strict=True) if k not in found}
+        if new:
+            fresh = predict(self.data, self.space.settings(list(new.values())))
+            if len(new) == len(keys):
+                self._keep(new, fresh)
+                return fresh
+            found |= dict(zip(new, fresh, strict=True))
+            self._keep(new, fresh)
+        return np.stack([found[k] for k in keys])
+
+    def known(self, key: Key) -> np.ndarray | None:
+        """(W, M, C) of a hypothesis that was replayed before; None for another."""
+        mine = self.kept.get(key)
+        if mine is not None:
+            self.kept.move_to_end(key)
+            return mine
+        theirs = None if self.source is None else self.source.known(key)
+        return None if theirs is None else theirs[self.pick, : self.data.y.shape[1]]
+
+    def of(self, data: Dataset, pick: np.ndarray) -> "PredictionCache":
+        """On some of these windows, whole or cut short."""
+        return PredictionCache(data, self.space, self, pick)
+
+    def _keep(self, new: Mapping[Key, Values], fresh: np.ndarray) -> None:
+        most = max(1, ROOM // self.data.y.size)
+        for key, one in list(zip(new, fresh, strict=True))[-most:]:
+            self.kept[key] = one.copy()  # a view would hold the whole batch
+        while len(self.kept) > most:
+            self.kept.popitem(last=False)
+
+
+def _key(values: Values) -> Key:
+    """The same numbers by another route differ in their last digits."""
+    return frozenset((knob, float(f"{value:.12g}")) for knob, value in values.items())

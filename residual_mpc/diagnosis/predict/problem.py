@@ -1,0 +1,158 @@
+"""The residual that hypotheses are judged by: scaled by noise, with each window's uncertain start state taken out.
+
+A window's start comes from five noisy samples. Its error moves the whole prediction, so the residuals of a window have
+covariance R + A P0 A' (A: sensitivity to the start, P0: its covariance), and r is multiplied by that matrix'
+inverse square
+root: generalised least squares with the start as a nuisance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.diagnosis.predict.tolerances import Tolerances
+from residual_mpc.models.settings import Values
+
+START_INFLATION = 3.0  # on the start's standard deviation: its own noise is also in the window's first samples
+
+
+@dataclass(frozen=True)
+class Problem:
+    """data: the windows judged; space: the hypotheses; sensitivity (W, M * C, k): prediction moved by one sigma of
+    each start coordinate, channel units; weight (C,) 1 / standard deviation of each channel's residual; motion (C,) the
+    size of each channel's motion, channel units, infinite where the gap does not compare it; replays: the
+    predictions on these windows, which know what was asked before."""
+
+    data: Dataset
+    space: Space
+    replays: PredictionCache
+    sensitivity: np.ndarray
+    weight: np.ndarray
+    motion: np.ndarray
+    basis: np.ndarray  # (W, M * C, k) orthonormal
+    shrink: np.ndarray  # (W, k) 1 - 1 / sqrt(1 + s^2)
+    count: np.ndarray | None = None  # (W,) how many windows each one stands for; None: itself alone
+    tolerances: Tolerances | None = None
+    wide: np.ndarray | None = None  # (W * M * C, K) whitened columns of the tolerances, times their level
+    taken: np.ndarray | None = None  # (K, K) wide @ taken @ wide' is what they take out of a residual
+
+    def residuals(self, hypotheses: Sequence[Values]) -> np.ndarray:
+        """(H, W, M * C) whitened; a missing sample is 0, a diverged prediction inf."""
+        return self.whiten(self.replays(hypotheses))
+
+    def whiten(self, predicted: np.ndarray) -> np.ndarray:
+        """As `residuals`, from predictions (H, W, M, C)."""
+        y = self.data.y
+        r = (y - predicted) * self.weight
+        r = np.where(np.isfinite(y), np.where(np.isnan(r), 1e3, r), 0.0)
+        return self.project(np.clip(r.reshape(*r.shape[:2], -1), -1e4, 1e4))
+
+    def project(self, r: np.ndarray) -> np.ndarray:
+        """Take the start's share out of scaled residuals (H, W, n)."""
+        along = np.einsum("wnk,hwn->hwk", self.basis, r, optimize=True) * self.shrink
+        left = r - np.einsum("wnk,hwk->hwn", self.basis, along, optimize=True)
+        left = left if self.count is None else left * np.sqrt(self.count)[:, None]
+        if self.wide is None:
+            return np.asarray(left)
+        flat = left.reshape(len(left), -1)
+        return np.asarray((flat - ((flat @ self.wide) @ self.taken) @ self.wide.T).reshape(left.shape))
+
+
+def build_problem(data: Dataset, space: Space, sigma: np.ndarray, motion: np.ndarray | None = None) -> Problem:
+    """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better;
+    motion (C,): see Problem; None for a problem that no search ranks by."""
+    size = np.full(len(sigma), np.inf) if motion is None else motion
+    return weighed(PredictionCache(data, space), start_sensitivity(data, space, {}), sigma, size)
+
+
+def reweigh(problem: Problem, sigma: np.ndarray) -> Problem:
+    """The same problem with other standard deviations, without tolerances."""
+    return weighed(problem.replays, problem.sensitivity, sigma, problem.motion)
+
+
+def tolerating(problem: Problem, tolerances: Tolerances | None) -> Problem:
+    """The problem with these small differences marginalised."""
+    plain = replace(problem, tolerances=tolerances, wide=None, taken=None)
+    if tolerances is None or tolerances.level == 0.0:
+        return plain
+    wide = tolerances.relative * whitened(plain, tolerances.columns)
+    g, v = np.linalg.eigh(wide.T @ wide)
+    g = np.maximum(g, 1e-12)
+    return replace(plain, wide=wide, taken=(v * ((1.0 - 1.0 / np.sqrt(1.0 + g)) / g)) @ v.T)
+
+
+def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
+    """(W * M * C, K) columns (W, M * C, K) in the units of the problem's residuals, without its tolerances."""
+    scaled = np.moveaxis(columns, 2, 0) * np.tile(problem.weight, columns.shape[1] // len(problem.weight))
+    return np.ascontiguousarray(replace(problem, wide=None, taken=None).project(scaled).reshape(len(scaled), -1).T)
+
+
+def weighed(replays: PredictionCache, sensitivity: np.ndarray, sigma: np.ndarray, motion: np.ndarray) -> Problem:
+    """The problem on the windows of `replays`."""
+    weight = 1.0 / sigma
+    w, n, k = sensitivity.shape
+    scaled = sensitivity.reshape(w, -1, len(sigma), k) * weight[None, None, :, None]
+    basis, s, _ = np.linalg.svd(scaled.reshape(w, n, k), full_matrices=False)
+    shrink = 1.0 - 1.0 / np.sqrt(1.0 + s**2)
+    return Problem(replays.data, replays.space, replays, sensitivity, weight, motion, basis, shrink)
+
+
+def part_of(problem: Problem, keep: np.ndarray, times: np.ndarray | None = None) -> Problem:
+    """The problem on the windows where the mask (W,) is true, with the same weights; `times`: how many windows of the
+    problem each one that is kept stands for (None: itself alone)."""
+    replays = problem.replays.of(problem.data.take(keep), keep)
+    small = weighed(replays, problem.sensitivity[keep], 1.0 / problem.weight, problem.motion)
+    if problem.count is None and times is None:
+        return tolerating(small, on_part(problem, keep))
+    one = np.ones(small.data.count)
+    count = (one if problem.count is None else problem.count[keep]) * (one if times is None else times)
+    return tolerating(replace(small, count=count), on_part(problem, keep))
+
+
+def on_part(problem: Problem, keep: np.ndarray, samples: int | None = None) -> Tolerances | None:
+    """The problem's tolerances on some of its windows, and on their first samples."""
+    if problem.tolerances is None:
+        return None
+    columns = problem.tolerances.columns[keep]
+    c = len(problem.weight)
+    return replace(problem.tolerances, columns=columns if samples is None else columns[:, : samples * c])
+
+
+def start_sensitivity(data: Dataset, space: Space, values: Values) -> np.ndarray:
+    """(W, M * C, k): how one inflated standard deviation of each start coordinate moves the prediction."""
+    settings = space.settings([values])
+    base = predict(data, settings)[0]
+    columns = []
+    for channel, size in start_sigma(data).items():
+        if not size.any():
+            continue
+        moved = predict(data, settings, {channel: size})[0] - base
+        columns.append(np.nan_to_num(np.where(np.isfinite(data.y), moved, 0.0)).reshape(data.count, -1))
+    if not columns:
+        return np.zeros((data.count, data.y.shape[1] * data.y.shape[2], 1))
+    return np.stack(columns, axis=-1)
+
+
+def start_sigma(data: Dataset) -> dict[str, np.ndarray]:
+    """Inflated standard deviation (W,) of each start coordinate: the local fits' weights under white noise."""
+    out: dict[str, np.ndarray] = {}
+    for block in data.blocks:
+        for state in block.robot.states:
+            for channel, source, slope in state.sources:
+                spread = out.setdefault(channel, np.zeros(data.count))
+                for i in np.unique(data.run[block.where]):
+                    signal = data.signals.get((int(i), source))
+                    if signal is None:
+                        continue
+                    mine = np.flatnonzero(data.run == i)
+                    fit = local_fit(signal.t, data.start[mine])
+                    weights = fit.slope_weights if slope else fit.value_weights
+                    sigma = data.sigma[data.channels.index(source)]
+                    spread[mine] = START_INFLATION * sigma * np.sqrt((weights**2).sum(axis=1))
+    return out

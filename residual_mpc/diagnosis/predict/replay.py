@@ -1,0 +1,206 @@
+"""Hypotheses x windows -> predicted samples: start states through the sensor effects, replay, sensors."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Block, Dataset
+from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.effects.library import changes, present
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.models.protocol import Drive, Robot
+from residual_mpc.models.sensing import sensor_value
+from residual_mpc.models.settings import Settings
+
+ROOM = 24_000_000  # numbers that one chunk of hypotheses may hold
+
+Start = Mapping[str, np.ndarray]
+
+
+def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np.ndarray:
+    """(H, W, M, C): what each hypothesis says the sensors would report at every sample; NaN where padded.
+
+    nudge: added to the start states by channel, (W,), for the sensitivity to the start.
+    """
+    h, (w, m), c = settings.rows, data.t.shape, len(data.channels)
+    out = np.full((h, w, m, c), np.nan)
+    for block in data.blocks:
+        rows = block.where.stop - block.where.start
+        size = rows * (block.drive.steps + block.drive.lead) * (c + len(block.robot.actuators))
+        per = max(1, ROOM // size)
+        for a in range(0, h, per):
+            part = settings.take(np.arange(a, min(a + per, h)))
+            out[a : a + per, block.where] = _predict_block(data, block, part, nudge)
+    return out
+
+
+def start_states(data: Dataset, block: Block, settings: Settings, sooner: float = 0.0) -> dict[str, np.ndarray]:
+    """State from which each window is replayed under each hypothesis: position and velocity channels, (H, W_block).
+
+    Positions from the local quadratic's value, else the robot's rest; velocities from the logged velocity's, else from
+    the position's slope, else 0; mapped back through the sensor effects. Where measurements arrive late, the reading at
+    the window's start shows an earlier state: the replay starts that much earlier (see `earliest`), so that no sample
+    lies before it; `sooner` s are added to that.
+    """
+    early = earliest(block, settings) + sooner
+    rest = getattr(block.robot, "rest", {})
+    out: dict[str, np.ndarray] = {}
+    for state in block.robot.states:
+        value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
+        value = np.where(np.isnan(value), rest.get(state.position, 0.0), value)
+        out[state.position] = np.nan_to_num(value) - _bias(block.robot, settings, state.position)
+        if state.velocity is not None:
+            rate, _ = _local(data, block, state.velocity, _delay(block.robot, settings, state.velocity) - early)
+            out[state.velocity] = np.nan_to_num(np.where(np.isnan(rate), slope, rate))
+    for effect, p in present(settings.effects, "point"):
+        assert effect.undo is not None
+        out["pose.x"], out["pose.y"] = effect.undo(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
+    return out
+
+
+def earliest(block: Block, settings: Settings) -> np.ndarray:
+    """(H,) s: how long before the window's start the replay begins: each hypothesis' largest sensor delay, in whole
+    steps. A part of a step would smear the commands' edges over the encoders that are read beside them."""
+    delays = changes(settings.effects, "reading delay")
+    if delays is None:
+        return np.zeros(settings.rows)
+    longest, dt = delays.max(axis=1), block.drive.dt
+    return np.asarray(dt * np.ceil(longest / dt - 1e-9))
+
+
+def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start | None) -> np.ndarray:
+    h, w = settings.rows, block.where.stop - block.where.start
+    start = start_states(data, block, settings)
+    if nudge is not None:
+        start = {k: v + nudge[k][block.where] if k in nudge else v for k, v in start.items()}
+    each = settings.take(np.repeat(np.arange(h), w))
+    early = earliest(block, settings)
+    drive = _begin_earlier(block.drive, early)
+    wanted = tuple(c for c in data.channels if c in block.robot.channels)
+    nodes = block.robot.replay({k: v.reshape(h * w) for k, v in start.items()}, drive, each, wanted)
+    t = data.t[block.where]  # (W, M)
+    sampled: dict[str, np.ndarray] = {}
+    for channel in wanted:
+        late = (_delay(block.robot, settings, channel) - early)[:, None, None]  # (H, 1, 1) s
+        sampled[channel] = _interpolate(nodes[channel].reshape(h, w, -1), t[None] - late, drive.dt)
+    posed = "pose.x" in sampled and "pose.theta" in sampled
+    for effect, values in present(settings.effects, "point") if posed else ():
+        assert effect.step is not None
+        p = {k: v[:, :, None] for k, v in values.items()}
+        seen = effect.step(NUMPY, p, sampled["pose.x"], sampled["pose.y"], sampled["pose.theta"])
+        sampled["pose.x"], sampled["pose.y"] = seen
+    out = np.full((h, w, t.shape[1], len(data.channels)), np.nan)
+    for k, channel in enumerate(data.channels):
+        if channel in sampled:
+            out[..., k] = sampled[channel] + _bias(block.robot, settings, channel)[:, :, None]
+    return out
+
+
+def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
+    """The drive of W windows for H hypotheses, (H * W) rows, each begun `early` (H,) s sooner and as much longer."""
+    h = len(early)
+    command, enabled = drive.command, drive.enabled
+    if enabled is not None and drive.enabled_before is not None:
+        enabled = np.concatenate([drive.enabled_before, enabled], axis=1)
+    clock = np.tile(drive.clock, h)
+    setting = None if drive.setting is None else np.tile(drive.setting, h)
+    if not early.any():
+        again = None if drive.enabled is None else np.tile(drive.enabled, (h, 1, 1))
+        return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting)
+    extra = int(np.ceil(early.max() / drive.dt))
+    last = command.shape[1] - 1
+    step = np.arange(command.shape[1] + extra)
+    commands, ons = [], []
+    for shift in early / drive.dt:
+        place = np.clip(step - shift, 0.0, last)
+        low = np.minimum(place.astype(int), max(last - 1, 0))
+        part = (place - low)[None, :, None]
+        commands.append((1.0 - part) * command[:, low] + part * command[:, low + 1])
+        if enabled is not None:
+            known = enabled.shape[1] - drive.steps  # steps before the window of which it is known
+            at = step[drive.lead :] - drive.lead - shift + known
+            ons.append(enabled[:, np.round(np.clip(at, 0, enabled.shape[1] - 1)).astype(int)])
+    on = None if enabled is None else np.concatenate(ons)
+    clock = clock - np.repeat(early, len(drive.clock))
+    return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock, setting)
+
+
+def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """The states of one hypothesis (settings with one row) replayed from `sooner` s before the windows' starts on.
+
+    Returns the nodes of every state's position and velocity channel, (W_block, nodes), the first `sooner` s (plus any
+    sensor delay) before the start; and (W_block,) bool, whether the run and its samples reach back that far.
+    """
+    first = np.array([data.runs[i].t[0] for i in data.run[block.where]])
+    early = earliest(block, settings) + sooner
+    reaches = data.start[block.where] - early[0] >= first - 1e-9
+    start = {k: v[0] for k, v in start_states(data, block, settings, sooner).items()}
+    drive = _begin_earlier(block.drive, early)
+    wanted = tuple(c for s in block.robot.states for c in (s.position, s.velocity) if c is not None)
+    each = settings.take(np.zeros(len(first), dtype=int))
+    nodes = block.robot.replay(start, drive, each, wanted)
+    for state in block.robot.states:
+        value, _ = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
+        measured = any(c == state.position for _, c in data.signals)
+        reaches &= np.isfinite(value[0]) | (not measured)
+    return dict(nodes), reaches
+
+
+def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
+    """(H, W, M) from nodes (H, W, K + 1) at times t (broadcastable to (H, W, M)) s; straight on beyond both ends."""
+    last = nodes.shape[2] - 2
+    t = np.broadcast_to(t, (nodes.shape[0], nodes.shape[1], t.shape[2]))
+    place = np.nan_to_num(t) / dt
+    k = np.clip(np.floor(place).astype(int), 0, last)
+    low = np.take_along_axis(nodes, k, axis=2)
+    high = np.take_along_axis(nodes, k + 1, axis=2)
+    return np.where(np.isnan(t), np.nan, low + (place - k) * (high - low))
+
+
+def _delay(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
+    """(H,) s."""
+    value = sensor_value(robot, settings, "reading delay", channel)
+    return np.zeros(settings.rows) if value is None else value
+
+
+def _bias(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
+    """(H, 1) channel unit."""
+    value = sensor_value(robot, settings, "reading offset", channel)
+    return np.zeros((settings.rows, 1)) if value is None else value[:, None]
+
+
+def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Local value and slope of a channel `shift` (H,) s after the windows' starts, (H, W_block); NaN where
+    unmeasured.
+    """
+    w = block.where.stop - block.where.start
+    value, slope = np.full((len(shift), w), np.nan), np.full((len(shift), w), np.nan)
+    run, start = data.run[block.where], data.start[block.where]
+    distinct, back = np.unique(shift, return_inverse=True)
+    for i in np.unique(run):
+        signal = data.signals.get((int(i), channel))
+        if signal is None:
+            continue
+        mine = np.flatnonzero(run == i)
+        query = (start[mine][None, :] + distinct[:, None]).ravel()
+        fit = local_fit(signal.t, query)
+        v, s = fit.value(signal.y).reshape(len(distinct), -1), fit.slope(signal.y).reshape(len(distinct), -1)
+        value[:, mine], slope[:, mine] = v[back], s[back]
+    return value, slope
+
+
+def with_outliers_removed(data: Dataset, flagged: Mapping[tuple[int, str], np.ndarray]) -> Dataset:
+    """The dataset without the flagged samples. flagged[run, channel]: (n,) bool over that signal's samples."""
+    signals = dict(data.signals)
+    y = data.y.copy()
+    for (i, c), mask in flagged.items():
+        if not mask.any():
+            continue
+        s = signals[i, c]
+        bad = s.t[mask]
+        signals[i, c] = type(s)(s.t[~mask], s.y[~mask])
+        for w in np.flatnonzero(data.run == i):
+            hit = np.isin(np.round(data.t[w] + data.start[w], 9), np.round(bad, 9))
+            y[w, hit, data.channels.index(c)] = np.nan
+    return replace(data, signals=signals, y=y)

@@ -1,0 +1,219 @@
+"""The hypotheses of one robot on these runs: candidate terms, their free numbers, scales, bounds and first looks."""
+
+import fnmatch
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from types import MappingProxyType
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.effects.effect import Effect
+from residual_mpc.effects.library import BY_NAME, LIBRARY, holder
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, assemble
+
+FITTED = tuple(e for e in LIBRARY if e.fitted)
+NOTHING: Mapping[Term, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Space:
+    """References measured on the runs, and the robot whose limits hold.
+
+    references[kind, slot]: a typical "command", "output" or "torque" of a slot, in its unit.
+    """
+
+    robot: Robot
+    slots: Mapping[str, tuple[str, ...]]
+    candidates: tuple[Term, ...]
+    tunables: tuple[Knob, ...]
+    references: Mapping[tuple[str, str], float]
+    ruled_out: Mapping[Term, str]  # terms that no run here can show, and why
+
+    def knobs(self, term: Term) -> tuple[Knob, ...]:
+        """The free numbers of a term."""
+        return tuple(Knob(term.effect, term.target, p.name) for p in BY_NAME[term.effect].parameters)
+
+    def reference(self, knob: Knob) -> float:
+        """What one unit of a parameter's `probes` is worth here."""
+        if knob.effect == TUNE:
+            return max(abs(self.robot.nominal()[knob.parameter]), 1e-6)
+        kind = BY_NAME[knob.effect].parameter(knob.parameter).reference
+        if kind == "one":
+            return 1.0
+        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        if kind in ("inertia", "mass", "length", "play"):
+            return float(np.median([self.robot.reference(kind, s) for s in slots]))
+        return float(np.median([self.references.get((kind, s), 1.0) for s in slots]))
+
+    def scale(self, knob: Knob) -> float:
+        """A typical step of a free number: its smallest non-null probe's distance from null."""
+        if knob.effect == TUNE:
+            return 0.3 * self.reference(knob)
+        p = BY_NAME[knob.effect].parameter(knob.parameter)
+        reference = self.reference(knob)
+        null = 0.0 if math.isinf(p.null) else p.null
+        away = [abs(x * reference - (null if p.reference == "one" else 0.0)) for x in p.probes]
+        away = [x for x in away if x > 0]
+        if p.reference == "output":
+            return 0.1 * reference
+        return min(away) if away else 0.02 * max(1.0, self.robot.reference("length", None))
+
+    def bounds(self, knob: Knob) -> tuple[float, float]:
+        """Limits of a free number, the effect's and the robot's."""
+        if knob.effect == TUNE:
+            return 0.0, np.inf
+        p = BY_NAME[knob.effect].parameter(knob.parameter)
+        low, high = self.robot.bounds(knob.effect, knob.parameter, knob.target)
+        if math.isfinite(p.most):
+            high = min(high, p.most * self._largest(p.reference, knob))
+        if p.quantity == "viscous damping":
+            high = min(high, self._most_damping(knob))
+        if p.within is not None:
+            reach = self.robot.reference(p.within, None)
+            low, high = max(low, -reach), min(high, reach)
+        return max(p.lower, low), min(p.upper, high)
+
+    def probes(self, term: Term) -> list[Values]:
+        """Values worth a first look."""
+        effect = BY_NAME[term.effect]
+        columns = []
+        for p in effect.parameters:
+            knob = Knob(term.effect, term.target, p.name)
+            low, high = self.bounds(knob)
+            columns.append([float(np.clip(x * self.reference(knob), low, high)) for x in p.probes])
+        knobs = self.knobs(term)
+        rows = zip_longest(*columns)
+        return [{k: (c[-1] if x is None else x) for k, x, c in zip(knobs, row, columns, strict=True)} for row in rows]
+
+    def null(self, knob: Knob) -> float:
+        """The value at which a free number does nothing (the nominal value of a tunable one)."""
+        if knob.effect == TUNE:
+            return float(self.robot.nominal()[knob.parameter])
+        return BY_NAME[knob.effect].parameter(knob.parameter).null
+
+    def settings(self, hypotheses: Sequence[Values]) -> Settings:
+        """One row per hypothesis; a tunable parameter that it does not name keeps its nominal value."""
+        named = {k for h in hypotheses for k in h}
+        nominal = {k: self.null(k) for k in self.tunables if k in named}
+        return assemble([{**nominal, **h} for h in hypotheses] if nominal else hypotheses, self.slots)
+
+    def _most_damping(self, knob: Knob) -> float:
+        """N m s/rad with which a joint at its typical speed would take all that its motor gives; inf where nothing is
+        known of the motor."""
+        friction, torque = holder("dry friction")
+        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        slots = tuple(s for s in slots if s in self.slots[friction])
+        torques = (self.robot.bounds(friction, torque, s)[1] / self._speed(s) for s in slots)
+        return min(torques, default=np.inf)
+
+    def _speed(self, joint: str) -> float:
+        """rad/s (m/s), root mean square over the runs."""
+        return self.references.get(("torque", joint), 1.0) / self.references.get(("torque/speed", joint), 1.0)
+
+    def _largest(self, kind: str, knob: Knob) -> float:
+        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        return max(self.references.get((kind, s), np.inf) for s in slots)
+
+
+def build_space(
+    data: Dataset,
+    tunable: Sequence[str],
+    only: Sequence[str] = (),
+    without: Sequence[str] = (),
+    because: Mapping[Term, str] = NOTHING,
+) -> Space:
+    """Every effect-target pair that the robot of the first block can have, with references measured on the runs.
+
+    because: terms that are ruled out beforehand, and why.
+    """
+    robot = data.blocks[0].robot
+    slots = {e.name: robot.slots(e.name) for e in LIBRARY}
+    chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
+    candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
+    longest = max(float(r.t[-1] - r.t[0]) for r in data.runs)
+    why = f"no run is longer than {longest:.2g} s"
+    ruled_out = {t: why for t in candidates if longest < BY_NAME[t.effect].seconds}
+    ruled_out |= {t: because[t] for t in candidates if t in because}
+    candidates = tuple(t for t in candidates if t not in ruled_out)
+    free = tuple(
+        Knob(TUNE, None, name) for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable)
+    )
+    return Space(robot, slots, candidates, free, measure_references(data), ruled_out)
+
+
+def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:
+    """All targets alike, and each target alone. A robot's only target is named by no target."""
+    if not slots:
+        return []
+    if effect.target == "channel" and slots == ("pose",):
+        encoders = any(c.startswith("velocity.") for c in data.channels)
+        return [Term(effect.name, "pose" if encoders else None)]
+    if effect.target == "channel" and not effect.null_target:
+        return [Term(effect.name, s) for s in slots if s in data.channels]
+    if len(slots) == 1:
+        return [Term(effect.name, None)]
+    return ([Term(effect.name, None)] if effect.null_target else []) + [Term(effect.name, s) for s in slots]
+
+
+def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
+    """Typical sizes on these runs: commands (a servo's position error), actuator outputs, torques and speeds of
+    the joints.
+    """
+    found: dict[tuple[str, str], list[float]] = {}
+    for block in data.blocks:
+        robot, n = block.robot, block.where.stop - block.where.start
+        pick = np.unique(np.linspace(0, n - 1, min(n, 60)).astype(int)) + block.where.start
+        few = data.take(np.isin(np.arange(data.count), pick))
+        outputs = _nominal_outputs(few)
+        joints = getattr(robot, "actuator_joints", robot.actuators)
+        all_joints = getattr(robot, "joints", robot.actuators)
+        drive = block.drive.command[:, block.drive.lead :]
+        for k, a in enumerate(robot.actuators):
+            u = np.abs(drive[..., k])
+            if robot.command_kinds[k] == "position":
+                u = _servo_error(few, a, joints[k])
+            found.setdefault(("command", a), []).append(float(np.quantile(u, 0.98)))
+            found.setdefault(("output", a), []).append(float(np.max(np.abs(outputs[a]))))
+        rms = dict.fromkeys(all_joints, 0.0)
+        for k, a in enumerate(robot.actuators):
+            rms[joints[k]] = float(np.sqrt(np.mean(outputs[a] ** 2)))
+        typical = float(np.median([x for x in rms.values() if x > 0] or [1.0]))
+        for j in all_joints:
+            torque = rms[j] or typical
+            speeds = [s.y for (_, c), s in data.signals.items() if c == f"velocity.{j}"]
+            moves = [np.diff(s.y) / np.diff(s.t) for (_, c), s in data.signals.items() if c == f"position.{j}"]
+            speed = float(np.sqrt(np.mean(np.concatenate(speeds or moves or [np.ones(1)]) ** 2)))
+            found.setdefault(("torque", j), []).append(torque)
+            found.setdefault(("torque/speed", j), []).append(torque / max(speed, 0.05))
+    return {key: max(float(np.max(v)), 1e-6) for key, v in found.items()}
+
+
+def _nominal_outputs(data: Dataset) -> dict[str, np.ndarray]:
+    """Actuator outputs of the nominal model on these windows: actuator -> (W, K + 1)."""
+    from residual_mpc.diagnosis.predict.replay import start_states
+
+    block = data.blocks[0]
+    n = block.where.stop - block.where.start
+    start = {k: v[0] for k, v in start_states(data, block, Settings(1)).items()}
+    wanted = tuple(f"output.{a}" for a in block.robot.actuators)
+    out = block.robot.replay(start, block.drive, Settings(n), wanted)
+    return {a: np.nan_to_num(out[f"output.{a}"]) for a in block.robot.actuators}
+
+
+def _servo_error(data: Dataset, actuator: str, joint: str) -> np.ndarray:
+    """|command - measured position| of a position servo at the samples; ones where the joint is not measured."""
+    block = data.blocks[0]
+    k = block.robot.actuators.index(actuator)
+    channel = f"position.{joint}"
+    if channel not in data.channels:
+        return np.ones(1)
+    t = np.nan_to_num(data.t[block.where])
+    at = np.clip((t / block.drive.dt).astype(int), 0, block.drive.steps - 1)
+    sent = np.take_along_axis(block.drive.command[:, block.drive.lead :, k], at, axis=1)
+    error = np.abs(sent - data.y[block.where, :, data.channels.index(channel)])
+    error = error[np.isfinite(error)]
+    return error if len(error) else np.ones(1)

@@ -1,0 +1,84 @@
+"""What no robot is without: small differences in every number of the library, which no one would call a cause.
+
+Each number that a hypothesis does not free may lie off its null by `level` times its tolerance, normally distributed.
+Together they add a covariance of low rank to the residuals (generalised least squares with random effects; Kennedy and
+O'Hagan 2001, section 4, with the library in place of a Gaussian process). The level is the one under which the
+residuals are most likely (type II maximum likelihood; MacKay 1992).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import Knob, Term, Values
+
+LEVELS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
+BEYOND = 10.0  # log-likelihood by which a level has to beat none: one number that is a little off is a cause or chance
+SHAPES = 2  # values of a number that says how an effect acts, from which its directions are made
+
+
+@dataclass(frozen=True, eq=False)
+class Tolerances:
+    """columns (W, M * C, K): how one tolerance of each number moves the prediction, channel units; level: how many
+    tolerances the numbers are off; dispersion: of the residuals, whose cost counts in units of white noise."""
+
+    columns: np.ndarray
+    level: float
+    dispersion: float = 1.0
+
+    @property
+    def relative(self) -> float:
+        """The level beside residuals that hold `dispersion` times as much as white noise."""
+        return float(self.level / np.sqrt(self.dispersion))
+
+
+def small_differences(space: Space, values: Values, free: tuple[Knob, ...] = ()) -> list[Values]:
+    """The hypotheses that differ from these values by one tolerance of one number, none of which is in `free`."""
+    rows: list[Values] = []
+    alone = {t.effect for t in space.candidates if t.target is not None}
+    for term in space.candidates:
+        if term.target is None and term.effect in alone:
+            continue
+        rows += [{**values, **moved} for moved in _moved(space, term, values, free)]
+    return rows
+
+
+def _moved(space: Space, term: Term, values: Values, free: tuple[Knob, ...]) -> list[Mapping[Knob, float]]:
+    parameters = BY_NAME[term.effect].parameters
+    knobs = {p.name: Knob(term.effect, term.target, p.name) for p in parameters}
+    shapes = [p for p in parameters if p.shape]
+    turns: list[Mapping[Knob, float]] = [{}]
+    for p in shapes:
+        known = values.get(knobs[p.name])
+        several = dict.fromkeys(p.probes[:SHAPES]) if known is None else (known,)
+        turns = [{**turn, knobs[p.name]: v} for turn in turns for v in several]
+    out: list[Mapping[Knob, float]] = []
+    for p in parameters:
+        if p.shape or p.tolerance == 0.0:
+            continue
+        rest = {knobs[q.name]: values.get(knobs[q.name], q.null) for q in parameters if not q.shape}
+        knob = knobs[p.name]
+        if knob in free or Knob(knob.effect, None, knob.parameter) in free:
+            continue
+        low, high = space.bounds(knob)
+        step = p.tolerance * space.reference(knob)
+        step = step if rest[knob] + step <= high else -step
+        if low <= rest[knob] + step <= high:
+            out += [{**turn, **rest, knob: rest[knob] + step} for turn in turns]
+    return out
+
+
+def likeliest_level(gram: np.ndarray, score: np.ndarray, phi: float) -> float:
+    """The level of LEVELS with the largest marginal likelihood, 0 where that is not clearly larger than without.
+
+    gram (K, K): A'A of the whitened columns; score (K,): A'r of the residuals r; phi: their dispersion.
+    """
+    g, v = np.linalg.eigh(gram)
+    g, along = np.maximum(g, 0.0), (v.T @ score) ** 2
+    parts = np.array(LEVELS)[:, None] ** 2 / phi
+    likelihood = -0.5 * np.sum(np.log1p(parts * g) - parts * along / (phi * (1.0 + parts * g)), axis=1)
+    best = int(np.argmax(likelihood))
+    return LEVELS[best] if likelihood[best] > likelihood[0] + BEYOND else 0.0

@@ -1,0 +1,1 @@
+"""What no named effect explains: learned, located, and described."""

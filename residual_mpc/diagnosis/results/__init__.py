@@ -1,0 +1,1 @@
+"""The answer: causes, support, verdict and figures, as frozen records and as diagnosis.json."""

@@ -1,0 +1,71 @@
+"""The explanations that were compared, as the document lists them: candidates, whole sets, alternatives."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
+from residual_mpc.diagnosis.results.records import Alternative, Candidate, RivalSet
+from residual_mpc.diagnosis.search.rivals import Rivalry
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.models.settings import Term
+
+CLOSEST = 3  # rivals outside the groups whose values are kept
+
+
+def candidates(
+    rivalry: Rivalry,
+    base: Fit,
+    final: Fit,
+    sure: float,
+    left_out: tuple[Term, ...],
+    doubt: Mapping[Term, float],
+) -> tuple[Candidate, ...]:
+    """Every term that was seriously compared, with its probability and what the fit with it leaves; left_out: what the
+    search had found and a later look refuted; doubt: factors on the named effects' probabilities."""
+    costs: dict[Term, float] = dict.fromkeys(final.terms, final.cost)
+    for r in rivalry.rivals:
+        for t in r.came:
+            costs.setdefault(t, r.fit.cost * final.cost / max(rivalry.fit.cost, 1e-12))
+    for t in rivalry.shares:  # what a group's first member took the place of
+        costs.setdefault(t, final.cost)
+    shares = {t: s for t, s in rivalry.shares.items() if t not in left_out}
+    out = [
+        Candidate(
+            t,
+            sure * shares.get(t, 0.0) * doubt.get(t, 1.0),
+            float(1.0 - np.sqrt(max(c, 0.0) / max(base.cost, 1e-12))),
+        )
+        for t, c in costs.items()
+    ]
+    return tuple(sorted(out, key=lambda c: -c.probability))
+
+
+def rival_sets(rivalry: Rivalry) -> tuple[RivalSet, ...]:
+    """The best few sets as wholes, the chosen one among them, with the share of the likelihood that each holds."""
+    weights: dict[EffectSet, float] = {rivalry.as_found.terms: 1.0}
+    for r in rivalry.rivals:
+        weight = float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))
+        weights[r.fit.terms] = max(weights.get(r.fit.terms, 0.0), weight)
+    total = sum(weights.values())
+    ranked = sorted((RivalSet(t, w / total) for t, w in weights.items()), key=lambda r: -r.probability)
+    return tuple(ranked[:6])
+
+
+def alternatives(rivalry: Rivalry, groups: tuple[ConfoundedGroup, ...], final: Fit) -> tuple[Alternative, ...]:
+    """The other members of the groups, each with the values of the whole in which it stands; then the closest rivals
+    that are not beyond doubt worse."""
+    out: dict[EffectSet, Alternative] = {}
+    for group in groups:
+        here = next((m for m in group if all(t in final.terms for t in m)), ())
+        for member in group:
+            fit = rivalry.standing_for(member)
+            if fit is not None and member != here and not all(t in final.terms for t in member):
+                ratio = min((r.ratio for r in rivalry.rivals if r.came == member), default=0.0)
+                out[member] = Alternative(member, here, fit.values, ratio, True)
+    close = (r for r in rivalry.rivals if not r.alike and r.ratio < SearchSettings().beyond_doubt)
+    for r in sorted(close, key=lambda r: r.ratio)[:CLOSEST]:
+        if r.came and r.came not in out and all(t in final.terms for t in r.gone):
+            out[r.came] = Alternative(r.came, r.gone, r.fit.values, r.ratio, False)
+    return tuple(out.values())

@@ -1,0 +1,76 @@
+"""What a diagnosis rests on: how its runs were made, the parameters that moved, and the notes to its figures."""
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.gaps import USELESS, ExplanationGaps
+from residual_mpc.diagnosis.results.records import Moved, Setup
+from residual_mpc.models.settings import TUNE
+
+
+def setup(data: Dataset, spread: float) -> Setup:
+    """How the runs were driven and measured; spread: how much larger than noise the residuals are."""
+    runs, actuators = data.runs, data.blocks[0].robot.actuators
+    sent = {a: np.concatenate([r.columns[f"command.{a}"] for r in runs]) for a in actuators}
+    first = {c: [s.y[0] for (_, name), s in data.signals.items() if name == c and len(s.y)] for c in data.channels}
+    return Setup(
+        period=float(np.median([r.period for r in runs])),
+        commands={a: (float(np.nanmin(u)), float(np.nanmax(u))) for a, u in sent.items()},
+        sigma={c: float(s) for c, s in zip(data.channels, data.sigma, strict=True)},
+        start={c: float(np.median(v)) for c, v in first.items() if v},
+        switches=any(b.drive.enabled is not None for b in data.blocks),
+        dispersion=max(float(spread), 1.0),
+    )
+
+
+def moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
+    """What each tuned parameter of the model is without the effects, and beside them."""
+    return tuple(Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE)
+
+
+def notes(of: FittedExplanation, found: ExplanationGaps) -> tuple[str, ...]:
+    """What a reader has to know before trusting the figures, a sentence each."""
+    said = []
+    first = found.looks[0]
+    if found.useless:
+        said.append(
+            f"The model is unusable for these runs: over {first.horizon:g} s it predicts worse "
+            f"({found.left.total:.2g}) than a forecast of constant velocity ({found.constant_velocity:.2g}), with or "
+            "without the effects that were tried."
+        )
+    elif first.nominal.total > max(found.constant_velocity, USELESS):
+        said.append(
+            f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a forecast of "
+            f"constant velocity ({found.constant_velocity:.2g})."
+        )
+    if of.doubtful:
+        said.append(
+            f"{', '.join(map(str, of.doubtful))} helped on the windows of the search; on all of them the numbers "
+            "cannot be told from none."
+        )
+    if of.vetoed:
+        said.append(
+            f"{', '.join(map(str, of.vetoed))} would close the gap of the pose, but contradicts what the wheels' "
+            "encoders read."
+        )
+    if not of.held.any():
+        said.append("The runs are too short to keep windows back: every figure is on windows that the fit has seen.")
+    if of.raw.skipped:
+        said.append(
+            f"{of.raw.skipped} windows were skipped: a measured channel has no sample within 0.25 s of their start."
+        )
+    if of.outliers.count and not of.with_outliers:
+        said.append(f"{of.outliers.count} samples jump away; they are left out of the fit, not of the gap.")
+    for knob, rests in zip(of.final.knobs, of.final.held, strict=True):
+        if rests and (knob.effect == TUNE or knob.term in of.final.terms):
+            what = knob.parameter if knob.effect == TUNE else f"{knob.parameter} of {knob.term}"
+            said.append(
+                f"{what} rests on the end of what is tried, {of.final.values[knob]:.3g}: its "
+                "interval says nothing, and something else may be the cause."
+            )
+    said.append(
+        "Effects outside the library cannot be named; intervals hold for the named effects being the true ones."
+    )
+    return tuple(said)

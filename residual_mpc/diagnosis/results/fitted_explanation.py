@@ -1,0 +1,78 @@
+"""An explanation as it stands before the held-out windows are opened."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales
+from residual_mpc.diagnosis.data.hold_out import KeptBack
+from residual_mpc.diagnosis.data.outliers import Outliers
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.diagnosis.results.shrink import Shrink
+from residual_mpc.diagnosis.search.rivals import Rivalry
+from residual_mpc.diagnosis.search.testable import NotTestable
+from residual_mpc.models.settings import Knob, Term
+
+
+@dataclass(frozen=True, eq=False)
+class MarginalisedFit:
+    """The last fit once more, with small differences marginalised in every number that it does not free."""
+
+    problem: Problem
+    fit: Fit
+
+
+@dataclass(frozen=True, eq=False)
+class FittedExplanation:
+    """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
+    has seen. problem: the windows that the last fit saw, of one horizon or several, on the weights of the search;
+    base, final: the model alone and with the effects, fitted to them; ends: where other
+    starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes. vetoed: effects
+    that the encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None
+    where nothing explains anything. tolerated: None where there are no small differences in other numbers."""
+
+    raw: Dataset
+    clean: Dataset
+    scales: Scales
+    kept: tuple[KeptBack, ...]
+    held: np.ndarray
+    problem: Problem
+    base: Fit
+    final: Fit
+    ends: Mapping[Knob, tuple[float, ...]]
+    rivalry: Rivalry
+    untestable: tuple[NotTestable, ...]
+    outliers: Outliers
+    with_outliers: bool
+    vetoed: tuple[Term, ...]
+    doubtful: tuple[Term, ...]
+    expected: Shrink | None
+    tolerated: MarginalisedFit | None
+
+    @property
+    def space(self) -> Space:
+        return self.problem.space
+
+    @property
+    def left_out(self) -> tuple[Term, ...]:
+        """Effects that the search had found."""
+        return self.vetoed + self.doubtful
+
+    @property
+    def anything(self) -> bool:
+        """Whether there is anything in the explanation."""
+        return bool(self.final.terms) or self.with_outliers
+
+    @property
+    def after_data(self) -> Dataset:
+        """What the explanation is judged on: samples that jump away are explained where they are among the causes."""
+        return self.clean if self.with_outliers else self.raw
+
+    @property
+    def test(self) -> np.ndarray:
+        """(W,) bool: the windows that the figures are printed for, all of them where none could be kept back."""
+        return self.held if self.held.any() else np.ones(self.raw.count, dtype=bool)

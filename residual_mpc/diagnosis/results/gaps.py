@@ -1,0 +1,230 @@
+"""The gaps of an explanation, over every horizon, against those that noise alone makes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust
+from residual_mpc.diagnosis.data.noise_model import ChannelNoise
+from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
+from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
+from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_draws, floor_from, floor_of
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
+from residual_mpc.diagnosis.results.verdict import HorizonGaps, Verdict, left_share, verdict_of
+from residual_mpc.models.settings import Settings
+
+WORSE = 1.02  # times the gap before that the headline's may become where a longer horizon gains
+USELESS = 0.3  # gap from which a model that is worse than a forecast of constant velocity says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class ExplanationGaps:
+    """of: the explanation, on data with the noise that it leaves. predicted and errors (W, M, C), channel units, of the
+    "nominal" model (errors alone), "before" (its tunable numbers fitted) and "after" the effects; looks: the gaps over
+    each horizon, the headline's first, and anywhere: whether they are beyond the noise on all windows; helps: whether
+    the explanation makes the gap smaller; useless: whether even the explained model is worse than a forecast of
+    constant velocity; constant_velocity: the gap of that forecast. floors (draws, W, M, C): errors of a perfect
+    model."""
+
+    of: FittedExplanation
+    predicted: dict[str, np.ndarray]
+    errors: dict[str, np.ndarray]
+    everywhere: dict[str, float]
+    floors: np.ndarray
+    floor_everywhere: NoiseFloor
+    looks: tuple[HorizonGaps, ...]
+    anywhere: bool
+    helps: bool
+    useless: bool
+    constant_velocity: float
+
+    @property
+    def verdict(self) -> tuple[Verdict, float]:
+        """And the share of the squared gap beyond the floor that is left."""
+        if not self.helps:
+            return ("unknown", 1.0) if self.anywhere else ("no_gap", 0.0)
+        return verdict_of(self.looks), left_share(self.looks[0])
+
+    @property
+    def left(self) -> Gap:
+        """The gap that is left at the headline's horizon, on the windows that are judged."""
+        return self.looks[0].after if self.helps else self.looks[0].before
+
+    def figures(self) -> GapFigures:
+        """As the document has them; an explanation that does not help leaves the gap as it was."""
+        first, data = self.looks[0], self.of.raw
+        still, compared = self.of.scales.still, self.of.scales.compared
+        return GapFigures(
+            nominal=first.nominal.total,
+            before=first.before.total,
+            after=self.left.total,
+            noise_floor=first.floor.total,
+            horizon=first.horizon,
+            windows=first.windows,
+            skipped=data.skipped,
+            still=tuple(c for c, s, m in zip(data.channels, still, compared, strict=True) if s and m),
+            channels=_channels(data, first, self.helps),
+            horizons=tuple(self._horizon(data, look) for look in self.looks),
+            constant_velocity=self.constant_velocity,
+        )
+
+    def _horizon(self, data: Dataset, look: HorizonGaps) -> HorizonFigures:
+        return HorizonFigures(
+            horizon=look.horizon,
+            nominal=look.nominal.total,
+            before=look.before.total,
+            after=(look.after if self.helps else look.before).total,
+            noise_floor=look.floor.total,
+            windows=look.windows,
+            held_out=look.held_out,
+            channels=_channels(data, look, self.helps),
+            window_gaps={
+                "before": look.quantiles["before"],
+                "after": look.quantiles["after" if self.helps else "before"],
+            },
+        )
+
+
+def measure_gaps(
+    of: FittedExplanation, longer: Sequence[HorizonWindows], steps: int, rng: np.random.Generator
+) -> ExplanationGaps:
+    """Opens the held-out windows. steps: see `floor_draws`."""
+    rows = of.space.settings([{}, of.base.values, of.final.values])
+    nominal, before, _ = predict(of.raw, rows)
+    after = predict(of.after_data, rows)[2]
+    predicted = {"before": before, "after": after}
+    errors = {"nominal": of.raw.y - nominal, "before": of.raw.y - before, "after": of.after_data.y - after}
+    test, scales = of.test, of.scales
+    trust = window_trust(of.raw, scales, errors["before"])
+    helps = of.anything and _helps(of, longer, rows, errors, trust)
+    forecast = constant_velocity(of.raw)
+    steady = gap_of(of.raw, scales, of.raw.y - forecast, test).total
+    left = gap_of(of.raw, scales, errors["after" if helps else "before"], trust * test).total
+    useless = bool(left > np.fmax(steady, USELESS))
+    helps = helps and not useless
+    row = rows.take(np.array([2 if helps else 1]))
+    noise = _noise(of, longer, row)
+    raw, seen = replace(of.raw, noise=noise), replace(of.after_data, noise=noise)
+    floors = noise_errors(seen, row, rng, floor_draws(seen, steps))
+    floor = floor_from([gap_of(seen, scales, e, test) for e in floors], int(test.sum()))
+    everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count)
+    looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor)]
+    # beyond the noise on all windows, and on the very windows that the figures are printed for
+    anywhere = beyond(gap_of(raw, scales, errors["before"]), everywhere) and _lucky(looks[0])
+    for look in longer:
+        more, all_before, all_floor = _longer(of, look, rows, row, noise, rng)
+        if all_floor.total < FORETOLD:
+            looks.append(more)
+            anywhere = anywhere or beyond(all_before, all_floor)
+    helps = helps and anywhere  # nothing to explain is no gap, whatever fits better
+    return ExplanationGaps(
+        replace(of, raw=raw, clean=replace(of.clean, noise=noise)),
+        predicted,
+        errors,
+        {k: gap_of(raw, scales, e).total for k, e in errors.items()},
+        floors,
+        everywhere,
+        tuple(looks),
+        anywhere,
+        helps,
+        useless,
+        steady,
+    )
+
+
+def _helps(
+    of: FittedExplanation,
+    longer: Sequence[HorizonWindows],
+    rows: Settings,
+    errors: dict[str, np.ndarray],
+    trust: np.ndarray,
+) -> bool:
+    """Whether the explanation makes the gap smaller on the windows that are judged: at the headline's horizon, or at a
+    longer one without making the headline's larger by more than WORSE."""
+    judged = trust * of.test
+    before, after = (gap_of(of.raw, of.scales, errors[k], judged).total for k in ("before", "after"))
+    if after < before:
+        return True
+    if after > WORSE * before:
+        return False
+    for look in longer:
+        if of.held.any() and not look.held.any():
+            continue  # its windows have been fitted to
+        raw = look.raw.take(look.test)
+        seen = look.clean.take(look.test) if of.with_outliers else raw
+        _, was, now = predict(raw, rows)
+        if gap_of(seen, look.scales, seen.y - now).total < gap_of(raw, look.scales, raw.y - was).total:
+            return True
+    return False
+
+
+def _lucky(look: HorizonGaps) -> bool:
+    """Whether the gap is more than chance would make of the noise."""
+    with np.errstate(invalid="ignore"):
+        return look.before.total > look.floor.luck or bool((look.before.channels > look.floor.channel_luck).any())
+
+
+def _noise(of: FittedExplanation, longer: Sequence[HorizonWindows], row: Settings) -> tuple[ChannelNoise, ...]:
+    """The noise that the model leaves on the windows that fits may see: of the next longer horizon, where there is one,
+    since slow noise does not show in short windows, and no more than there is in short ones."""
+    headline = of.clean.take(~of.held)
+    free = [look.free for look in longer if look.free is not None]
+    data, scales = free[0] if free else (headline, of.scales)
+    problem = build_problem(data, of.space, data.sigma)
+    noise = fit_noise(problem, scales, predict(data, row)[0])
+    return stated_sizes(data, no_more_than_left(noise, headline, of.scales, row))
+
+
+def _look(
+    data: Dataset, scales: Scales, errors: dict[str, np.ndarray], test: np.ndarray, held_out: bool, floor: NoiseFloor
+) -> HorizonGaps:
+    gaps = {k: gap_of(data, scales, e, test) for k, e in errors.items()}
+    steady = gap_of(data, scales, errors["after"], window_trust(data, scales, errors["after"]) * test)
+    return HorizonGaps(
+        data.horizon, int(test.sum()), bool(held_out), gaps["nominal"], gaps["before"], gaps["after"], steady, floor,
+        {k: quantiles(per_window(data, scales, errors[k])[test]) for k in ("before", "after")},
+    )  # fmt: skip
+
+
+def _longer(
+    of: FittedExplanation,
+    look: HorizonWindows,
+    rows: Settings,
+    row: Settings,
+    noise: tuple[ChannelNoise, ...],
+    rng: np.random.Generator,
+) -> tuple[HorizonGaps, Gap, NoiseFloor]:
+    """The gaps over a longer horizon on the windows that are judged, and gap and floor of the model on all of them."""
+    raw = replace(look.raw, noise=noise)
+    seen = replace(look.clean, noise=noise) if of.with_outliers else raw
+    nominal, before, _ = predict(raw, rows)
+    errors = {"nominal": raw.y - nominal, "before": raw.y - before, "after": seen.y - predict(seen, rows)[2]}
+    floor = floor_of(seen, look.scales, row, rng)
+    judged = floor if look.test.all() else floor_of(seen.take(look.test), look.scales, row, rng)
+    here = _look(raw, look.scales, errors, look.test, bool(look.held.any()), judged)
+    return here, gap_of(raw, look.scales, errors["before"]), floor
+
+
+def quantiles(square: np.ndarray) -> dict[str, float]:
+    """Median, ninth decile and maximum of the windows' own gaps, from their mean scaled squares (W,)."""
+    own = np.sqrt(square[np.isfinite(square)])
+    if not len(own):
+        return {"p50": float("nan"), "p90": float("nan"), "max": float("nan")}
+    p50, p90 = np.quantile(own, [0.5, 0.9])
+    return {"p50": float(p50), "p90": float(p90), "max": float(own.max())}
+
+
+def _channels(data: Dataset, look: HorizonGaps, helps: bool) -> dict[str, tuple[float, float, float]]:
+    after = look.after if helps else look.before
+    return {
+        c: (float(look.before.channels[k]), float(after.channels[k]), float(look.floor.channels[k]))
+        for k, c in enumerate(data.channels)
+        if np.isfinite(look.before.channels[k])
+    }

@@ -1,0 +1,63 @@
+"""How far the gap shrinks: stated by cross-validation before the held-out windows are opened, then measured on them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales, gap_from_squares, window_squares
+from residual_mpc.diagnosis.fit.evidence import blocks_of
+
+DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """1 - after / before, with its 95 % interval from a block bootstrap."""
+
+    value: float
+    ci95: tuple[float, float]
+
+
+def shrink_of(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> Shrink:
+    """The shrink between two errors (W, M, C) on the same windows, runs (or blocks of few runs) resampled."""
+    return _shrink(data, scales, before, after, _bootstrap(data, rng))
+
+
+def expected_shrink(
+    data: Dataset, held: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator
+) -> Shrink:
+    """As `shrink_of`, with the interval in which the shrink on `held` will lie: besides these windows being few, those
+    are few as well. Of `held` nothing but the number of its runs (or blocks) is used."""
+    drawn, unit = _draws(data, rng)
+    n = len(np.unique(held.run if _by_run(data) else blocks_of(held)))
+    again = rng.multinomial(max(n, 1), drawn / drawn.sum(axis=1, keepdims=True))
+    return _shrink(data, scales, before, after, again[:, unit].astype(float))
+
+
+def _shrink(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, draws: np.ndarray) -> Shrink:
+    total_before, count_before = window_squares(data, scales, before)
+    total_after, count_after = window_squares(data, scales, after)
+    weight = np.concatenate([np.ones((1, data.count)), draws])
+    ratio = 1.0 - gap_from_squares(total_after, count_after, weight) / gap_from_squares(
+        total_before, count_before, weight
+    )
+    low, high = np.nanquantile(ratio[1:], [0.025, 0.975])
+    return Shrink(float(ratio[0]), (float(low), float(high)))
+
+
+def _bootstrap(data: Dataset, rng: np.random.Generator) -> np.ndarray:
+    """(DRAWS, W) how often each window is drawn, when whole runs (or blocks of time, with few runs) are drawn."""
+    drawn, unit = _draws(data, rng)
+    return np.asarray(drawn[:, unit], dtype=float)
+
+
+def _draws(data: Dataset, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """(DRAWS, U) how often each unit is drawn, and (W,) each window's unit."""
+    unit = np.unique(data.run, return_inverse=True)[1] if _by_run(data) else blocks_of(data)
+    n = int(unit.max()) + 1
+    return rng.multinomial(n, np.full(n, 1.0 / n), size=DRAWS), unit
+
+
+def _by_run(data: Dataset) -> bool:
+    return len(np.unique(data.run)) >= 8

@@ -1,0 +1,142 @@
+"""What supports each named effect, beyond a better fit, and what casts doubt on it (contract, section 5: evidence)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
+from residual_mpc.diagnosis.data.subsampling import evenly
+from residual_mpc.diagnosis.fit.cross_validation import fold_values
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.horizons import HorizonWindows
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.remainder.records import Rest
+from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.verdict import HorizonGaps
+from residual_mpc.diagnosis.search.stepwise import without
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE, Term, Values
+
+KEPT = 0.3  # of its distance from null that a number keeps when any run is left out
+DEPENDS = 0.2  # share of a remainder from which its dependence casts doubt
+CLEAR = 1.0  # times the squared noise floor, from which an effect's contribution is no faint one
+LARGE = 3.0  # times what numbers are off anyway, from which an effect is no such difference
+STEPS = 30_000  # simulation steps that one prediction may cost here
+UNSUPPORTED = 0.5  # factor on the probability of an effect that does not help on unseen windows, or is imitated
+
+# What the kinds of dependence of a remainder amount to (see Effect.imitates): a steady effect that is fitted to a
+# changing one is mistaken for it.
+DEPENDENCE: Mapping[str, str] = {
+    **dict.fromkeys(("time", "order", "run", "work"), "time"),
+    **dict.fromkeys(("position", "angle"), "position"),
+    "speed": "speed",
+}
+
+
+@dataclass(frozen=True)
+class Support:
+    """What supports one effect. evidence: "fits" (better beyond doubt: the search asks for that), "predicts" (better on
+    the windows that are judged, which no fit has seen), "survives" (still there when any one run is left out);
+    strength: how much the squared gap rises without it, in units of the squared noise floor, at the horizon where that
+    is most; size: its own, in units of the small differences in everything else, infinite where there are none."""
+
+    evidence: tuple[str, ...]
+    strength: float
+    size: float = np.inf
+
+
+def support_of(
+    of: FittedExplanation, longer: Sequence[HorizonWindows], looks: Sequence[HorizonGaps]
+) -> dict[Term, Support]:
+    """The support of each named effect; looks: the gaps over each horizon, of which `longer` holds the windows."""
+    floors = {look.horizon: look.floor.total for look in looks}
+    places = [(of.after_data.take(of.test), of.scales)]
+    for look in longer:
+        if look.horizon in floors:
+            places.append(((look.clean if of.with_outliers else look.raw).take(look.test), look.scales))
+    rises = [_rises(of, data, scales, floors[data.horizon]) for data, scales in places]
+    lasts = _survives(of.problem.data.run, of.final)
+    out = {}
+    for k, term in enumerate(of.final.terms):
+        strength = float(max(r[k] for r in rises))
+        evidence = ("fits", *(("predicts",) if strength > 0.0 else ()), *(("survives",) if lasts[term] else ()))
+        out[term] = Support(evidence, strength, _size(of, term))
+    return out
+
+
+def doubts(supports: Mapping[Term, Support], rest: Rest | None) -> dict[Term, float]:
+    """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint or
+    no larger than small differences elsewhere, and where what is left depends on a quantity that it would imitate."""
+    on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= DEPENDS}
+    out = {}
+    for term, support in supports.items():
+        helps = 1.0 if "predicts" in support.evidence else UNSUPPORTED
+        clear = UNSUPPORTED + (1.0 - UNSUPPORTED) * float(np.clip(support.strength / CLEAR, 0.0, 1.0))
+        large = UNSUPPORTED + (1.0 - UNSUPPORTED) * float(np.clip((support.size - 1.0) / (LARGE - 1.0), 0.0, 1.0))
+        out[term] = helps * min(clear, large) * (UNSUPPORTED if on & BY_NAME[term.effect].imitates else 1.0)
+    return out
+
+
+def _size(of: FittedExplanation, term: Term) -> float:
+    """How far an effect's numbers are from doing nothing, over what numbers are off on this robot anyway."""
+    tolerances = None if of.tolerated is None else of.tolerated.problem.tolerances
+    level = 0.0 if tolerances is None else tolerances.level
+    sizes = []
+    for knob in of.space.knobs(term):
+        p = BY_NAME[term.effect].parameter(knob.parameter)
+        if p.shape:
+            continue
+        usual = max(level * p.tolerance * of.space.reference(knob), _shadow(of.final.values, term))
+        if usual == 0.0:
+            return np.inf
+        sizes.append(abs(of.final.values[knob] - p.null) / usual)
+    return max(sizes)
+
+
+def _shadow(values: Values, term: Term) -> float:
+    """How large the effect may seem by itself beside the named effects on the same target that feign it."""
+    most = 0.0
+    for quantity, share in BY_NAME[term.effect].shadows:
+        for k, v in values.items():
+            here = k.effect != TUNE and (k.target == term.target or not k.target)
+            if here and BY_NAME[k.effect].parameter(k.parameter).quantity == quantity:
+                most = max(most, share * v)
+    return most
+
+
+def _rises(of: FittedExplanation, data: Dataset, scales: Scales, floor: float) -> np.ndarray:
+    """(T,) by how much the squared gap on these windows rises without each effect, in units of the squared floor."""
+    terms = of.final.terms
+    keep = evenly(data, STEPS)
+    data = data if keep.all() else data.take(keep)
+    rows = [of.final.values, *(without(of.final.values, t) for t in terms)]
+    errors = [data.y - p for p in predict(data, of.space.settings(rows))]
+    trust = window_trust(data, scales, errors[0])
+    whole, *less = [gap_of(data, scales, e, trust).total ** 2 for e in errors]
+    return (np.array(less) - whole) / max(floor**2, 1e-12)
+
+
+def _survives(run: np.ndarray, final: Fit) -> dict[Term, bool]:
+    """By one Gauss-Newton step without each run."""
+    present, fold = np.unique(run, return_inverse=True)
+    if len(present) < 2 or not final.terms:
+        return dict.fromkeys(final.terms, False)
+    every = fold_values(final, fold)
+    out = {}
+    for term in final.terms:
+        good = True
+        for k in final.knobs:
+            if k.effect == TUNE or k.term != term:
+                continue
+            p = BY_NAME[k.effect].parameter(k.parameter)
+            if p.shape or final.values[k] == p.null:
+                continue
+            if np.isfinite(p.null):
+                kept = [(v[k] - p.null) / (final.values[k] - p.null) for v in every]
+            else:
+                kept = [final.values[k] / v[k] if v[k] > 0.0 else 0.0 for v in every]
+            good &= min(kept) >= KEPT
+        out[term] = bool(good)
+    return out

@@ -1,0 +1,45 @@
+"""What the gaps say: none beyond the noise, explained, partly explained, or unknown (contract, section 5)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.gap import Gap
+from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, as_good_as_told
+
+Verdict = Literal["no_gap", "effects", "partial", "unknown"]
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonGaps:
+    """The gaps over one horizon on the windows that are judged. held_out: whether no fit has seen these windows;
+    steady: the gap after, in which windows that diverge count at their limit; quantiles: of the windows' own gaps
+    before and after, by "p50", "p90" and "max"."""
+
+    horizon: float
+    windows: int
+    held_out: bool
+    nominal: Gap
+    before: Gap
+    after: Gap
+    steady: Gap
+    floor: NoiseFloor
+    quantiles: dict[str, dict[str, float]]
+
+
+def verdict_of(looks: Sequence[HorizonGaps]) -> Verdict:
+    """What the gaps say of an explanation that helps."""
+    return "effects" if all(as_good_as_told(x.steady, x.floor) for x in looks) else "partial"
+
+
+def clearest(looks: Sequence[HorizonGaps]) -> HorizonGaps:
+    """The horizon at which the gap stands out of the noise most."""
+    return max(looks, key=lambda x: x.before.total / max(x.floor.total, 1e-12))
+
+
+def left_share(look: HorizonGaps) -> float:
+    """Of the squared gap beyond the noise floor, what is left."""
+    excess = max(look.before.total**2 - look.floor.total**2, 1e-12)
+    return float(np.clip((look.after.total**2 - look.floor.total**2) / excess, 0.0, 1.0))

@@ -1,0 +1,1 @@
+"""Which sets of effects explain the runs: screening, forward steps, pruning, and rival sets."""

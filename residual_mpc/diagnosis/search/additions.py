@@ -1,0 +1,133 @@
+"""What may be added to a set of effects: screened, fitted roughly, and the best of it to the end."""
+
+from typing import TypeVar
+
+import numpy as np
+
+from residual_mpc.diagnosis.fit.evidence import dispersion
+from residual_mpc.diagnosis.fit.least_squares import MOST, Fit, Race, fit_all, on_problem, possible
+from residual_mpc.diagnosis.predict.effect_sets import EffectSet
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.search.screen import (
+    ScreenedTerm,
+    compared_mask,
+    gap_weights,
+    glance,
+    rankings,
+    screen,
+    smaller,
+)
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.models.settings import Knob, Term, Values
+
+HOPELESS = 150.0  # likelihood ratio beyond which a set is not fitted to the end
+ROUGH = 3  # steps of a fit that has to rank
+PROBES = 2  # of one term that are fitted
+SOME = 150_000  # simulation steps that all probes of another set of the beam may cost before a glance has to do
+PROMISING = 3  # one in so many probes of the best set is tried on the beam's other sets as well
+NONE = frozenset[Knob]()  # no threshold is looked for anew
+EARLY = 1.5  # times the margin by which what was fitted on part of the windows may lie behind on the whole
+GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
+
+Ranked = TypeVar("Ranked")
+
+
+def compatible(term: Term, terms: EffectSet) -> bool:
+    """Whether a term may join: not twice the same, and never an effect both on all targets and on one."""
+    return all(
+        t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in terms
+    )
+
+
+def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
+    """The best sets with one more term than a set of the beam, cheapest first; each set of terms once.
+
+    Empty where not even a generous reading of the screening promises anything beyond doubt: no fit is spent on it then.
+    """
+    starts: list[tuple[Fit, Values]] = []
+    promised = 0.0
+    eligible = problem.space.candidates
+    for place, parent in enumerate(beam):
+        candidates = tuple(c for c in eligible if compatible(c, parent.terms))
+        leads = screen(problem, parent, candidates) if place == 0 else glance(problem, parent, candidates, SOME)
+        # precise encoders may outweigh the pose, and a channel whose cause is missing weighs least in the likelihood:
+        # a third of the places each go by the likelihood, by what the gap compares and by the gap itself
+        ranked = mixed(*rankings(leads))
+        if place == 0 and len(beam) > 1:
+            near = {lead.term for lead in ranked[: len(ranked) // PROMISING]}.union(parent.terms)
+            eligible = tuple(c for c in eligible if c in near)
+        chosen = varied(ranked)[: settings.shortlist // (1 + place)]
+        starts += [(parent, {**parent.values, **lead.start}) for lead in chosen]
+        promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
+    if GENEROUS * promised < settings.beyond_doubt:
+        return []
+    small, weight = smaller(problem, beam[0])
+    margin = HOPELESS * dispersion(beam[0], blocks)
+    parents = {id(parent): on_problem(small, parent) for parent in beam}
+    begin = [parents[id(p)] for p, _ in starts]
+    new = [frozenset(s).difference(p.knobs) for p, s in starts]
+    first = in_turn(small, fit_all(small, [s for _, s in starts], 1, rough=True, near=begin, fresh=new))
+    first = first[: settings.shortlist]
+    rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True, near=first, fresh=[f.fresh for f in first])
+    finalists = distinct(in_turn(small, rough))[: settings.finalists + (2 if len(beam) > 1 else 0)]
+    fits = closer(problem, small, finalists, Race(margin / weight), Race(margin, early=EARLY))
+    children = distinct(sorted((f for f in fits if possible(f.values)), key=lambda f: f.cost))
+    return [on_problem(problem, children[0]), *children[1:]] if children else []
+
+
+def closer(
+    problem: Problem,
+    small: Problem,
+    begun: list[Fit],
+    on_part: Race,
+    on_all: Race,
+    most: int = MOST,
+    near: Fit | None = None,
+) -> list[Fit]:
+    """What was begun on the thinned problem fitted there in at most so many steps, and the last steps on the whole;
+    each race says what is left on the way. The order is kept, the Jacobians are rough. near: see `fit_all`, on the
+    whole."""
+    new = [f.fresh for f in begun]
+    ends = fit_all(small, [f.values for f in begun], most, race=on_part, rough=True, near=begun, fresh=new)
+    by = [near] * len(ends)
+    return fit_all(problem, [f.values for f in ends], ROUGH, race=on_all, rough=True, near=by, fresh=new)
+
+
+def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:
+    """Best first, by cost, by what the gap compares and by the gap in turn."""
+    mask, size = compared_mask(problem), gap_weights(problem)
+    squares = {id(f): f.r.ravel() ** 2 for f in fits}
+    return mixed(
+        sorted(fits, key=lambda f: f.cost),
+        sorted(fits, key=lambda f: float(squares[id(f)][mask].sum())),
+        sorted(fits, key=lambda f: float(size @ squares[id(f)])),
+    )
+
+
+def varied(leads: list[ScreenedTerm]) -> list[ScreenedTerm]:
+    """The leads in their order, of each term only the first PROBES: the doses of one effect that all do well would
+    crowd out the next effect."""
+    taken: dict[Term, int] = {}
+    out = []
+    for lead in leads:
+        taken[lead.term] = taken.get(lead.term, 0) + 1
+        if taken[lead.term] <= PROBES:
+            out.append(lead)
+    return out
+
+
+def mixed(*rankings: list[Ranked]) -> list[Ranked]:
+    """Rankings of the same things taken in turn, each thing once."""
+    seen: dict[int, Ranked] = {}
+    for places in zip(*rankings, strict=True):
+        for item in places:
+            seen.setdefault(id(item), item)
+    return list(seen.values())
+
+
+def distinct(fits: list[Fit]) -> list[Fit]:
+    """The first fit of each set of terms."""
+    seen: dict[frozenset[Term], Fit] = {}
+    for f in fits:
+        seen.setdefault(frozenset(f.terms), f)
+    return list(seen.values())

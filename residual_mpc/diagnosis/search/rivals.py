@@ -1,0 +1,301 @@
+"""Other sets that explain these runs as well: rivals with a probability, and the groups that cannot be told apart."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.gap import Scales, per_window
+from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem, possible
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.problem import Problem, tolerating
+from residual_mpc.diagnosis.search.additions import EARLY, NONE, ROUGH, closer, compatible
+from residual_mpc.diagnosis.search.screen import glance, smaller
+from residual_mpc.diagnosis.search.stepwise import ALIKE, Found, without
+from residual_mpc.effects.equivalents import together
+from residual_mpc.effects.library import BY_NAME, ORDER
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
+
+PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-in may miss
+PER_KNOB = 2.0
+RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the screening
+LOOKED_AT = 8
+BETTER = -6.0  # likelihood ratio below which a rival takes the place
+SWAPS = 2
+AGAIN = 3  # steps of the fits that tell whose gap is larger
+VISIBLE, OF_IT = 0.25, 0.1  # times the squared noise floor, and of the squared gap: by so much a rival's may be larger
+LOST = 1.0  # squared scaled error at which a window counts: all of its motion is missed
+FAR_SMALLER = 0.6  # times the squared gap on all windows
+FAR = 70.0  # likelihood ratio beyond which a rival is not fitted to the end: it would hold no probability
+BEST = 2  # targets alone that are fitted in place of all
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A set with one member (or pair) replaced: what went, what came, the refitted whole, and its likelihood ratio
+    against the chosen set (positive: worse)."""
+
+    gone: EffectSet
+    came: EffectSet
+    fit: Fit
+    ratio: float
+    alike: bool
+
+
+@dataclass(frozen=True)
+class Rivalry:
+    """The chosen fit after swaps, its rivals, the confounded groups, and each
+    candidate's share of the likelihood in the place that it competes for."""
+
+    fit: Fit
+    rivals: tuple[Rival, ...]
+    groups: tuple[ConfoundedGroup, ...]
+    shares: dict[Term, float]
+    as_found: Fit  # before the first of a group was preferred
+
+    def standing_for(self, member: EffectSet) -> Fit | None:
+        """The fit in which a group's member stands; None for one that no fit here holds."""
+        if all(t in self.as_found.terms for t in member):
+            return self.as_found
+        fits = sorted((r for r in self.rivals if r.alike and r.came == member), key=lambda r: r.ratio)
+        return fits[0].fit if fits else None
+
+
+def place(terms: EffectSet) -> tuple[int, int, bool, str]:
+    """Order of a member: fewer terms first, then the contract's table, then one target before all, which claims less:
+    where only one joint ever reaches its limit, nothing is known of the others'."""
+    names = [t.target for t in terms]
+    return (len(terms), min(ORDER[t.effect] for t in terms), None in names, "".join(n or "" for n in names))
+
+
+def find_rivals(found: Found, most: int = SWAPS) -> Rivalry:
+    """Replace each term (each pair of rim scales, and one effect on several targets) by what resembles it; swap, `most`
+    times, where that is better.
+    """
+    fit, rivals = found.fit, list[Rival]()
+    places, swaps = _places(fit), 0
+    while places:
+        here = _replacements(found.problem, fit, places.pop(), found.phi)
+        seen = _seen_larger(found, fit, here)
+        here = [_told_apart(r) if larger else r for r, larger in zip(here, seen, strict=True)]
+        rivals += here
+        better = min(here, key=lambda r: r.ratio, default=None)
+        if better is not None and better.ratio < BETTER and swaps < most:
+            fit, rivals = on_problem(found.problem, better.fit), []
+            places, swaps = _places(fit), swaps + 1
+    order = [(t,) for t in fit.terms] + _several(fit)
+    rivals.sort(key=lambda r: order.index(r.gone))
+    groups = _groups(rivals)
+    preferred, groups = _prefer_first(fit, rivals, groups)
+    return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
+
+
+def holds_elsewhere(rivalry: Rivalry, replays: PredictionCache, scales: Scales) -> Fit | None:
+    """The rival whose gap on these windows is far smaller than that of the chosen set, None where there is none. A
+    search sees few and short windows; a set that fits them by chance fails on the others."""
+    fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < FAR)]
+    y = replays.data.y
+    squares = [per_window(replays.data, scales, y - p) for p in replays([f.values for f in fits])]
+    gaps = np.array([np.mean(np.minimum(np.nan_to_num(s, nan=LOST), LOST)) for s in squares])
+    best = int(np.argmin(gaps))
+    return fits[best] if gaps[best] < FAR_SMALLER * gaps[0] else None
+
+
+def _told_apart(rival: Rival) -> Rival:
+    """The rival as one that the data tell from the chosen set."""
+    return replace(rival, ratio=max(rival.ratio, ALIKE), alike=False)
+
+
+def _seen_larger(found: Found, fit: Fit, rivals: list[Rival]) -> list[bool]:
+    """Which rivals leave a gap that one would see to be larger than the chosen fit's. Precise encoders may outweigh the
+    pose in the likelihood, and what they show is no reason to give up what the pose shows.
+
+    The close ones are fitted again for that without tolerances, which let a fit rest where its gap is not smallest."""
+    close = [i for i, r in enumerate(rivals) if r.alike or r.ratio < BETTER]
+    if not close:
+        return [False] * len(rivals)
+    fits = [fit, *(rivals[i].fit for i in close)]
+    if found.problem.wide is not None:
+        fits = fit_all(tolerating(found.problem, None), [f.values for f in fits], AGAIN, rough=True)
+    own, *gaps = found.ruler.squared(fits[::-1])[::-1]
+    most = own + max(VISIBLE * found.ruler.floor, OF_IT * own)
+    larger = {i for i, g in zip(close, gaps, strict=True) if g > most}
+    return [i in larger for i in range(len(rivals))]
+
+
+def _places(fit: Fit) -> list[tuple[Term, ...]]:
+    """What may be replaced, the surest first: what was added last is the likeliest to stand for something else, and
+    once it is exchanged all the others are to be looked at again."""
+    return _several(fit) + [(t,) for t in fit.terms]
+
+
+def _several(fit: Fit) -> list[tuple[Term, ...]]:
+    """What may be replaced together, each once."""
+    return list(dict.fromkeys([*_rim_pairs(fit.terms), *_on_targets(fit.terms)]))
+
+
+def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float) -> list[Rival]:
+    values = fit.values
+    for t in gone:
+        values = without(values, t)
+    rest = fit_all(problem, [values], 4, near=[fit], fresh=[NONE])[0]
+    kept = rest.terms
+    candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
+    starts = _on_all(problem, rest, fit, gone, candidates)
+    if len(gone) == 1:
+        starts = _elsewhere(problem, rest, fit, gone[0], candidates)
+        seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
+        most = LOOKED_AT + len(starts)
+        leads = glance(problem, rest, candidates)
+        own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
+        for lead in leads:
+            if lead.term not in seen and len(starts) < most and lead.gain > RESEMBLES * own:
+                seen.add(lead.term)
+                starts.append({**rest.values, **lead.start})
+        starts += _as_pair(problem, rest, fit, gone[0], candidates)
+    elif (word := _interchangeable(gone)) is not None:
+        rims = [c for c in candidates if BY_NAME[c.effect].interchangeable == word and c not in gone]
+        for i, a in enumerate(rims):
+            starts += [
+                {**rest.values, **problem.space.probes(a)[-1], **problem.space.probes(b)[-1]}
+                for b in rims[i + 1 :]
+                if compatible(b, (*kept, a))
+            ]
+    out = []
+    for other in (f for f in _fits(problem, rest, fit, starts, phi) if possible(f.values)):
+        came = tuple(t for t in other.terms if t not in kept)
+        difference = other.cost - fit.cost
+        ratio = difference / phi + PER_KNOB * (len(other.knobs) - len(fit.knobs))
+        alike = ratio < ALIKE and difference < PARALLEL * (rest.cost - fit.cost)
+        out.append(Rival(gone, came, other, ratio, alike))
+    return out
+
+
+def _on_all(
+    problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], candidates: tuple[Term, ...]
+) -> list[Values]:
+    """One effect on several targets as the same on all of them, with the middle of the numbers that were found."""
+    all_alike = Term(gone[0].effect, None)
+    if len(gone) < 2 or len({t.effect for t in gone}) > 1 or all_alike not in candidates:
+        return []
+    found = [{k.parameter: v for k, v in fit.values.items() if k.term == t} for t in gone]
+    middle = {Knob(*all_alike, name): float(np.median([f[name] for f in found])) for name in found[0]}
+    return [_with(problem, rest, middle)]
+
+
+def _as_pair(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
+    """An effect on one target as the several effects that do the same together, where there are such."""
+    numbers = {k.parameter: v for k, v in fit.values.items() if k.term == gone}
+    found: Values = {Knob(*knob): v for knob, v in together(*gone, numbers).items()}
+    return [_with(problem, rest, found)] if found and all(k.term in candidates for k in found) else []
+
+
+def _with(problem: Problem, rest: Fit, found: Values) -> Values:
+    """The rest of a set, and numbers of another term as far as its bounds let them."""
+    return {**rest.values, **{k: float(np.clip(v, *problem.space.bounds(k))) for k, v in found.items()}}
+
+
+def _elsewhere(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
+    """The same effect with the numbers that were found, on one target alone in place of all (the two that do best), or
+    on all in place of one: a probe need not come near what another target's fit has found."""
+    others = [t for t in candidates if t.effect == gone.effect and (t.target is None) != (gone.target is None)]
+    starts: list[Values] = []
+    for t in others:
+        found = {Knob(t.effect, t.target, k.parameter): v for k, v in fit.values.items() if k.term == gone}
+        starts.append(_with(problem, rest, found))
+    if len(starts) > BEST:
+        small, _ = smaller(problem, rest)
+        costs = np.einsum("hwn,hwn->h", r := small.residuals(starts), r)
+        starts = [starts[i] for i in np.argsort(costs)[:BEST]]
+    return starts
+
+
+def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: float) -> list[Fit]:
+    """The starts fitted: roughly on fewer windows, to the end those that come within reach of the chosen fit. The
+    others are hopeless, and only their cost is wanted."""
+    if not starts:
+        return []
+    small, weight = smaller(problem, rest)
+    chosen = float(np.sum(small.residuals([fit.values])[0] ** 2))
+    new = [frozenset(s).difference(rest.knobs) for s in starts]
+    rough = fit_all(small, starts, ROUGH, rough=True, near=[on_problem(small, rest)] * len(starts), fresh=new)
+    near = [weight * (r.cost - chosen) < EARLY * FAR * phi for r in rough]
+    on_part, on_all = Race(EARLY * FAR * phi / weight, chosen), Race(FAR * phi, fit.cost, EARLY)
+    ends = iter(closer(problem, small, [r for r, n in zip(rough, near, strict=True) if n], on_part, on_all, 4, rest))
+    left = [r.values for r, n in zip(rough, near, strict=True) if not n]
+    as_they_are = iter(fit_all(problem, left, 0, rough=True))
+    return [next(ends if n else as_they_are) for n in near]
+
+
+def _rim_pairs(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
+    return [(a, b) for i, a in enumerate(terms) for b in terms[i + 1 :] if _interchangeable((a, b)) is not None]
+
+
+def _interchangeable(terms: tuple[Term, ...]) -> str | None:
+    """What these effects do alike, so that a pair of them does what another pair does; None where they do not. Without
+    encoders gains, radius and mismatch scale the same two rims."""
+    words = {BY_NAME[t.effect].interchangeable for t in terms}
+    return words.pop() or None if len(words) == 1 else None
+
+
+def _on_targets(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
+    """The terms of each effect that stands on several targets."""
+    by_effect: dict[str, list[Term]] = {}
+    for t in terms:
+        by_effect.setdefault(t.effect, []).append(t)
+    return [tuple(ts) for ts in by_effect.values() if len(ts) > 1]
+
+
+def _groups(rivals: list[Rival]) -> tuple[ConfoundedGroup, ...]:
+    """One group per replaced member: it, and what stands in for it. A pair's group that only repeats the groups of its
+    members says nothing new and is left out."""
+    members: dict[EffectSet, list[EffectSet]] = {}
+    for r in rivals:
+        if r.alike:
+            members.setdefault(r.gone, []).append(r.came)
+    single = {g[0]: {c[0] for c in came if len(c) == 1} | {g[0]} for g, came in members.items() if len(g) == 1}
+    groups = []
+    for gone, came in members.items():
+        if len(gone) == 2:
+            first, second = (single.get(t, {t}) for t in gone)
+            came = [c for c in came if len(c) != 2 or not any(a in first and b in second for a, b in (c, c[::-1]))]
+        if came:
+            groups.append(tuple(sorted({gone, *came}, key=place)))
+    return tuple(groups)
+
+
+def _prefer_first(
+    fit: Fit, rivals: list[Rival], groups: tuple[ConfoundedGroup, ...]
+) -> tuple[Fit, tuple[ConfoundedGroup, ...]]:
+    """Let the first of a group, by the contract's table, stand in the explanation where it takes one exchange."""
+    for group in groups:
+        first = group[0]
+        if all(t in fit.terms for t in first):
+            continue
+        for r in sorted(rivals, key=lambda r: r.ratio):
+            if r.alike and r.came == first and r.gone in group and all(t in fit.terms for t in r.gone):
+                kept = {k: v for k, v in fit.values.items() if k.effect == TUNE or k.term not in r.gone}
+                if all(k in r.fit.values for k in kept):
+                    fit = r.fit
+                break
+    return fit, groups
+
+
+def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
+    """Likelihood weights of each chosen term and of all that could stand in its place."""
+    shares: dict[Term, float] = {}
+    for term in fit.terms:
+        # a member of a group that was preferred to the one that was found competes for that one's place
+        came = [r for r in rivals if r.came == (term,)]
+        preferred = came and not any(r.gone == (term,) for r in rivals)
+        place_of = min(came, key=lambda r: r.ratio).gone if preferred else (term,)
+        weights: dict[EffectSet, float] = {place_of: 1.0}
+        for r in rivals:
+            if r.gone == place_of:
+                weight = float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))
+                weights[r.came] = max(weights.get(r.came, 0.0), weight)
+        total = sum(weights.values())
+        for members, weight in weights.items():
+            if len(members) == 1:
+                shares[members[0]] = max(shares.get(members[0], 0.0), weight / total)
+    return shares

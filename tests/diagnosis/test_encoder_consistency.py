@@ -1,0 +1,72 @@
+"""What the wheels' encoders say about a cause that is named for the pose."""
+
+import numpy as np
+import pytest
+from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.results.records import Diagnosis
+from residual_mpc.logs.run import Run
+
+ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
+PERIOD, FINE = 0.05, 1e-3  # s: between the rows, and of the integration
+
+
+def driven(seed: int, ratio: float, gain: float, tau: float) -> Run:
+    """A rover with encoders. ratio of the right rim to the left one, behind the encoders; gain of the right motor and
+    lag tau (s) of both, before them."""
+    rng = np.random.default_rng(seed)
+    n, every = round(20.0 / FINE), round(PERIOD / FINE)
+    t = np.arange(n) * FINE
+    frequency, phase = rng.uniform(0.1, 0.4, (3, 2)), rng.uniform(0.0, 6.28, (3, 2))
+    wave = 3.0 * np.sin(2 * np.pi * frequency * t[:, None, None] + phase).sum(axis=1)
+    command = np.repeat(wave[::every], every, axis=0)[:n]
+    wheel, pose, rows = np.zeros(2), np.zeros(3), []
+    for k in range(n):
+        if k % every == 0:
+            rows.append(np.concatenate([[t[k]], command[k], pose, wheel]))
+        wheel = wheel + FINE / tau * (command[k] * [1.0, gain] - wheel)
+        left, right = WHEEL_RADIUS * wheel * [1.0, ratio]
+        forward, turn = 0.5 * (left + right), (right - left) / TRACK_WIDTH
+        pose = pose + FINE * np.array([forward * np.cos(pose[2]), forward * np.sin(pose[2]), turn])
+    log = np.array(rows)
+    log[:, 3:] += rng.standard_normal((len(log), 5)) * [0.001, 0.001, 0.002, 0.03, 0.03]
+    names = ("command.left", "command.right", "pose.x", "pose.y", "pose.theta", "velocity.left", "velocity.right")
+    return Run(f"run{seed}", log[:, 0], dict(zip(names, log[:, 1:].T, strict=True)))
+
+
+def said(only: tuple[str, ...], **robot: float) -> Diagnosis:
+    runs = [driven(seed, **robot) for seed in (1, 2)]
+    return diagnose(runs, [ROVER, ROVER], {}, (), Options(only=only), np.random.default_rng(0)).diagnosis
+
+
+@pytest.fixture(scope="module")
+def weak_motor() -> Diagnosis:
+    return said(("wheel_radius_mismatch", "track_width"), ratio=1.0, gain=0.96, tau=0.02)
+
+
+def test_a_rim_does_not_stand_in_for_a_motor_that_the_encoders_saw(weak_motor: Diagnosis) -> None:
+    assert weak_motor.verdict == "unknown" and not weak_motor.causes
+    assert any("wheel_radius_mismatch would close the gap of the pose" in note for note in weak_motor.notes)
+
+
+def test_the_motor_itself_is_named() -> None:
+    diagnosis = said(("wheel_radius_mismatch", "actuator_gain"), ratio=1.0, gain=0.96, tau=0.02)
+    assert [str(c.term) for c in diagnosis.causes] == ["actuator_gain [right]"]
+    assert diagnosis.causes[0].parameters[0].value == pytest.approx(0.96, abs=0.01)
+
+
+def test_a_rim_is_named_though_the_encoders_miss_a_lag_as_well() -> None:
+    diagnosis = said(("wheel_radius_mismatch",), ratio=1.12, gain=1.0, tau=0.06)
+    assert [str(c.term) for c in diagnosis.causes] == ["wheel_radius_mismatch"]
+    assert diagnosis.verdict == "partial"
+    assert diagnosis.causes[0].parameters[0].value == pytest.approx(1.12, abs=0.02)
+
+
+def test_a_motor_does_not_stand_in_for_a_rim_that_the_encoders_did_not_see() -> None:
+    """With both rims smaller and the left motor faster the pose would be right, and the left encoder wrong."""
+    diagnosis = said(("wheel_radius", "actuator_gain"), ratio=0.82, gain=1.0, tau=0.02)
+    assert diagnosis.verdict in ("partial", "unknown")
+    assert "actuator_gain" not in [c.term.effect for c in diagnosis.causes]

@@ -1,0 +1,65 @@
+"""A long log costs no more than it tells: what is looked at less closely, and that the answer stays."""
+
+import numpy as np
+import pytest
+from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.subsampling import FEWEST, evenly
+from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.noise_floor import FEWEST_DRAWS, MOST_DRAWS, floor_draws
+from residual_mpc.diagnosis.results.records import Diagnosis
+
+ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
+HIDDEN = {"track_width": {"scale": 1.1}, "command_delay": {"delay": 0.06}}
+RUNS = [rover_run(f"run{seed}", HIDDEN, 16.0, seed=seed) for seed in range(4)]
+
+
+@pytest.fixture(scope="module")
+def data() -> Dataset:
+    return build_dataset(RUNS, [ROVER] * 4, SIGMA)
+
+
+def test_windows_are_taken_evenly_and_never_too_few(data: Dataset) -> None:
+    steps = data.count * data.blocks[0].drive.steps
+    assert evenly(data, steps).all()
+    some = evenly(data, int(0.7 * steps))
+    assert some.sum() == pytest.approx(0.7 * data.count, abs=1) and np.diff(np.flatnonzero(some)).max() <= 2
+    assert evenly(data, 1).sum() == FEWEST
+
+
+def test_the_floor_is_drawn_less_often_from_more_windows(data: Dataset) -> None:
+    steps = data.count * data.blocks[0].drive.steps
+    assert [floor_draws(data, n) for n in (steps, steps // 2, 1)] == [MOST_DRAWS, MOST_DRAWS // 2, FEWEST_DRAWS]
+
+
+@pytest.fixture(scope="module")
+def whole_and_thinned() -> tuple[Diagnosis, ...]:
+    """Of the windows that may be fitted, the last fit and the shares take all, and then two thirds."""
+    chosen = tuple(HIDDEN)
+    return tuple(
+        diagnose(RUNS, [ROVER] * 4, SIGMA, (), Options(only=chosen, final_steps=n), np.random.default_rng(0)).diagnosis
+        for n in (100_000, 3_500)
+    )
+
+
+def test_thinning_does_not_change_the_answer(whole_and_thinned: tuple[Diagnosis, ...]) -> None:
+    whole, thinned = whole_and_thinned
+    assert [str(c.term) for c in whole.causes] == [str(c.term) for c in thinned.causes]
+    assert {c.term.effect for c in whole.causes} == set(HIDDEN)
+    for a, b in zip(whole.causes, thinned.causes, strict=True):
+        for was, now in zip(a.parameters, b.parameters, strict=True):
+            assert now.value == pytest.approx(was.value, abs=0.1 * (was.ci95[1] - was.ci95[0]))
+    assert thinned.gap.after == pytest.approx(whole.gap.after, rel=0.01)
+
+
+def test_the_chain_is_over_all_windows_and_the_shares_are_whole(whole_and_thinned: tuple[Diagnosis, ...]) -> None:
+    whole, thinned = whole_and_thinned
+    assert [s.effects for s in thinned.steps] == [s.effects for s in whole.steps]
+    np.testing.assert_allclose([s.gap for s in thinned.steps], [s.gap for s in whole.steps], rtol=0.02)
+    assert sum(s.share for s in thinned.stages) == pytest.approx(1.0)
+    was = {s.name: s.share for s in whole.stages}
+    assert {s.name: s.share for s in thinned.stages} == pytest.approx(was, abs=0.05)
