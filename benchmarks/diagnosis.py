@@ -142,9 +142,9 @@ def diagnose(log: Path) -> Cost:
     from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
     from residual_mpc.diagnosis.document import to_document
     from residual_mpc.diagnosis.options import Options
+    from residual_mpc.learning.batch.network_learner import LEARNERS
     from residual_mpc.report import sentence, write_report
     from residual_mpc.report.collect import collect
-    from residual_mpc.residual.remainder import LEARNERS
 
     marks: list[tuple[str, float]] = [("read and audit", perf_counter())]
 

@@ -19,11 +19,11 @@ from residual_mpc.closed_loop.estimator import EstimatorSettings, Filter, build_
 from residual_mpc.closed_loop.online import OnlineLearner, OnlineSettings, Row
 from residual_mpc.closed_loop.protocols import Reading, Simulator
 from residual_mpc.export import Build, augment
+from residual_mpc.learning.filter.kalman import FilterSettings
+from residual_mpc.learning.network.mlp import Mlp, initial_weights
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Values
-from residual_mpc.residual.filter import FilterSettings
-from residual_mpc.residual.mlp import Mlp, initial_weights
-from residual_mpc.residual.record import Residual
 from scenarios.kit import Kit
 
 DT = 0.01  # s, between commands, as in the paper

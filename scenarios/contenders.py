@@ -13,8 +13,8 @@ from residual_mpc.closed_loop.online import OnlineLearner
 from residual_mpc.closed_loop.protocols import Controller
 from residual_mpc.closed_loop.scenario import RunOptions
 from residual_mpc.export import Augmented, Build, augment
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.settings import Knob, Values
-from residual_mpc.residual.record import Residual
 from scenarios.kit import Kit
 from scenarios.practice import Learned
 from scenarios.scenario import ClosedLoop, beginning

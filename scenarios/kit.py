@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from controllers.settings import MpcSettings
 from residual_mpc.closed_loop.estimator import EstimatorSettings
 from residual_mpc.closed_loop.online import OnlineSettings
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values
-from residual_mpc.residual.record import Residual
 
 Teach = Callable[[tuple[Run, ...], Values, int], Residual]  # runs, effects underneath, seed
 

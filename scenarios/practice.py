@@ -17,9 +17,9 @@ from residual_mpc.diagnosis.opened import Made
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.export import Build, augment
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings, Values, assemble
-from residual_mpc.residual.record import Residual
 from scenarios.kit import Kit
 from scenarios.scenario import ClosedLoop, beginning
 

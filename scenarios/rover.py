@@ -6,13 +6,13 @@ from controllers.settings import MpcSettings
 from plants.diff_drive import DiffDrive
 from residual_mpc.closed_loop.estimator import EstimatorSettings
 from residual_mpc.closed_loop.online import OnlineSettings
+from residual_mpc.learning.batch.training import Task, train
+from residual_mpc.learning.batch.window_updates import LearnSettings
+from residual_mpc.learning.forms.body import BODY
+from residual_mpc.learning.network.mlp import Mlp, initial_weights
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Values
-from residual_mpc.residual.body import BODY
-from residual_mpc.residual.learn import LearnSettings
-from residual_mpc.residual.mlp import Mlp, initial_weights
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.train import Task, train
 from scenarios.kit import Kit
 
 ROBOT = DiffDrive("rover", 0.033, 0.16)

@@ -88,7 +88,7 @@ class ArmBench:
         one[rng.integers(n)] = 1.0
         teeth = int(rng.integers(9, 26))
         blows = []
-        for begin in np.arange(1.5, self.setting.course.t[-1] - 1.0, 1.6):
+        for begin in np.arange(1.5, self.setting.motion.t[-1] - 1.0, 1.6):
             begin = float(begin + rng.uniform(0, 0.8))
             blows.append([begin, begin + float(rng.uniform(0.2, 0.7)), *(rng.normal(size=n) * torque)])
 
@@ -109,7 +109,7 @@ class ArmBench:
         return caused
 
     def write(self, robot: ArmRobot, clean: bool, rng: np.random.Generator, folder: Path) -> bool:
-        happened = play(robot.truth, self.setting.course)
+        happened = play(robot.truth, self.setting.motion)
         if happened is None:
             return False
         write_robot(self.setting, bool(rng.random() < 0.5), folder)

@@ -47,9 +47,9 @@ def write_clean(robot: ArmRobot, happened: Happened, setting: Setting, rng: np.r
 
 def write_runs(robot: ArmRobot, happened: Happened, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
     """The runs, noise and all."""
-    course = setting.course
-    names = [f"run{r + 1}" for r in range(len(course.on))]
-    _write(robot, happened, setting, course.t, course.on, names, rng, folder)
+    motion = setting.motion
+    names = [f"run{r + 1}" for r in range(len(motion.on))]
+    _write(robot, happened, setting, motion.t, motion.on, names, rng, folder)
 
 
 def write_played(

@@ -17,7 +17,7 @@ Controller = Callable[[int, Array, Array, Array, float], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
-class Course:
+class CommandedMotion:
     """What the runs of a case are told; r runs of n joints share their stamps."""
 
     t: Array  # (k,) s, on the grid of STEP
@@ -54,15 +54,15 @@ class Happened:
         return (self.q[:, index, joint] - self.q[:, index - 1, joint]) / STEP
 
 
-def play(truth: ArmTruth, course: Course) -> Happened | None:
+def play(truth: ArmTruth, motion: CommandedMotion) -> Happened | None:
     """Drive all runs; None where the arm runs away."""
-    arm, start = truth.arm, course.reference[:, 0].copy()
+    arm, start = truth.arm, motion.reference[:, 0].copy()
     hold = _hold_torque(arm, start)
 
     def controller(k: int, q: Array, rate: Array, trim: Array, dt: float) -> tuple[Array, Array]:
-        return _controller(arm, course, k, q, rate, trim, hold, dt)
+        return _controller(arm, motion, k, q, rate, trim, hold, dt)
 
-    return _driven(truth, course.t, start, course.on, controller)
+    return _driven(truth, motion.t, start, motion.on, controller)
 
 
 def replay(truth: ArmTruth, t: Array, start: Array, commands: Array, on: Array) -> Happened | None:
@@ -101,16 +101,16 @@ def _driven(truth: ArmTruth, t: Array, start: Array, on: Array, controller: Cont
 
 
 def _controller(
-    arm: NominalArm, course: Course, k: int, q: Array, rate: Array, trim: Array, hold: Array, dt: float
+    arm: NominalArm, motion: CommandedMotion, k: int, q: Array, rate: Array, trim: Array, hold: Array, dt: float
 ) -> tuple[Array, Array]:
     """Commands (r, n) at sample ``k`` and the outer loop's memory."""
-    reference, on = course.reference[:, k], course.on[:, k]
+    reference, on = motion.reference[:, k], motion.on[:, k]
     if arm.kind == "position":
-        if not course.correction:
+        if not motion.correction:
             return reference.copy(), trim
-        trim = np.clip(trim + dt * course.correction * (reference - q) * on, -0.3, 0.3)
+        trim = np.clip(trim + dt * motion.correction * (reference - q) * on, -0.3, 0.3)
         return reference + trim, trim
-    following = course.reference[:, min(k + 1, course.reference.shape[1] - 1)]
+    following = motion.reference[:, min(k + 1, motion.reference.shape[1] - 1)]
     ahead = np.clip((following - reference) / max(dt, 1e-3), -2.0, 2.0)
     if arm.kind == "velocity":
         return ahead + 3.0 * (reference - q), trim
@@ -138,7 +138,13 @@ def _hold_torque(arm: NominalArm, q: Array) -> Array:
 
 
 def gap_ratio(
-    arm: NominalArm, course: Course, seen: Array, speed: Array, commands: Array, sigma: Array, speed_sigma: Array
+    arm: NominalArm,
+    motion: CommandedMotion,
+    seen: Array,
+    speed: Array,
+    commands: Array,
+    sigma: Array,
+    speed_sigma: Array,
 ) -> float:
     """Noise-free one-second gap of the ideal arm over its noise floor.
 
@@ -146,7 +152,7 @@ def gap_ratio(
     and ``speed_sigma`` (n,) rad/s that of a window's start velocity. The floor comes from a second set of
     windows that start off by such errors. Written apart from the program's own gap.
     """
-    t, n = course.t, seen.shape[2]
+    t, n = motion.t, seen.shape[2]
     index = np.round(t / STEP).astype(int)
     begins = np.searchsorted(t, np.arange(0.0, t[-1] - 1.0 + 1e-9, 1.0) - 1e-9)
     r = np.repeat(np.arange(seen.shape[0]), len(begins))
@@ -171,7 +177,7 @@ def gap_ratio(
             floor += ((stepper.q[hit + len(b)] - stepper.q[hit]) ** 2 + sigma**2).sum(axis=0)
             count += len(hit)
         now = held[fine]
-        stepper.step(np.tile(commands[r, now], (2, 1)), np.tile(course.on[r, now], (2, 1)))
+        stepper.step(np.tile(commands[r, now], (2, 1)), np.tile(motion.on[r, now], (2, 1)))
     used = moved / count > 9 * sigma**2
     if not used.any():
         return 0.0

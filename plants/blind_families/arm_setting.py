@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from plants.blind_families import arm_motions as motions
 from plants.blind_families.arm_effects import ArmRobot, ArmSensor
 from plants.blind_families.arm_model import Arm, draw_arm, inertia_at
-from plants.blind_families.arm_runs import Course, gap_ratio, play
+from plants.blind_families.arm_runs import CommandedMotion, gap_ratio, play
 from plants.blind_families.arm_truth import STEP, ideal, inside
 from plants.blind_families.sensing import Roughness, draw_roughness, stamps
 from residual_mpc.blind.levels import Level
@@ -25,7 +25,7 @@ class Setting:
     """Everything of a case that is no effect."""
 
     robot: ArmRobot  # without any effect
-    course: Course
+    motion: CommandedMotion
     sigma: Array  # (n,) rad
     resolution: float  # rad, of the encoders
     rough: Roughness
@@ -41,13 +41,13 @@ def draw_setting(level: Level, rng: np.random.Generator) -> Setting | None:
     n = len(arm.axes)
     rough = draw_roughness(rng) if level.rough else Roughness()
     drops = bool(rng.random() < 0.5)
-    course = _course(arm, level, replace(rough, resolution=0.0), drops, rng)
+    motion = _motion(arm, level, replace(rough, resolution=0.0), drops, rng)
     sigma = np.full(n, float(rng.uniform(0.0008, 0.0015))) * level.noise
     nothing = ArmSensor(np.zeros(n), np.zeros(n), np.zeros(n))
-    happened = play(ideal(arm), course)
+    happened = play(ideal(arm), motion)
     if happened is None:
         return None
-    speed = happened.speed(course.t, nothing)
+    speed = happened.speed(motion.t, nothing)
     scale = np.sqrt((happened.torque**2).mean(axis=(0, 1)))
     robot = ArmRobot(
         ideal(arm),
@@ -61,26 +61,26 @@ def draw_setting(level: Level, rng: np.random.Generator) -> Setting | None:
     resolution = 2 * np.pi / float(rng.choice([4096, 16384]))
     table = str(rng.choice(["csv", "parquet"]))
     velocities = bool(rng.random() < 0.4)
-    return Setting(robot, course, sigma, resolution, rough, velocities, _SPEED_NOISE, drops, table)
+    return Setting(robot, motion, sigma, resolution, rough, velocities, _SPEED_NOISE, drops, table)
 
 
 def ratio(robot: ArmRobot, setting: Setting) -> float:
     """What the robot's effects add to the gap, over the noise floor; 0 where the arm cannot have them."""
     if not inside(robot.truth):
         return 0.0
-    course = setting.course
-    happened = play(robot.truth, course)
+    motion = setting.motion
+    happened = play(robot.truth, motion)
     if happened is None:
         return float("inf")
-    seen, speed = happened.seen(course.t, robot.sensor), happened.speed(course.t, robot.sensor)
+    seen, speed = happened.seen(motion.t, robot.sensor), happened.speed(motion.t, robot.sensor)
     sigma = np.sqrt(setting.sigma**2 + setting.resolution**2 / 12)
     # the slope of a quadratic through five samples; where speeds are logged, the middle value of one
-    period = float(np.median(np.diff(course.t)))
+    period = float(np.median(np.diff(motion.t)))
     slope = 0.7 * _SPEED_NOISE * np.ones_like(sigma) if setting.velocities else sigma / (period * np.sqrt(10.0))
-    return gap_ratio(setting.robot.truth.arm, course, seen, speed, happened.command, sigma, slope)
+    return gap_ratio(setting.robot.truth.arm, motion, seen, speed, happened.command, sigma, slope)
 
 
-def _course(arm: Arm, level: Level, rough: Roughness, drops: bool, rng: np.random.Generator) -> Course:
+def _motion(arm: Arm, level: Level, rough: Roughness, drops: bool, rng: np.random.Generator) -> CommandedMotion:
     rate = float(rng.choice([50.0, 62.5, 100.0, 125.0])) if arm.kind == "position" else 125.0
     seconds = float(rng.uniform(15, 19))
     t = np.unique(np.round(stamps(seconds, rate, rough, rng) / STEP)) * STEP
@@ -93,4 +93,4 @@ def _course(arm: Arm, level: Level, rough: Roughness, drops: bool, rng: np.rando
     if drops:
         for begin in np.arange(4.0, t[-1] - 3.0, 5.0):
             on[0, (t >= begin) & (t < begin + 0.8)] = 0.0
-    return Course(t, reference, on, 0.8 if level.rough else 0.0)
+    return CommandedMotion(t, reference, on, 0.8 if level.rough else 0.0)

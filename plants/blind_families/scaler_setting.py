@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from plants.blind_families import arm_motions as motions
 from plants.blind_families.arm_effects import ArmRobot, ArmSensor
-from plants.blind_families.arm_runs import Course, play
+from plants.blind_families.arm_runs import CommandedMotion, play
 from plants.blind_families.arm_setting import Setting
 from plants.blind_families.arm_truth import STEP, ideal
 from plants.blind_families.scaler_model import ScalerArm
@@ -28,13 +28,13 @@ def draw_setting(level: Level, rng: np.random.Generator) -> Setting | None:
     """Everything of a case that is no effect; None where the arm runs away."""
     arm, n = ScalerArm(), len(MOTORS)
     rough = draw_roughness(rng) if level.rough else Roughness()
-    course = _course(arm, level, rough, rng)
+    motion = _motion(arm, level, rough, rng)
     sigma = np.full(n, float(rng.uniform(4e-4, 8e-4))) * level.noise
     nothing = ArmSensor(np.zeros(n), np.zeros(n), np.zeros(n))
-    happened = play(ideal(arm), course)
+    happened = play(ideal(arm), motion)
     if happened is None:
         return None
-    speed = happened.speed(course.t, nothing)
+    speed = happened.speed(motion.t, nothing)
     robot = ArmRobot(
         ideal(arm),
         nothing,
@@ -47,7 +47,7 @@ def draw_setting(level: Level, rng: np.random.Generator) -> Setting | None:
     resolution = 2 * np.pi / float(rng.choice([4096, 16384]))
     table = str(rng.choice(["csv", "parquet"]))
     velocities = bool(rng.random() < 0.5)
-    return Setting(robot, course, sigma, resolution, rough, velocities, _SPEED_NOISE, False, table)
+    return Setting(robot, motion, sigma, resolution, rough, velocities, _SPEED_NOISE, False, table)
 
 
 def inertia_at_home(arm: ScalerArm) -> Array:
@@ -62,7 +62,7 @@ def inertia_at_home(arm: ScalerArm) -> Array:
     return np.array(np.diag(full)[rigid.motors])
 
 
-def _course(arm: ScalerArm, level: Level, rough: Roughness, rng: np.random.Generator) -> Course:
+def _motion(arm: ScalerArm, level: Level, rough: Roughness, rng: np.random.Generator) -> CommandedMotion:
     """Three motions of the serial arms, made smaller, and the paper's circle that rises and falls."""
     t = np.unique(np.round(stamps(float(rng.uniform(9, 12)), _RATE, rough, rng) / STEP)) * STEP
     kinds: list[motions.Motion] = [motions.multisine, motions.steps, motions.sweep]
@@ -72,4 +72,4 @@ def _course(arm: ScalerArm, level: Level, rough: Roughness, rng: np.random.Gener
     drawn = [arm.home + _WITHIN * kind(since, len(MOTORS), rng) for kind in kinds]
     circle = CircleWithHeight(float(rng.uniform(0.03, 0.045)), float(rng.uniform(3.0, 6.0)))
     reference = np.stack([*drawn, references(circle, since, arm.arm)])
-    return Course(t, reference, np.ones_like(reference), 0.8 if level.rough else 0.0)
+    return CommandedMotion(t, reference, np.ones_like(reference), 0.8 if level.rough else 0.0)

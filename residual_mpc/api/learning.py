@@ -16,12 +16,12 @@ from residual_mpc.diagnosis.document import MODEL_SCHEMA, Written, model_in, res
 from residual_mpc.diagnosis.measure import kept_back_of
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
+from residual_mpc.learning.batch import checkpoint
+from residual_mpc.learning.batch.training import Learned, Report, Task, train
+from residual_mpc.learning.batch.window_updates import LearnSettings
+from residual_mpc.learning.network.residual import KEY, to_json
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.settings import Values
-from residual_mpc.residual import checkpoint
-from residual_mpc.residual.learn import LearnSettings
-from residual_mpc.residual.record import KEY, to_json
-from residual_mpc.residual.train import Learned, Report, Task, train
 
 if TYPE_CHECKING:
     from pandas import DataFrame

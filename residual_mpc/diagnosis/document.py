@@ -9,8 +9,8 @@ from typing import Any
 
 from residual_mpc.diagnosis.records import Diagnosis, Estimate
 from residual_mpc.errors import BadInput
+from residual_mpc.learning.network.residual import KEY, Residual, from_json
 from residual_mpc.models.settings import Knob, Term, Values
-from residual_mpc.residual.record import KEY, Residual, from_json
 
 SCHEMA = "residual-mpc/diagnosis/1"
 MODEL_SCHEMA = "residual-mpc/model/1"

@@ -11,12 +11,12 @@ from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.export.network import corrected, correction, reads, remembered
 from residual_mpc.export.soften import kinks
+from residual_mpc.learning.forms.body import BODY
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
 from residual_mpc.models.stepping import StepOptions, Stepped, Stepping
-from residual_mpc.residual.body import BODY
-from residual_mpc.residual.record import Residual
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ def corrected_simulator(model: Path, robot: str | None = None, rows: int = 1, pe
 
     Raises:
         BadInput: for a model of another robot, a robot that can neither be simulated nor stepped, or a network on an
-            engine (which corrects whole replays, see residual_mpc.residual.robot, and is not stepped).
+            engine (which corrects whole replays, see residual_mpc.learning.forms.residual_robot, and is not stepped).
     """
     source = read_written(model)
     nominal = load_robot(read_robot_file(robot or robot_beside(source.content, model)))

@@ -13,7 +13,7 @@ from residual_mpc.init.members import Members, members_of
 from residual_mpc.init.signals import Signals
 from residual_mpc.init.words import Quantity, Words
 from residual_mpc.logs.audit.facts import ActuatorFacts
-from residual_mpc.models.anatomy import Anatomy
+from residual_mpc.models.model_structure import ModelStructure
 
 
 @dataclass(frozen=True)
@@ -29,22 +29,22 @@ class Driven:
 class Case:
     """All that the columns are weighed by."""
 
-    anatomy: Anatomy
+    structure: ModelStructure
     signals: Signals
     words: Mapping[str, Words]
 
     @cached_property
     def driven(self) -> tuple[Driven, ...]:
-        if self.anatomy.actuators:
-            return tuple(_driven(a) for a in self.anatomy.actuators)
-        return tuple(Driven(j.name, j.name, None) for j in self.anatomy.joints)
+        if self.structure.actuators:
+            return tuple(_driven(a) for a in self.structure.actuators)
+        return tuple(Driven(j.name, j.name, None) for j in self.structure.joints)
 
     @cached_property
     def joints(self) -> Members:
         """The joints, by their own names and by those of their actuators."""
         aliases = [
             (j.name, *(d.name for d in self.driven if d.joint == j.name and d.name != j.name))
-            for j in self.anatomy.joints
+            for j in self.structure.joints
         ]
         return members_of(aliases, tuple(self.words.values()))
 

@@ -13,7 +13,7 @@ from residual_mpc.init.pace import ALIKE, paced
 from residual_mpc.init.signals import CLEAR, NOTHING, Signals
 from residual_mpc.init.words import Words, called
 from residual_mpc.logs.columns import PER_BODY, group
-from residual_mpc.models.anatomy import Joint
+from residual_mpc.models.model_structure import Joint
 
 DEGREES = 180.0 / np.pi
 
@@ -23,7 +23,7 @@ def positions(case: Case) -> dict[str, Rule]:
     leads = _leads(case) if nameless else {}
     return {
         f"position.{joint.name}": partial(_position, case, leads, i, joint)
-        for i, joint in enumerate(case.anatomy.joints)
+        for i, joint in enumerate(case.structure.joints)
     }
 
 
@@ -94,7 +94,7 @@ def velocities(case: Case, roles: Roles) -> dict[str, Rule]:
     unnamed = paced(case, found)
     return {
         f"velocity.{joint.name}": partial(_velocity, case, unnamed, i, found.get(joint.name))
-        for i, joint in enumerate(case.anatomy.joints)
+        for i, joint in enumerate(case.structure.joints)
     }
 
 
@@ -118,7 +118,7 @@ def _velocity(case: Case, unnamed: frozenset[str], member: int, position: str | 
 
 
 def efforts(case: Case) -> dict[str, Rule]:
-    return {f"effort.{j.name}": partial(_effort, case, i) for i, j in enumerate(case.anatomy.joints)}
+    return {f"effort.{j.name}": partial(_effort, case, i) for i, j in enumerate(case.structure.joints)}
 
 
 def _effort(case: Case, member: int, words: Words) -> Odds:

@@ -7,7 +7,7 @@ from itertools import product
 
 from residual_mpc.init.case import Case
 from residual_mpc.init.units import ANGLES, LENGTHS, RATES, SPEEDS, Unit
-from residual_mpc.models.anatomy import Joint
+from residual_mpc.models.model_structure import Joint
 
 ALIKE = 0.9  # correlation of a velocity with the rate of its position
 AT_ONCE = 0.1  # s between them
@@ -26,7 +26,7 @@ def paced(case: Case, positions: Mapping[str, str]) -> frozenset[str]:
         positions: joint -> column.
     """
     of: dict[float, dict[str, set[str]]] = {}  # ratio -> joint -> columns
-    moving = [j for j in case.anatomy.joints if j.name in positions and case.signals.moves(positions[j.name])]
+    moving = [j for j in case.structure.joints if j.name in positions and case.signals.moves(positions[j.name])]
     for joint in moving:
         for column, ratio in _rates(case, joint, positions):
             of.setdefault(ratio, {}).setdefault(joint.name, set()).add(column)
@@ -36,7 +36,7 @@ def paced(case: Case, positions: Mapping[str, str]) -> frozenset[str]:
 
 def _rates(case: Case, joint: Joint, positions: Mapping[str, str]) -> list[tuple[str, float]]:
     """Columns that go like the rate of a joint's position, each with the ratio of units that explains its size."""
-    member, position, taken = case.anatomy.joints.index(joint), positions[joint.name], set(positions.values())
+    member, position, taken = case.structure.joints.index(joint), positions[joint.name], set(positions.values())
     found = []
     for column, words in case.words.items():
         if column in taken or words.quantity is not None or case.joints.evidence(words, member)[0] <= -1.0:

@@ -9,7 +9,7 @@ import numpy as np
 
 from residual_mpc.init.case import Case, Driven
 from residual_mpc.logs.run import FloatArray
-from residual_mpc.models.anatomy import Torque
+from residual_mpc.models.model_structure import Torque
 
 QUIET = 0.3  # s that a joint has to have stood still
 SLOW = 0.01  # of a signal's whole range, that it may move meanwhile
@@ -41,7 +41,7 @@ def at_rest(case: Case, places: Mapping[str, FloatArray], sent: Mapping[str, Flo
     rows = np.flatnonzero(still(case, (*places.values(), *sent.values())))
     if len(rows) > MOST:
         rows = rows[np.linspace(0, len(rows) - 1, MOST).astype(int)]
-    q = np.stack([places[j.name][rows] if j.name in places else np.zeros(len(rows)) for j in case.anatomy.joints], 1)
+    q = np.stack([places[j.name][rows] if j.name in places else np.zeros(len(rows)) for j in case.structure.joints], 1)
     return Rest(q, {name: x[rows] for name, x in sent.items()})
 
 

@@ -32,7 +32,7 @@ def _with(case: Case, rules: Mapping[str, Rule], roles: Roles) -> Roles:
 
 def _no_surer(case: Case, roles: Roles) -> Roles:
     """Joints told apart by the order of the columns alone are hardly told apart, nor is what goes with them."""
-    joints = [j.name for j in case.anatomy.joints]
+    joints = [j.name for j in case.structure.joints]
     driven = {d.name: d.joint for d in case.driven}
     of = {g.what: g for g in roles.guesses}
 

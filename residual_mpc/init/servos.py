@@ -99,7 +99,7 @@ def find_gains(
     for d in case.driven:
         if d.name not in kinds:
             continue
-        joint = next(j for j in case.anatomy.joints if j.name == d.joint)
+        joint = next(j for j in case.structure.joints if j.name == d.joint)
         fit = None
         if motion is not None and d.joint in places:
             fit = fit_gain(case, motion, d, sent[d.name], kinds[d.name])
@@ -135,11 +135,11 @@ def motion_of(case: Case, places: Mapping[str, FloatArray]) -> Motion | None:
 
     places: by joint, (n,) rad or m on the grid.
     """
-    if case.anatomy.torque is None or not places:
+    if case.structure.torque is None or not places:
         return None
     zero = np.zeros(len(case.signals.run))
     states = [
-        np.stack([_smooth(case, places.get(j.name, zero), order) for j in case.anatomy.joints], axis=1)
+        np.stack([_smooth(case, places.get(j.name, zero), order) for j in case.structure.joints], axis=1)
         for order in range(3)
     ]
     rows = np.flatnonzero(np.all([np.isfinite(x).all(axis=1) for x in states], axis=0))
@@ -147,7 +147,7 @@ def motion_of(case: Case, places: Mapping[str, FloatArray]) -> Motion | None:
         return None
     rows = rows[np.linspace(0, len(rows) - 1, min(MOST, len(rows))).astype(int)]
     q, v, a = (x[rows] for x in states)
-    return Motion(rows, q, v, a, case.anatomy.torque(q, v, a))
+    return Motion(rows, q, v, a, case.structure.torque(q, v, a))
 
 
 def _smooth(case: Case, x: FloatArray, order: int) -> FloatArray:
@@ -165,7 +165,7 @@ def fit_gain(case: Case, motion: Motion, driven: Driven, sent: FloatArray, kind:
     """
     from scipy.optimize import nnls
 
-    k = [j.name for j in case.anatomy.joints].index(driven.joint)
+    k = [j.name for j in case.structure.joints].index(driven.joint)
     q, v, a, torque = motion.q[:, k], motion.v[:, k], motion.a[:, k], motion.torque[:, k]
     power = float(torque @ torque)
     if power <= 0.0:

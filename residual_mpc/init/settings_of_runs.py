@@ -9,7 +9,7 @@ from pathlib import Path
 from residual_mpc.errors import BadInput
 from residual_mpc.init.guess import Guess
 from residual_mpc.init.recording import Recording
-from residual_mpc.models.anatomy import Anatomy, read_anatomy
+from residual_mpc.models.model_structure import ModelStructure, read_model_structure
 
 MARKS = "_-./ "
 
@@ -23,7 +23,7 @@ class Setting:
 
 
 def find_settings(
-    model: Path, anatomy: Anatomy, recordings: Sequence[Recording]
+    model: Path, structure: ModelStructure, recordings: Sequence[Recording]
 ) -> tuple[tuple[Setting, ...], tuple[Guess, ...]]:
     """A variant for each model file beside `model` whose stem begins the names of runs, if `model`'s begins some too.
 
@@ -36,7 +36,7 @@ def find_settings(
     covered = [n for mine in begun.values() for n in mine]
     if len(begun) < 2 or not any(p.samefile(model) for p in begun) or sorted(covered) != sorted(names):
         return (), ()
-    if not all(p.samefile(model) or _alike(p, anatomy) for p in begun):
+    if not all(p.samefile(model) or _alike(p, structure) for p in begun):
         return (), ()
     settings, guesses = [], []
     for path, mine in begun.items():
@@ -51,10 +51,10 @@ def _begins(stem: str, run: str) -> bool:
     return run == stem or run.startswith(stem) and run[len(stem)] in MARKS
 
 
-def _alike(path: Path, anatomy: Anatomy) -> bool:
+def _alike(path: Path, structure: ModelStructure) -> bool:
     try:
-        other = read_anatomy(path)
+        other = read_model_structure(path)
     except BadInput:
         return False
-    joints = [j.name for j in other.joints] == [j.name for j in anatomy.joints]
-    return joints and other.actuators == anatomy.actuators
+    joints = [j.name for j in other.joints] == [j.name for j in structure.joints]
+    return joints and other.actuators == structure.actuators

@@ -108,10 +108,10 @@ def _by_gravity(
     """What is turned, with gravity's word on it where it has one; `against`: by actuator, what was turned already."""
     out = dict(turned)
     rest = _rest(case, roles, units, turned)
-    torque = case.anatomy.torque
+    torque = case.structure.torque
     if torque is None or len(rest) < FEW:
         return out
-    names = [j.name for j in case.anatomy.joints]
+    names = [j.name for j in case.structure.joints]
     for d in driven:
         command, position = roles.of("command")[d.name], roles.of("position").get(d.joint)
         if position is None or position == command or d.kind != "position":
@@ -198,7 +198,7 @@ def _zero(
     command, position = roles.of("command")[driven.name], roles.of("position").get(driven.joint)
     if position is None or position == command or not case.signals.moves(position):
         return {}, ()
-    joint = [j.name for j in case.anatomy.joints].index(driven.joint)
+    joint = [j.name for j in case.structure.joints].index(driven.joint)
     q, u = (true_values(case, c, units, turned) for c in (position, command))
     rest = still(case, (q, u))
     if rest.sum() < FEW:
@@ -208,7 +208,7 @@ def _zero(
     spread = high - low
     if abs(offset) < max(SAGS, spread):
         return {}, ()
-    unit = "m" if case.anatomy.joints[joint].slides else "rad"
+    unit = "m" if case.structure.joints[joint].slides else "rad"
     quarters = round(offset / QUARTER)
     said = f"at rest it stands {offset:.3g} {unit} off {command} (half of the samples within {spread:.2g})"
     if unit == "rad" and quarters and abs(offset - quarters * QUARTER) < NEAR:

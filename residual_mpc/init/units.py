@@ -104,7 +104,7 @@ def _chains(case: Case, roles: Roles, kinds: Mapping[str, Quantity]) -> list[_Ch
     groups = {g: roles.of(g) for g in ("position", "velocity", "command")}
     driven = {d.joint: d for d in case.driven if d.name in groups["command"]}
     chains = []
-    for joint in case.anatomy.joints:
+    for joint in case.structure.joints:
         d = driven.get(joint.name)
         columns = {g: groups[g][joint.name] for g in ("position", "velocity") if joint.name in groups[g]}
         kind: Quantity = "other"
@@ -222,7 +222,7 @@ def _alone(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
     usual, spread = (SLIDE, SLIDE_SPREAD) if chain.slides else (RANGE, RANGE_SPREAD)
     if case.signals.moves(column) and high > low:
         odds -= 0.5 * (log((high - low) / usual) / spread) ** 2
-    limits = next(j.limits for j in case.anatomy.joints if j.name == chain.joint)
+    limits = next(j.limits for j in case.structure.joints if j.name == chain.joint)
     if unit.counts:
         return odds - (5.0 if limits and high - low > 1.1 * (limits[1] - limits[0]) else 0.0)
     if limits is not None:
@@ -271,7 +271,7 @@ def _why(case: Case, chain: _Chain, group: str, unit: Unit, apart: bool) -> str:
     x = x[np.isfinite(x)]
     if len(x) and (group == "position" or group == "command" and chain.kind == "position"):
         reasons.append(f"it goes from {x.min():.4g} to {x.max():.4g}")
-        limits = next(j.limits for j in case.anatomy.joints if j.name == chain.joint)
+        limits = next(j.limits for j in case.structure.joints if j.name == chain.joint)
         if limits is not None and not unit.counts:
             size = "" if unit.size == 1.0 else f", the range in {unit.name}"
             reasons[-1] += f"{size or ', the range'} is {limits[0] / unit.size:.4g} to {limits[1] / unit.size:.4g}"

@@ -11,9 +11,9 @@ from plants.scaler_arm.twin import ENCODERS, twin
 from plants.scaler_arm.withheld import draw_withheld
 from plants.sensors import Sensed
 from plants.simulator import Simulator
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.streaming import StreamSettings
-from residual_mpc.residual.task import FORM, task_names
+from residual_mpc.learning.forms.task import FORM, task_names
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.learning.stream.updates import StreamSettings
 from scenarios.experiments.arm_data import drive, samples, simulated
 from scenarios.experiments.experiment import Experiment
 from scenarios.experiments.setting import Setting, learn

@@ -10,7 +10,7 @@ from plants.scaler_arm.motions import Motion, references
 from plants.scaler_arm.pybullet_arm import PybulletArm
 from plants.scaler_arm.start import at_posture
 from plants.simulator import Recording, Simulator, record, replaying
-from residual_mpc.residual.stream import Samples
+from residual_mpc.learning.stream.samples import Samples
 
 if TYPE_CHECKING:
     import pandas as pd

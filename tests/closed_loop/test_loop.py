@@ -25,12 +25,12 @@ from residual_mpc.closed_loop.compare import document, recovered
 from residual_mpc.closed_loop.metrics import converged_after, figures, h2_norm, path_error
 from residual_mpc.closed_loop.online import OnlineLearner, OnlineSettings
 from residual_mpc.export import Build, augment
+from residual_mpc.learning.forms.body import BODY
+from residual_mpc.learning.network.mlp import Mlp, initial_weights
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.read import read_runs
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Knob
-from residual_mpc.residual.body import BODY
-from residual_mpc.residual.mlp import Mlp, initial_weights
-from residual_mpc.residual.record import Residual
 
 DT = 0.05
 ROBOT = DiffDrive("rover", 0.033, 0.16)
