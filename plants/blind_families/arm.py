@@ -15,7 +15,7 @@ from plants.blind_families.arm_runs import play
 from plants.blind_families.arm_setting import Setting, draw_setting, ratio
 from plants.blind_families.arm_truth import ArmTruth
 from plants.blind_families.case import Drawn, Habits, choose, first_case, make
-from residual_mpc.blind.asked import Asked
+from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer
 
@@ -118,8 +118,8 @@ class ArmBench:
             write_clean(robot, happened, self.setting, rng, folder.parent / "clean")
         return True
 
-    def play(self, robot: ArmRobot, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
-        return write_played(robot, self.setting, asked, rng, name, folder)
+    def play(self, robot: ArmRobot, motion: CommandedMotion, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        return write_played(robot, self.setting, motion, rng, name, folder)
 
 
 class ArmFamily:

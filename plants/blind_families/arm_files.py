@@ -23,7 +23,7 @@ from plants.blind_families.sensing import (
     with_dropouts,
     write_table,
 )
-from residual_mpc.blind.asked import Asked
+from residual_mpc.blind.commanded_motion import CommandedMotion
 
 
 def write_robot(setting: Setting, noise: bool, folder: Path) -> None:
@@ -53,17 +53,17 @@ def write_runs(robot: ArmRobot, happened: Happened, setting: Setting, rng: np.ra
 
 
 def write_played(
-    robot: ArmRobot, setting: Setting, asked: Asked, rng: np.random.Generator, name: str, folder: Path
+    robot: ArmRobot, setting: Setting, motion: CommandedMotion, rng: np.random.Generator, name: str, folder: Path
 ) -> bool:
     """One run from rest at home under commands of somebody else's; False where the arm runs away."""
     arm = setting.robot.truth.arm
-    t = np.unique(np.round(jittered(asked.t, setting.rough, rng) / STEP)) * STEP
-    row = np.clip(np.searchsorted(asked.t, t + 0.5 * (asked.t[1] - asked.t[0])) - 1, 0, len(asked.t) - 1)
-    commands, on = asked.table(arm.joints)[None, row], asked.on(arm.joints)[None, row]
+    t = np.unique(np.round(jittered(motion.t, setting.rough, rng) / STEP)) * STEP
+    row = np.clip(np.searchsorted(motion.t, t + 0.5 * (motion.t[1] - motion.t[0])) - 1, 0, len(motion.t) - 1)
+    commands, on = motion.table(arm.joints)[None, row], motion.on(arm.joints)[None, row]
     happened = replay(robot.truth, t, arm.home[None].copy(), commands, on)
     if happened is None:
         return False
-    switched = replace(setting, drops=bool(asked.enabled))
+    switched = replace(setting, drops=bool(motion.enabled))
     _write(robot, happened, switched, t, on, [name], rng, folder)
     return True
 

@@ -17,7 +17,7 @@ Controller = Callable[[int, Array, Array, Array, float], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
-class CommandedMotion:
+class ReferenceMotion:
     """What the runs of a case are told; r runs of n joints share their stamps."""
 
     t: Array  # (k,) s, on the grid of STEP
@@ -54,7 +54,7 @@ class Happened:
         return (self.q[:, index, joint] - self.q[:, index - 1, joint]) / STEP
 
 
-def play(truth: ArmTruth, motion: CommandedMotion) -> Happened | None:
+def play(truth: ArmTruth, motion: ReferenceMotion) -> Happened | None:
     """Drive all runs; None where the arm runs away."""
     arm, start = truth.arm, motion.reference[:, 0].copy()
     hold = _hold_torque(arm, start)
@@ -101,7 +101,7 @@ def _driven(truth: ArmTruth, t: Array, start: Array, on: Array, controller: Cont
 
 
 def _controller(
-    arm: NominalArm, motion: CommandedMotion, k: int, q: Array, rate: Array, trim: Array, hold: Array, dt: float
+    arm: NominalArm, motion: ReferenceMotion, k: int, q: Array, rate: Array, trim: Array, hold: Array, dt: float
 ) -> tuple[Array, Array]:
     """Commands (r, n) at sample ``k`` and the outer loop's memory."""
     reference, on = motion.reference[:, k], motion.on[:, k]
@@ -139,7 +139,7 @@ def _hold_torque(arm: NominalArm, q: Array) -> Array:
 
 def gap_ratio(
     arm: NominalArm,
-    motion: CommandedMotion,
+    motion: ReferenceMotion,
     seen: Array,
     speed: Array,
     commands: Array,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from plants.blind_families import arm_motions as motions
 from plants.blind_families.arm_effects import ArmRobot, ArmSensor
 from plants.blind_families.arm_model import Arm, draw_arm, inertia_at
-from plants.blind_families.arm_runs import CommandedMotion, gap_ratio, play
+from plants.blind_families.arm_runs import ReferenceMotion, gap_ratio, play
 from plants.blind_families.arm_truth import STEP, ideal, inside
 from plants.blind_families.sensing import Roughness, draw_roughness, stamps
 from residual_mpc.blind.levels import Level
@@ -25,7 +25,7 @@ class Setting:
     """Everything of a case that is no effect."""
 
     robot: ArmRobot  # without any effect
-    motion: CommandedMotion
+    motion: ReferenceMotion
     sigma: Array  # (n,) rad
     resolution: float  # rad, of the encoders
     rough: Roughness
@@ -80,7 +80,7 @@ def ratio(robot: ArmRobot, setting: Setting) -> float:
     return gap_ratio(setting.robot.truth.arm, motion, seen, speed, happened.command, sigma, slope)
 
 
-def _motion(arm: Arm, level: Level, rough: Roughness, drops: bool, rng: np.random.Generator) -> CommandedMotion:
+def _motion(arm: Arm, level: Level, rough: Roughness, drops: bool, rng: np.random.Generator) -> ReferenceMotion:
     rate = float(rng.choice([50.0, 62.5, 100.0, 125.0])) if arm.kind == "position" else 125.0
     seconds = float(rng.uniform(15, 19))
     t = np.unique(np.round(stamps(seconds, rate, rough, rng) / STEP)) * STEP
@@ -93,4 +93,4 @@ def _motion(arm: Arm, level: Level, rough: Roughness, drops: bool, rng: np.rando
     if drops:
         for begin in np.arange(4.0, t[-1] - 3.0, 5.0):
             on[0, (t >= begin) & (t < begin + 0.8)] = 0.0
-    return CommandedMotion(t, reference, on, 0.8 if level.rough else 0.0)
+    return ReferenceMotion(t, reference, on, 0.8 if level.rough else 0.0)

@@ -16,7 +16,7 @@ from plants.blind_families.case import Drawn, Habits, choose, first_case, make
 from plants.blind_families.scaler_model import CARRIED, FOREARM
 from plants.blind_families.scaler_setting import draw_setting
 from plants.scaler_arm.geometry import MOTORS
-from residual_mpc.blind.asked import Asked
+from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.levels import LEVELS, Level
 from residual_mpc.blind.records import Answer
 
@@ -92,8 +92,8 @@ class ScalerBench:
     def write(self, robot: ArmRobot, clean: bool, rng: np.random.Generator, folder: Path) -> bool:
         return self._arms.write(robot, clean, rng, folder)
 
-    def play(self, robot: ArmRobot, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
-        return self._arms.play(robot, asked, rng, name, folder)
+    def play(self, robot: ArmRobot, motion: CommandedMotion, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        return self._arms.play(robot, motion, rng, name, folder)
 
 
 class ScalerFamily:

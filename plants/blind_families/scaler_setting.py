@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from plants.blind_families import arm_motions as motions
 from plants.blind_families.arm_effects import ArmRobot, ArmSensor
-from plants.blind_families.arm_runs import CommandedMotion, play
+from plants.blind_families.arm_runs import ReferenceMotion, play
 from plants.blind_families.arm_setting import Setting
 from plants.blind_families.arm_truth import STEP, ideal
 from plants.blind_families.scaler_model import ScalerArm
@@ -62,7 +62,7 @@ def inertia_at_home(arm: ScalerArm) -> Array:
     return np.array(np.diag(full)[rigid.motors])
 
 
-def _motion(arm: ScalerArm, level: Level, rough: Roughness, rng: np.random.Generator) -> CommandedMotion:
+def _motion(arm: ScalerArm, level: Level, rough: Roughness, rng: np.random.Generator) -> ReferenceMotion:
     """Three motions of the serial arms, made smaller, and the paper's circle that rises and falls."""
     t = np.unique(np.round(stamps(float(rng.uniform(9, 12)), _RATE, rough, rng) / STEP)) * STEP
     kinds: list[motions.Motion] = [motions.multisine, motions.steps, motions.sweep]
@@ -72,4 +72,4 @@ def _motion(arm: ScalerArm, level: Level, rough: Roughness, rng: np.random.Gener
     drawn = [arm.home + _WITHIN * kind(since, len(MOTORS), rng) for kind in kinds]
     circle = CircleWithHeight(float(rng.uniform(0.03, 0.045)), float(rng.uniform(3.0, 6.0)))
     reference = np.stack([*drawn, references(circle, since, arm.arm)])
-    return CommandedMotion(t, reference, np.ones_like(reference), 0.8 if level.rough else 0.0)
+    return ReferenceMotion(t, reference, np.ones_like(reference), 0.8 if level.rough else 0.0)

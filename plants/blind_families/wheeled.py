@@ -13,7 +13,7 @@ from plants.blind_families.case import Drawn, Habits, choose, first_case, make
 from plants.blind_families.wheeled_effects import PLANT, TYPICAL, Draw, Rover, draw_effect
 from plants.blind_families.wheeled_files import write_clean, write_played, write_robot, write_runs
 from plants.blind_families.wheeled_setting import Setting, draw_setting, ratio
-from residual_mpc.blind.asked import Asked
+from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer
 
@@ -115,8 +115,8 @@ class WheeledBench:
             write_clean(robot, self.setting, rng, folder.parent / "clean")
         return True
 
-    def play(self, robot: Rover, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
-        write_played(robot, self.setting, asked, rng, name, folder)
+    def play(self, robot: Rover, motion: CommandedMotion, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        write_played(robot, self.setting, motion, rng, name, folder)
         return True
 
 

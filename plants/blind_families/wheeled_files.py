@@ -21,7 +21,7 @@ from plants.blind_families.sensing import (
 from plants.blind_families.wheeled_effects import SIDES, Rover
 from plants.blind_families.wheeled_setting import Setting, drive, seen
 from plants.blind_families.wheeled_truth import Trajectory, simulate
-from residual_mpc.blind.asked import Asked
+from residual_mpc.blind.commanded_motion import CommandedMotion
 
 ENCODERS = ("velocity.left", "velocity.right")
 
@@ -58,12 +58,12 @@ def write_runs(rover: Rover, setting: Setting, rng: np.random.Generator, folder:
 
 
 def write_played(
-    rover: Rover, setting: Setting, asked: Asked, rng: np.random.Generator, name: str, folder: Path
+    rover: Rover, setting: Setting, motion: CommandedMotion, rng: np.random.Generator, name: str, folder: Path
 ) -> None:
     """One run under commands of somebody else's; encoders are logged as well where they are asked for."""
-    t, u = jittered(asked.t, setting.rough, rng), asked.table(SIDES)
+    t, u = jittered(motion.t, setting.rough, rng), motion.table(SIDES)
     trajectory = simulate(rover.truth, t, lambda k, x, y, theta: (float(u[k, 0]), float(u[k, 1])), _play(rng))
-    encoders = setting.encoders or any(c in ENCODERS for c in asked.sensors)
+    encoders = setting.encoders or any(c in ENCODERS for c in motion.sensors)
     write_table(_logged(rover, replace(setting, encoders=encoders), trajectory, t, rng), name, setting.table, folder)
 
 

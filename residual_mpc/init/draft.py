@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.case import Case, Roles, where_on
-from residual_mpc.init.clock import find_clock
-from residual_mpc.init.guess import Guess, Mend
-from residual_mpc.init.planar import find_pose, heading_in_degrees, pose_role
-from residual_mpc.init.recording import Recording, read_recordings
-from residual_mpc.init.roles import find_roles
-from residual_mpc.init.servos import find_gains, find_kinds
-from residual_mpc.init.settings_of_runs import Setting, find_settings
-from residual_mpc.init.signals import gather
-from residual_mpc.init.signs import Turned, find_signs, true_values
-from residual_mpc.init.units import InUnit, find_units
-from residual_mpc.init.words import Words, read_words
+from residual_mpc.init.calibration.servos import find_gains, find_kinds
+from residual_mpc.init.calibration.signs import Turned, find_signs, true_values
+from residual_mpc.init.calibration.units import InUnit, find_units
+from residual_mpc.init.columns.evidence import Case, Roles, where_on
+from residual_mpc.init.columns.guess import Guess, Mend
+from residual_mpc.init.columns.recording import Recording, read_recordings
+from residual_mpc.init.columns.signals import gather
+from residual_mpc.init.columns.time_column import find_clock
+from residual_mpc.init.columns.words import Words, read_words
+from residual_mpc.init.roles.planar_pose import find_pose, heading_in_degrees, pose_role
+from residual_mpc.init.roles.roles import find_roles
+from residual_mpc.init.run_settings import Setting, find_settings
 from residual_mpc.logs.columns import group, is_measured
 from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.model_structure import ModelStructure, read_model_structure

@@ -9,7 +9,7 @@ from answers import answer
 
 from plants.blind_families.arm_effects import PLANT, ArmRobot, ArmSensor
 from plants.blind_families.arm_motions import multisine, steps
-from plants.blind_families.arm_runs import CommandedMotion, play
+from plants.blind_families.arm_runs import ReferenceMotion, play
 from plants.blind_families.arm_setting import Setting
 from plants.blind_families.arm_truth import STEP, Stepper, ideal
 from plants.blind_families.scaler import FAMILY, ScalerBench
@@ -34,7 +34,7 @@ PERFECT = ArmSensor(np.zeros(N), np.zeros(N), np.zeros(N))
 def commanded(motion, seconds=3.0):
     t = np.round(np.arange(0, seconds + 1e-4, 0.01) / STEP) * STEP
     reference = (ARM.home + 0.7 * motion(t, N, np.random.default_rng(5)))[None]
-    return CommandedMotion(t, reference, np.ones_like(reference), 0.0)
+    return ReferenceMotion(t, reference, np.ones_like(reference), 0.0)
 
 
 def bench(effects=()):

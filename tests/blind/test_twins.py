@@ -1,6 +1,6 @@
 """The one list of effects that data cannot part."""
 
-from residual_mpc.blind.twins import may_be_withheld, twins_of
+from residual_mpc.blind.inseparable import may_be_withheld, twins_of
 
 
 def test_twins_are_read_both_ways_and_depend_on_what_was_logged():

@@ -28,7 +28,7 @@ from residual_mpc.export import Build, augment
 from residual_mpc.learning.forms.body import BODY
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.logs.read import read_runs
+from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Knob
 

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.clock import Clock, seconds
-from residual_mpc.init.recording import Recording
+from residual_mpc.init.columns.recording import Recording
+from residual_mpc.init.columns.time_column import Clock, seconds
 from residual_mpc.logs.run import FloatArray
 
 REACH = 0.5  # s: the latest answer that is looked for

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.init.case import Case, Driven
+from residual_mpc.init.columns.evidence import Case, Driven
 from residual_mpc.logs.run import FloatArray
 from residual_mpc.models.model_structure import Torque
 

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.cells import labels, numbers, numbers_or_none, whole_numbers
 from residual_mpc.logs.clock import IntArray, Stamps, count_from_start
 from residual_mpc.logs.columns import GROUPS, group, is_measured, likely_run, likely_time
-from residual_mpc.logs.find import find_tables, stem
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.layout import Layout, check_log, lay_out, logs_of, recognised
+from residual_mpc.logs.readers.cells import labels, numbers, numbers_or_none, whole_numbers
+from residual_mpc.logs.readers.find import find_tables, stem
+from residual_mpc.logs.readers.layout import Layout, check_log, lay_out, logs_of, recognised
+from residual_mpc.logs.readers.stamps import CLASHES, Order, order_rows
+from residual_mpc.logs.readers.table import Header, read_header, read_table
 from residual_mpc.logs.run import FloatArray, Run
-from residual_mpc.logs.stamps import CLASHES, Order, order_rows
-from residual_mpc.logs.table import Header, read_header, read_table
 from residual_mpc.models.robot_file import RobotFile, for_run
 
 MEMORY_LIMIT = 2 << 30  # bytes of numbers in one call

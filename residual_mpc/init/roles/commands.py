@@ -6,10 +6,10 @@ from functools import partial
 
 import numpy as np
 
-from residual_mpc.init.assign import NEVER, Odds, Rule
-from residual_mpc.init.case import Case, Driven, Roles
-from residual_mpc.init.signals import CLEAR, NOTHING, Seen
-from residual_mpc.init.words import Words, called
+from residual_mpc.init.columns.evidence import Case, Driven, Roles, answer
+from residual_mpc.init.columns.signals import CLEAR, NOTHING
+from residual_mpc.init.columns.words import Words, called
+from residual_mpc.init.roles.assignment import NEVER, Odds, Rule
 
 
 def commands(case: Case, roles: Roles) -> dict[str, Rule]:
@@ -41,21 +41,6 @@ def _command(case: Case, roles: Roles, member: int, driven: Driven, words: Words
     if not words.commanded and r < (0.7 if words.kind else CLEAR):
         return NEVER, ()
     return odds, tuple(reasons)
-
-
-def answer(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Seen, str]:
-    """How the joint answers a column that may be its command, and the column by which it was seen."""
-    position, velocity = (roles.of(g).get(driven.joint) for g in ("position", "velocity"))
-    seen: list[tuple[Seen, str]] = []
-    s = case.signals
-    if driven.kind in (None, "position") and position:
-        seen.append((s.follows(column, position), position))
-    if driven.kind in (None, "velocity"):
-        if velocity:
-            seen.append((s.follows(column, velocity, levels=True), velocity))
-        if position:
-            seen.append((s.follows(column, position, answer_rate=True, levels=True), f"the rate of {position}"))
-    return max(seen, key=lambda x: abs(x[0].correlation), default=(NOTHING, ""))
 
 
 def switches(case: Case) -> dict[str, Rule]:

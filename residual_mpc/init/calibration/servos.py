@@ -8,10 +8,10 @@ from math import exp, log
 
 import numpy as np
 
-from residual_mpc.init.case import Case, Driven, Roles
-from residual_mpc.init.guess import Guess
-from residual_mpc.init.signals import Seen
-from residual_mpc.init.words import Quantity
+from residual_mpc.init.columns.evidence import Case, Driven, Roles
+from residual_mpc.init.columns.guess import Guess
+from residual_mpc.init.columns.signals import Seen
+from residual_mpc.init.columns.words import Quantity
 from residual_mpc.logs.run import FloatArray
 from residual_mpc.models.actuators import Actuator
 

@@ -8,13 +8,12 @@ from math import pi
 
 import numpy as np
 
-from residual_mpc.init.case import Case, Driven, Roles
-from residual_mpc.init.guess import Guess
-from residual_mpc.init.rest import FEW, Rest, at_rest, flips, still
-from residual_mpc.init.sent import answer
-from residual_mpc.init.servos import fit_gain, motion_of
-from residual_mpc.init.units import InUnit
-from residual_mpc.init.words import Quantity
+from residual_mpc.init.calibration.servos import fit_gain, motion_of
+from residual_mpc.init.calibration.standstill import FEW, Rest, at_rest, flips, still
+from residual_mpc.init.calibration.units import InUnit
+from residual_mpc.init.columns.evidence import Case, Driven, Roles, answer
+from residual_mpc.init.columns.guess import Guess
+from residual_mpc.init.columns.words import Quantity
 from residual_mpc.logs.run import FloatArray
 
 CLEAR = 0.7  # correlation with the other sign from which a sign counts as turned

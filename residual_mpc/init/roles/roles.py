@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from residual_mpc.init.assign import Rule, assign
-from residual_mpc.init.case import Case, Roles
-from residual_mpc.init.guess import Guess
-from residual_mpc.init.measured import efforts, positions, velocities
-from residual_mpc.init.sent import commands, switches
+from residual_mpc.init.columns.evidence import Case, Roles
+from residual_mpc.init.columns.guess import Guess
+from residual_mpc.init.roles.assignment import Rule, assign
+from residual_mpc.init.roles.commands import commands, switches
+from residual_mpc.init.roles.measurements import efforts, positions, velocities
 
 ORDER = 0.3  # how sure, where nothing but the order of the columns tells joints apart
 

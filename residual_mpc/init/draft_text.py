@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from math import isfinite
 from pathlib import Path
 
+from residual_mpc.init.columns.guess import Guess
 from residual_mpc.init.draft import Draft
-from residual_mpc.init.guess import Guess
 from residual_mpc.models.actuators import Actuator
 
 WIDTH = 118

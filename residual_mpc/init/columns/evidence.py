@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from residual_mpc.init.guess import Guess
-from residual_mpc.init.members import Members, members_of
-from residual_mpc.init.signals import Signals
-from residual_mpc.init.words import Quantity, Words
+from residual_mpc.init.columns.guess import Guess
+from residual_mpc.init.columns.name_matching import Members, members_of
+from residual_mpc.init.columns.signals import NOTHING, Seen, Signals
+from residual_mpc.init.columns.words import Quantity, Words
 from residual_mpc.logs.audit.facts import ActuatorFacts
 from residual_mpc.models.model_structure import ModelStructure
 
@@ -87,3 +87,18 @@ def where_on(case: Case, roles: Roles) -> Case:
 def _driven(actuator: ActuatorFacts) -> Driven:
     kinds: Mapping[str, Quantity] = {"position": "position", "velocity": "velocity", "torque": "effort"}
     return Driven(actuator.name, actuator.joint or actuator.name, kinds[actuator.kind])
+
+
+def answer(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Seen, str]:
+    """How the joint answers a column that may be its command, and the column by which it was seen."""
+    position, velocity = (roles.of(g).get(driven.joint) for g in ("position", "velocity"))
+    seen: list[tuple[Seen, str]] = []
+    s = case.signals
+    if driven.kind in (None, "position") and position:
+        seen.append((s.follows(column, position), position))
+    if driven.kind in (None, "velocity"):
+        if velocity:
+            seen.append((s.follows(column, velocity, levels=True), velocity))
+        if position:
+            seen.append((s.follows(column, position, answer_rate=True, levels=True), f"the rate of {position}"))
+    return max(seen, key=lambda x: abs(x[0].correlation), default=(NOTHING, ""))

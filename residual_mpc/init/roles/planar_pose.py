@@ -7,10 +7,10 @@ from math import pi
 
 import numpy as np
 
-from residual_mpc.init.case import Roles
-from residual_mpc.init.guess import Guess, Mend
-from residual_mpc.init.signals import Signals
-from residual_mpc.init.words import Words
+from residual_mpc.init.columns.evidence import Roles
+from residual_mpc.init.columns.guess import Guess, Mend
+from residual_mpc.init.columns.signals import Signals
+from residual_mpc.init.columns.words import Words
 
 PLACES = frozenset(
     "pose pos position odom odometry base robot world map amcl mocap vicon optitrack orientation link chassis body"

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.formats import recognise_file
-from residual_mpc.logs.lists import DATA_SET
+from residual_mpc.logs.readers.formats import recognise_file
+from residual_mpc.logs.readers.lists import DATA_SET
 
 SUFFIXES = (".parquet", ".csv", ".csv.gz", ".tsv")
 MANY = 50  # files of a folder that are looked into to say what it holds

@@ -7,11 +7,11 @@ from functools import partial
 
 import numpy as np
 
-from residual_mpc.init.assign import NEVER, Odds, Rule
-from residual_mpc.init.case import Case, Roles
-from residual_mpc.init.pace import ALIKE, paced
-from residual_mpc.init.signals import CLEAR, NOTHING, Signals
-from residual_mpc.init.words import Words, called
+from residual_mpc.init.columns.evidence import Case, Roles
+from residual_mpc.init.columns.signals import CLEAR, NOTHING, Signals
+from residual_mpc.init.columns.words import Words, called
+from residual_mpc.init.roles.assignment import NEVER, Odds, Rule
+from residual_mpc.init.roles.velocity_check import ALIKE, paced
 from residual_mpc.logs.columns import PER_BODY, group
 from residual_mpc.models.model_structure import Joint
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import product
 
-from residual_mpc.init.case import Case
-from residual_mpc.init.units import ANGLES, LENGTHS, RATES, SPEEDS, Unit
+from residual_mpc.init.calibration.units import ANGLES, LENGTHS, RATES, SPEEDS, Unit
+from residual_mpc.init.columns.evidence import Case
 from residual_mpc.models.model_structure import Joint
 
 ALIKE = 0.9  # correlation of a velocity with the rate of its position

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from residual_mpc.init.words import KNOWN, Words, core_of, likeness, tokens
+from residual_mpc.init.columns.words import KNOWN, Words, core_of, likeness, tokens
 
 NAMED = 0.5  # likeness from which a name counts as said
 BY_NAME, BY_NUMBER, BY_ORDER = 4.0, 3.0, 0.4  # log odds

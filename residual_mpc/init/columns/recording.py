@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.words import TIME_WORDS, tokens
-from residual_mpc.logs.cells import labels, numbers_or_none
+from residual_mpc.init.columns.words import TIME_WORDS, tokens
 from residual_mpc.logs.columns import RUNS as RUN_WORDS
-from residual_mpc.logs.find import find_tables, stem
+from residual_mpc.logs.readers.cells import labels, numbers_or_none
+from residual_mpc.logs.readers.find import find_tables, stem
+from residual_mpc.logs.readers.table import read_header, read_table
 from residual_mpc.logs.run import FloatArray
-from residual_mpc.logs.table import read_header, read_table
 
 RUNS = 0.2  # share of the rows up to which the values of a column may be runs
 

@@ -9,10 +9,9 @@ from math import log, pi
 
 import numpy as np
 
-from residual_mpc.init.case import Case, Roles
-from residual_mpc.init.sent import answer
-from residual_mpc.init.signals import Seen
-from residual_mpc.init.words import Quantity
+from residual_mpc.init.columns.evidence import Case, Roles, answer
+from residual_mpc.init.columns.signals import Seen
+from residual_mpc.init.columns.words import Quantity
 
 RANGE, RANGE_SPREAD = 1.0, 1.5  # rad that a joint usually moves over, and the spread of its logarithm
 SLIDE, SLIDE_SPREAD = 0.1, 1.5  # m

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Asked:
+class CommandedMotion:
     """One motion. t: (n,) s, increasing from 0; commands: (n,) each, by actuator, held until the next row.
 
     enabled: (n,) of 0 or 1 each, by actuator, empty where no motor is switched off; sensors: channels to log besides
@@ -37,14 +37,14 @@ class Asked:
         return _in_order(self.enabled, actuators) if self.enabled else np.ones((len(self.t), len(actuators)))
 
 
-def read_asked(path: Path, sensors: Sequence[str] = ()) -> tuple[Asked, ...]:
+def read_commanded_motions(path: Path, sensors: Sequence[str] = ()) -> tuple[CommandedMotion, ...]:
     """The motions of a command file by `excite`, one a value of its column `run`."""
     import pandas as pd
 
     try:
         frame = pd.read_csv(path)
         named = [(str(n), rows) for n, rows in frame.groupby("run", sort=False)] if "run" in frame else [("", frame)]
-        motions = [_asked(name, {str(c): rows[c].to_numpy() for c in rows}) for name, rows in named]
+        motions = [_commanded_motion(name, {str(c): rows[c].to_numpy() for c in rows}) for name, rows in named]
     except (OSError, ValueError, KeyError) as error:
         raise BadInput(
             f"this is no file of commands ({error})", str(path), "Let `residual-mpc excite` write one"
@@ -52,11 +52,11 @@ def read_asked(path: Path, sensors: Sequence[str] = ()) -> tuple[Asked, ...]:
     return tuple(replace(m, sensors=tuple(sensors)) for m in motions)
 
 
-def _asked(name: str, columns: Mapping[str, Array]) -> Asked:
+def _commanded_motion(name: str, columns: Mapping[str, Array]) -> CommandedMotion:
     def under(prefix: str) -> dict[str, Array]:
         return {c.removeprefix(prefix): v.astype(float) for c, v in columns.items() if c.startswith(prefix)}
 
-    return Asked(name, columns["t"].astype(float), under("command."), under("enabled."))
+    return CommandedMotion(name, columns["t"].astype(float), under("command."), under("enabled."))
 
 
 def _in_order(columns: Mapping[str, Array], actuators: Sequence[str]) -> Array:

@@ -32,7 +32,7 @@ _FIT_STEPS = 16_000  # simulation steps that one hypothesis may cost
 
 
 @dataclass(frozen=True)
-class Bench:
+class BaselineProblem:
     """The runs as a baseline sees them."""
 
     fitting: Problem
@@ -42,16 +42,16 @@ class Bench:
     held: np.ndarray  # (W,) windows of `whole` kept back; all of them where runs are too short for that
 
 
-Method = Callable[[Bench], "Fit | None"]
+Method = Callable[[BaselineProblem], "Fit | None"]
 
 
-def bench_of(
+def build_baseline_problem(
     runs: Sequence[Run],
     robots: Sequence[Robot],
     noise: dict[str, float],
     tunable: Sequence[str],
     without: Sequence[str],
-) -> Bench:
+) -> BaselineProblem:
     """Cut the runs into windows as the diagnosis does; the last quarter of each run is kept back."""
     whole = build_dataset(runs, robots, noise, 1.0)
     last = np.array([whole.start[whole.run == run].max() for run in whole.run])  # (W,) s
@@ -60,7 +60,8 @@ def bench_of(
     fitting = whole.take(~held) if not held.all() else whole
     space = build_space(fitting, tunable, (), without)
     few, rest = thin(fitting, _FIT_STEPS), whole.take(held)
-    return Bench(build_problem(few, space, few.sigma), build_problem(rest, space, rest.sigma), space, whole, held)
+    fitted, kept = build_problem(few, space, few.sigma), build_problem(rest, space, rest.sigma)
+    return BaselineProblem(fitted, kept, space, whole, held)
 
 
 def cost_on(problem: Problem, values: Values) -> float:
@@ -76,13 +77,13 @@ def standard_errors(fit: Fit) -> np.ndarray:
     return np.asarray(np.sqrt(np.maximum(np.diag(variance), 0.0)) * fit.scales)
 
 
-def document_of(bench: Bench, fit: Fit | None, robot: str) -> dict[str, Any]:
+def document_of(problem: BaselineProblem, fit: Fit | None, robot: str) -> dict[str, Any]:
     """A diagnosis.json with what a baseline knows: no probabilities, no groups, no expectation."""
-    scales = measure_scales(bench.whole)
+    scales = measure_scales(problem.whole)
 
     def gap(values: Values) -> float:
-        predicted = predict(bench.whole, bench.space.settings([values]))[0]
-        return float(gap_of(bench.whole, scales, bench.whole.y - predicted, bench.held).total)
+        predicted = predict(problem.whole, problem.space.settings([values]))[0]
+        return float(gap_of(problem.whole, scales, problem.whole.y - predicted, problem.held).total)
 
     before = gap({})
     after = before if fit is None else gap(fit.values)

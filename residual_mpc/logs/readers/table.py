@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.formats import ENOUGH, UNKNOWN, recognise
-from residual_mpc.logs.lists import Element, element_of, find_elements, note_of
+from residual_mpc.logs.readers.formats import ENOUGH, UNKNOWN, recognise
+from residual_mpc.logs.readers.lists import Element, element_of, find_elements, note_of
 
 HEADER_LIMIT = 4 << 20  # bytes; a first line longer than this is no header
 GZIP_RATIO = 12  # text of numbers rarely shrinks more

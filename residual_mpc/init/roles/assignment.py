@@ -8,8 +8,8 @@ from math import exp, inf
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from residual_mpc.init.guess import Guess
-from residual_mpc.init.words import Words
+from residual_mpc.init.columns.guess import Guess
+from residual_mpc.init.columns.words import Words
 
 ENOUGH = 2.0  # log odds from which a column is taken
 CLOSE = 1.0  # log odds within which another column is as plausible

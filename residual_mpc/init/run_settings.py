@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.guess import Guess
-from residual_mpc.init.recording import Recording
+from residual_mpc.init.columns.guess import Guess
+from residual_mpc.init.columns.recording import Recording
 from residual_mpc.models.model_structure import ModelStructure, read_model_structure
 
 MARKS = "_-./ "

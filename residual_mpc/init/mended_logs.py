@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.guess import Mend
-from residual_mpc.init.recording import dates_as_numbers
-from residual_mpc.logs.cells import numbers_or_none
-from residual_mpc.logs.find import find_tables, stem
-from residual_mpc.logs.table import read_header, read_table
+from residual_mpc.init.columns.guess import Mend
+from residual_mpc.init.columns.recording import dates_as_numbers
+from residual_mpc.logs.readers.cells import numbers_or_none
+from residual_mpc.logs.readers.find import find_tables, stem
+from residual_mpc.logs.readers.table import read_header, read_table
 
 
 def write_mended(paths: Sequence[str | Path], mends: Sequence[Mend], folder: Path) -> tuple[Path, ...]:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.guess import Guess, Mend
-from residual_mpc.init.recording import Recording
-from residual_mpc.init.words import TIME_WORDS, tokens
+from residual_mpc.init.columns.guess import Guess, Mend
+from residual_mpc.init.columns.recording import Recording
+from residual_mpc.init.columns.words import TIME_WORDS, tokens
 from residual_mpc.logs.clock import count_from_start
 from residual_mpc.logs.run import FloatArray
 
