@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from residual_mpc.learning.filter.kalman import Belief
+from residual_mpc.learning.filter.uncertainty import output_sigma
 from residual_mpc.learning.network import low_pass
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.learning.network.uncertainty import output_sigma
 
 
 def test_a_low_pass_is_the_same_whatever_the_step_and_rests_at_its_input():

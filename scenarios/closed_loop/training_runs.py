@@ -20,15 +20,15 @@ from residual_mpc.export import Build, augment
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings, Values, assemble
-from scenarios.kit import Kit
-from scenarios.scenario import ClosedLoop, beginning
+from scenarios.closed_loop.robot_setup import RobotSetup
+from scenarios.closed_loop.scenario import ClosedLoop, beginning
 
 PRACTICE_SEED = 7_000  # far from the seeds that are scored
 
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """runs: the practice; made: their diagnosis; network: taught on the nominal model; rest: on the diagnosed one."""
+    """made: their diagnosis; network: taught on the nominal model; rest: on the diagnosed one."""
 
     runs: tuple[Run, ...]
     made: Made
@@ -55,15 +55,15 @@ class Learned:
         return {"verdict": d.verdict, "before": d.gap.before, "after": d.gap.after, "shrink": shrink, "effects": named}
 
 
-def practise(scenario: ClosedLoop, kit: Kit, options: RunOptions, progress: Progress) -> Learned:
-    """Drive every motion of the practice once with the nominal MPC, diagnose the runs, teach the networks."""
+def drive_training_runs(scenario: ClosedLoop, setup: RobotSetup, options: RunOptions, progress: Progress) -> Learned:
+    """Drive every training motion once with the nominal MPC, diagnose the runs, teach the networks."""
     from controllers.mpc import build_mpc
 
-    model = augment(kit.robot, {}, None, Build(scenario.dt))
-    estimator, controller = build_filter(model, kit.estimator), build_mpc(model, kit.control)
+    model = augment(setup.robot, {}, None, Build(scenario.dt))
+    estimator, controller = build_filter(model, setup.estimator), build_mpc(model, setup.control)
     runs = []
-    for i, (make, seconds) in enumerate(scenario.practice):
-        progress("practice: driving with the nominal model", 0.1 * i / len(scenario.practice))
+    for i, (make, seconds) in enumerate(scenario.training_motions):
+        progress("practice: driving with the nominal model", 0.1 * i / len(scenario.training_motions))
         reference = make()
         episode = run_closed_loop(
             scenario.simulator(), estimator, controller, reference, LoopSettings(seconds, scenario.dt),
@@ -71,19 +71,19 @@ def practise(scenario: ClosedLoop, kit: Kit, options: RunOptions, progress: Prog
         )  # fmt: skip
         runs.append(episode.run())
     progress("practice: diagnosing the log", 0.1)
-    robots = [kit.robot] * len(runs)
-    made = diagnose(runs, robots, dict(kit.noise), (), Options(), np.random.default_rng(options.seed))
+    robots = [setup.robot] * len(runs)
+    made = diagnose(runs, robots, dict(setup.noise), (), Options(), np.random.default_rng(options.seed))
     progress("practice: teaching the networks", 0.35)
     log = tuple(runs)
-    on_top = kit.teach(log, made.diagnosis.values, options.seed)
-    return Learned(log, made, kit.teach(log, {}, options.seed), on_top)
+    on_top = setup.teach(log, made.diagnosis.values, options.seed)
+    return Learned(log, made, setup.teach(log, {}, options.seed), on_top)
 
 
-def closed_loop_gap(episodes: Sequence[Episode], learned: Learned, kit: Kit) -> dict[str, Any]:
+def closed_loop_gap(episodes: Sequence[Episode], learned: Learned, setup: RobotSetup) -> dict[str, Any]:
     """The gap on what the effects' controller drove, before and after them, beside the shrink that was stated."""
-    data = build_dataset([e.run() for e in episodes], [kit.robot] * len(episodes), kit.noise)
+    data = build_dataset([e.run() for e in episodes], [setup.robot] * len(episodes), setup.noise)
     scales, everything = measure_scales(data), np.ones(data.count, dtype=bool)
-    effects = assemble([learned.effects], {k.effect: kit.robot.slots(k.effect) for k in learned.effects})
+    effects = assemble([learned.effects], {k.effect: setup.robot.slots(k.effect) for k in learned.effects})
     before, after = (
         float(gap_of(data, scales, data.y - predict(data, s)[0], everything).total) for s in (Settings(1), effects)
     )

@@ -15,7 +15,7 @@ Teach = Callable[[tuple[Run, ...], Values, int], Residual]  # runs, effects unde
 
 
 @dataclass(frozen=True, eq=False)
-class Kit:
+class RobotSetup:
     """robot: the nominal model. noise: what a robot file would say of the sensors, 1-sigma by channel. control:
     weights, limits and horizon, equal for all controllers. untaught(seed, dt): a network of zero output, as before any
     data.

@@ -10,8 +10,8 @@ from residual_mpc.closed_loop.compare import Comparison
 from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.diagnosis.document import to_document
 from residual_mpc.files import write_atomically
-from scenarios.practice import Learned
-from scenarios.scenario import ClosedLoop
+from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.closed_loop.training_runs import Learned
 
 COLOURS = {
     "nominal": "#c0392b",
