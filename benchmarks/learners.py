@@ -22,7 +22,7 @@ import click
 import numpy as np
 
 from benchmarks.rivals import Adam, Learner, by_filter, gaussian_process, nothing
-from plants.scaler_arm.geometry import MOTORS
+from plants.scaler_arm.kinematics.geometry import MOTORS
 from plants.scaler_arm.twin import twin as arm_twin
 from plants.scaler_arm.withheld import draw_withheld as draw_arm
 from plants.sensors import Sensor

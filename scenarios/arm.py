@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controllers.settings import Limits, MpcSettings, Weights
-from plants.scaler_arm.geometry import MOTORS, SCALER, Arm, Servo
+from plants.scaler_arm.dynamics.step import TASK
+from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER, Arm, Servo
+from plants.scaler_arm.kinematics.loop_closure import at_posture
 from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion, references, tool_path
 from plants.scaler_arm.servo_robot import ServoArm
-from plants.scaler_arm.start import at_posture
-from plants.scaler_arm.step import TASK
 from plants.scaler_arm.twin import ENCODERS, TOOL
 from plants.scaler_arm.twin import twin as withheld_twin
 from plants.scaler_arm.withheld import Withheld

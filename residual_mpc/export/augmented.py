@@ -154,7 +154,7 @@ def _build(robot: Robot, settings: Settings, residual: Residual | None, build: B
             f"the plant of {robot.name!r} has no symbolic step: an engine alone knows how it moves",
             robot.name,
             "implement residual_mpc.models.stepping.Stepping for it, as plants/diff_drive.py and "
-            "plants/scaler_arm/step.py do",
+            "plants/scaler_arm/dynamics/step.py do",
         )
     if residual is not None:
         reads(residual)  # refuses a form that no step hosts

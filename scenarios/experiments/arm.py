@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plants.scaler_arm.geometry import MOTORS
+from plants.scaler_arm.engines.pybullet_arm import PybulletArm
+from plants.scaler_arm.kinematics.geometry import MOTORS
 from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion
-from plants.scaler_arm.pybullet_arm import PybulletArm
 from plants.scaler_arm.twin import ENCODERS, twin
 from plants.scaler_arm.withheld import draw_withheld
 from plants.sensors import Sensed

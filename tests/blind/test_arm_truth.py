@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from plants.blind_families.arm_effects import ArmSensor
-from plants.blind_families.arm_model import Arm, compiled, draw_arm, mjcf
-from plants.blind_families.arm_motions import multisine
-from plants.blind_families.arm_runs import ReferenceMotion, play
-from plants.blind_families.arm_truth import STEP, Stepper, ideal
+from plants.blind_families.arm.effects import ArmSensor
+from plants.blind_families.arm.model import Arm, compiled, draw_arm, mjcf
+from plants.blind_families.arm.motions import multisine
+from plants.blind_families.arm.runs import ReferenceMotion, play
+from plants.blind_families.arm.truth import STEP, Stepper, ideal
 from residual_mpc.blind.families import make_case
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from plants.blind_families.arm import ArmBench
-from plants.blind_families.arm_setting import draw_setting as draw_arm_setting
-from plants.blind_families.wheeled import WheeledBench
-from plants.blind_families.wheeled_setting import draw_setting
+from plants.blind_families.arm.family import ArmBench
+from plants.blind_families.arm.setting import draw_setting as draw_arm_setting
+from plants.blind_families.wheeled.family import WheeledBench
+from plants.blind_families.wheeled.setting import draw_setting
 from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.families import make_case, make_twin
 from residual_mpc.blind.levels import LEVELS

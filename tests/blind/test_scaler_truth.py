@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from answers import answer
 
-from plants.blind_families.arm_effects import PLANT, ArmRobot, ArmSensor
-from plants.blind_families.arm_motions import multisine, steps
-from plants.blind_families.arm_runs import ReferenceMotion, play
-from plants.blind_families.arm_setting import Setting
-from plants.blind_families.arm_truth import STEP, Stepper, ideal
-from plants.blind_families.scaler import FAMILY, ScalerBench
-from plants.blind_families.scaler_model import CARRIED, FOREARM, ScalerArm, compiled
-from plants.blind_families.scaler_setting import inertia_at_home
+from plants.blind_families.arm.effects import PLANT, ArmRobot, ArmSensor
+from plants.blind_families.arm.motions import multisine, steps
+from plants.blind_families.arm.runs import ReferenceMotion, play
+from plants.blind_families.arm.setting import Setting
+from plants.blind_families.arm.truth import STEP, Stepper, ideal
+from plants.blind_families.scaler.family import FAMILY, ScalerBench
+from plants.blind_families.scaler.model import CARRIED, FOREARM, ScalerArm, compiled
+from plants.blind_families.scaler.setting import inertia_at_home
 from plants.blind_families.sensing import Roughness
-from plants.scaler_arm.geometry import MOTORS
-from plants.scaler_arm.kinematics import jacobian
-from plants.scaler_arm.mjcf import mjcf
+from plants.scaler_arm.engines.mjcf import mjcf
+from plants.scaler_arm.kinematics.forward import jacobian
+from plants.scaler_arm.kinematics.geometry import MOTORS
 from plants.scaler_arm.robot import build
 from residual_mpc.blind.families import make_case
 from residual_mpc.blind.make import MakeSettings, _plan

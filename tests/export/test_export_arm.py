@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from plants.scaler_arm.geometry import HOME, MOTORS
-from plants.scaler_arm.kinematics import forward_kinematics, velocity
+from plants.scaler_arm.dynamics.step import TASK
+from plants.scaler_arm.kinematics.forward import forward_kinematics, velocity
+from plants.scaler_arm.kinematics.geometry import HOME, MOTORS
 from plants.scaler_arm.servo_robot import ServoArm
-from plants.scaler_arm.step import TASK
 from residual_mpc.cli.main import main
 from residual_mpc.errors import BadInput
 from residual_mpc.export import Augmented, Build, augment, casadi_model

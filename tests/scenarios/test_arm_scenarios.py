@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from controllers.mpc import build_mpc
-from plants.scaler_arm.geometry import MOTORS, SCALER
-from plants.scaler_arm.inverse import inverse_kinematics
-from plants.scaler_arm.kinematics import forward_kinematics
+from plants.scaler_arm.kinematics.forward import forward_kinematics
+from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER
+from plants.scaler_arm.kinematics.inverse import inverse_kinematics
 from residual_mpc.closed_loop import LoopSettings, build_filter, run_closed_loop
 from residual_mpc.closed_loop.compare import ControlStack, compare, document
 from residual_mpc.closed_loop.metrics import figures, h2_norm, path_error
