@@ -24,10 +24,10 @@ from controllers.mpc import Mpc, build_mpc
 from controllers.settings import MpcSettings
 from plants.diff_drive import DiffDrive
 from residual_mpc.export import Augmented, Build, augment, casadi_model
+from residual_mpc.learning.forms.body import BODY
+from residual_mpc.learning.network.mlp import Mlp
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.settings import Knob
-from residual_mpc.residual.body import BODY
-from residual_mpc.residual.mlp import Mlp
-from residual_mpc.residual.record import Residual
 
 DT, N = 0.05, 20
 PERIOD = 12.0  # s, of the figure-eight
@@ -55,7 +55,7 @@ def path(t: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Course:
+class ControlProblem:
     """What is driven: path(t (n,)) -> (n, ny); begin: poses by channel at its start; error(y, wanted) (ny,): in the
     frame that the weights speak of.
     """
@@ -71,10 +71,10 @@ class Course:
         return self.path(self.dt * (k + 1 + np.arange(self.steps)))
 
 
-def drive() -> Course:
+def drive() -> ControlProblem:
     """The figure-eight."""
     begin = dict(zip(("pose.x", "pose.y", "pose.theta"), path(np.zeros(1))[0].tolist(), strict=True))
-    return Course(DT, N, path, begin, _in_frame)
+    return ControlProblem(DT, N, path, begin, _in_frame)
 
 
 def _in_frame(y: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -96,32 +96,32 @@ class Contestant:
     failed: int = 0
 
 
-def real_time(name: str, mpc: Mpc, course: Course) -> Contestant:
+def real_time(name: str, mpc: Mpc, problem: ControlProblem) -> Contestant:
     """Our controller, with its own warm start."""
     memory = {"state": mpc.init()}
 
     def step(x: np.ndarray, k: int, sent: np.ndarray) -> tuple[np.ndarray, bool]:
-        command, memory["state"], info = mpc.step(memory["state"], x, course.ahead(k))
+        command, memory["state"], info = mpc.step(memory["state"], x, problem.ahead(k))
         return command, info.outcome != "shifted"
 
-    return _contestant(name, step, mpc.model, course)
+    return _contestant(name, step, mpc.model, problem)
 
 
-def full(name: str, mpc: Mpc, iterations: int, course: Course) -> Contestant:
+def full(name: str, mpc: Mpc, iterations: int, problem: ControlProblem) -> Contestant:
     """CasADi and IPOPT on the same problem, warm-started with the shifted plan."""
     solver = converged(mpc, iterations)
     memory = {"plan": mpc.init().plan}
 
     def step(x: np.ndarray, k: int, sent: np.ndarray) -> tuple[np.ndarray, bool]:
         guess = np.concatenate([memory["plan"][1:], memory["plan"][-1:]])
-        plan, _, good = solver.solve(x, sent, course.ahead(k), guess)
+        plan, _, good = solver.solve(x, sent, problem.ahead(k), guess)
         memory["plan"] = plan
         return plan[0], good
 
-    return _contestant(name, step, mpc.model, course)
+    return _contestant(name, step, mpc.model, problem)
 
 
-def do_mpc(name: str, mpc: Mpc, course: Course) -> Contestant:
+def do_mpc(name: str, mpc: Mpc, problem: ControlProblem) -> Contestant:
     """do-mpc with IPOPT (50 iterations at most), the exported model as its right-hand side."""
     import casadi as ca
 
@@ -165,16 +165,16 @@ def do_mpc(name: str, mpc: Mpc, course: Course) -> Contestant:
         command = np.array(outer.make_step(x[:, None])).ravel()
         return command, bool(outer.solver_stats["success"])
 
-    return _contestant(name, step, m, course)
+    return _contestant(name, step, m, problem)
 
 
-def _contestant(name: str, step: Any, m: Augmented, course: Course) -> Contestant:
-    x = m.start(course.begin)
+def _contestant(name: str, step: Any, m: Augmented, problem: ControlProblem) -> Contestant:
+    x = m.start(problem.begin)
     return Contestant(name, step, x, m.hold(x), [], [])
 
 
 def race(
-    contestants: list[Contestant], mpc: Mpc, course: Course, steps: int, block: int, rng: np.random.Generator
+    contestants: list[Contestant], mpc: Mpc, problem: ControlProblem, steps: int, block: int, rng: np.random.Generator
 ) -> None:
     """Everyone drives `steps` samples of the same model, in blocks, in shuffled order."""
     plant = build_plant(mpc.model)
@@ -188,7 +188,7 @@ def race(
                 c.wall.append(1e3 * (time.perf_counter() - wall))
                 c.failed += not good
                 c.x = plant(c.x, command)
-                c.cost += _cost(mpc, course, c.x, k, command, c.sent)
+                c.cost += _cost(mpc, problem, c.x, k, command, c.sent)
                 c.sent = command
 
 
@@ -198,8 +198,8 @@ def build_plant(m: Augmented) -> Any:
     return lambda x, u: np.array(f(x, u, m.p)).ravel()
 
 
-def _cost(mpc: Mpc, course: Course, x: np.ndarray, k: int, command: np.ndarray, sent: np.ndarray) -> float:
-    e = course.error(mpc.model.outputs(x), course.ahead(k)[0])
+def _cost(mpc: Mpc, problem: ControlProblem, x: np.ndarray, k: int, command: np.ndarray, sent: np.ndarray) -> float:
+    e = problem.error(mpc.model.outputs(x), problem.ahead(k)[0])
     w = mpc.settings.weights
     change = np.sum((command - sent) ** 2) / w.change**2
     return float(np.sum((e / w.error) ** 2) + change + np.sum(command**2) / w.command**2)
@@ -212,22 +212,22 @@ def main() -> None:
     parser.add_argument("--long", type=int, default=0, help="samples of a run of our default controller alone")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    exact, round_, course = model(), model(smooth=1e-2), drive()
+    exact, round_, problem = model(), model(smooth=1e-2), drive()
     ours = build_mpc(exact, MpcSettings())
     contestants = [
-        real_time("real-time iteration, DAQP", ours, course),
-        real_time("real-time iteration, OSQP", build_mpc(exact, MpcSettings(solver="osqp")), course),
-        real_time("the same without a compiler", build_mpc(exact, MpcSettings(compile=False)), course),
-        full("IPOPT, converged, smoothed", build_mpc(round_, MpcSettings()), 200, course),
-        full("IPOPT, converged, leaky", ours, 50, course),
-        do_mpc("do-mpc with IPOPT, leaky", ours, course),
+        real_time("real-time iteration, DAQP", ours, problem),
+        real_time("real-time iteration, OSQP", build_mpc(exact, MpcSettings(solver="osqp")), problem),
+        real_time("the same without a compiler", build_mpc(exact, MpcSettings(compile=False)), problem),
+        full("IPOPT, converged, smoothed", build_mpc(round_, MpcSettings()), 200, problem),
+        full("IPOPT, converged, leaky", ours, 50, problem),
+        do_mpc("do-mpc with IPOPT, leaky", ours, problem),
     ]
-    race(contestants, ours, course, options.steps, 40, np.random.default_rng(0))
+    race(contestants, ours, problem, options.steps, 40, np.random.default_rng(0))
     best = next(c for c in contestants if c.name.startswith("IPOPT, converged, smoothed"))
     rows = [row(c, best.cost) for c in contestants]
     if options.long:
-        alone = real_time(f"DAQP, {options.long} steps", build_mpc(exact, MpcSettings()), course)
-        race([alone], ours, course, options.long, options.long, np.random.default_rng(0))
+        alone = real_time(f"DAQP, {options.long} steps", build_mpc(exact, MpcSettings()), problem)
+        race([alone], ours, problem, options.long, options.long, np.random.default_rng(0))
         rows.append(row(alone, float("nan")))
     from benchmarks.control_arm import arm_rows
 

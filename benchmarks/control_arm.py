@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.control import Course, full, print_table, race, real_time, row
+from benchmarks.control import ControlProblem, full, print_table, race, real_time, row
 from controllers.mpc import build_mpc
 from plants.scaler_arm.servo_robot import ServoArm
 from residual_mpc.export import Augmented, Build, augment
@@ -31,22 +31,22 @@ def model(smooth: float = 0.0) -> Augmented:
 def arm_rows(steps: int) -> list[dict[str, Any]]:
     """One row a contestant; IPOPT, which takes a hundred times as long, drives the first tenth."""
     reference = circle_z()
-    course = Course(DT, CONTROL.horizon, reference.path, reference.begin(), lambda y, wanted: y - wanted)
+    problem = ControlProblem(DT, CONTROL.horizon, reference.path, reference.begin(), lambda y, wanted: y - wanted)
     exact = model()
     ours = build_mpc(exact, CONTROL)
     contestants = [
-        real_time("real-time iteration, DAQP", ours, course),
-        real_time("real-time iteration, OSQP", build_mpc(exact, replace(CONTROL, solver="osqp")), course),
-        real_time("the same without a compiler", build_mpc(exact, replace(CONTROL, compile=False)), course),
+        real_time("real-time iteration, DAQP", ours, problem),
+        real_time("real-time iteration, OSQP", build_mpc(exact, replace(CONTROL, solver="osqp")), problem),
+        real_time("the same without a compiler", build_mpc(exact, replace(CONTROL, compile=False)), problem),
     ]
     few = max(40, steps // 10)
     pair = [
-        real_time("", ours, course),
-        full("IPOPT, converged, smoothed", build_mpc(model(smooth=1e-3), CONTROL), 200, course),
+        real_time("", ours, problem),
+        full("IPOPT, converged, smoothed", build_mpc(model(smooth=1e-3), CONTROL), 200, problem),
     ]
     rng = np.random.default_rng(0)
-    race(pair, ours, course, few, 20, rng)
-    race(contestants, ours, course, steps, 40, rng)
+    race(pair, ours, problem, few, 20, rng)
+    race(contestants, ours, problem, steps, 40, rng)
     over = pair[0].cost / pair[1].cost  # on the same samples
     rows = [row(c, contestants[0].cost / over) for c in contestants]
     return [*rows, row(pair[1], pair[1].cost)]

@@ -21,6 +21,8 @@ from time import perf_counter
 import click
 import numpy as np
 
+from residual_mpc.learning.batch.network_learner import LEARNERS
+
 SIZES = (1, 2, 4)  # times the runs
 STAGES = ("read and audit", "windows", "search", "rivals", "fit and forecast", "judge", "report")
 BEGINS = {  # what `diagnose` reports as it goes -> the stage that begins there
@@ -144,7 +146,6 @@ def diagnose(log: Path) -> Cost:
     from residual_mpc.diagnosis.results.document import to_document
     from residual_mpc.report import sentence, write_report
     from residual_mpc.report.collect import collect
-    from residual_mpc.residual.remainder import LEARNERS
 
     marks: list[tuple[str, float]] = [("read and audit", perf_counter())]
 

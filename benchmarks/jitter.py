@@ -10,12 +10,12 @@ import time
 import click
 import numpy as np
 
-from residual_mpc.residual.mlp import Mlp, initial_weights
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.stream import Samples
-from residual_mpc.residual.stream_settings import StreamSettings
-from residual_mpc.residual.streaming import begin
-from residual_mpc.residual.worker import Worker
+from residual_mpc.learning.network.mlp import Mlp, initial_weights
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.learning.stream.samples import Samples
+from residual_mpc.learning.stream.settings import StreamSettings
+from residual_mpc.learning.stream.updates import begin
+from residual_mpc.learning.stream.worker import Worker
 
 PERIOD, PLAN = 0.02, 0.001  # s: of the loop, and what it computes in each
 NAMES = (("model.x", "model.y", "model.theta", "command.left", "command.right"), ("x", "y", "theta"))

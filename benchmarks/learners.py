@@ -22,15 +22,15 @@ import click
 import numpy as np
 
 from benchmarks.rivals import Adam, Learner, by_filter, gaussian_process, nothing
-from plants.scaler_arm.geometry import MOTORS
+from plants.scaler_arm.kinematics.geometry import MOTORS
 from plants.scaler_arm.twin import twin as arm_twin
 from plants.scaler_arm.withheld import draw_withheld as draw_arm
 from plants.sensors import Sensor
 from plants.wheeled.simulators import bullet_drive
 from plants.wheeled.twin import camera, draw_withheld, encoders, twin
-from residual_mpc.residual.filter import FilterSettings
-from residual_mpc.residual.stream import Samples
-from residual_mpc.residual.streaming import StreamSettings
+from residual_mpc.learning.filter.kalman import FilterSettings
+from residual_mpc.learning.stream.samples import Samples
+from residual_mpc.learning.stream.updates import StreamSettings
 from scenarios.experiments import arm, arm_data, wheeled, wheeled_data
 
 SECONDS, FRESH = 120.0, 30.0

@@ -23,11 +23,11 @@ from time import process_time
 import click
 import numpy as np
 
-from residual_mpc.residual import ekf, ukf
-from residual_mpc.residual.filter import Belief, FilterSettings, Measurement, start
-from residual_mpc.residual.mlp import Mlp, forward, initial_weights
-from residual_mpc.residual.room import Room
-from residual_mpc.residual.window import Window
+from residual_mpc.learning.filter import ekf, ukf
+from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Measurement, start
+from residual_mpc.learning.filter.window import Window
+from residual_mpc.learning.filter.workspace import Workspace
+from residual_mpc.learning.network.mlp import Mlp, forward, initial_weights
 
 SIZES = ((10, 10), (20, 20), (40, 40))  # 203, 603 and 2003 weights
 HORIZON = 20
@@ -54,10 +54,10 @@ def learning(updates: int, seed: int) -> None:
         case = make(hidden, np.random.default_rng(seed))
         size = case.window.net.size
         count = max(3, updates * 203**2 // size**2)
-        room = Room()
+        workspace = Workspace()
         methods: dict[str, Callable[[], object]] = {
-            "UKF": lambda case=case, room=room: ukf.update(
-                case.belief, case.window, case.measured, SETTINGS, room=room
+            "UKF": lambda case=case, workspace=workspace: ukf.update(
+                case.belief, case.window, case.measured, SETTINGS, workspace=workspace
             ),
             "EKF": lambda case=case: ekf.update(case.belief, case.window, case.measured, SETTINGS),
         }

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.residual.mlp import Mlp, forward, initial_weights, jacobian
-from residual_mpc.residual.stream import Samples
-from residual_mpc.residual.streaming import StreamSettings, learn_stream
+from residual_mpc.learning.network.mlp import Mlp, forward, initial_weights, jacobian
+from residual_mpc.learning.stream.samples import Samples
+from residual_mpc.learning.stream.updates import StreamSettings, learn_stream
 
 RATES = (1e-3, 3e-3, 1e-2)
 BATCH = 100  # samples in a gradient

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controllers.settings import Limits, MpcSettings, Weights
-from plants.scaler_arm.geometry import MOTORS, SCALER, Arm, Servo
+from plants.scaler_arm.dynamics.step import TASK
+from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER, Arm, Servo
+from plants.scaler_arm.kinematics.loop_closure import at_posture
 from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion, references, tool_path
 from plants.scaler_arm.servo_robot import ServoArm
-from plants.scaler_arm.start import at_posture
-from plants.scaler_arm.step import TASK
 from plants.scaler_arm.twin import ENCODERS, TOOL
 from plants.scaler_arm.twin import twin as withheld_twin
 from plants.scaler_arm.withheld import Withheld
@@ -19,12 +19,12 @@ from residual_mpc.closed_loop.estimator import EstimatorSettings, Filter, build_
 from residual_mpc.closed_loop.online import OnlineLearner, OnlineSettings, Row
 from residual_mpc.closed_loop.protocols import Reading, Simulator
 from residual_mpc.export import Build, augment
+from residual_mpc.learning.filter.kalman import FilterSettings
+from residual_mpc.learning.network.mlp import Mlp, initial_weights
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Values
-from residual_mpc.residual.filter import FilterSettings
-from residual_mpc.residual.mlp import Mlp, initial_weights
-from residual_mpc.residual.record import Residual
-from scenarios.kit import Kit
+from scenarios.closed_loop.robot_setup import RobotSetup
 
 DT = 0.01  # s, between commands, as in the paper
 NOISE = dict(ENCODERS.sigma)  # rad, rad/s
@@ -38,13 +38,13 @@ CONTROL = MpcSettings(
 ESTIMATOR = EstimatorSettings(noise=(2e-4,) * 6, drift=(0.005,) * 6, disturbance=(0.05,) * 6)
 # An update a tenth of a second: weights that predict better than none are in the controller after two of them
 ONLINE = OnlineSettings(horizon=10, noise=(1e-4,) * 3, other=(5e-4,) * 3, kalman=FilterSettings(process=1e-6))
-# Each pass counts every window as if it were new: a smaller variance keeps the practice from being believed too much
+# Each pass counts every window as if it were new: a smaller variance keeps the runs from being believed too much
 TEACHING = replace(ONLINE, horizon=20, variance=0.01)
 # What a network starts from, before any data: rates of slow circles, and a tenth of the tool's speed to learn
 TYPICAL = np.full(len(MOTORS), 0.3)  # rad/s
 TO_LEARN = np.full(3, 0.01)  # m/s
 LIMIT = 6.0  # typical rates
-PASSES = 4  # over the practice, when a network is taught on it
+PASSES = 4  # over the training runs, when a network is taught on it
 KEPT = 5  # every so-manieth window judges what was taught on the others
 
 
@@ -84,7 +84,7 @@ def circle_z() -> Path:
 
 # What the nominal controller drives for the log, about as fast as what is scored: a network without memory that is
 # taught on motions too fast for it learns to lean against the arm's own lateness, and no controller can drive on that
-PRACTICE: tuple[tuple[Callable[[], Path], float], ...] = (
+TRAINING_MOTIONS: tuple[tuple[Callable[[], Path], float], ...] = (
     (circle_line, 9.0),
     (circle_z, 6.0),
     (lambda: Path(CircleWithHeight(0.05, 5.0, 0.03, 1)), 6.0),
@@ -92,23 +92,23 @@ PRACTICE: tuple[tuple[Callable[[], Path], float], ...] = (
 )
 
 
-def servo_arm() -> Kit:
+def servo_arm() -> RobotSetup:
     """The arm whose motors are springs and dampers, as in MuJoCo: they give way under its weight."""
-    return _kit(ServoArm("scaler_arm_servo"))
+    return _setup(ServoArm("scaler_arm_servo"))
 
 
-def stiff_arm() -> Kit:
+def stiff_arm() -> RobotSetup:
     """The arm whose motors hold any load, as PyBullet's do: a thousand times as stiff, and as quick as the others."""
     servo: Servo = SCALER.servo
     stiff: Arm = replace(SCALER, servo=replace(servo, stiffness=1e3 * servo.stiffness, damping=1e3 * servo.damping))
-    return _kit(ServoArm("scaler_arm_servo", stiff))
+    return _setup(ServoArm("scaler_arm_servo", stiff))
 
 
-def _kit(robot: ServoArm) -> Kit:
+def _setup(robot: ServoArm) -> RobotSetup:
     def teach(runs: tuple[Run, ...], effects: Values, seed: int) -> Residual:
         return taught(robot, runs, effects, untaught(seed, DT), seed)
 
-    return Kit(robot, NOISE, ESTIMATOR, CONTROL, teach, untaught, ONLINE)
+    return RobotSetup(robot, NOISE, ESTIMATOR, CONTROL, teach, untaught, ONLINE)
 
 
 def untaught(seed: int, dt: float) -> Residual:

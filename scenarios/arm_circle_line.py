@@ -1,14 +1,14 @@
 """The arm draws a circle and a line through it (the paper's trajectory A) with worn servos and a load, in MuJoCo."""
 
 from plants.scaler_arm.withheld import Withheld
-from scenarios.arm import DT, PRACTICE, arm_twin, circle_line, servo_arm
-from scenarios.scenario import ClosedLoop
+from scenarios.arm import DT, TRAINING_MOTIONS, arm_twin, circle_line, servo_arm
+from scenarios.closed_loop.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="arm_circle_line",
     summary="SCALER arm, circle with a line, in MuJoCo; withheld: payload, weak and rubbing servos",
     plant="scaler_arm",
-    kit=servo_arm,
+    setup=servo_arm,
     simulator=lambda: arm_twin("mujoco", Withheld(payload=0.12, gain=0.6, friction=0.4)),
     withheld={
         ("payload", None, "mass"): 0.12,
@@ -18,5 +18,5 @@ SCENARIO = ClosedLoop(
     reference=circle_line,
     seconds=9.0,
     dt=DT,
-    practice=PRACTICE,
+    training_motions=TRAINING_MOTIONS,
 )

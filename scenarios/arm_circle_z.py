@@ -1,18 +1,18 @@
 """The arm draws a circle while it goes up and down (the paper's trajectory B) over a slow bus, in PyBullet."""
 
 from plants.scaler_arm.withheld import Withheld
-from scenarios.arm import DT, PRACTICE, arm_twin, circle_z, stiff_arm
-from scenarios.scenario import ClosedLoop
+from scenarios.arm import DT, TRAINING_MOTIONS, arm_twin, circle_z, stiff_arm
+from scenarios.closed_loop.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="arm_circle_z",
     summary="SCALER arm, circle up and down, in PyBullet; withheld: late commands",
     plant="scaler_arm",
-    kit=stiff_arm,
+    setup=stiff_arm,
     simulator=lambda: arm_twin("pybullet", Withheld(delay=0.04)),
     withheld={("command_delay", None, "delay"): 0.04},
     reference=circle_z,
     seconds=9.0,
     dt=DT,
-    practice=PRACTICE,
+    training_motions=TRAINING_MOTIONS,
 )

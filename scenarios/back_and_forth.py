@@ -2,17 +2,17 @@
 
 from plants.wheeled.motions import back_and_forth
 from plants.wheeled.twin import Withheld
-from scenarios.robots import PRACTICE, Gently, in_mujoco
+from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.robots import TRAINING_MOTIONS, Gently, in_mujoco
 from scenarios.rover import rover
-from scenarios.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="back_and_forth",
     summary="back and forth in MuJoCo; withheld: motor lag, wheel mismatch",
     plant="diff_drive",
-    kit=rover,
+    setup=rover,
     simulator=lambda: in_mujoco(Withheld(ratio=1.06, lag=0.25)),
     withheld={("wheel_radius_mismatch", None, "ratio"): 1.06, ("actuator_lag", None, "time_constant"): 0.25},
     reference=lambda: Gently(back_and_forth()),
-    practice=PRACTICE,
+    training_motions=TRAINING_MOTIONS,
 )

@@ -2,17 +2,17 @@
 
 from plants.wheeled.motions import constant_yaw_rate
 from plants.wheeled.twin import Withheld
-from scenarios.robots import PRACTICE, Gently, in_pybullet
+from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.robots import TRAINING_MOTIONS, Gently, in_pybullet
 from scenarios.rover import rover
-from scenarios.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="constant_yaw_rate",
     summary="circle at a constant yaw rate in PyBullet; withheld: track width, wheel mismatch",
     plant="diff_drive",
-    kit=rover,
+    setup=rover,
     simulator=lambda: in_pybullet(Withheld(ratio=0.95, track=1.35)),
     withheld={("wheel_radius_mismatch", None, "ratio"): 0.95, ("track_width", None, "scale"): 1.35},
     reference=lambda: Gently(constant_yaw_rate(1.0, 0.2)),
-    practice=PRACTICE,
+    training_motions=TRAINING_MOTIONS,
 )

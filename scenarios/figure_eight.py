@@ -1,15 +1,15 @@
 """A figure-eight on slow motors, a wheel too large and tyres that scrub in turns, in MuJoCo."""
 
 from plants.wheeled.twin import Withheld
-from scenarios.robots import PRACTICE, brisk_eight, in_mujoco
+from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.robots import TRAINING_MOTIONS, brisk_eight, in_mujoco
 from scenarios.rover import rover
-from scenarios.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="figure_eight",
     summary="figure-eight in MuJoCo; withheld: motor lag, wheel mismatch, track width",
     plant="diff_drive",
-    kit=rover,
+    setup=rover,
     simulator=lambda: in_mujoco(Withheld(ratio=1.04, track=1.25, lag=0.2)),
     withheld={
         ("actuator_lag", None, "time_constant"): 0.2,
@@ -17,5 +17,5 @@ SCENARIO = ClosedLoop(
         ("track_width", None, "scale"): 1.25,
     },
     reference=brisk_eight,
-    practice=PRACTICE,
+    training_motions=TRAINING_MOTIONS,
 )

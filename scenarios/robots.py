@@ -97,7 +97,7 @@ def brisk_eight() -> Gently:
 
 
 # What the nominal controller drives for the log: turns, straights, both ways
-PRACTICE = (
+TRAINING_MOTIONS = (
     (brisk_eight, 24.0),
     (lambda: Gently(route()), 24.0),
     (lambda: Gently(spin_in_place()), 16.0),

@@ -2,18 +2,18 @@
 
 from plants.wheeled.motions import route
 from plants.wheeled.twin import Withheld
-from scenarios.robots import PRACTICE, Gently, Late, in_mujoco
+from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.robots import TRAINING_MOTIONS, Gently, Late, in_mujoco
 from scenarios.rover import rover
-from scenarios.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="route",
     summary="a route with soft limits in MuJoCo; withheld: late commands, track width",
     plant="diff_drive",
-    kit=rover,
+    setup=rover,
     simulator=lambda: Late(in_mujoco(Withheld(track=1.2)), 0.15),
     withheld={("command_delay", None, "delay"): 0.15, ("track_width", None, "scale"): 1.2},
     reference=lambda: Gently(route()),
     limits=(("pose.y", -0.01, 0.81),),
-    practice=PRACTICE,
+    training_motions=TRAINING_MOTIONS,
 )

@@ -6,14 +6,14 @@ from controllers.settings import MpcSettings
 from plants.diff_drive import DiffDrive
 from residual_mpc.closed_loop.estimator import EstimatorSettings
 from residual_mpc.closed_loop.online import OnlineSettings
+from residual_mpc.learning.batch.training import Task, train
+from residual_mpc.learning.batch.window_updates import LearnSettings
+from residual_mpc.learning.forms.body import BODY
+from residual_mpc.learning.network.mlp import Mlp, initial_weights
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Values
-from residual_mpc.residual.body import BODY
-from residual_mpc.residual.learn import LearnSettings
-from residual_mpc.residual.mlp import Mlp, initial_weights
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.train import Task, train
-from scenarios.kit import Kit
+from scenarios.closed_loop.robot_setup import RobotSetup
 
 ROBOT = DiffDrive("rover", 0.033, 0.16)
 NOISE = {"pose.x": 0.002, "pose.y": 0.002, "pose.theta": 0.006}  # m, m, rad
@@ -37,6 +37,6 @@ def untaught(seed: int, dt: float) -> Residual:
     return Residual(net, theta, inputs, BODY, np.zeros(5), TYPICAL, TO_LEARN, "body", dt, ROBOT.name, LIMIT)
 
 
-def rover() -> Kit:
+def rover() -> RobotSetup:
     """The wheeled robot of the scenarios."""
-    return Kit(ROBOT, NOISE, EstimatorSettings(), MpcSettings(), teach, untaught, OnlineSettings())
+    return RobotSetup(ROBOT, NOISE, EstimatorSettings(), MpcSettings(), teach, untaught, OnlineSettings())

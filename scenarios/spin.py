@@ -2,17 +2,17 @@
 
 from plants.wheeled.motions import spin_in_place
 from plants.wheeled.twin import Withheld
-from scenarios.robots import PRACTICE, Gently, in_pybullet
+from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.robots import TRAINING_MOTIONS, Gently, in_pybullet
 from scenarios.rover import rover
-from scenarios.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="spin",
     summary="spin in place in PyBullet; withheld: wheel mismatch, track width",
     plant="diff_drive",
-    kit=rover,
+    setup=rover,
     simulator=lambda: in_pybullet(Withheld(ratio=0.93, track=1.3)),
     withheld={("wheel_radius_mismatch", None, "ratio"): 0.93, ("track_width", None, "scale"): 1.3},
     reference=lambda: Gently(spin_in_place()),
-    practice=PRACTICE,
+    training_motions=TRAINING_MOTIONS,
 )

@@ -57,7 +57,7 @@ def test_help_imports_nothing_heavy():
     assert result.stdout.splitlines()[-1] == "HEAVY []"
 
 
-@pytest.mark.parametrize("what", ["robots", "anatomies", "scenarios", "blind_families"])
+@pytest.mark.parametrize("what", ["robots", "model_structures", "scenarios", "blind_families"])
 def test_entry_points_resolve(what):
     group = f"residual_mpc.{what}"
     ours = [point for point in entry_points(group=group) if point.dist and point.dist.name == "residual-mpc"]

@@ -10,10 +10,10 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from plants.blind_families.strength import tuned
-from residual_mpc.blind.asked import Asked
+from residual_mpc.blind.commanded_motion import CommandedMotion
+from residual_mpc.blind.inseparable import may_be_withheld
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer, Planted
-from residual_mpc.blind.twins import may_be_withheld
 from residual_mpc.effects.equivalents import twins_of
 
 STRONG = 7.0  # ratio to the noise floor of a usual strong effect
@@ -87,8 +87,8 @@ class Bench(Protocol[R, D]):
         """
         ...
 
-    def play(self, robot: R, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
-        """Write the run ``name`` that the robot logs when it is told what is ``asked``; as ``write`` otherwise."""
+    def play(self, robot: R, motion: CommandedMotion, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        """Write the run ``name`` that the robot logs when it is told to drive ``motion``; as ``write`` otherwise."""
         ...
 
 
@@ -100,9 +100,9 @@ class Drawn(Generic[R, D]):
     bench: Bench[R, D]
     robot: R
 
-    def play(self, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
+    def play(self, motion: CommandedMotion, rng: np.random.Generator, name: str, folder: Path) -> bool:
         """See ``families.Twin``."""
-        return self.bench.play(self.robot, asked, rng, name, folder)
+        return self.bench.play(self.robot, motion, rng, name, folder)
 
 
 def choose(

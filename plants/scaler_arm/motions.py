@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plants.scaler_arm.geometry import HOME, SCALER, Arm
-from plants.scaler_arm.inverse import inverse_kinematics
-from plants.scaler_arm.kinematics import forward_kinematics
+from plants.scaler_arm.kinematics.forward import forward_kinematics
+from plants.scaler_arm.kinematics.geometry import HOME, SCALER, Arm
+from plants.scaler_arm.kinematics.inverse import inverse_kinematics
 from residual_mpc.errors import BadInput
 
 

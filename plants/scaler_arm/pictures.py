@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from plants.scaler_arm.five_bar import coupling
-from plants.scaler_arm.geometry import MOTORS, SCALER
-from plants.scaler_arm.kinematics import chain, forward_kinematics, posture
+from plants.scaler_arm.kinematics.five_bar import coupling
+from plants.scaler_arm.kinematics.forward import chain, forward_kinematics, posture
+from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER
 from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion, references, tool_path
 from residual_mpc.effects.ops import NUMPY
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from plants.pybullet_import import import_pybullet
-from plants.scaler_arm.bullet import World
-from plants.scaler_arm.geometry import MOTORS, SCALER, Arm
+from plants.scaler_arm.engines.pybullet_world import World
+from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER, Arm
+from plants.scaler_arm.kinematics.loop_closure import closed
 from plants.scaler_arm.robot import with_servo
-from plants.scaler_arm.start import closed
 from residual_mpc.effects.chain import command_chain, limits_of, on_errors
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.library import Sites, slots_of

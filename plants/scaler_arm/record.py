@@ -11,10 +11,10 @@ from pathlib import Path
 import click
 import numpy as np
 
+from plants.scaler_arm.engines.mujoco_arm import MujocoArm
+from plants.scaler_arm.engines.pybullet_arm import PybulletArm
+from plants.scaler_arm.kinematics.loop_closure import at_posture
 from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion, references
-from plants.scaler_arm.mujoco_arm import MujocoArm
-from plants.scaler_arm.pybullet_arm import PybulletArm
-from plants.scaler_arm.start import at_posture
 from plants.scaler_arm.twin import ENCODERS, twin
 from plants.scaler_arm.withheld import TYPICAL, draw_withheld, truth
 from plants.sensors import Sensed

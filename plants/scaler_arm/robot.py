@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_log import silence_mujoco
-from plants.scaler_arm.geometry import MOTORS, PASSIVE, SCALER, Arm
-from plants.scaler_arm.mjcf import mjcf
-from plants.scaler_arm.start import closed
+from plants.scaler_arm.engines.mjcf import mjcf
+from plants.scaler_arm.kinematics.geometry import MOTORS, PASSIVE, SCALER, Arm
+from plants.scaler_arm.kinematics.loop_closure import closed
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
 
@@ -26,7 +26,7 @@ def build(robot: RobotFile) -> "MujocoRobot":
     import mujoco
 
     from plants.mujoco_robot.compile import prepared
-    from plants.scaler_arm.stepping_arm import SteppingArm
+    from plants.scaler_arm.dynamics.stepping_arm import SteppingArm
 
     silence_mujoco()
     arm = with_servo(SCALER, robot)

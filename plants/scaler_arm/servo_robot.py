@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plants.scaler_arm.geometry import MOTORS, SCALER, Arm
-from plants.scaler_arm.kinematics import chain
+from plants.scaler_arm.dynamics.gravity import masses
+from plants.scaler_arm.dynamics.servo import Load, Servo, advance, weights
+from plants.scaler_arm.dynamics.step import RATES, arm_step, nominal
+from plants.scaler_arm.kinematics.forward import chain
+from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER, Arm
 from plants.scaler_arm.robot import with_servo
-from plants.scaler_arm.servo import Load, Servo, advance, weights
-from plants.scaler_arm.step import RATES, arm_step, nominal
-from plants.scaler_arm.weight import masses
 from residual_mpc.effects.chain import command_chain, on_errors, scaled
 from residual_mpc.effects.library import BY_NAME, Effects, Sites, changes, present, slots_of
 from residual_mpc.effects.ops import NUMPY

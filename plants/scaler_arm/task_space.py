@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plants.scaler_arm.geometry import MOTORS, SCALER, Arm
-from plants.scaler_arm.kinematics import forward_kinematics, velocity
+from plants.scaler_arm.kinematics.forward import forward_kinematics, velocity
+from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER, Arm
 from residual_mpc.errors import BadInput
 
 COMMAND, POSITION = "command", "position"

@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from plants.scaler_arm.geometry import MOTORS, SCALER
-from plants.scaler_arm.mujoco_arm import MujocoArm
-from plants.scaler_arm.pybullet_arm import PybulletArm
-from plants.scaler_arm.start import CHANNELS
-from plants.scaler_arm.sticking import sticking_start, sticking_step
+from plants.scaler_arm.dynamics.stick_slip import sticking_start, sticking_step
+from plants.scaler_arm.engines.mujoco_arm import MujocoArm
+from plants.scaler_arm.engines.pybullet_arm import PybulletArm
+from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER
+from plants.scaler_arm.kinematics.loop_closure import CHANNELS
 from plants.scaler_arm.withheld import TYPICAL, Withheld, really
 from plants.sensors import Sensed, Sensor
 from plants.simulator import Plant, Reading, Simulator

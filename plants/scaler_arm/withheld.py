@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from plants.scaler_arm.geometry import Arm, Body
-from plants.scaler_arm.sticking import Sticking
+from plants.scaler_arm.dynamics.stick_slip import Sticking
+from plants.scaler_arm.kinematics.geometry import Arm, Body
 from residual_mpc.errors import BadInput
 
 

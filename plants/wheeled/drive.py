@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from plants.simulator import Plant, Reading
-from plants.wheeled.engine import CHANNELS, Engine, motion_of
-from plants.wheeled.geometry import WHEELS, Geometry, Slips
+from plants.wheeled.engines.engine import CHANNELS, Engine, motion_of
+from plants.wheeled.engines.geometry import WHEELS, Geometry, Slips
 from residual_mpc.errors import BadInput
 
 FOLLOW = 25  # steps after which the heading is looked at: a turn of half a circle in between would be missed

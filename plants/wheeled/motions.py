@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plants.simulator import Policy, Reading
-from plants.wheeled.geometry import Geometry
+from plants.wheeled.engines.geometry import Geometry
 
 Twist = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # t (n,) s -> forward m/s, yaw rate rad/s, (n,) each
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from plants.mujoco_robot import MujocoRobot
 from plants.mujoco_robot import build as build_mujoco
 from plants.pybullet_import import import_pybullet
-from plants.wheeled.bullet_robot import BulletRobot
-from plants.wheeled.geometry import Geometry
-from plants.wheeled.mjcf import mjcf
+from plants.wheeled.engines.geometry import Geometry
+from plants.wheeled.engines.mjcf import mjcf
+from plants.wheeled.pybullet_robot import BulletRobot
 from plants.wheeled.simulators import TURTLEBOT
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile

@@ -1,9 +1,9 @@
 """The two simulators by name; the paper's Webots is no package that could be installed."""
 
-from plants.wheeled.bullet_engine import BulletEngine
 from plants.wheeled.drive import WheeledDrive
-from plants.wheeled.geometry import Geometry, Slips
-from plants.wheeled.mujoco_engine import MujocoEngine
+from plants.wheeled.engines.geometry import Geometry, Slips
+from plants.wheeled.engines.mujoco_engine import MujocoEngine
+from plants.wheeled.engines.pybullet_engine import BulletEngine
 
 TURTLEBOT = Geometry()
 EVEN = Slips()  # a floor without spots

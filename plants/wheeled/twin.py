@@ -10,7 +10,7 @@ import numpy as np
 
 from plants.sensors import Sensed, Sensor
 from plants.wheeled.drive import WheeledDrive
-from plants.wheeled.geometry import Geometry, Slips
+from plants.wheeled.engines.geometry import Geometry, Slips
 
 FRAME = 1.0 / 30.0  # s, of the camera over the floor
 

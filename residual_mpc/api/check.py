@@ -13,9 +13,9 @@ from residual_mpc.diagnosis.data.dataset import compared_channels
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.columns import group, member
-from residual_mpc.logs.find import find_tables
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.read import read_runs as read_tables
+from residual_mpc.logs.readers.find import find_tables
+from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
 from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.facts import check_columns, facts_of

@@ -24,13 +24,13 @@ from residual_mpc.diagnosis.search.measured_commands import not_commanded
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 from residual_mpc.experiment.propose import propose
+from residual_mpc.learning.batch.network_learner import LEARNERS
 from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.models.model_file import Written
 from residual_mpc.models.robot_file import measured_over
 from residual_mpc.report import compose, diagnosis_lines, sentence
 from residual_mpc.report.collect import collect
 from residual_mpc.report.words.rest import rest_sentence
-from residual_mpc.residual.remainder import LEARNERS
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -15,14 +15,14 @@ from residual_mpc.api.written import Source, name_robot_file, written
 from residual_mpc.diagnosis.gap_figures import kept_back_of
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
+from residual_mpc.learning.batch import checkpoint
+from residual_mpc.learning.batch.training import Learned, Report, Task, train
+from residual_mpc.learning.batch.window_updates import LearnSettings
+from residual_mpc.learning.network.residual import KEY, to_json
+from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_in
 from residual_mpc.models.settings import Values
-from residual_mpc.residual import checkpoint
-from residual_mpc.residual.learn import LearnSettings
-from residual_mpc.residual.record import KEY, to_json
-from residual_mpc.residual.train import Learned, Report, Task, train
-from residual_mpc.residual.written import residual_in
 
 if TYPE_CHECKING:
     from pandas import DataFrame

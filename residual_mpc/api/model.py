@@ -16,9 +16,9 @@ from residual_mpc.export.augmented import Augmented, Build
 from residual_mpc.export.augmented import augment as augment_robot
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.export.write import TARGETS, write_mjcf, write_model
+from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.settings import Values
-from residual_mpc.residual.written import residual_in
 
 USUAL_STEP = 0.05  # s, the controllers' usual one
 CONTROLLERS = "residual_mpc.controllers"  # entry points: "mpc" and "lqr"

@@ -10,7 +10,7 @@ from residual_mpc.api.robot import NominalRobot
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.read import read_runs as read_tables
+from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.load import load_robot as build_robot

@@ -18,10 +18,10 @@ from zlib import crc32
 
 import numpy as np
 
-from residual_mpc.blind.apart import call_apart, program
-from residual_mpc.blind.asked import Asked, read_asked
+from residual_mpc.blind.commanded_motion import CommandedMotion, read_commanded_motions
 from residual_mpc.blind.families import make_twin
-from residual_mpc.blind.in_turn import Progress, in_turn
+from residual_mpc.blind.processes.isolated import call_apart, program
+from residual_mpc.blind.processes.parallel import Progress, in_turn
 from residual_mpc.blind.run import diagnose_case
 from residual_mpc.blind.seal import digest, read_sealed
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
@@ -110,11 +110,11 @@ def _carried_out(
     with tempfile.TemporaryDirectory(prefix="plan-") as place:
         plan = _plan(case, document, Path(place), settings)
         shutil.copyfile(Path(place) / "next.csv", out / "next.csv")
-    asked = read_asked(out / "next.csv", plan["sensors"])
+    motions = read_commanded_motions(out / "next.csv", plan["sensors"])
     with tempfile.TemporaryDirectory(prefix="case-") as place:
         more = Path(place) / "case"
         shutil.copytree(case, more)
-        played = _played(suite, entry, answers, asked, more, settings.seed)
+        played = _played(suite, entry, answers, motions, more, settings.seed)
         command = [*program(settings.command, "diagnose"), "--seed", str(settings.seed)]
         again = out / "again"
         done = diagnose_case(more, entry, again, command, settings.timeout)
@@ -140,7 +140,9 @@ def _plan(case: Path, document: Path, place: Path, settings: ExperimentSettings)
     return plan
 
 
-def _played(suite: Suite, entry: Entry, answers: Path, asked: tuple[Asked, ...], runs: Path, seed: int) -> list[str]:
+def _played(
+    suite: Suite, entry: Entry, answers: Path, motions: tuple[CommandedMotion, ...], runs: Path, seed: int
+) -> list[str]:
     """Names of the files that the case's robot logs to the folder ``runs``."""
     sealed = read_sealed(answers / f"{entry.name}.json")
     answer = sealed.answer
@@ -151,7 +153,7 @@ def _played(suite: Suite, entry: Entry, answers: Path, asked: tuple[Asked, ...],
         twin = make_twin(answer.family, answer.level, answer.seed, place)
         if digest(Path(place) / "case") != sealed.data:
             raise BadInput("this version draws another robot for it", entry.name, "Make the suite again")
-        for k, motion in enumerate(asked):
+        for k, motion in enumerate(motions):
             rng = np.random.default_rng([seed, k, crc32(sealed.data.encode())])
             if not twin.play(motion, rng, f"next{k + 1}", runs):
                 raise RuntimeError(f"the robot runs away under {motion.name or 'the commands'}")

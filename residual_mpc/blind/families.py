@@ -9,7 +9,7 @@ from zlib import crc32
 
 import numpy as np
 
-from residual_mpc.blind.asked import Asked
+from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.levels import LEVELS, Level
 from residual_mpc.blind.records import Answer
 from residual_mpc.errors import BadInput
@@ -23,8 +23,8 @@ class Twin(Protocol):
     @property
     def answer(self) -> Answer: ...
 
-    def play(self, asked: Asked, rng: np.random.Generator, name: str, folder: Path) -> bool:
-        """Log what is asked, by the sensors and under the noise of the case's runs, as the run ``name`` in ``folder``.
+    def play(self, motion: CommandedMotion, rng: np.random.Generator, name: str, folder: Path) -> bool:
+        """Log ``motion``, by the sensors and under the noise of the case's runs, as the run ``name`` in ``folder``.
 
         False, and nothing written, where the robot runs away.
         """

@@ -14,8 +14,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from residual_mpc.blind.apart import call_apart, program
-from residual_mpc.blind.in_turn import Progress, in_turn, silent
+from residual_mpc.blind.processes.isolated import call_apart, program
+from residual_mpc.blind.processes.parallel import Progress, in_turn, silent
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
 from residual_mpc.errors import BadInput
 

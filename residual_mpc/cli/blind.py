@@ -220,12 +220,12 @@ def baseline(
     """A simple method to compare with, behind the options of `diagnose`: for `blind run --command`."""
     from importlib import import_module
 
-    from residual_mpc.blind.baselines.bench import bench_of, document_of, write_document
+    from residual_mpc.blind.baselines.problem import build_baseline_problem, document_of, write_document
 
     nominal, logged = read(robot, runs, quiet=True)
-    bench = bench_of(logged.runs, logged.models, logged.noise, nominal.file.tunable, without)
-    fit = getattr(import_module(f"residual_mpc.blind.baselines.{method}"), method)(bench)
-    document = document_of(bench, fit, nominal.name)
+    problem = build_baseline_problem(logged.runs, logged.models, logged.noise, nominal.file.tunable, without)
+    fit = getattr(import_module(f"residual_mpc.blind.baselines.{method}"), method)(problem)
+    document = document_of(problem, fit, nominal.name)
     write_document(document, out)
     if as_json:
         emit(document)

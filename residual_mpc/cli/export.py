@@ -31,8 +31,8 @@ def export(
     from residual_mpc.api.robot import load_robot
     from residual_mpc.export.source import robot_beside
     from residual_mpc.export.write import write_mjcf
+    from residual_mpc.learning.network.written import residual_in
     from residual_mpc.models.model_file import read_written
-    from residual_mpc.residual.written import residual_in
 
     source = read_written(file)
     where = out or file.parent / f"export_{to}"

@@ -37,9 +37,9 @@ def init(
     RUN... are files, folders or patterns, CSV or Parquet, with columns of any name.
     """
     from residual_mpc.init.draft import draft
-    from residual_mpc.init.mend import write_mended
+    from residual_mpc.init.draft_text import robot_file_text
+    from residual_mpc.init.mended_logs import write_mended
     from residual_mpc.init.trial import try_robot
-    from residual_mpc.init.write import robot_file_text
 
     if out.is_dir():
         out = out / ROBOT

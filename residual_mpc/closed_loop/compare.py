@@ -18,7 +18,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Contender:
+class ControlStack:
     """A controller and its estimator, both on the same model. learner makes a fresh online learner for an episode."""
 
     estimator: Filter
@@ -40,7 +40,7 @@ class Comparison:
 
 def compare(
     simulator: Simulator,
-    contenders: Mapping[str, Contender],
+    controllers: Mapping[str, ControlStack],
     reference: Reference,
     settings: LoopSettings,
     seeds: Sequence[int],
@@ -48,13 +48,13 @@ def compare(
     progress: Progress = lambda stage, done: None,
     at: Reading | None = None,
 ) -> Comparison:
-    """Every contender drives every seed; a seed gives each of them the same plant and the same noise. at: where they
+    """Every controller drives every seed; a seed gives each of them the same plant and the same noise. at: where they
     begin, see `run_closed_loop`.
     """
-    out: dict[str, list[Episode]] = {name: [] for name in contenders}
+    out: dict[str, list[Episode]] = {name: [] for name in controllers}
     for i, seed in enumerate(seeds):
-        for j, (name, c) in enumerate(contenders.items()):
-            progress(f"driving: {name}", (i + j / len(contenders)) / len(seeds))
+        for j, (name, c) in enumerate(controllers.items()):
+            progress(f"driving: {name}", (i + j / len(controllers)) / len(seeds))
             learner = None if c.learner is None else c.learner()
             rng = np.random.default_rng(seed)
             label = f"{name}_{seed}"

@@ -13,9 +13,9 @@ import numpy as np
 
 from residual_mpc.closed_loop.estimator import Filter
 from residual_mpc.closed_loop.stacks import Driven, stack_of
-from residual_mpc.residual import ukf
-from residual_mpc.residual.filter import Belief, FilterSettings, Measurement
-from residual_mpc.residual.window import Window
+from residual_mpc.learning.filter import ukf
+from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Measurement
+from residual_mpc.learning.filter.window import Window
 
 
 @dataclass(frozen=True)

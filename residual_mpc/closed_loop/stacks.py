@@ -8,7 +8,7 @@ import numpy as np
 
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
-from residual_mpc.residual.record import Residual
+from residual_mpc.learning.network.residual import Residual
 
 Drive = Callable[[np.ndarray, np.ndarray], np.ndarray]  # x (nx,), u (nu,) -> x a sample later (nx,)
 

@@ -23,15 +23,15 @@ from residual_mpc.diagnosis.results.document import finite
 from residual_mpc.diagnosis.results.gaps import quantiles
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
+from residual_mpc.learning.forms.residual_robot import with_residual
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.learning.network.written import residual_in
 from residual_mpc.logs.run import Run
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile, noise_over
 from residual_mpc.models.settings import Settings, Values, assemble
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.robot import with_residual
-from residual_mpc.residual.written import residual_in
 
 
 def gap_figures(

@@ -8,9 +8,9 @@ import numpy as np
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.augmented import Augmented, with_residual
 from residual_mpc.export.network import READS, remembered, residual_delta
+from residual_mpc.learning.forms.residual_robot import ResidualRobot
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.protocol import Drive
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.robot import ResidualRobot
 
 Step = Callable[[np.ndarray, np.ndarray], np.ndarray]  # x (n, nx), u (n, nu) -> x+ (n, nx)
 PREFACE = 4.0  # s of steady motion: it fills every memory, and puts play on a known stop

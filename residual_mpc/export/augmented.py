@@ -10,14 +10,14 @@ from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.export.network import corrected, correction, reads, remembered
 from residual_mpc.export.soften import kinks
+from residual_mpc.learning.forms.body import BODY
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.model_file import Written, model_in, read_written
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
 from residual_mpc.models.stepping import StepOptions, Stepped, Stepping
-from residual_mpc.residual.body import BODY
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.written import residual_in
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def _build(robot: Robot, settings: Settings, residual: Residual | None, build: B
             f"the plant of {robot.name!r} has no symbolic step: an engine alone knows how it moves",
             robot.name,
             "implement residual_mpc.models.stepping.Stepping for it, as plants/diff_drive.py and "
-            "plants/scaler_arm/step.py do",
+            "plants/scaler_arm/dynamics/step.py do",
         )
     if residual is not None:
         reads(residual)  # refuses a form that no step hosts

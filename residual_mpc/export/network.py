@@ -7,10 +7,10 @@ import numpy as np
 from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.errors import BadInput
 from residual_mpc.export.soften import softened
+from residual_mpc.learning.forms.body import BODY, WORLD
+from residual_mpc.learning.network.mlp import Mlp
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.stepping import Correction
-from residual_mpc.residual.body import BODY, WORLD
-from residual_mpc.residual.mlp import Mlp
-from residual_mpc.residual.record import Residual
 
 # For each form of residual: what it reads, in the order of its inputs, and what it adds to, in the order of its outputs
 TASK = ("task.x", "task.y", "task.z")  # m/s, of an arm's tool
@@ -19,7 +19,7 @@ READS: Mapping[str, str] = {"body": "last", "paper": "model"}  # its own last ve
 
 
 def network(ops: Ops, net: Mlp, theta: Sequence[Array], z: Sequence[Array], smooth: float) -> list[Array]:
-    """The paper's eq. nn on scalars: theta (size,), z (inputs,) -> (outputs,); layout as in residual.mlp.
+    """The paper's eq. nn on scalars: theta (size,), z (inputs,) -> (outputs,); layout as in learning.network.mlp.
 
     smooth 0: the exact leaky ReLU max(slope b, b). Otherwise (1 + slope) / 2 b + (1 - slope) / 2 sqrt(b^2 + smooth^2),
     at most (1 - slope) / 2 smooth above it.

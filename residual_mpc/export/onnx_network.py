@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.residual.mlp import Mlp, layers
-from residual_mpc.residual.record import Residual
+from residual_mpc.learning.network.mlp import Mlp, layers
+from residual_mpc.learning.network.residual import Residual
 
 OPSET = 17
 

@@ -9,6 +9,7 @@ import numpy as np
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
 from residual_mpc.export.source import robot_beside
+from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.model_file import read_written
 from residual_mpc.models.robot_file import read_robot_file
@@ -16,7 +17,6 @@ from residual_mpc.models.sensing import Late
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.simulating import Simulating, Simulator
 from residual_mpc.models.stepping import Stepping
-from residual_mpc.residual.written import residual_in
 
 USUAL_PERIOD = 0.02  # s
 
@@ -32,7 +32,7 @@ def corrected_simulator(model: Path, robot: str | None = None, rows: int = 1, pe
 
     Raises:
         BadInput: for a model of another robot, a robot that can neither be simulated nor stepped, or a network on an
-            engine (which corrects whole replays, see residual_mpc.residual.robot, and is not stepped).
+            engine (which corrects whole replays, see residual_mpc.learning.forms.residual_robot, and is not stepped).
     """
     source = read_written(model)
     nominal = load_robot(read_robot_file(robot or robot_beside(source.content, model)))

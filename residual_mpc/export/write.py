@@ -13,10 +13,10 @@ from residual_mpc.export.agreement import Agreement, Step, agreement
 from residual_mpc.export.augmented import Augmented, settings_from
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.files import write_atomically
+from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.model_file import Written
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.simulating import WritesMjcf
-from residual_mpc.residual.written import residual_in
 
 Target = Literal["casadi", "c", "jax", "onnx"]
 TARGETS: tuple[Target, ...] = ("casadi", "c", "jax", "onnx")

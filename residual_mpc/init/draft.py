@@ -9,21 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.case import Case, Roles, where_on
-from residual_mpc.init.clock import find_clock
-from residual_mpc.init.guess import Guess, Mend
-from residual_mpc.init.planar import find_pose, heading_in_degrees, pose_role
-from residual_mpc.init.recording import Recording, read_recordings
-from residual_mpc.init.roles import find_roles
-from residual_mpc.init.servos import find_gains, find_kinds
-from residual_mpc.init.settings_of_runs import Setting, find_settings
-from residual_mpc.init.signals import gather
-from residual_mpc.init.signs import Turned, find_signs, true_values
-from residual_mpc.init.units import InUnit, find_units
-from residual_mpc.init.words import Words, read_words
+from residual_mpc.init.calibration.servos import find_gains, find_kinds
+from residual_mpc.init.calibration.signs import Turned, find_signs, true_values
+from residual_mpc.init.calibration.units import InUnit, find_units
+from residual_mpc.init.columns.evidence import Case, Roles, where_on
+from residual_mpc.init.columns.guess import Guess, Mend
+from residual_mpc.init.columns.recording import Recording, read_recordings
+from residual_mpc.init.columns.signals import gather
+from residual_mpc.init.columns.time_column import find_clock
+from residual_mpc.init.columns.words import Words, read_words
+from residual_mpc.init.roles.planar_pose import find_pose, heading_in_degrees, pose_role
+from residual_mpc.init.roles.roles import find_roles
+from residual_mpc.init.run_settings import Setting, find_settings
 from residual_mpc.logs.columns import group, is_measured
 from residual_mpc.models.actuators import Actuator
-from residual_mpc.models.anatomy import Anatomy, read_anatomy
+from residual_mpc.models.model_structure import ModelStructure, read_model_structure
 
 TOOLS = ("payload", "tool", "tcp", "load", "ee", "eef", "effector", "gripper", "gripperframe", "flange", "hand", "tip")
 
@@ -74,15 +74,15 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     Raises BadInput for a model that does not compile, runs that cannot be read, runs without a time, and runs of which
     no column can be a command, or none a measurement.
     """
-    anatomy = read_anatomy(model)
+    structure = read_model_structure(model)
     recordings = read_recordings(paths)
     clock = find_clock(recordings)
     signals = gather(recordings, clock)
     words = {name: read_words(name) for name in signals.names}
-    pose, left = find_pose(words, signals) if anatomy.base is not None else (Roles({}), {})
-    case = Case(anatomy, signals, {n: w for n, w in words.items() if n not in pose.columns.values()})
+    pose, left = find_pose(words, signals) if structure.base is not None else (Roles({}), {})
+    case = Case(structure, signals, {n: w for n, w in words.items() if n not in pose.columns.values()})
     roles = _served(case, _shared_switch(case, find_roles(case))).plus(pose)
-    _refuse_empty(roles, anatomy, recordings)
+    _refuse_empty(roles, structure, recordings)
 
     whole, case = case, where_on(case, roles)
     kinds, kind_guesses = find_kinds(case, roles)
@@ -91,28 +91,28 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     mends = (*clock.mends, *_mends(case, roles, units, turned), *heading_in_degrees(signals, roles))
     actuators: dict[str, Actuator] = {}
     gain_guesses: tuple[Guess, ...] = ()
-    if not anatomy.actuators:
+    if not structure.actuators:
         places = {j: true_values(case, c, units, turned) for j, c in roles.of("position").items()}
         sent = {a: true_values(case, c, units, turned) for a, c in roles.of("command").items()}
         gains = find_gains(case, places, sent, kinds)
         actuators, gain_guesses = dict(gains.actuators), gains.guesses
     tunable = tuple(name for name in ("kp", "kv") if any(getattr(a, name) > 0.0 for a in actuators.values()))
-    settings, setting_guesses = find_settings(model, anatomy, recordings)
-    site, site_guess = _payload_site(anatomy)
+    settings, setting_guesses = find_settings(model, structure, recordings)
+    site, site_guess = _payload_site(structure)
     run_guess = _run_guess(recordings)
     return Draft(
         model.stem,
-        anatomy.plant,
+        structure.plant,
         model,
         _log(roles, clock.column, recordings),
         actuators,
         site,
-        anatomy.base,
+        structure.base,
         tuple(f"actuator.*.{name}" for name in tunable),
         settings,
         (
             *site_guess,
-            *_base_guess(anatomy),
+            *_base_guess(structure),
             *_tunable_guess(tunable),
             *setting_guesses,
             *clock.guesses,
@@ -124,7 +124,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
             *gain_guesses,
         ),
         mends,
-        _unmatched(whole, roles, recordings, {**_no_pose(anatomy, words), **left}),
+        _unmatched(whole, roles, recordings, {**_no_pose(structure, words), **left}),
         _missing(case, roles),
         tuple(dict.fromkeys(r.note for r in recordings if r.note)),
     )
@@ -154,12 +154,12 @@ def _shared_switch(case: Case, roles: Roles) -> Roles:
     return roles.plus(Roles({f"enabled.{d.name}": switches[0] for d in driven}, guesses))
 
 
-def _refuse_empty(roles: Roles, anatomy: Anatomy, recordings: Sequence[Recording]) -> None:
+def _refuse_empty(roles: Roles, structure: ModelStructure, recordings: Sequence[Recording]) -> None:
     columns = list(dict.fromkeys(n for r in recordings for n in r.columns))
     listed = ", ".join(columns[:30]) + (", ..." if len(columns) > 30 else "")
     wanted = {
-        "command": [a.name for a in anatomy.actuators] or [j.name for j in anatomy.joints],
-        "measurement": [j.name for j in anatomy.joints],
+        "command": [a.name for a in structure.actuators] or [j.name for j in structure.joints],
+        "measurement": [j.name for j in structure.joints],
     }
     served = set(roles.of("command").values())
     there = {
@@ -204,18 +204,18 @@ def _unit_guesses(units: Mapping[str, InUnit]) -> list[Guess]:
     return [Guess(f"unit of {column}", u.unit.name, u.why, u.sure, u.rivals) for column, u in units.items()]
 
 
-def _payload_site(anatomy: Anatomy) -> tuple[str | None, tuple[Guess, ...]]:
+def _payload_site(structure: ModelStructure) -> tuple[str | None, tuple[Guess, ...]]:
     for tool in TOOLS:
-        for site in reversed(anatomy.sites):
+        for site in reversed(structure.sites):
             if tool in read_words(site).every:
                 return site, (Guess("payload_site", site, "its name is that of a tool", 0.7),)
     return None, ()
 
 
-def _base_guess(anatomy: Anatomy) -> tuple[Guess, ...]:
-    if anatomy.base is None:
+def _base_guess(structure: ModelStructure) -> tuple[Guess, ...]:
+    if structure.base is None:
         return ()
-    return (Guess("pose_body", anatomy.base, "it has the free joint", 0.95),)
+    return (Guess("pose_body", structure.base, "it has the free joint", 0.95),)
 
 
 def _tunable_guess(tunable: Sequence[str]) -> tuple[Guess, ...]:
@@ -234,9 +234,9 @@ def _run_guess(recordings: Sequence[Recording]) -> tuple[Guess, ...]:
     return (Guess("run", column, f"its name, and it tells {count} runs apart", 0.99 if column == "run" else 0.8),)
 
 
-def _no_pose(anatomy: Anatomy, words: Mapping[str, Words]) -> dict[str, str]:
+def _no_pose(structure: ModelStructure, words: Mapping[str, Words]) -> dict[str, str]:
     """Why columns that may be a pose are left by a model that cannot drive."""
-    if anatomy.base is not None:
+    if structure.base is not None:
         return {}
     why = "it may be {}, and the model is fixed to the world: give its chassis a <freejoint/> and the world a ground"
     return {name: why.format(role) for name, w in words.items() if (role := pose_role(w)) is not None}
@@ -277,7 +277,7 @@ def _missing(case: Case, roles: Roles) -> tuple[Unmatched, ...]:
         else:
             why = f"no column fits: the joint {d.name} is taken to swing freely"
         missing.append(Unmatched(f"command.{d.name}", why))
-    for j in case.anatomy.joints:
+    for j in case.structure.joints:
         if j.name not in joints:
             missing.append(Unmatched(f"position.{j.name}", "no column fits: it starts each window at 0"))
     return tuple(missing)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.guess import Mend
-from residual_mpc.init.mend import write_mended
+from residual_mpc.init.columns.guess import Mend
+from residual_mpc.init.mended_logs import write_mended
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.read import read_runs
+from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.robot_file import RobotFile, read_robot_file

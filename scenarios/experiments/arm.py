@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plants.scaler_arm.geometry import MOTORS
+from plants.scaler_arm.engines.pybullet_arm import PybulletArm
+from plants.scaler_arm.kinematics.geometry import MOTORS
 from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion
-from plants.scaler_arm.pybullet_arm import PybulletArm
 from plants.scaler_arm.twin import ENCODERS, twin
 from plants.scaler_arm.withheld import draw_withheld
 from plants.sensors import Sensed
 from plants.simulator import Simulator
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.streaming import StreamSettings
-from residual_mpc.residual.task import FORM, task_names
+from residual_mpc.learning.forms.task import FORM, task_names
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.learning.stream.updates import StreamSettings
 from scenarios.experiments.arm_data import drive, samples, simulated
 from scenarios.experiments.experiment import Experiment
 from scenarios.experiments.setting import Setting, learn

@@ -4,13 +4,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.scaler_arm.geometry import MOTORS
-from plants.scaler_arm.kinematics import forward_kinematics, velocity_by_jacobian
+from plants.scaler_arm.engines.pybullet_arm import PybulletArm
+from plants.scaler_arm.kinematics.forward import forward_kinematics, velocity_by_jacobian
+from plants.scaler_arm.kinematics.geometry import MOTORS
+from plants.scaler_arm.kinematics.loop_closure import at_posture
 from plants.scaler_arm.motions import Motion, references
-from plants.scaler_arm.pybullet_arm import PybulletArm
-from plants.scaler_arm.start import at_posture
 from plants.simulator import Recording, Simulator, record, replaying
-from residual_mpc.residual.stream import Samples
+from residual_mpc.learning.stream.samples import Samples
 
 if TYPE_CHECKING:
     import pandas as pd

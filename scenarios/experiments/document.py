@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.residual.h2 import H2, SPAN, summary
-from residual_mpc.residual.stream import spikes
-from scenarios.experiments.setting import Lesson
+from residual_mpc.learning.h2 import H2, SPAN, summary
+from residual_mpc.learning.stream.samples import spikes
+from scenarios.experiments.setting import SeedResult
 
 if TYPE_CHECKING:
     from scenarios.experiments.experiment import Experiment
 
 
-def document(experiment: "Experiment", done: Mapping[str, Sequence[Lesson]]) -> dict[str, Any]:
+def document(experiment: "Experiment", done: Mapping[str, Sequence[SeedResult]]) -> dict[str, Any]:
     """H2 norms are means over the seeds at each instant, so that `converged_after` tells of the learning and not of one
     robot's slips; `converged_each` has it seed by seed. A jump of the localisation, found from the reference alone, is
     no measurement of the robot; `with_spikes` counts it all the same."""
@@ -29,33 +29,33 @@ def document(experiment: "Experiment", done: Mapping[str, Sequence[Lesson]]) -> 
     }
 
 
-def of_form(lessons: Sequence[Lesson], jumps: bool) -> dict[str, Any]:
+def of_form(results: Sequence[SeedResult], jumps: bool) -> dict[str, Any]:
     """What one form of the residual came to."""
-    step = lessons[0].setting.samples.step
-    norms = [x.streamed.h2 for x in lessons]
-    jump = [spikes(x.setting.samples)[: len(n)] & jumps for x, n in zip(lessons, norms, strict=True)]
+    step = results[0].setting.samples.step
+    norms = [x.streamed.h2 for x in results]
+    jump = [spikes(x.setting.samples)[: len(n)] & jumps for x, n in zip(results, norms, strict=True)]
     seen = [np.where(j, np.nan, n) for j, n in zip(jump, norms, strict=True)]
     h2, literal = (summary(mean_over_seeds(n), step) for n in (seen, norms))
-    ms = np.concatenate([x.streamed.update_ms for x in lessons])
-    held = [x.condition.holds for x in lessons if x.condition is not None]
+    ms = np.concatenate([x.streamed.update_ms for x in results])
+    held = [x.condition.holds for x in results if x.condition is not None]
     return {
-        "form": lessons[0].setting.form,
-        "seeds": len(lessons),
-        "updates": lessons[0].streamed.updates,
-        "parameters": lessons[0].streamed.residual.net.size,
+        "form": results[0].setting.form,
+        "seeds": len(results),
+        "updates": results[0].streamed.updates,
+        "parameters": results[0].streamed.residual.net.size,
         "h2_norm": {
             "first": h2.first,
             "last": h2.last,
-            "held_out_before": float(np.mean([x.before for x in lessons])),
-            "held_out_after": float(np.mean([x.after for x in lessons])),
+            "held_out_before": float(np.mean([x.before for x in results])),
+            "held_out_after": float(np.mean([x.after for x in results])),
         },
         "converged_after": h2.converged_after,
         "converged_each": [summary(n, step).converged_after for n in seen],
         "spikes": int(sum(j.sum() for j in jump)),
         "with_spikes": _h2(literal),
-        "components": _components(lessons),
+        "components": _components(results),
         "update_ms": {"median": float(np.median(ms)), "p99": float(np.quantile(ms, 0.99))},
-        "seconds": float(step * len(lessons[0].setting.samples)),
+        "seconds": float(step * len(results[0].setting.samples)),
         "earlier_kept": None if not held else int(sum(held)),
     }
 
@@ -72,13 +72,13 @@ def _h2(h2: H2) -> dict[str, Any]:
     return {"first": h2.first, "last": h2.last, "converged_after": h2.converged_after}
 
 
-def _components(lessons: Sequence[Lesson]) -> dict[str, Any]:
+def _components(results: Sequence[SeedResult]) -> dict[str, Any]:
     """Mean absolute error of each component over the first and the last 10 s."""
-    n = round(SPAN / lessons[0].setting.samples.step)
+    n = round(SPAN / results[0].setting.samples.step)
     off = np.nanmean(
-        [np.abs(x.setting.samples.reference[: len(x.streamed.velocity)] - x.streamed.velocity) for x in lessons], axis=0
+        [np.abs(x.setting.samples.reference[: len(x.streamed.velocity)] - x.streamed.velocity) for x in results], axis=0
     )
     return {
         name: {"first": float(np.nanmean(off[:n, k])), "last": float(np.nanmean(off[-n:, k]))}
-        for k, name in enumerate(lessons[0].setting.names[1])
+        for k, name in enumerate(results[0].setting.names[1])
     }

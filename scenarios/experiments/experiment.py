@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from residual_mpc.closed_loop.scenario import Progress, RunOptions
 
 if TYPE_CHECKING:
-    from residual_mpc.residual.streaming import StreamSettings
+    from residual_mpc.learning.stream.updates import StreamSettings
     from scenarios.experiments.setting import Setting
 
 Build = Callable[[str, int, float], "Setting"]  # form, seed, s of the low pass

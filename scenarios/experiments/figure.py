@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from residual_mpc.residual.h2 import running_mean
-from residual_mpc.residual.stream import predict, rest
-from scenarios.experiments.setting import Lesson
+from residual_mpc.learning.h2 import running_mean
+from residual_mpc.learning.stream.samples import predict, rest
+from scenarios.experiments.setting import SeedResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,13 +19,13 @@ ORANGE, DARK, LIGHT, GREY = "#e08214", "#08306b", "#6baed6", "#888888"
 SHOWN = 20.0  # s, of the beginning and of the end
 
 
-def draw(experiment: "Experiment", done: Mapping[str, Sequence[Lesson]], path: Path) -> None:
+def draw(experiment: "Experiment", done: Mapping[str, Sequence[SeedResult]], path: Path) -> None:
     """Components of the first seed at the beginning and at the end; H2 norms of all seeds; a PNG."""
     from matplotlib.figure import Figure
 
     first, *others = experiment.forms
-    lesson = done[first][0]
-    s, v = lesson.setting.samples, lesson.streamed.velocity
+    result = done[first][0]
+    s, v = result.setting.samples, result.streamed.velocity
     t = s.t[: len(v)] - s.t[0]
     bare = predict((), s, rest(s)).velocity
     components = len(experiment.labels)
@@ -54,7 +54,7 @@ def draw(experiment: "Experiment", done: Mapping[str, Sequence[Lesson]], path: P
     below.legend(fontsize=7, ncols=3)
     h2 = figure.add_subplot(grid[components + 1, :])
     base = np.linalg.norm(s.reference - bare, axis=1)[: len(v)]
-    h2.plot(t, lesson.streamed.h2, color=LIGHT, lw=0.5, alpha=0.8, label="H2 norm")
+    h2.plot(t, result.streamed.h2, color=LIGHT, lw=0.5, alpha=0.8, label="H2 norm")
     h2.plot(t, running_mean(base, s.step), color=GREY, lw=1.2, label="model alone, mean over 10 s")
     for form, style in ((first, "-"), *((f, "--") for f in others)):
         mean = np.nanmean([x.streamed.h2 for x in done[form]], axis=0)

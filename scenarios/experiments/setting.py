@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.residual.cases import Condition
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.stream import Samples, h2_norm, predict, rest
-from residual_mpc.residual.streaming import Streamed, StreamSettings, learn_stream
+from residual_mpc.learning.cases import Condition
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.learning.stream.samples import Samples, h2_norm, predict, rest
+from residual_mpc.learning.stream.updates import Streamed, StreamSettings, learn_stream
 
 Names = tuple[tuple[str, ...], tuple[str, ...]]  # of inputs and outputs
 ASKED = 10.0  # s of data on which the paper's condition is asked
@@ -28,7 +28,7 @@ class Setting:
 
 
 @dataclass(frozen=True, eq=False)
-class Lesson:
+class SeedResult:
     """One experiment done once. condition: None where nothing came before; before, after: mean H2 norm on the fresh
     recording of the current model alone, and of all that was learned."""
 
@@ -40,7 +40,7 @@ class Lesson:
     after: float
 
 
-def learn(setting: Setting, settings: StreamSettings, rng: np.random.Generator) -> Lesson:
+def learn(setting: Setting, settings: StreamSettings, rng: np.random.Generator) -> SeedResult:
     """Ask the paper's condition, learn, and score on the fresh recording with the weights at rest."""
     fixed: tuple[Residual, ...] = ()
     condition = None
@@ -50,7 +50,7 @@ def learn(setting: Setting, settings: StreamSettings, rng: np.random.Generator) 
         fixed = (setting.earlier,) if condition.holds else ()
     done = learn_stream(setting.samples, setting.names, setting.form, setting.robot, settings, rng, fixed)
     before, after = (_mean(r, setting.fresh, settings) for r in ((), (*fixed, done.residual)))
-    return Lesson(setting, settings, condition, done, before, after)
+    return SeedResult(setting, settings, condition, done, before, after)
 
 
 def _mean(residuals: Sequence[Residual], samples: Samples, settings: StreamSettings) -> float:

@@ -11,8 +11,8 @@ from plants.simulator import Simulator
 from plants.wheeled.motions import Reference, back_and_forth, changing_yaw_rate, constant_yaw_rate, spin_in_place
 from plants.wheeled.simulators import TURTLEBOT, bullet_drive, mujoco_drive
 from plants.wheeled.twin import camera, draw_withheld, encoders, twin
-from residual_mpc.residual.record import Residual
-from residual_mpc.residual.streaming import StreamSettings
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.learning.stream.updates import StreamSettings
 from scenarios.experiments.experiment import Experiment
 from scenarios.experiments.setting import Setting, learn
 from scenarios.experiments.wheeled_data import NAMES, drive, samples, simulated

@@ -9,8 +9,8 @@ from plants.simulator import Recording, Simulator, record, replaying
 from plants.wheeled.motions import Reference, policy
 from plants.wheeled.simulators import TURTLEBOT
 from plants.wheeled.twin import FRAME
-from residual_mpc.residual.body import BODY, WORLD
-from residual_mpc.residual.stream import Samples
+from residual_mpc.learning.forms.body import BODY, WORLD
+from residual_mpc.learning.stream.samples import Samples
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,8 +1,8 @@
 """The score of what a remainder depends on."""
 
 from benchmarks.unknowns import RIGHT, right
-from plants.blind_families.arm import HABITS as ARM
-from plants.blind_families.wheeled import HABITS as WHEELED
+from plants.blind_families.arm.family import HABITS as ARM
+from plants.blind_families.wheeled.family import HABITS as WHEELED
 
 
 def test_every_unnamed_cause_has_its_dependence() -> None:

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from plants.blind_families.arm_effects import ArmSensor
-from plants.blind_families.arm_model import Arm, compiled, draw_arm, mjcf
-from plants.blind_families.arm_motions import multisine
-from plants.blind_families.arm_runs import Course, play
-from plants.blind_families.arm_truth import STEP, Stepper, ideal
+from plants.blind_families.arm.effects import ArmSensor
+from plants.blind_families.arm.model import Arm, compiled, draw_arm, mjcf
+from plants.blind_families.arm.motions import multisine
+from plants.blind_families.arm.runs import ReferenceMotion, play
+from plants.blind_families.arm.truth import STEP, Stepper, ideal
 from residual_mpc.blind.families import make_case
 
 
@@ -48,7 +48,7 @@ def test_without_an_effect_the_nominal_model_is_closer_than_an_encoder_sees(seed
     n = len(arm.axes)
     t = np.round(np.arange(0, 3.0001, 0.01) / STEP) * STEP
     reference = (arm.home + multisine(t, n, rng))[None]
-    happened = play(ideal(arm), Course(t, reference, np.ones_like(reference), 0.0))
+    happened = play(ideal(arm), ReferenceMotion(t, reference, np.ones_like(reference), 0.0))
     assert happened is not None
     sensor = ArmSensor(np.zeros(n), np.zeros(n), np.zeros(n))
     seen = happened.seen(t, sensor)[0]

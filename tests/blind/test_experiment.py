@@ -13,7 +13,7 @@ from test_sweep import CANARY, STUB, small_case, stub
 
 from residual_mpc.blind import experiment as experiment_module
 from residual_mpc.blind import make as make_module
-from residual_mpc.blind.asked import read_asked
+from residual_mpc.blind.commanded_motion import read_commanded_motions
 from residual_mpc.blind.experiment import ExperimentSettings, carry_out
 from residual_mpc.blind.make import MakeSettings, make_suite
 from residual_mpc.blind.records import Answer
@@ -188,7 +188,7 @@ def test_members_that_are_all_there_are_no_question(tmp_path):
 def test_commands_are_read_as_excite_writes_them(tmp_path):
     path = tmp_path / "next.csv"
     path.write_text("run,t,command.j1,enabled.j1\na,0,1,1\na,0.5,2,0\nb,0,3,1\nb,0.5,4,1\n")
-    first, second = read_asked(path, ["effort.j1"])
+    first, second = read_commanded_motions(path, ["effort.j1"])
     assert (first.name, second.name, first.sensors) == ("a", "b", ("effort.j1",))
     assert first.table(["j1"]).tolist() == [[1.0], [2.0]] and first.on(["j1"]).tolist() == [[1.0], [0.0]]
     with pytest.raises(BadInput, match="The actuators are j2"):
@@ -196,4 +196,4 @@ def test_commands_are_read_as_excite_writes_them(tmp_path):
     for text in ("", "a,b\n1,2\n", "t,command.j1\n0,x\n"):
         path.write_text(text)
         with pytest.raises(BadInput, match="no file of commands"):
-            read_asked(path)
+            read_commanded_motions(path)

@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from plants.blind_families.arm import ArmBench
-from plants.blind_families.arm_setting import draw_setting as draw_arm_setting
-from plants.blind_families.wheeled import WheeledBench
-from plants.blind_families.wheeled_setting import draw_setting
-from residual_mpc.blind.asked import Asked
+from plants.blind_families.arm.family import ArmBench
+from plants.blind_families.arm.setting import draw_setting as draw_arm_setting
+from plants.blind_families.wheeled.family import WheeledBench
+from plants.blind_families.wheeled.setting import draw_setting
+from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.families import make_case, make_twin
 from residual_mpc.blind.levels import LEVELS
 from residual_mpc.blind.seal import digest
@@ -16,11 +16,11 @@ from residual_mpc.blind.seal import digest
 T = 0.04 * np.arange(126)
 
 
-def rover(sensors=()) -> tuple[WheeledBench, Asked]:
+def rover(sensors=()) -> tuple[WheeledBench, CommandedMotion]:
     setting = draw_setting(LEVELS["confounded"], ("slope",), True, np.random.default_rng(3))
     wheel = 0.5 * setting.rover.truth.speed_scale * np.ones(len(T))
     commands = {"right": wheel, "left": 0.5 * wheel}
-    return WheeledBench(setting, (), True), Asked("arc", T, commands, {}, tuple(sensors))
+    return WheeledBench(setting, (), True), CommandedMotion("arc", T, commands, {}, tuple(sensors))
 
 
 def logged(bench, asked, folder, seed=0):
@@ -55,12 +55,13 @@ def test_an_arm_plays_commands_and_has_its_motors_off(tmp_path):
     t = 0.02 * np.arange(51)
     off = np.where(t > 0.5, 0.0, 1.0)
     commands = {j: arm.home[k] + 0.1 * np.sin(t) for k, j in enumerate(arm.joints)}
-    run = logged(ArmBench(setting, ()), Asked("m", t, commands, dict.fromkeys(arm.joints, off)), tmp_path / "a")
+    motion = CommandedMotion("m", t, commands, dict.fromkeys(arm.joints, off))
+    run = logged(ArmBench(setting, ()), motion, tmp_path / "a")
     first = arm.joints[0]
     np.testing.assert_allclose(run[f"command.{first}"], commands[first], rtol=1e-6)
     np.testing.assert_array_equal(run[f"enabled.{first}"], off)
     assert run[f"position.{first}"].iloc[0] == pytest.approx(arm.home[0], abs=0.01)
-    plain = logged(ArmBench(setting, ()), Asked("m", t, commands, {}), tmp_path / "b")
+    plain = logged(ArmBench(setting, ()), CommandedMotion("m", t, commands, {}), tmp_path / "b")
     assert f"enabled.{first}" not in plain
 
 

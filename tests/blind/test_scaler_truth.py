@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from answers import answer
 
-from plants.blind_families.arm_effects import PLANT, ArmRobot, ArmSensor
-from plants.blind_families.arm_motions import multisine, steps
-from plants.blind_families.arm_runs import Course, play
-from plants.blind_families.arm_setting import Setting
-from plants.blind_families.arm_truth import STEP, Stepper, ideal
-from plants.blind_families.scaler import FAMILY, ScalerBench
-from plants.blind_families.scaler_model import CARRIED, FOREARM, ScalerArm, compiled
-from plants.blind_families.scaler_setting import inertia_at_home
+from plants.blind_families.arm.effects import PLANT, ArmRobot, ArmSensor
+from plants.blind_families.arm.motions import multisine, steps
+from plants.blind_families.arm.runs import ReferenceMotion, play
+from plants.blind_families.arm.setting import Setting
+from plants.blind_families.arm.truth import STEP, Stepper, ideal
+from plants.blind_families.scaler.family import FAMILY, ScalerBench
+from plants.blind_families.scaler.model import CARRIED, FOREARM, ScalerArm, compiled
+from plants.blind_families.scaler.setting import inertia_at_home
 from plants.blind_families.sensing import Roughness
-from plants.scaler_arm.geometry import MOTORS
-from plants.scaler_arm.kinematics import jacobian
-from plants.scaler_arm.mjcf import mjcf
+from plants.scaler_arm.engines.mjcf import mjcf
+from plants.scaler_arm.kinematics.forward import jacobian
+from plants.scaler_arm.kinematics.geometry import MOTORS
 from plants.scaler_arm.robot import build
 from residual_mpc.blind.families import make_case
 from residual_mpc.blind.make import MakeSettings, _plan
@@ -31,16 +31,16 @@ N = len(MOTORS)
 PERFECT = ArmSensor(np.zeros(N), np.zeros(N), np.zeros(N))
 
 
-def course(motion, seconds=3.0):
+def commanded(motion, seconds=3.0):
     t = np.round(np.arange(0, seconds + 1e-4, 0.01) / STEP) * STEP
     reference = (ARM.home + 0.7 * motion(t, N, np.random.default_rng(5)))[None]
-    return Course(t, reference, np.ones_like(reference), 0.0)
+    return ReferenceMotion(t, reference, np.ones_like(reference), 0.0)
 
 
 def bench(effects=()):
     one = np.ones(N)
     robot = ArmRobot(ideal(ARM), PERFECT, one, 0.3 * one, 0.4 * one, inertia_at_home(ARM), one)
-    setting = Setting(robot, course(multisine), 5e-4 * one, 0.0, Roughness(), False, 0.01, False, "csv")
+    setting = Setting(robot, commanded(multisine), 5e-4 * one, 0.0, Roughness(), False, 0.01, False, "csv")
     return ScalerBench(setting, effects)
 
 
@@ -56,7 +56,7 @@ def settled(truth, seconds=1.5):
 
 @pytest.mark.parametrize("motion", [multisine, steps])
 def test_without_an_effect_the_model_is_closer_than_an_encoder_sees(motion):
-    told = course(motion)
+    told = commanded(motion)
     happened = play(ideal(ARM), told)
     assert happened is not None
     seen, speed = happened.seen(told.t, PERFECT)[0], happened.speed(told.t, PERFECT)[0]
@@ -77,7 +77,7 @@ def test_without_an_effect_the_model_is_closer_than_an_encoder_sees(motion):
 
 
 def test_the_loop_stays_closed_while_the_arm_moves():
-    told = course(multisine)
+    told = commanded(multisine)
     truth = replace(ideal(ARM), payload=0.15)
     stepper = Stepper(truth, told.reference[:, 0], 0 * told.reference[:, 0], told.reference[:, 0], np.zeros(1))
     model = compiled(truth, ARM)

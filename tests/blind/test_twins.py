@@ -1,6 +1,6 @@
 """The one list of effects that data cannot part."""
 
-from residual_mpc.blind.twins import may_be_withheld
+from residual_mpc.blind.inseparable import may_be_withheld
 from residual_mpc.effects.equivalents import twins_of
 
 

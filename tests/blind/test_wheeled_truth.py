@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from plants.blind_families.strength import planar_ratio
-from plants.blind_families.wheeled_effects import PLANT, Draw, PoseSensor, Rover, draw_effect
-from plants.blind_families.wheeled_setting import draw_setting, ratio
-from plants.blind_families.wheeled_truth import WheeledTruth, simulate
+from plants.blind_families.wheeled.effects import PLANT, Draw, PoseSensor, Rover, draw_effect
+from plants.blind_families.wheeled.setting import draw_setting, ratio
+from plants.blind_families.wheeled.truth import WheeledTruth, simulate
 from residual_mpc.blind.families import make_case
 from residual_mpc.blind.levels import LEVELS
 

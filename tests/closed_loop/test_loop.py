@@ -14,7 +14,7 @@ from controllers.mpc import Mpc, build_mpc
 from controllers.settings import MpcSettings
 from plants.diff_drive import DiffDrive
 from residual_mpc.closed_loop import (
-    Contender,
+    ControlStack,
     EstimatorSettings,
     LoopSettings,
     build_filter,
@@ -25,12 +25,12 @@ from residual_mpc.closed_loop.compare import document, recovered
 from residual_mpc.closed_loop.metrics import converged_after, figures, h2_norm, path_error
 from residual_mpc.closed_loop.online import OnlineLearner, OnlineSettings
 from residual_mpc.export import Build, augment
-from residual_mpc.logs.read import read_runs
+from residual_mpc.learning.forms.body import BODY
+from residual_mpc.learning.network.mlp import Mlp, initial_weights
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Knob
-from residual_mpc.residual.body import BODY
-from residual_mpc.residual.mlp import Mlp, initial_weights
-from residual_mpc.residual.record import Residual
 
 DT = 0.05
 ROBOT = DiffDrive("rover", 0.033, 0.16)
@@ -39,10 +39,10 @@ NOISE = (0.002, 0.002, 0.006)
 LOOP = LoopSettings(8.0, DT)
 
 
-def contender(effects, residual=None, learner=None, **build):
+def control_stack(effects, residual=None, learner=None, **build):
     model = augment(ROBOT, effects, residual, Build(DT, **build))
     settings = MpcSettings(compile=False)
-    return Contender(build_filter(model, EstimatorSettings(), compile=False), build_mpc(model, settings), learner)
+    return ControlStack(build_filter(model, EstimatorSettings(), compile=False), build_mpc(model, settings), learner)
 
 
 def drive(simulator, c, seed=0, loop=LOOP):
@@ -58,7 +58,7 @@ def plant():
 
 @pytest.fixture(scope="module")
 def knows():
-    return contender(TRUE)
+    return control_stack(TRUE)
 
 
 def test_the_same_seed_gives_the_same_episode_bit_for_bit(plant, knows):
@@ -109,7 +109,7 @@ def test_a_busy_machine_changes_no_episode_and_is_counted(plant, knows, solver):
     mpc = build_mpc(knows.controller.model, replace(knows.controller.settings, solver=solver))
     assert mpc.settings.budget == math.inf, "unless somebody asks, no clock decides"
     idle, *busy = (
-        drive(plant, Contender(knows.estimator, c), loop=loop) for c in (mpc, Hindered(mpc), Hindered(mpc, 2))
+        drive(plant, ControlStack(knows.estimator, c), loop=loop) for c in (mpc, Hindered(mpc), Hindered(mpc, 2))
     )
     for e in busy:
         np.testing.assert_array_equal(e.command, idle.command)
@@ -121,7 +121,7 @@ def test_a_busy_machine_changes_no_episode_and_is_counted(plant, knows, solver):
 def test_a_budget_that_was_asked_for_acts(plant, knows):
     loop = LoopSettings(2.0, DT)
     mpc = build_mpc(knows.controller.model, replace(knows.controller.settings, budget=0.065))
-    free, held = (drive(plant, Contender(knows.estimator, Hindered(m)), loop=loop) for m in (knows.controller, mpc))
+    free, held = (drive(plant, ControlStack(knows.estimator, Hindered(m)), loop=loop) for m in (knows.controller, mpc))
     assert figures(held).failures >= 8 > figures(free).failures
     assert np.abs(held.command - free.command).max() > 0.0
 
@@ -151,7 +151,7 @@ def test_an_episode_is_a_run_that_is_saved_read_and_replayed(plant, knows, tmp_p
 
 def test_what_the_model_lacks_costs_tracking_and_the_diagnosis_gets_it_back(plant, knows):
     close = {k: 1.02 * v for k, v in TRUE.items()}
-    rivals = {"nominal": contender({}), "effects": contender(close), "oracle": knows}
+    rivals = {"nominal": control_stack({}), "effects": control_stack(close), "oracle": knows}
     result = document(compare(plant, rivals, Eight(), LOOP, [0, 1, 2]), "eight", "rover", np.random.default_rng(0))
     c = result["controllers"]
     assert c["nominal"]["tracking_rmse"] > 2 * c["oracle"]["tracking_rmse"]
@@ -177,9 +177,9 @@ class Rock:
 def test_a_model_that_knows_what_swallows_commands_drives_better_by_it(path, effect, parameter, value, share):
     """By the exact derivatives inside a dead zone or play a controller would wait there for ever."""
     true = {Knob(effect, None, parameter): value}
-    rivals = {"nominal": contender({}), "effects": contender({k: 1.05 * v for k, v in true.items()})}
+    rivals = {"nominal": control_stack({}), "effects": control_stack({k: 1.05 * v for k, v in true.items()})}
     simulator = ModelSimulator(augment(ROBOT, true, None, Build(DT)), NOISE)
-    result = compare(simulator, {**rivals, "oracle": contender(true)}, path, LOOP, [0, 1])
+    result = compare(simulator, {**rivals, "oracle": control_stack(true)}, path, LOOP, [0, 1])
     c = document(result, "path", "rover", np.random.default_rng(0))["controllers"]
     assert c["effects"]["tracking_rmse"] < share * c["nominal"]["tracking_rmse"]
     assert c["effects"]["h2_norm"] < 0.7 * c["nominal"]["h2_norm"]
@@ -219,8 +219,8 @@ def test_a_late_sensor_is_allowed_for():
             plant.measure = measure
             return plant
 
-    told = drive(Late(true), contender({**TRUE, Knob("sensor_delay", None, "delay"): late}))
-    untold = drive(Late(true), contender(TRUE))
+    told = drive(Late(true), control_stack({**TRUE, Knob("sensor_delay", None, "delay"): late}))
+    untold = drive(Late(true), control_stack(TRUE))
     assert np.abs(told.believed - told.truth).max() < 0.01
     assert np.abs(untold.believed - untold.truth).max() > 2 * np.abs(told.believed - told.truth).max()
     assert path_error(told).max() < path_error(untold).max()
@@ -229,7 +229,7 @@ def test_a_late_sensor_is_allowed_for():
 def test_offset_free_tracking_forgives_a_constant_error():
     weak = {Knob("actuator_gain", None, "gain"): 0.7}
     plant = ModelSimulator(augment(ROBOT, weak, None, Build(DT)))
-    plain, free = drive(plant, contender({})), drive(plant, contender({}, disturbances=True))
+    plain, free = drive(plant, control_stack({})), drive(plant, control_stack({}, disturbances=True))
     off = [np.sqrt(np.mean(path_error(e)[60:] ** 2)) for e in (plain, free)]
     assert off[1] < 0.6 * off[0]
 
@@ -245,10 +245,10 @@ def untaught():
 def test_learning_while_driving_lowers_the_h2_norm_and_the_tracking_error():
     geometry = {Knob("track_width", None, "scale"): 1.3, Knob("wheel_radius_mismatch", None, "ratio"): 0.93}
     plant = ModelSimulator(augment(ROBOT, geometry, None, Build(DT)), NOISE)
-    blank = contender({}, untaught())
-    online = contender({}, untaught(), lambda: OnlineLearner(blank.estimator, OnlineSettings()))
+    blank = control_stack({}, untaught())
+    online = control_stack({}, untaught(), lambda: OnlineLearner(blank.estimator, OnlineSettings()))
     loop = LoopSettings(30.0, DT)
-    still, learned = drive(plant, contender({}), loop=loop), drive(plant, online, loop=loop)
+    still, learned = drive(plant, control_stack({}), loop=loop), drive(plant, online, loop=loop)
     figure = figures(learned)
     assert figure.h2_last < 0.4 * figures(still).h2_last
     assert figure.converged_after is not None
@@ -258,10 +258,10 @@ def test_learning_while_driving_lowers_the_h2_norm_and_the_tracking_error():
 
 def test_what_a_network_cannot_follow_is_not_handed_to_the_controller():
     late = ModelSimulator(augment(ROBOT, {Knob("command_delay", None, "delay"): 0.15}, None, Build(DT)), NOISE)
-    blank = contender({}, untaught())
-    online = contender({}, untaught(), lambda: OnlineLearner(blank.estimator, OnlineSettings()))
+    blank = control_stack({}, untaught())
+    online = control_stack({}, untaught(), lambda: OnlineLearner(blank.estimator, OnlineSettings()))
     loop = LoopSettings(20.0, DT)
-    still, learned = drive(late, contender({}), loop=loop), drive(late, online, loop=loop)
+    still, learned = drive(late, control_stack({}), loop=loop), drive(late, online, loop=loop)
     assert path_error(learned).mean() < 1.1 * path_error(still).mean()
 
 

@@ -12,7 +12,7 @@ from controllers.lqr import build_lqr
 from controllers.mpc import build_mpc
 from controllers.riccati import controlled, dlqr, linearise, steady_motion, with_last_command
 from controllers.settings import Limits, MpcSettings, Soft
-from plants.scaler_arm.geometry import HOME, SCALER
+from plants.scaler_arm.kinematics.geometry import HOME, SCALER
 from plants.scaler_arm.servo_robot import ServoArm
 from residual_mpc.errors import BadInput
 from residual_mpc.export import Augmented, Build, augment

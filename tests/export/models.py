@@ -8,10 +8,10 @@ import numpy as np
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.export.augmented import Augmented, Build, augment
+from residual_mpc.learning.forms.body import BODY, WORLD
+from residual_mpc.learning.network.mlp import Mlp
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.settings import Knob
-from residual_mpc.residual.body import BODY, WORLD
-from residual_mpc.residual.mlp import Mlp
-from residual_mpc.residual.record import Residual
 
 ROBOT = DiffDrive("rover", 0.033, 0.16)
 DT = 0.05  # s

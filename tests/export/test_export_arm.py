@@ -7,21 +7,21 @@ import json
 import numpy as np
 import pytest
 
-from plants.scaler_arm.geometry import HOME, MOTORS
-from plants.scaler_arm.kinematics import forward_kinematics, velocity
+from plants.scaler_arm.dynamics.step import TASK
+from plants.scaler_arm.kinematics.forward import forward_kinematics, velocity
+from plants.scaler_arm.kinematics.geometry import HOME, MOTORS
 from plants.scaler_arm.servo_robot import ServoArm
-from plants.scaler_arm.step import TASK
 from residual_mpc.cli.main import main
 from residual_mpc.errors import BadInput
 from residual_mpc.export import Augmented, Build, augment, casadi_model
 from residual_mpc.export.agreement import Sampling, agreement, sample
 from residual_mpc.export.write import write_model
+from residual_mpc.learning.network.mlp import Mlp
+from residual_mpc.learning.network.residual import Residual, to_json
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.robot_file import RobotFile, read_robot_file
 from residual_mpc.models.settings import Knob, Settings
 from residual_mpc.models.stepping import StepOptions
-from residual_mpc.residual.mlp import Mlp
-from residual_mpc.residual.record import Residual, to_json
 
 SERVO = ServoArm("scaler_arm_servo")
 DT = 0.01

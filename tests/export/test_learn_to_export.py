@@ -14,11 +14,11 @@ from oracles.rover_log import ROBOT, rover_run, write_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
+from residual_mpc.learning.forms.residual_robot import ResidualRobot
+from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.model_file import model_in, read_written
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import assemble
-from residual_mpc.residual.robot import ResidualRobot
-from residual_mpc.residual.written import residual_in
 
 FAULTS = {"actuator_lag": {"time_constant": 0.15}, "track_width": {"scale": 1.15}}
 LAG = [{"effect": "actuator_lag", "target": None, "parameter": "time_constant", "value": 0.14}]

@@ -16,8 +16,8 @@ from residual_mpc.export.agreement import Sampling, sample
 from residual_mpc.export.compiled import compiler
 from residual_mpc.export.onnx_network import from_onnx, to_onnx
 from residual_mpc.export.write import write_model
-from residual_mpc.residual.mlp import forward
-from residual_mpc.residual.record import to_json
+from residual_mpc.learning.network.mlp import forward
+from residual_mpc.learning.network.residual import to_json
 
 
 @pytest.mark.parametrize(("to", "smooth"), [("casadi", 0.0), ("casadi", 1e-2), ("c", 0.0), ("jax", 0.0)])
@@ -79,7 +79,7 @@ def test_the_network_goes_out_to_onnx_and_back(tmp_path):
     import onnx
     from onnx import helper, numpy_helper
 
-    from residual_mpc.residual.mlp import layers
+    from residual_mpc.learning.network.mlp import layers
 
     nodes, tensors, last = [], {}, "x"
     for i, (w, b) in enumerate(layers(r.net, r.theta)):

@@ -12,7 +12,7 @@ from run_tables import ARM, WHEELS, arm_run, wheel_run
 
 from residual_mpc.logs.audit import ActuatorFacts, RobotFacts, audit
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.read import read_runs
+from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.models.robot_file import read_robot_file
 

@@ -16,7 +16,7 @@ import pytest
 from run_tables import ROBOT
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.read import read_runs
+from residual_mpc.logs.readers.read import read_runs
 
 MATLAB = b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x01IM" + bytes(64)
 

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.recording import read_recordings
-from residual_mpc.logs.read import read_runs
+from residual_mpc.init.columns.recording import read_recordings
+from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.models.robot_file import RobotFile
 
 JOINTS = ("shoulder_pan.pos", "elbow_flex.pos")

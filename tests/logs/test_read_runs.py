@@ -12,7 +12,7 @@ import pytest
 from run_tables import ROBOT, table, write_csv
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.read import read_runs
+from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.logs.run import held
 from residual_mpc.models.robot_file import RobotFile, Variant
 

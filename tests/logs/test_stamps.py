@@ -10,7 +10,7 @@ import pytest
 from run_tables import ROBOT, table
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.read import read_runs
+from residual_mpc.logs.readers.read import read_runs
 
 EPOCH = 1_760_000_000_123_456_789  # ns
 STEP = 20_000_001  # ns

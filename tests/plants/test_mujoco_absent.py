@@ -12,7 +12,7 @@ from oracles.arms import SERVOS, arm_xml, random_drive, random_start, robot_of
 from oracles.urdfs import arm_urdf
 
 from plants.mujoco_robot import MujocoRobot, build
-from plants.mujoco_robot.anatomy import anatomy
+from plants.mujoco_robot.model_structure import model_structure
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.predict.replay import start_states
 from residual_mpc.errors import BadInput
@@ -117,7 +117,7 @@ def test_a_gripper_on_a_tendon_is_held(tmp_path: Path, caplog: pytest.LogCapture
     robot = robot_of(tmp_path, gripping())
     assert robot.actuators == ("j1", "j2") and robot.held == ("gripper",)
     assert "'gripper'" in caplog.text and "held" in caplog.text
-    assert anatomy(tmp_path / "robot.xml").actuators[0].name == "j1"
+    assert model_structure(tmp_path / "robot.xml").actuators[0].name == "j1"
     plain = tmp_path / "plain"
     plain.mkdir()
     moves_alike(robot, robot_of(plain, arm_xml()))

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from oracles.arms import MIXED, SERVOS, arm_xml, random_drive, robot_of
 
-from plants.mujoco_robot.anatomy import anatomy
 from plants.mujoco_robot.compile import build
+from plants.mujoco_robot.model_structure import model_structure
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Settings
@@ -95,7 +95,7 @@ def test_a_joint_without_a_name_is_refused(tmp_path: Path) -> None:
 def test_what_no_robot_file_could_drive_has_no_anatomy(tmp_path: Path, xml: str, said: str) -> None:
     (tmp_path / "robot.xml").write_text(xml)
     with pytest.raises(BadInput, match=said):
-        anatomy(tmp_path / "robot.xml")
+        model_structure(tmp_path / "robot.xml")
 
 
 def test_a_payload_site_that_is_not_there_is_refused(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from residual_mpc.cli.main import main
 from residual_mpc.closed_loop.scenario import RunOptions, find_scenario, scenario_names
-from residual_mpc.residual.stream import Samples
-from residual_mpc.residual.streaming import StreamSettings
+from residual_mpc.learning.stream.samples import Samples
+from residual_mpc.learning.stream.updates import StreamSettings
 from scenarios.experiments import arm, wheeled
 from scenarios.experiments.setting import Setting, learn
 

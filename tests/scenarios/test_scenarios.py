@@ -52,11 +52,11 @@ def test_every_path_can_be_driven_and_every_effect_is_known(name):
 
 
 def test_no_clock_decides_in_a_scenario_unless_asked_for():
-    from scenarios.contenders import _contender
+    from scenarios.closed_loop.controllers import _stack
 
     s = find_scenario("figure_eight")
     for options, budget in ((RunOptions(), np.inf), (RunOptions(budget=0.03), 0.03)):
-        assert _contender(s, s.kit(), {}, None, options).controller.settings.budget == budget
+        assert _stack(s, s.setup(), {}, None, options).controller.settings.budget == budget
 
 
 class Recorder:

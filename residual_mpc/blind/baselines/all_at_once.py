@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from residual_mpc.blind.baselines.bench import Bench
+from residual_mpc.blind.baselines.problem import BaselineProblem
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.models.settings import Term
 
 
-def all_at_once(bench: Bench) -> Fit | None:
+def all_at_once(problem: BaselineProblem) -> Fit | None:
     """The effect that moved farthest, in its typical steps, when every effect was free at every target."""
-    space = bench.space
+    space = problem.space
     start = {}
     for term in _separate(space.candidates):
         for knob in space.knobs(term):
@@ -22,7 +22,7 @@ def all_at_once(bench: Bench) -> Fit | None:
             start[knob] = high if math.isinf(null) else float(np.clip(null, low, high))
     if not start:
         return None
-    fit = fit_all(bench.fitting, [start], 6)[0]
+    fit = fit_all(problem.fitting, [start], 6)[0]
     moved: dict[Term, float] = {}
     for knob in fit.knobs:
         change = abs(fit.values[knob] - start[knob]) / space.scale(knob)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from residual_mpc.blind.baselines.bench import Bench, cost_on
+from residual_mpc.blind.baselines.problem import BaselineProblem, cost_on
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 
 
-def single(bench: Bench) -> Fit | None:
+def single(problem: BaselineProblem) -> Fit | None:
     """The best single effect; each is started from its most promising probe."""
     starts = []
-    for term in bench.space.candidates:
-        probes = bench.space.probes(term)
-        costs = [float((r**2).sum()) for r in bench.fitting.residuals(probes)]
+    for term in problem.space.candidates:
+        probes = problem.space.probes(term)
+        costs = [float((r**2).sum()) for r in problem.fitting.residuals(probes)]
         starts.append(probes[costs.index(min(costs))])
-    fits = fit_all(bench.fitting, starts)
-    return min(fits, key=lambda fit: cost_on(bench.kept, fit.values), default=None)
+    fits = fit_all(problem.fitting, starts)
+    return min(fits, key=lambda fit: cost_on(problem.kept, fit.values), default=None)

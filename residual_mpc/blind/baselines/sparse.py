@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from residual_mpc.blind.baselines.all_at_once import _separate
-from residual_mpc.blind.baselines.bench import Bench
+from residual_mpc.blind.baselines.problem import BaselineProblem
 from residual_mpc.diagnosis.data.subsampling import shorten
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.problem import build_problem
@@ -20,14 +20,14 @@ _PART = 0.1  # of a window of one second
 _THRESHOLD = 0.3  # of the largest contribution
 
 
-def sparse(bench: Bench) -> Fit | None:
+def sparse(baseline: BaselineProblem) -> Fit | None:
     """The effects that survive the regression, fitted once more together on whole windows."""
-    data = shorten(bench.fitting.data, _PART)
-    problem = build_problem(data, bench.space, data.sigma)
-    terms = _separate(bench.space.candidates)
+    data = shorten(baseline.fitting.data, _PART)
+    problem = build_problem(data, baseline.space, data.sigma)
+    terms = _separate(baseline.space.candidates)
     if not terms:
         return None
-    probes: list[Values] = [bench.space.probes(term)[0] for term in terms]
+    probes: list[Values] = [baseline.space.probes(term)[0] for term in terms]
     rest, *moved = problem.residuals([{}, *probes])
     columns = np.stack([(rest - m).ravel() for m in moved], axis=1)
     kept = survivors(columns, rest.ravel(), _THRESHOLD)
@@ -35,7 +35,7 @@ def sparse(bench: Bench) -> Fit | None:
     if not chosen:
         return None
     start = {knob: value for i in kept for knob, value in probes[i].items()}
-    return fit_all(bench.fitting, [start])[0]
+    return fit_all(baseline.fitting, [start])[0]
 
 
 def survivors(columns: np.ndarray, target: np.ndarray, threshold: float, rounds: int = 10) -> list[int]:

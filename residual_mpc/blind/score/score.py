@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from residual_mpc.blind.openings import Opening, read_openings, record_opening
+from residual_mpc.blind.score.openings import Opening, read_openings, record_opening
 from residual_mpc.blind.score.outcome import outcome
 from residual_mpc.blind.score.resolved import Experiments, score_experiments
 from residual_mpc.blind.score.summary import Summary, summarise

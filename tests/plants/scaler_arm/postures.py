@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plants.scaler_arm.geometry import SCALER, Arm, Frame
+from plants.scaler_arm.kinematics.geometry import SCALER, Arm, Frame
 
 LOW, HIGH = np.array(SCALER.limits).T
 

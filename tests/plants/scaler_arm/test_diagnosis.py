@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from plants.scaler_arm.engines.mujoco_arm import MujocoArm
+from plants.scaler_arm.kinematics.loop_closure import at_posture
 from plants.scaler_arm.motions import CircleWithHeight, references
-from plants.scaler_arm.mujoco_arm import MujocoArm
-from plants.scaler_arm.start import at_posture
 from plants.scaler_arm.twin import ENCODERS, twin
 from plants.scaler_arm.withheld import Withheld
 from plants.sensors import Sensed

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from postures import anywhere
 
-from plants.scaler_arm.bullet import World
-from plants.scaler_arm.geometry import HOME, MOTORS, PASSIVE, SCALER
-from plants.scaler_arm.inverse import inverse_kinematics
-from plants.scaler_arm.kinematics import forward_kinematics, passive_angles
-from plants.scaler_arm.mjcf import Options, mjcf
-from plants.scaler_arm.mujoco_arm import MujocoArm
-from plants.scaler_arm.pybullet_arm import PybulletArm
-from plants.scaler_arm.start import at_posture, joints_at
+from plants.scaler_arm.engines.mjcf import Options, mjcf
+from plants.scaler_arm.engines.mujoco_arm import MujocoArm
+from plants.scaler_arm.engines.pybullet_arm import PybulletArm
+from plants.scaler_arm.engines.pybullet_world import World
+from plants.scaler_arm.kinematics.forward import forward_kinematics, passive_angles
+from plants.scaler_arm.kinematics.geometry import HOME, MOTORS, PASSIVE, SCALER
+from plants.scaler_arm.kinematics.inverse import inverse_kinematics
+from plants.scaler_arm.kinematics.loop_closure import at_posture, joints_at
 from plants.simulator import Recording, Simulator, record, replaying, running
 from residual_mpc.errors import BadInput
 

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from postures import HIGH, LOW, anywhere, literal_frames, point
 
-from plants.scaler_arm.five_bar import LEAST_SINE, margin, passive_rates
-from plants.scaler_arm.geometry import HOME, SCALER
-from plants.scaler_arm.inverse import Unreachable, angles_of, inverse_kinematics
-from plants.scaler_arm.kinematics import (
+from plants.scaler_arm.kinematics.five_bar import LEAST_SINE, margin, passive_rates
+from plants.scaler_arm.kinematics.forward import (
     chain,
     columns,
     forward_kinematics,
@@ -24,6 +22,8 @@ from plants.scaler_arm.kinematics import (
     velocity,
     velocity_by_jacobian,
 )
+from plants.scaler_arm.kinematics.geometry import HOME, SCALER
+from plants.scaler_arm.kinematics.inverse import Unreachable, angles_of, inverse_kinematics
 from residual_mpc.effects.ops import NUMPY, casadi_ops, jax_ops
 
 ROUNDING = 1e-14  # m: a few units in the last place of half a metre, through a dozen operations

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from postures import HIGH, LOW
 
-from plants.scaler_arm.geometry import HOME, SCALER
-from plants.scaler_arm.kinematics import forward_kinematics
+from plants.scaler_arm.kinematics.forward import forward_kinematics
+from plants.scaler_arm.kinematics.geometry import HOME, SCALER
 from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion, references, tool_path
 from residual_mpc.errors import BadInput
 

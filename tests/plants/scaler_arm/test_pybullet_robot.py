@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from plants.scaler_arm import pybullet_robot
-from plants.scaler_arm.geometry import MOTORS
+from plants.scaler_arm.engines.pybullet_arm import PybulletArm
+from plants.scaler_arm.kinematics.geometry import MOTORS
+from plants.scaler_arm.kinematics.loop_closure import at_posture
 from plants.scaler_arm.motions import CircleWithHeight, references
-from plants.scaler_arm.pybullet_arm import PybulletArm
 from plants.scaler_arm.pybullet_robot import build
-from plants.scaler_arm.start import at_posture
 from plants.simulator import Recording, record, replaying
 from residual_mpc.models.contract import check_robot
 from residual_mpc.models.protocol import Drive

@@ -11,8 +11,8 @@ from postures import anywhere
 
 from plants.mujoco_robot import build as build_any
 from plants.mujoco_robot.loops import find_loops
-from plants.scaler_arm.geometry import HOME, MOTORS, PASSIVE
-from plants.scaler_arm.mjcf import mjcf
+from plants.scaler_arm.engines.mjcf import mjcf
+from plants.scaler_arm.kinematics.geometry import HOME, MOTORS, PASSIVE
 from plants.scaler_arm.robot import FiveBarLoop, build
 from residual_mpc.errors import BadInput
 from residual_mpc.models.contract import check_robot

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from postures import anywhere
 
-from plants.scaler_arm.geometry import MOTORS, PASSIVE, SCALER
-from plants.scaler_arm.kinematics import chain
-from plants.scaler_arm.mjcf import mjcf
-from plants.scaler_arm.servo import Load, Servo, advance, weights
+from plants.scaler_arm.dynamics.gravity import masses
+from plants.scaler_arm.dynamics.servo import Load, Servo, advance, weights
+from plants.scaler_arm.engines.mjcf import mjcf
+from plants.scaler_arm.kinematics.forward import chain
+from plants.scaler_arm.kinematics.geometry import MOTORS, PASSIVE, SCALER
+from plants.scaler_arm.kinematics.loop_closure import closed
 from plants.scaler_arm.servo_robot import ServoArm, build
-from plants.scaler_arm.start import closed
-from plants.scaler_arm.weight import masses
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.errors import BadInput
 from residual_mpc.models.contract import check_robot

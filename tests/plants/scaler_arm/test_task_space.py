@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from plants.scaler_arm.geometry import MOTORS
+from plants.scaler_arm.engines.mujoco_arm import MujocoArm
+from plants.scaler_arm.kinematics.geometry import MOTORS
+from plants.scaler_arm.kinematics.loop_closure import at_posture
 from plants.scaler_arm.motions import CircleWithHeight, references
-from plants.scaler_arm.mujoco_arm import MujocoArm
 from plants.scaler_arm.record import main
-from plants.scaler_arm.start import at_posture
 from plants.scaler_arm.task_space import COMMAND, POSITION, task_samples
 from plants.simulator import Recording, record, replaying
 from residual_mpc.errors import BadInput

@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from plants.scaler_arm.geometry import HOME, MOTORS, SCALER
+from plants.scaler_arm.dynamics.stick_slip import Sticking, sticking_start, sticking_step
+from plants.scaler_arm.engines.mujoco_arm import MujocoArm
+from plants.scaler_arm.kinematics.geometry import HOME, MOTORS, SCALER
+from plants.scaler_arm.kinematics.loop_closure import at_posture
 from plants.scaler_arm.motions import CircleWithHeight, references
-from plants.scaler_arm.mujoco_arm import MujocoArm
-from plants.scaler_arm.start import at_posture
-from plants.scaler_arm.sticking import Sticking, sticking_start, sticking_step
 from plants.scaler_arm.twin import ENCODERS, Twin, twin
 from plants.scaler_arm.withheld import TYPICAL, Withheld, really, truth
 from plants.simulator import Recording, Simulator, record, replaying

@@ -5,8 +5,8 @@ import pytest
 
 from plants.simulator import running
 from plants.wheeled import bullet_drive
-from plants.wheeled import bullet_robot as module
-from plants.wheeled.bullet_robot import BulletRobot
+from plants.wheeled import pybullet_robot as module
+from plants.wheeled.pybullet_robot import BulletRobot
 from plants.wheeled.robots import geometry_of
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput

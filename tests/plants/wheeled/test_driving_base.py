@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plants.wheeled.geometry import Geometry
-from plants.wheeled.mjcf import mjcf
+from plants.wheeled.engines.geometry import Geometry
+from plants.wheeled.engines.mjcf import mjcf
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
 from residual_mpc.models.contract import check_robot

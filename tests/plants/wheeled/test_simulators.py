@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from plants.simulator import Recording, Simulator, record, replaying, running, write_run
-from plants.wheeled import Geometry, Slips, Wheel, WheeledDrive, bullet_drive, mjcf, mujoco_drive
+from plants.wheeled import Geometry, Slips, Wheel, WheeledDrive, bullet_drive, mujoco_drive
+from plants.wheeled.engines import mjcf
 from plants.wheeled.motions import figure_eight, policy
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.read import read_runs
+from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.models.robot_file import RobotFile
 
 ENGINES = pytest.mark.parametrize("make", [mujoco_drive, bullet_drive])

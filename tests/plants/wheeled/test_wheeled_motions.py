@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from plants.wheeled.geometry import Geometry
+from plants.wheeled.engines.geometry import Geometry
 from plants.wheeled.motions import (
     MOTIONS,
     PAPER,

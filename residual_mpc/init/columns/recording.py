@@ -1,0 +1,124 @@
+"""Tables as they came: every column that holds numbers, under its own name, run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from residual_mpc.errors import BadInput
+from residual_mpc.init.columns.words import TIME_WORDS, tokens
+from residual_mpc.logs.columns import RUNS as RUN_WORDS
+from residual_mpc.logs.readers.cells import labels, numbers_or_none
+from residual_mpc.logs.readers.find import find_tables, stem
+from residual_mpc.logs.readers.table import read_header, read_table
+from residual_mpc.logs.run import FloatArray
+
+RUNS = 0.2  # share of the rows up to which the values of a column may be runs
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Attributes:
+    name: the file's stem, and the run's label where a table holds several.
+    source: the file.
+    columns: by the table's own names, each (n,), NaN where a cell is empty; dates are ns since 1970.
+    texts: names of columns that hold no numbers.
+    dates: names of columns that hold dates.
+    run_column: which tells the runs of the table apart, None where it holds one.
+    label: the value of run_column, empty without one.
+    note: what became of the table's list columns, empty without any.
+    """
+
+    name: str
+    source: Path
+    columns: Mapping[str, FloatArray]
+    texts: tuple[str, ...] = ()
+    dates: frozenset[str] = frozenset()
+    run_column: str | None = None
+    label: str = ""
+    note: str = ""
+
+    @property
+    def rows(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+
+def read_recordings(paths: Sequence[str | Path]) -> tuple[Recording, ...]:
+    """Every run behind paths.
+
+    Raises BadInput for a table that cannot be read, or holds no column of numbers or fewer than two rows.
+    """
+    return tuple(recording for path in find_tables(paths) for recording in _read(path))
+
+
+def _read(path: Path) -> list[Recording]:
+    header = read_header(path)
+    table = read_table(header, header.names)
+    cells: dict[str, FloatArray] = {}
+    texts, dates = [], []
+    for name, column in table.columns.items():
+        values = numbers_or_none(column)
+        if values is None:
+            values = dates_as_numbers(column, name)
+            if values is not None:
+                dates.append(name)
+        if values is None:
+            texts.append(name)
+        else:
+            cells[name] = values
+    texts += list(table.faults)
+    rows = len(next(iter(table.columns.values()), ()))
+    if rows < 2:
+        came = "one sample" if rows == 1 else "no sample"
+        raise BadInput(f"{came} came, at least two were wanted", str(path), "leave the table out, or record again")
+    if not cells:
+        raise BadInput("no column holds numbers", str(path), "write numbers with a decimal point, empty where missing")
+    whole = Recording(stem(path), path, cells, tuple(texts), frozenset(dates), note=header.note)
+    run_column = _run_column(table.columns, cells, rows)
+    return [whole] if run_column is None else _split(whole, run_column, table.columns[run_column])
+
+
+def _run_column(columns: Mapping[str, Any], cells: Mapping[str, FloatArray], rows: int) -> str | None:
+    """The first column whose name is a run's and whose values are few."""
+    for name, column in columns.items():
+        if name == "run":
+            return name
+        if not set(tokens(name)) & RUN_WORDS or set(tokens(name)) - RUN_WORDS - {"index", "id", "number", "name"}:
+            continue
+        kinds = len(np.unique(cells[name])) if name in cells else len(set(column.to_pylist()))
+        if 1 < kinds <= max(2.0, RUNS * rows):
+            return name
+    return None
+
+
+def _split(whole: Recording, run_column: str, column: Any) -> list[Recording]:
+    of_row = np.array(labels(column, run_column, str(whole.source)))
+    parts = []
+    for label in dict.fromkeys(of_row.tolist()):
+        rows = np.flatnonzero(of_row == label)
+        cells = {name: values[rows] for name, values in whole.columns.items() if name != run_column}
+        name = f"{whole.name}/{label}"
+        parts.append(replace(whole, name=name, columns=cells, run_column=run_column, label=label))
+    return parts
+
+
+def dates_as_numbers(column: Any, name: str) -> FloatArray | None:
+    """(n,) ns since 1970 of a column of dates, None where it holds anything else."""
+    import pandas as pd
+    import pyarrow as pa
+
+    kind = column.type
+    if pa.types.is_timestamp(kind):
+        stamps = column.cast(pa.timestamp("ns", kind.tz), safe=False).cast(pa.int64())
+        return np.array(stamps.to_numpy(), dtype=np.float64)
+    if not pa.types.is_string(kind) or not set(tokens(name)) & TIME_WORDS:
+        return None
+    stamps = pd.to_datetime(pd.Series(column.to_pylist()), errors="coerce", utc=True, format="ISO8601")
+    if stamps.isna().mean() > 0.01:
+        return None
+    epoch = pd.Timestamp(0, tz="UTC")
+    return ((stamps - epoch) / pd.Timedelta(1, "ns")).to_numpy(dtype=np.float64)

@@ -1,0 +1,98 @@
+"""The draft as a robot file, with the reason of every guess beside it."""
+
+from __future__ import annotations
+
+import json
+import os
+import textwrap
+from collections.abc import Iterable
+from math import isfinite
+from pathlib import Path
+
+from residual_mpc.init.columns.guess import Guess
+from residual_mpc.init.draft import Draft
+from residual_mpc.models.actuators import Actuator
+
+WIDTH = 118
+
+
+def robot_file_text(draft: Draft, folder: Path) -> str:
+    """The TOML of a draft, for a file in `folder`."""
+    lines = ["# Drafted by `residual-mpc init`: everything here is a guess, with its reason and how sure it is."]
+    if draft.mends:
+        lines.append("# What no robot file can say, so that the log has to be written so (`--mended DIR` does it):")
+        lines += [line for mend in draft.mends for line in _comment(str(mend), "#   ")]
+    guesses = {g.what: g for g in draft.guesses}
+    said: set[str] = set()
+
+    def why(what: str) -> list[str]:
+        said.add(what)
+        return _comment(_reason(guesses[what])) if what in guesses else []
+
+    lines += ["", f"name = {_text(draft.name)}", f"plant = {_text(draft.plant)}"]
+    lines.append(f"model = {_text(_relative(draft.model, folder))}")
+    for key, value in (("payload_site", draft.payload_site), ("pose_body", draft.pose_body)):
+        if value is not None:
+            lines += [*why(key), f"{key} = {_text(value)}"]
+    if draft.tunable:
+        lines += [*why("tunable"), f"tunable = [{', '.join(map(_text, draft.tunable))}]"]
+    if draft.log:
+        lines += ["", "[log]"]
+        for name, column in draft.log.items():
+            lines += [*why(name), f"{_text(name)} = {_text(column)}"]
+    for joint, actuator in draft.actuators.items():
+        lines += ["", f"[actuator.{_key(joint)}]"]
+        for key, value in _entries(actuator):
+            lines += [*why(f"actuator.{joint}.{key}"), f"{key} = {value}"]
+    for setting in draft.settings:
+        what = f"model of the runs {setting.runs}"
+        lines += ["", "[[variant]]", f"runs = {_text(setting.runs)}"]
+        lines += [*why(what), f"model = {_text(_relative(setting.model, folder))}"]
+    rest = [g for g in draft.guesses if g.what not in said]
+    if rest:
+        lines += ["", "# Guessed besides, where the columns bear the log format's names or nothing is to be written:"]
+        lines += [line for g in rest for line in _comment(str(g), "#   ")]
+    for title, items in (("Without a column:", draft.missing), ("Columns that are not used:", draft.unmatched)):
+        if items:
+            lines += ["", f"# {title}"]
+            lines += [line for item in items for line in _comment(f"{item.name}: {item.why}", "#   ")]
+    return "\n".join(lines) + "\n"
+
+
+def _reason(guess: Guess) -> str:
+    rivals = f"; or {' or '.join(guess.rivals)}" if guess.rivals else ""
+    return f"{guess.sure:.0%}: {guess.why}{rivals}"
+
+
+def _comment(text: str, head: str = "# ") -> list[str]:
+    plain = "".join(c if c.isprintable() else "?" for c in text)
+    indent = head + ("  " if head != "# " else "")
+    return textwrap.wrap(plain, WIDTH, initial_indent=head, subsequent_indent=indent, break_long_words=False)
+
+
+def _entries(actuator: Actuator) -> Iterable[tuple[str, str]]:
+    yield "kind", _text(actuator.kind)
+    for key in ("kp", "kv"):
+        if getattr(actuator, key) > 0.0:
+            yield key, f"{getattr(actuator, key):g}"
+    if actuator.gear != 1.0:
+        yield "gear", f"{actuator.gear:g}"
+    if isfinite(actuator.limit):
+        yield "limit", f"{actuator.limit:g}"
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """Seen from the robot file's folder; as a whole where there is no way (another drive)."""
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return path.resolve().as_posix()
+
+
+def _text(value: str) -> str:
+    """A TOML basic string, which JSON's are."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else _text(name)

@@ -1,0 +1,56 @@
+"""Logs written anew, with the columns that no robot file can put right."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from residual_mpc.errors import BadInput
+from residual_mpc.init.columns.guess import Mend
+from residual_mpc.init.columns.recording import dates_as_numbers
+from residual_mpc.logs.readers.cells import numbers_or_none
+from residual_mpc.logs.readers.find import find_tables, stem
+from residual_mpc.logs.readers.table import read_header, read_table
+
+
+def write_mended(paths: Sequence[str | Path], mends: Sequence[Mend], folder: Path) -> tuple[Path, ...]:
+    """The tables with their columns mended, as Parquet files of the same names; all else is kept.
+
+    Raises BadInput where a file is there already, two tables have one name, or the folder cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sources = find_tables(paths)
+    targets = [folder / f"{stem(source)}.parquet" for source in sources]
+    for target in targets:
+        if target.exists():
+            raise BadInput("there is such a file already", str(target), "name an empty folder with --mended")
+        if targets.count(target) > 1:
+            raise BadInput(f"two tables are called {target.stem}", str(folder), "rename one of them")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:  # all of them or none
+            parts = [Path(scratch) / target.name for target in targets]
+            for source, part in zip(sources, parts, strict=True):
+                pq.write_table(pa.table(_mended(source, mends)), part)
+            for part, target in zip(parts, targets, strict=True):
+                part.replace(target)
+    except OSError as fault:
+        raise BadInput(f"it cannot be written ({fault.strerror})", str(folder), "choose another folder") from fault
+    return tuple(targets)
+
+
+def _mended(source: Path, mends: Sequence[Mend]) -> dict[str, Any]:
+    import pyarrow as pa
+
+    header = read_header(source)
+    columns = dict(read_table(header, header.names).columns)
+    for mend in (m for m in mends if m.column in columns):
+        values = numbers_or_none(columns[mend.column])
+        values = dates_as_numbers(columns[mend.column], mend.column) if values is None else values
+        if values is not None:
+            columns[mend.column] = pa.array(mend.factor * values + mend.offset, from_pandas=True)
+    return columns

@@ -1,0 +1,1 @@
+"""Which column is what: every column given to one role at most."""

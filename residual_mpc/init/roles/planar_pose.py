@@ -1,0 +1,82 @@
+"""The planar pose of a robot that drives, among the columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi
+
+import numpy as np
+
+from residual_mpc.init.columns.evidence import Roles
+from residual_mpc.init.columns.guess import Guess, Mend
+from residual_mpc.init.columns.signals import Signals
+from residual_mpc.init.columns.words import Words
+
+PLACES = frozenset(
+    "pose pos position odom odometry base robot world map amcl mocap vicon optitrack orientation link chassis body"
+    " local global footprint gps slam lidar rtk ground truth gt".split()
+)
+HEADINGS = frozenset("theta yaw heading psi phi".split())
+MOTIONS = frozenset("twist vel velocity linear angular imu gyro rate".split())
+IN_ITS_FRAME = "is in the robot's own frame by ROS's convention; the log format wants the world's"
+QUATERNION = "the log format wants the heading itself: with a quaternion it is 2 * atan2(z, w) on level ground"
+
+
+def find_pose(words: Mapping[str, Words], signals: Signals) -> tuple[Roles, dict[str, str]]:
+    """Roles of pose.* and twist.*, and why columns that look like them were left."""
+    found: dict[str, list[tuple[float, str]]] = {}
+    left: dict[str, str] = {}
+    for name in words:
+        role, score, why = _role(words[name])
+        if why:
+            left[name] = why
+        elif role and signals.moves(name):
+            found.setdefault(role, []).append((score, name))
+    columns, guesses = {}, []
+    for role, choices in found.items():
+        choices.sort(key=lambda c: -c[0])
+        best, name = choices[0]
+        rivals = tuple(n for s, n in choices[1:] if s > best - 0.5)
+        columns[role] = name
+        guesses.append(Guess(role, name, "its name", 0.5 if rivals else 0.9, rivals))
+    return Roles(columns, tuple(guesses)), left
+
+
+def heading_in_degrees(signals: Signals, roles: Roles) -> tuple[Mend, ...]:
+    """A heading that goes beyond a turn in radians and stays within one in degrees, or is called so."""
+    column = roles.columns.get("pose.theta")
+    if column is None:
+        return ()
+    x = signals.raw[column]
+    said = any(w in column.lower() for w in ("deg",))
+    largest, step = float(np.nanmax(np.abs(x))), float(np.nanmax(np.abs(np.diff(x[np.isfinite(x)]))))
+    if said or 4.0 * pi < largest <= 400.0 and step > 0.0:
+        why = f"a heading of {largest:.4g} is in degrees" + (", as the name says" if said else "")
+        return (Mend(column, pi / 180.0, 0.0, why, 0.98 if said else 0.8),)
+    return ()
+
+
+def pose_role(words: Words) -> str | None:
+    """The role of pose.* or twist.* that a column's name is like, None where it is like none."""
+    return _role(words)[0]
+
+
+def _role(words: Words) -> tuple[str | None, float, str]:
+    """(role or None, score, why the column is left although it looks like one)."""
+    every = set(words.every)
+    if words.commanded or words.quantity in ("other", "enabled", "effort", "acceleration"):
+        return None, 0.0, ""
+    if {"orientation", "quaternion", "quat"} & every and {"x", "y", "z", "w"} & every:
+        return None, 0.0, QUATERNION
+    if {"linear", "vx", "vy"} & every:
+        return None, 0.0, IN_ITS_FRAME
+    known = every & (PLACES | MOTIONS)
+    axis = next((a for a in ("x", "y") if a in every), None) or ("theta" if every & HEADINGS else None)
+    rest = every - PLACES - MOTIONS - HEADINGS - {"x", "y", "z", "m", "rad", "deg", "d", "rate", "wz", "w"}
+    score = 1.0 + 0.5 * len(known) - 1.5 * len(rest)
+    if "wz" in every or every & MOTIONS and (axis == "theta" or {"angular", "z"} <= every or {"gyro", "z"} <= every):
+        return ("twist.theta", score, "") if score > 0.0 else (None, 0.0, "")
+    if axis is None or every & MOTIONS or score <= 0.0:
+        twist = axis is not None and "twist" in every and score > 0.0
+        return (f"twist.{axis}", score, "") if twist else (None, 0.0, "")
+    return f"pose.{axis}", score, ""

@@ -1,0 +1,1 @@
+"""Learning from recorded runs: windows, updates, the choice among passes, and the evaluation."""

@@ -1,0 +1,1 @@
+"""The equations that a residual enters, and a robot with one."""

@@ -1,0 +1,118 @@
+"""A residual on the accelerations of a robot of joints: x_{k+1} = Dyn(x_k, u_k) + delta, the paper's general model.
+
+Dyn is the robot's own replay over one step, begun anew from the corrected state: what a joint's servo or gravity makes
+of the correction is then the model's affair. A model that remembers something which is no channel (play, a filter
+inside an actuator) forgets it at each step; commands before the step still warm up delays and lags, but the replay of
+0.6 s by which a joint with play is begun at a window's start is not spent on every step.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.learning.forms.form import Delta, Rolled, steps_of
+from residual_mpc.models.protocol import Drive, Robot
+from residual_mpc.models.settings import Settings
+
+
+@dataclass(frozen=True)
+class JointForm:
+    """delta is an acceleration held over the step (for a state without velocity: a rate).
+
+    Inputs: every position and velocity of the state, and the commands; of a position servo how far its command lies
+    from its joint.
+    """
+
+    name: str = "joint"
+
+    def inputs(self, base: Robot) -> tuple[str, ...]:
+        channels = [c for s in base.states for c in (s.position, s.velocity) if c is not None]
+        ahead = _servo_joints(base)
+        return (*channels, *(f"{'ahead' if j else 'command'}.{a}" for a, j in zip(base.actuators, ahead, strict=True)))
+
+    def outputs(self, base: Robot) -> tuple[str, ...]:
+        return tuple(f"{'rate' if s.velocity is None else 'acceleration'}.{_name(s.position)}" for s in base.states)
+
+    def moved_by(self, base: Robot, channel: str) -> tuple[str, ...]:
+        found = [o for o, s in zip(self.outputs(base), base.states, strict=True) if channel in (s.position, s.velocity)]
+        return tuple(found)
+
+    def roll(
+        self,
+        base: Robot,
+        delta: Delta,
+        step: float,
+        start: Mapping[str, np.ndarray],
+        drive: Drive,
+        settings: Settings,
+        wanted: tuple[str, ...],
+        push: np.ndarray | None = None,
+    ) -> Rolled:
+        sub, count = steps_of(step, drive)
+        states = base.states
+        channels = tuple(c for s in states for c in (s.position, s.velocity) if c is not None)
+        asked = tuple(dict.fromkeys((*channels, *wanted)))
+        ahead = _servo_joints(base)
+        x = {c: np.array(start[c], dtype=np.float64) for c in channels}
+        parts: dict[str, list[np.ndarray]] = {c: [np.empty((len(drive.clock), 0))] for c in wanted}
+        z, d, v = [], [], []
+        for k in range(count):
+            first, last = k * sub, min((k + 1) * sub, drive.steps)
+            u = drive.command[:, drive.lead + first : drive.lead + last].mean(axis=1)
+            columns = [u[:, i] - x[j] if j else u[:, i] for i, j in enumerate(ahead)]
+            z.append(np.stack([*(x[c] for c in channels), *columns], axis=1))
+            d.append(delta(z[-1]) if push is None else delta(z[-1]) + push[:, k])
+            found = base.replay(x, _part(drive, first, last), settings, asked)
+            t = drive.dt * np.arange(last - first + 1)
+            added: dict[str, np.ndarray] = {}
+            for i, s in enumerate(states):
+                if s.velocity is None:
+                    added[s.position] = d[-1][:, i, None] * t
+                else:
+                    added[s.position], added[s.velocity] = d[-1][:, i, None] * (0.5 * t**2), d[-1][:, i, None] * t
+            whole = {c: found[c] + added[c] if c in added else found[c] for c in asked}
+            for c in wanted:
+                parts[c].append(whole[c] if k == count - 1 else whole[c][:, :-1])
+            before, x = x, {c: whole[c][:, -1] for c in channels}
+            v.append(
+                np.stack(
+                    [
+                        (x[s.position] - before[s.position]) / t[-1] if s.velocity is None else x[s.velocity]
+                        for s in states
+                    ],
+                    axis=1,
+                )
+            )
+        return Rolled(
+            {c: np.concatenate(p, axis=1) for c, p in parts.items()},
+            np.stack(z, axis=1),
+            np.stack(d, axis=1),
+            np.stack(v, axis=1),
+        )
+
+
+def _name(channel: str) -> str:
+    return channel.partition(".")[2]
+
+
+def _servo_joints(base: Robot) -> tuple[str | None, ...]:
+    """For each actuator the position channel of the joint that it servoes; None where it servoes none."""
+    joints = getattr(base, "actuator_joints", base.actuators)
+    known = {s.position for s in base.states}
+    out: list[str | None] = []
+    for joint, kind in zip(joints, base.command_kinds, strict=True):
+        channel = f"position.{joint}"
+        out.append(channel if kind == "position" and channel in known else None)
+    return tuple(out)
+
+
+def _part(drive: Drive, first: int, last: int) -> Drive:
+    """Steps first to last of a window, with the commands before them."""
+    return replace(
+        drive,
+        command=drive.command[:, first : drive.lead + last],
+        enabled=None if drive.enabled is None else drive.enabled[:, first:last],
+        clock=drive.clock + first * drive.dt,
+        midway=first > 0,
+    )

@@ -1,0 +1,20 @@
+"""The forms that can be replayed, by name."""
+
+from residual_mpc.errors import BadInput
+from residual_mpc.learning.forms.body import POSE, BodyForm, PaperForm
+from residual_mpc.learning.forms.form import Form
+from residual_mpc.learning.forms.joint import JointForm
+from residual_mpc.models.protocol import Robot
+
+
+def form_named(name: str) -> Form:
+    """The form of a record. Raises BadInput for a name that no form has."""
+    known: dict[str, Form] = {f.name: f for f in (BodyForm(), PaperForm(), JointForm())}
+    if name not in known:
+        raise BadInput(f"a residual of form {name!r} cannot be replayed", "", f"forms: {', '.join(known)}")
+    return known[name]
+
+
+def usual_form(base: Robot) -> Form:
+    """The body form for a robot that drives on a plane, else the joint form."""
+    return form_named("body" if set(POSE) <= {s.position for s in base.states} else "joint")

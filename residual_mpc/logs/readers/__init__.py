@@ -1,0 +1,1 @@
+"""Tables from files: found, recognised, read, checked and put in order."""

@@ -1,0 +1,320 @@
+"""Run tables from files: read, checked cell by cell, put in order, and named as the log format names them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.clock import IntArray, Stamps, count_from_start
+from residual_mpc.logs.columns import GROUPS, group, is_measured, likely_run, likely_time
+from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.readers.cells import labels, numbers, numbers_or_none, whole_numbers
+from residual_mpc.logs.readers.find import find_tables, stem
+from residual_mpc.logs.readers.layout import Layout, check_log, lay_out, logs_of, recognised
+from residual_mpc.logs.readers.stamps import CLASHES, Order, order_rows
+from residual_mpc.logs.readers.table import Header, read_header, read_table
+from residual_mpc.logs.run import FloatArray, Run
+from residual_mpc.models.robot_file import RobotFile, for_run
+
+MEMORY_LIMIT = 2 << 30  # bytes of numbers in one call
+
+
+@dataclass(frozen=True)
+class ReadResult:
+    """The runs of a call, in the order of their files, and what was mended or noticed while reading."""
+
+    runs: tuple[Run, ...]
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """The rows of one run within a table."""
+
+    header: Header
+    label: str  # the value of the column `run`, empty without one
+    rows: NDArray[np.intp]  # (m,) rows of the table
+    cells: dict[str, FloatArray]  # column of the table -> (rows of the table,)
+    whole: dict[str, IntArray]  # those that may be the time and hold whole numbers alone
+    texts: frozenset[str]  # unknown columns that hold no numbers
+    left_out: tuple[str, ...]  # unknown columns that were too large to keep
+    warnings: tuple[str, ...]
+
+
+def read_runs(paths: Sequence[Path | str], robot: RobotFile, memory_limit: float = MEMORY_LIMIT) -> ReadResult:
+    """Read runs from CSV or Parquet files, folders of them, or glob patterns.
+
+    Args:
+        paths: files, folders or patterns; a file that they mean twice is read once.
+        robot: its [log] (of the variant that fits a run) names the columns.
+        memory_limit: bytes of numbers up to which tables are read.
+
+    Raises:
+        BadInput: a table that cannot be used, with the file, the row and the column at fault.
+    """
+    headers = [read_header(path) for path in find_tables(paths)]
+    check_log(robot, [header.names for header in headers])
+    pieces = [piece for header in _within(headers, robot, memory_limit) for piece in _pieces(*header, robot)]
+    runs, findings = [], []
+    for name, piece in zip(_unique_names(pieces), pieces, strict=True):
+        run, seen = _read_run(name, piece, for_run(robot, name))
+        runs.append(run)
+        findings.extend(seen)
+    return ReadResult(tuple(runs), tuple(_gathered(findings, len(runs))))
+
+
+def _within(headers: Sequence[Header], robot: RobotFile, limit: float) -> list[tuple[Header, tuple[str, ...]]]:
+    """Each table with the columns to read: all, or where memory would not do, those that are needed."""
+    if sum(header.size for header in headers) <= limit:
+        return [(header, header.names) for header in headers]
+    needed = [tuple(n for n in h.names if n in recognised(h.names, robot)) for h in headers]
+    size = sum(h.size * len(n) / len(h.names) for h, n in zip(headers, needed, strict=True))
+    if size > limit:
+        largest = max(headers, key=lambda header: header.size)
+        raise BadInput(
+            f"the tables would take about {size / 2**30:.3g} GiB of memory, at most {limit / 2**30:.3g} GiB was wanted",
+            str(largest.path),
+            "give fewer runs, cut this one into several files, thin its rows,"
+            " or keep only the columns that the robot needs (Parquet is smallest)",
+        )
+    return list(zip(headers, needed, strict=True))
+
+
+def _pieces(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterator[_Piece]:
+    where = str(header.path)
+    table = read_table(header, names)
+    needed = recognised(header.names, robot)
+    run_column = lay_out(header.names, robot.log).columns.get("run")
+    cells, texts = {}, set()
+    for name in names:
+        if name == run_column:
+            continue
+        if name in table.faults:
+            if name in needed:
+                raise BadInput(table.faults[name], where, "write lists of one length, or a column for each element")
+            texts.add(name)
+            continue
+        values = numbers(table.columns[name], _shown(name, robot), where) if name in needed else None
+        values = numbers_or_none(table.columns[name]) if values is None else values
+        if values is None:
+            texts.add(name)
+        else:
+            cells[name] = values
+    left_out = tuple(name for name in header.names if name not in names)
+    clocks = {name: whole_numbers(table.columns[name]) for name in cells if _is_time(name, robot)}
+    whole = {name: values for name, values in clocks.items() if values is not None}
+    rest = (cells, whole, frozenset(texts), left_out, table.warnings)
+    count = max((len(column) for column in table.columns.values()), default=0)
+    if count == 0:
+        raise BadInput("the table has no rows", where, "leave it out, or record again")
+    if run_column is None:
+        yield _Piece(header, "", np.arange(count), *rest)
+        return
+    of_row = labels(table.columns[run_column], run_column, where)
+    unique = {label: i for i, label in enumerate(dict.fromkeys(of_row))}
+    codes = np.array([unique[label] for label in of_row])
+    order = np.argsort(codes, kind="stable")
+    splits = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
+    for label, rows in zip(unique, splits, strict=True):
+        yield _Piece(header, label, rows, *rest)
+
+
+def _is_time(name: str, robot: RobotFile) -> bool:
+    """Whether a column holds the time stamps of some run."""
+    return name in {log.get("t", "t") for log in logs_of(robot)}
+
+
+def _shown(name: str, robot: RobotFile) -> str:
+    """The log name where [log] renames the time column, whose cells have a message of their own."""
+    return "t" if robot.log.get("t") == name else name
+
+
+def _stamps(piece: _Piece, column: str) -> Stamps:
+    whole = piece.whole.get(column)
+    return count_from_start(piece.cells[column][piece.rows], None if whole is None else whole[piece.rows])
+
+
+def _unique_names(pieces: Sequence[_Piece]) -> list[str]:
+    """The shortest names that tell the runs apart: the run's own, or behind its file and folders."""
+    choices = []
+    for piece in pieces:
+        parts = [*piece.header.path.resolve().parent.parts[1:], stem(piece.header.path)]
+        tail = [piece.label] if piece.label else []
+        full = parts + tail
+        choices.append(["/".join(full[-k:]) for k in range(1, len(full) + 1)])
+    level = [0] * len(pieces)
+    while True:
+        names = [choice[k] for choice, k in zip(choices, level, strict=True)]
+        counts: dict[str, int] = {}
+        for name in names:
+            counts[name] = counts.get(name, 0) + 1
+        clashing = [i for i, name in enumerate(names) if counts[name] > 1 and level[i] + 1 < len(choices[i])]
+        if not clashing:
+            return names
+        for i in clashing:
+            level[i] += 1
+
+
+def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Finding]]:
+    where = f"{piece.header.path}" + (f", run {piece.label}" if piece.label else "")
+    layout = lay_out(piece.header.names, robot.log)
+    _check_columns(layout, where, robot)
+    findings = [Finding("warning", "table format", name, "", None, text) for text in piece.warnings]
+    if piece.header.note:
+        findings.append(Finding("info", "list columns", name, "", None, piece.header.note))
+    stamps = _stamps(piece, layout.columns["t"])
+    if stamps.unit == "ns":
+        text = "the time stamps are in nanoseconds and were converted to seconds"
+        findings.append(Finding("info", "stamps in ns", name, "t", None, text))
+    order = order_rows(stamps, where, _apart(layout))
+    findings += [Finding("warning", kind, name, "t", None, text) for kind, text in order.warnings]
+    columns = {
+        key: order.apply(piece.cells[column][piece.rows])
+        for key, column in layout.columns.items()
+        if group(key) is not None
+    }
+    _check_clashes(layout, piece, order, where)
+    _check_values(columns, layout, where)
+    extra_columns = {key: order.apply(piece.cells[key][piece.rows]) for key in layout.extra if key in piece.cells}
+    start = _first_command(columns)
+    if start:
+        findings.append(
+            Finding(
+                "warning",
+                "no command yet",
+                name,
+                "",
+                0,
+                f"{start} rows ({order.t[start] - order.t[0]:.3g} s) before the first command were left out",
+            )
+        )
+    if start > len(order.t) - 2:
+        what = "fewer than two rows are left once every actuator has had a command"
+        raise BadInput(what, where, "leave the run out")
+    run = Run(
+        name,
+        order.t[start:] - order.t[start],
+        {key: values[start:] for key, values in columns.items()},
+        layout.served_as_command,
+        layout.extra,
+        {key: values[start:] for key, values in extra_columns.items()},
+        str(piece.header.path),
+        float(stamps.start + order.t[start]),
+    )
+    return run, findings + _remarks(run, piece, layout)
+
+
+def _check_columns(layout: Layout, where: str, robot: RobotFile) -> None:
+    here = [*layout.columns, *layout.extra]
+    listed = ", ".join(here[:30]) + (", ..." if len(here) > 30 else "")
+    if "t" not in layout.columns:
+        likely = likely_time(here) or "the column's name"
+        raise BadInput(
+            f"there is no column 't' (time stamps in s); the columns are {listed}",
+            where,
+            f'name it in the robot file, under [log]: "t" = "{likely}"',
+        )
+    for wanted, example, found in (
+        ("command", "command.<actuator>", [n for n in layout.columns if group(n) == "command"]),
+        (
+            "measured",
+            "position.<joint>, velocity.<joint>, pose.x",
+            [n for n in layout.columns if is_measured(n) and n not in layout.served_as_command],
+        ),
+    ):
+        if not found:
+            raise BadInput(
+                f"there is no {wanted} column ({example}); the columns are {listed}",
+                where,
+                'rename columns in the robot file, under [log]: "' + example.split(",")[0] + '" = "the column\'s name"',
+            )
+
+
+def _apart(layout: Layout) -> str:
+    """What would tell the runs of a table apart."""
+    likely = None if "run" in layout.columns else likely_run(layout.extra)
+    return "a column 'run'" if likely is None else f'"run" = "{likely}" under [log] in the robot file'
+
+
+def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str) -> None:
+    for name, values in columns.items():
+        finite = np.isfinite(values)
+        if group(name) == "command" and not finite.any():
+            raise BadInput(
+                f"the column {layout.columns[name]!r} has no value, a command was wanted",
+                where,
+                "remove the column if the actuator was not driven, or write what was sent",
+            )
+        if group(name) == "enabled" and not np.isin(values[finite], (0.0, 1.0)).all():
+            odd = values[finite][~np.isin(values[finite], (0.0, 1.0))][0]
+            raise BadInput(f"the column {layout.columns[name]!r} holds {odd:g}, 0 or 1 was wanted", where)
+    measured = [n for n in columns if is_measured(n) and n not in layout.served_as_command]
+    if not any(np.isfinite(columns[n]).any() for n in measured):
+        what = f"no measured column has a value ({', '.join(measured[:10])})"
+        raise BadInput(what, where, "leave the run out")
+
+
+def _check_clashes(layout: Layout, piece: _Piece, order: Order, where: str) -> None:
+    """Rows of one stamp may share out the columns between them; contradictions mean stamps too coarse."""
+    if len(order.first) == len(order.rows):
+        return
+    data = [column for key, column in layout.columns.items() if group(key) is not None]
+    clash = np.any([order.clashes(piece.cells[column][piece.rows]) for column in data], axis=0)
+    if clash.sum() > CLASHES * len(order.rows):
+        k = int(np.flatnonzero(clash)[0])
+        raise BadInput(
+            f"data row {piece.rows[order.rows[k]] + 1} repeats the stamp of the one before with other values,"
+            f" as {int(clash.sum())} of {len(order.rows)} rows do",
+            where,
+            "write 't' with more digits (a 32-bit float cannot hold the time of day),"
+            " or tell runs apart by a column 'run'",
+        )
+
+
+def _first_command(columns: dict[str, FloatArray]) -> int:
+    """The first sample at which every actuator has had a command."""
+    commands = [values for name, values in columns.items() if group(name) == "command"]
+    return max(int(np.flatnonzero(np.isfinite(values))[0]) for values in commands)
+
+
+def _remarks(run: Run, piece: _Piece, layout: Layout) -> list[Finding]:
+    remarks = []
+    for name, column in layout.absent.items():
+        message = f"[log] names the column {column!r}, which this table lacks"
+        remarks.append(Finding("warning", "absent column", run.name, name, None, message))
+    for name in run.extra:
+        if name in piece.left_out:
+            message = f"the column {name!r} is unknown; it was left out to save memory"
+        else:
+            message = f"the column {name!r} is unknown; it is kept, and nothing here uses it"
+        remarks.append(Finding("info", "unknown column", run.name, name, None, message, _near(name)))
+    return remarks
+
+
+def _near(name: str) -> str:
+    """A remedy where an unknown column looks like a slip of the pen (`postion.j1`)."""
+    head, dot, tail = name.partition(".")
+    near = difflib.get_close_matches(head.lower(), [*GROUPS, "t"], n=1, cutoff=0.8)
+    return f"did you mean {near[0] + dot + tail!r}?" if near and near[0] != head else ""
+
+
+def _gathered(findings: Sequence[Finding], runs: int) -> Iterator[Finding]:
+    """What was found in every run alike is said once, without a run's name."""
+    alike: dict[Finding, int] = {}
+    for finding in findings:
+        general = replace(finding, run="")
+        alike[general] = alike.get(general, 0) + 1
+    said = set()
+    for finding in findings:
+        general = replace(finding, run="")
+        if runs == 1 or alike[general] < runs:
+            yield finding
+        elif general not in said:
+            said.add(general)
+            yield general

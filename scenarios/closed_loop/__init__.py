@@ -1,0 +1,1 @@
+"""What the closed-loop experiments share: robot set-up, training runs, controllers, results."""

@@ -1,0 +1,63 @@
+"""The controllers of a scenario on equal terms: same estimator, weights and limits; the model alone differs."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from controllers.lqr import build_lqr
+from controllers.mpc import build_mpc
+from controllers.settings import Soft
+from residual_mpc.closed_loop.compare import ControlStack
+from residual_mpc.closed_loop.estimator import build_filter
+from residual_mpc.closed_loop.online import OnlineLearner
+from residual_mpc.closed_loop.protocols import Controller
+from residual_mpc.closed_loop.scenario import RunOptions
+from residual_mpc.export import Augmented, Build, augment
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.models.settings import Knob, Values
+from scenarios.closed_loop.robot_setup import RobotSetup
+from scenarios.closed_loop.scenario import ClosedLoop, beginning
+from scenarios.closed_loop.training_runs import Learned
+
+
+def controllers(
+    scenario: ClosedLoop, setup: RobotSetup, learned: Learned, options: RunOptions
+) -> dict[str, ControlStack]:
+    """nominal, effects, network, augmented, online (with the MPC alone), oracle."""
+    truth = {Knob(*where): value for where, value in scenario.withheld.items()}
+    models: dict[str, tuple[Values, Residual | None]] = {
+        "nominal": ({}, None),
+        "effects": (learned.effects, None),
+        "network": ({}, learned.network),
+        "augmented": (learned.effects, learned.rest),
+        "oracle": (truth, None),
+    }
+    out = {name: _stack(scenario, setup, *model, options) for name, model in models.items()}
+    if options.controller == "mpc":
+        blank = _stack(scenario, setup, {}, setup.untaught(options.seed, scenario.dt), options)
+        online = ControlStack(blank.estimator, blank.controller, lambda: OnlineLearner(blank.estimator, setup.online))
+        out = {**{n: c for n, c in out.items() if n != "oracle"}, "online": online, "oracle": out["oracle"]}
+    return out
+
+
+def seeds_of(options: RunOptions) -> tuple[int, ...]:
+    """The seeds of the plants; the same for every controller."""
+    return tuple(range(options.seed, options.seed + options.seeds))
+
+
+def _stack(
+    scenario: ClosedLoop, setup: RobotSetup, effects: Values, residual: Residual | None, options: RunOptions
+) -> ControlStack:
+    model = augment(setup.robot, effects, residual, Build(scenario.dt))
+    return ControlStack(build_filter(model, setup.estimator), _controller(scenario, setup, model, options))
+
+
+def _controller(scenario: ClosedLoop, setup: RobotSetup, model: Augmented, options: RunOptions) -> Controller:
+    soft = tuple(Soft(channel, lower, upper) for channel, lower, upper in scenario.limits)
+    limits = replace(setup.control.limits, soft=soft)
+    settings = replace(setup.control, limits=limits, cruise=scenario.speed, budget=options.budget)
+    if options.controller == "mpc":
+        return build_mpc(model, settings)
+    samples = round(scenario.seconds / scenario.dt) + 1 + settings.horizon
+    reference = scenario.reference()
+    return build_lqr(model, reference.path(scenario.dt * np.arange(samples)), settings, beginning(reference))
