@@ -44,7 +44,7 @@ class AugmentedModel:
     @property
     def commands(self) -> tuple[str, ...]:
         """Names of u."""
-        return self._compiled.u_names
+        return tuple(f"command.{c}" for c in self.augmented.stepped.commands)
 
     @property
     def parameters(self) -> tuple[str, ...]:
