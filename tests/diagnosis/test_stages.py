@@ -107,6 +107,7 @@ def test_the_gap_falls_from_that_of_the_model_to_that_of_the_explanation(
     literal = shapley_literal(squared_gaps(data, scales, space, fit.values, subsets(fit.terms)), fit.terms)
     assert found["contact"] == pytest.approx(literal[TRACK] / before**2)
     assert found["command"] == pytest.approx(literal[DELAY] / before**2)
+    assert chain[1][0] == (max(fit.terms, key=lambda t: literal[t]),)  # the largest first
     assert found["noise"] == pytest.approx((0.001 / before) ** 2)
 
 
