@@ -74,9 +74,8 @@ def test_two_effects_of_one_stage_are_one_share_and_a_harmful_one_has_none() -> 
 
 
 def test_noise_is_no_more_than_what_is_left() -> None:
-    assert dict(stage_shares({}, after=0.1, floor=0.3, outliers=0.0)) == pytest.approx(
-        {"noise": 1.0, "unexplained": 0.0}
-    )
+    found = dict(stage_shares({TRACK: 0.03}, after=0.1, floor=0.3, outliers=0.0))
+    assert found == pytest.approx({"contact": 0.75, "noise": 0.25, "unexplained": 0.0})
 
 
 @pytest.fixture(scope="module")
