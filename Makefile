@@ -9,7 +9,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c const
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help demo test slow bench blind lint clean
+.PHONY: help demo test slow bench blind lint dev clean
 
 help:
 	@echo "make demo    a robot that differs from its model, diagnosed from start to end"
@@ -18,6 +18,7 @@ help:
 	@echo "make bench   what diagnosis, MPC, learner and simulator cost, beside IPOPT, do-mpc, filterpy and dynamax where they are"
 	@echo "make blind   a development sweep of the blind benchmark"
 	@echo "make lint    style, types and the direction of imports"
+	@echo "make dev     the tools of a contributor, and \`make lint\` before each commit"
 	@echo "make clean   removes $(VENV) and what the tools left behind"
 
 demo: $(VENV)/.installed
@@ -44,6 +45,9 @@ lint: $(VENV)/.installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+dev: $(VENV)/.installed-dev
+	$(BIN)/pre-commit install
+
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 
@@ -58,3 +62,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 $(VENV)/.installed-test: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) -e ".[test]"
 	@touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e ".[dev]"
+	@touch $@ $(VENV)/.installed-test $(VENV)/.installed

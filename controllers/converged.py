@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from controllers.mpc import Mpc
+from residual_mpc.extras import extra
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,8 @@ class Converged:
 
 def converged(mpc: Mpc, iterations: int = 200) -> Converged:
     """The full problem of an Mpc, its cost written out once more in CasADi's terms."""
-    import casadi as ca
+    with extra("mpc"):
+        import casadi as ca
 
     from residual_mpc.export.casadi_model import casadi_model
 

@@ -9,6 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from controllers.settings import Solver
+from residual_mpc.extras import extra
 
 ENDLESS = 1e20
 Status = Literal["solved", "inaccurate", "failed"]
@@ -43,8 +44,10 @@ class Osqp:
     """OSQP: first order, its time grows little with the number of active limits. Warm-started by the last solution."""
 
     def __init__(self, pattern: np.ndarray, budget: float) -> None:
-        import osqp
         import scipy.sparse as sp
+
+        with extra("mpc"):
+            import osqp
 
         m, n = pattern.shape
         self._whole = np.vstack([np.eye(n, dtype=bool), pattern])
@@ -88,7 +91,8 @@ class Daqp:
     """
 
     def __init__(self, pattern: np.ndarray, budget: float) -> None:
-        import daqp
+        with extra("mpc"):
+            import daqp
 
         self._solve: Any = daqp.solve
         self._sense = np.zeros(sum(pattern.shape), dtype=np.int32)

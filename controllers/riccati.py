@@ -6,6 +6,7 @@ from controllers.settings import Weights
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
+from residual_mpc.extras import extra
 
 # states that no command moves, that only the network reads or writes, or where a motor is in its play
 UNCONTROLLED = ("clock", "disturbance.", "last.", "offset.", "play.")
@@ -18,7 +19,8 @@ def dlqr(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np
 
     Raises BadInput where no stabilising solution exists.
     """
-    import control
+    with extra("mpc"):
+        import control
 
     try:
         P, _, K = control.dare(A, B, Q, R)

@@ -7,6 +7,7 @@ import numpy as np
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.export.casadi_model import casadi_model
 from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
+from residual_mpc.extras import extra
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,8 @@ class Rollout:
 
 def rollout(model: Augmented, steps: int, compile: bool) -> Rollout:
     """Build it; a second or two where it is compiled, the first time in a process."""
-    import casadi as ca
+    with extra("mpc"):
+        import casadi as ca
 
     c = casadi_model(model)
     stage, output = c.through, c.output

@@ -5,18 +5,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from residual_mpc.errors import BadInput
+from residual_mpc.extras import extra
 
 
 def import_pybullet() -> Any:
     """The module. Raises BadInput with the install command where it is missing."""
-    try:
-        with _without_stderr():
-            import pybullet
-    except ImportError as error:
-        raise BadInput(
-            "PyBullet is not installed", "pybullet", 'install it with: pip install "residual-mpc[pybullet]"'
-        ) from error
+    with extra("pybullet"), _without_stderr():
+        import pybullet
     return pybullet
 
 

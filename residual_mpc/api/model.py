@@ -45,7 +45,7 @@ class AugmentedModel:
     @property
     def commands(self) -> tuple[str, ...]:
         """Names of u."""
-        return self._compiled.u_names
+        return tuple(f"command.{c}" for c in self.augmented.stepped.commands)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -154,23 +154,31 @@ def augment(
         disturbances: whether an unknown constant is added to the robot's velocities, for offset-free tracking.
 
     Raises:
-        BadInput: a model of another robot, a network learned on other effects, or a robot that cannot say its step.
+        BadInput: a model of another robot, a network learned on other effects, a network that is missing or in the
+            diagnosis' place, or a robot that cannot say its step.
     """
     above = None if residual is None else written(residual)
     below = above if diagnosis is None else written(diagnosis)
+    for source in (below, above):
+        _check_robot(source, robot)
     network = None if above is None else residual_in(above)
+    if above is not None and network is None:
+        raise BadInput("it holds no network", above.where, "give the model.json of `learn`, or leave the residual out")
+    if above is None and below is not None and residual_in(below) is not None:
+        raise BadInput("it holds a network", below.where, "give it as the residual: augment(robot, residual=...)")
     if above is not None and below is not None and model_in(above)[1] != model_in(below)[1]:
         raise BadInput(
             "the network was learned on other effects than these", above.where, "learn it with on=the diagnosis"
         )
     usual = float(getattr(robot.model, "period", USUAL_STEP)) if network is None else network.step
     build = Build(dt or usual, smooth, disturbances)
-    values: Values = {}
-    if below is not None:
-        of, values, _ = model_in(below)
-        if of != robot.name:
-            raise BadInput(f"it is a model of {of!r}, not of {robot.name!r}", below.where, "give its own robot file")
+    values: Values = {} if below is None else model_in(below)[1]
     return AugmentedModel(robot, augment_robot(robot.model, values, network, build), below)
+
+
+def _check_robot(source: Written | None, robot: NominalRobot) -> None:
+    if source is not None and (of := model_in(source)[0]) != robot.name:
+        raise BadInput(f"it is a model of {of!r}, not of {robot.name!r}", source.where, "give its own robot file")
 
 
 def _nominal(robot: NominalRobot) -> Written:

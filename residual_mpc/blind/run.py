@@ -18,6 +18,7 @@ from residual_mpc.blind.processes.isolated import call_apart, program
 from residual_mpc.blind.processes.parallel import Progress, in_turn, silent
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
 from residual_mpc.errors import BadInput
+from residual_mpc.extras import extra
 
 ENGINES = ("processes", "dask")
 
@@ -78,14 +79,8 @@ def _spread(
     if settings.engine == "processes":
         # each case is a process of its own already; threads only wait for them
         return in_turn(calls, names, progress, n_jobs=settings.jobs, prefer="threads")
-    try:
+    with extra("dask"):
         from dask.distributed import Client, LocalCluster  # type: ignore[import-not-found, unused-ignore]
-    except ImportError:
-        raise BadInput(
-            "the engine dask is not installed",
-            "--engine",
-            "Install it with `pip install 'residual-mpc[dask]'`",
-        ) from None
     workers = settings.jobs if settings.jobs > 0 else os.cpu_count()
     cluster = settings.address or LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
     with Client(cluster), parallel_config(backend="dask"):

@@ -12,6 +12,7 @@ import numpy as np
 from residual_mpc.effects.effect import Effect, Parameter
 from residual_mpc.effects.ops import NUMPY, Ops, casadi_ops
 from residual_mpc.effects.plugged import fault_of
+from residual_mpc.extras import extra
 
 STEPS, DT = 40, 0.01
 CLOSE = 1e-9  # relative, between array libraries
@@ -57,7 +58,8 @@ def run_effect(effect: Effect, ops: Ops, p: dict[str, Any], rows: Sequence[Any])
 
 
 def _same_in_casadi(effect: Effect, p: dict[str, np.ndarray], signal: np.ndarray, there: np.ndarray) -> None:
-    import casadi as ca
+    with extra("mpc"):
+        import casadi as ca
 
     u = ca.SX.sym("u", len(signal))
     rows = [u[k] for k in range(len(signal))]

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.extras import extra
+
 Array = Any  # an ndarray, a jax.Array or a casadi matrix, whichever table is in use
 
 
@@ -49,12 +51,8 @@ NUMPY = Ops(
 
 def jax_ops() -> Ops:
     """The table for JAX. Raises BadInput where JAX is not installed."""
-    from residual_mpc.errors import BadInput
-
-    try:
+    with extra("jax"):
         import jax.numpy as jnp
-    except ImportError as missing:
-        raise BadInput("JAX is not installed", "effects", "pip install 'residual-mpc[jax]'") from missing
     return Ops(
         where=jnp.where,
         minimum=jnp.minimum,
@@ -71,7 +69,8 @@ def jax_ops() -> Ops:
 
 def casadi_ops(sign_width: float = 0.0) -> Ops:
     """The table for CasADi; sign_width > 0 replaces sgn(w) by tanh(w / sign_width) for an optimiser (unit of w)."""
-    import casadi
+    with extra("mpc"):
+        import casadi
 
     def sign(x: Array) -> Array:
         return casadi.tanh(x / sign_width) if sign_width > 0 else casadi.sign(x)

@@ -8,6 +8,7 @@ import numpy as np
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.effects.ops import casadi_ops
 from residual_mpc.export.augmented import Augmented
+from residual_mpc.extras import extra
 
 # Inside a dead zone or play, or while a joint sticks, no small change of a command does anything: by the exact
 # derivatives an optimiser that linearises there waits for ever. Controllers take the slopes of the robot with these
@@ -44,7 +45,8 @@ class CasadiModel:
 
 def casadi_model(model: Augmented) -> CasadiModel:
     """The model's step in SX, which is faster than MX for networks of this size."""
-    import casadi as ca
+    with extra("mpc"):
+        import casadi as ca
 
     x, u, p = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu), ca.SX.sym("p", len(model.p))
     new = ca.vertcat(*model.step(casadi_ops(), ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p)))

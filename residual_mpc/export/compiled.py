@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.extras import extra
+
 COMPILERS = ("gcc", "cc", "clang")
 _LOADED: dict[str, Any] = {}  # by the hash of the source: the same model is compiled once a process
 _FOLDERS: list[tempfile.TemporaryDirectory[str]] = []  # kept for as long as the libraries in them are loaded
@@ -27,7 +29,8 @@ def compiled(function: Any, with_compiler: str | None) -> Any:
 
     One function of loops and small bodies takes a second or two; whole solvers unrolled take a minute (do not).
     """
-    import casadi as ca
+    with extra("mpc"):
+        import casadi as ca
 
     if with_compiler is None:
         return function

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.errors import BadInput
+from residual_mpc.extras import extra
 from residual_mpc.learning.network.mlp import Mlp, layers
 from residual_mpc.learning.network.residual import Residual
 
@@ -109,10 +110,8 @@ def _foreign(path: Path, what: str) -> BadInput:
 
 
 def _onnx() -> Any:
-    try:
+    with extra("onnx"):
         import onnx
         import onnx.checker
         import onnx.helper
-    except ImportError as missing:
-        raise BadInput("ONNX is not installed", "export", "pip install 'residual-mpc[onnx]'") from missing
     return onnx

@@ -12,6 +12,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.agreement import Agreement, Step, agreement
 from residual_mpc.export.augmented import Augmented, settings_from
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
+from residual_mpc.extras import extra
 from residual_mpc.files import write_atomically
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.model_file import Written
@@ -30,6 +31,8 @@ def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Gener
     folder.mkdir(parents=True, exist_ok=True)
     if to == "onnx":
         return _onnx(model, folder)
+    if to == "jax":
+        _import_jax()  # first, since its extra installs CasADi as well
     c = casadi_model(model)
     writers = {"casadi": _casadi, "c": _c, "jax": _jax}
     files, step = writers[to](model, c, folder)
@@ -134,13 +137,9 @@ def _c(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], 
 def _jax(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], Step]:
     from residual_mpc.export.jax_source import jax_source
 
+    jax, jnp = _import_jax()
     source = jax_source(c, f"The augmented model of {model.robot.name}.", model.start().tolist())
     write_atomically(folder / "model_jax.py", source)
-    try:
-        import jax
-        import jax.numpy as jnp
-    except ImportError as missing:
-        raise BadInput("JAX is not installed", "--to jax", "pip install 'residual-mpc[jax]'") from missing
     space: dict[str, Any] = {}
     exec(compile(source, "model_jax.py", "exec"), space)  # the very file that was written
 
@@ -154,6 +153,13 @@ def _jax(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str]
             jax.config.update("jax_enable_x64", before)
 
     return {"model_jax.py": "step(x, u, p), to be jitted, mapped and differentiated"}, step
+
+
+def _import_jax() -> tuple[Any, Any]:
+    with extra("jax"):
+        import jax
+        import jax.numpy as jnp
+    return jax, jnp
 
 
 def _onnx(model: Augmented, folder: Path) -> dict[str, Any]:

@@ -144,6 +144,12 @@ def test_a_planted_effect_is_measured() -> None:
     (scale,) = cause.parameters
     assert cause.term.effect == "track_width" and scale.value == pytest.approx(1.25, abs=0.02)
     assert scale.ci95[0] < 1.25 < scale.ci95[1] and cause.probability > 0.9
+    expected, achieved = made.diagnosis.expected, made.diagnosis.achieved
+    assert expected is not None and achieved is not None
+    document = to_document(made.diagnosis)
+    assert document["explanation"][0]["parameters"]["scale"]["ci95"] == list(scale.ci95)
+    assert document["shrink"]["ci95"] == list(achieved.ci95)
+    assert document["shrink"]["expected_ci95"] == list(expected.ci95)
 
 
 def test_a_number_at_the_end_of_what_is_tried_is_said_to_be_there() -> None:

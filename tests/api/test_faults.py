@@ -1,0 +1,155 @@
+"""What the Python interface refuses, and that it says what is wrong, where, and what to do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.rover_log import ROBOT, rover_run, write_run
+
+import residual_mpc as rm
+from residual_mpc.diagnosis.results.document import MODEL_SCHEMA
+
+WIDE: Mapping[str, float] = {"track_width": 1.2}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """rover.toml and other.toml (a robot of another name), runs/ and degrees/ (headings in degrees)."""
+    place = tmp_path_factory.mktemp("rover")
+    (place / "rover.toml").write_text(ROBOT)
+    (place / "other.toml").write_text(ROBOT.replace('"rover"', '"other"'))
+    run = rover_run("r0", {"track_width": {"scale": 1.2}}, seconds=12.0)
+    (place / "runs").mkdir()
+    write_run(run, place / "runs")
+    (place / "degrees").mkdir()
+    turned = {**run.columns, "pose.theta": np.degrees(run.columns["pose.theta"])}
+    write_run(replace(run, columns=turned), place / "degrees")
+    return place
+
+
+@pytest.fixture(scope="module")
+def robot(folder: Path) -> rm.NominalRobot:
+    return rm.load_robot(folder / "rover.toml")
+
+
+@pytest.fixture(scope="module")
+def other(folder: Path) -> rm.NominalRobot:
+    return rm.load_robot(folder / "other.toml")
+
+
+@pytest.fixture(scope="module")
+def runs(folder: Path, robot: rm.NominalRobot) -> rm.Runs:
+    return rm.read_runs(robot, folder / "runs")
+
+
+@pytest.fixture(scope="module")
+def network(robot: rm.NominalRobot, runs: rm.Runs) -> rm.LearnedModel:
+    return rm.learn(robot, runs, hidden=(2,), passes=1)
+
+
+def model_file(folder: Path, robot: str, values: Mapping[str, float]) -> Path:
+    """A model.json of a robot with effects of one parameter, `scale`."""
+    rows = [{"effect": e, "target": None, "parameter": "scale", "value": v} for e, v in values.items()]
+    path = folder / f"{robot}.json"
+    path.write_text(json.dumps({"schema": MODEL_SCHEMA, "robot": robot, "values": rows}))
+    return path
+
+
+def test_runs_that_the_audit_forbids_are_read_and_refused_by_what_would_use_them(
+    folder: Path, robot: rm.NominalRobot
+) -> None:
+    spoilt = rm.read_runs(robot, folder / "degrees")
+    check = rm.check(robot, spoilt)
+    assert not check.usable and [f.kind for f in check.errors] == ["degrees"]
+    uses: list[Callable[[], object]] = [
+        lambda: rm.measure_gap(robot, spoilt),
+        lambda: rm.diagnose(robot, spoilt),
+        lambda: rm.learn(robot, spoilt),
+    ]
+    for use in uses:
+        with pytest.raises(rm.BadInput) as fault:
+            use()
+        assert fault.value.what == check.errors[0].message and fault.value.remedy == check.errors[0].remedy
+        assert "pose.theta" in fault.value.where
+
+
+def test_a_table_that_cannot_be_read_is_a_finding_beside_those_that_can(
+    folder: Path, robot: rm.NominalRobot, tmp_path: Path
+) -> None:
+    """One fault does not hide the next: of two broken tables both are named, and the sound one is described."""
+    (tmp_path / "empty.csv").write_text("")
+    (tmp_path / "text.csv").write_text("t,command.left,command.right,pose.x\n0,1,1,0\n0.1,one,1,0\n0.2,1,1,0\n")
+    check = rm.check(robot, [folder / "runs", tmp_path])
+    assert not check.usable and [r["run"] for r in check.runs] == ["r0"]
+    assert sorted(Path(str(f.run).split(":")[0]).name for f in check.errors) == ["empty.csv", "text.csv"]
+    assert all(f.kind == "table" and f.message for f in check.errors)
+    with pytest.raises(rm.BadInput, match=r"(empty|text)\.csv"):
+        rm.read_runs(robot, [folder / "runs", tmp_path])
+
+
+def test_paths_that_name_nothing_are_a_finding(robot: rm.NominalRobot, tmp_path: Path) -> None:
+    check = rm.check(robot, tmp_path / "nothing")
+    assert not check.usable and check.runs == () and "nothing" in str(check)
+
+
+def test_a_case_that_there_is_not_is_refused_with_those_that_there_are(robot: rm.NominalRobot, runs: rm.Runs) -> None:
+    with pytest.raises(rm.BadInput, match=r"no case 'x'.*sim-to-dyn, real-to-dyn, real-to-sim"):
+        rm.learn(robot, runs, case="x")
+
+
+def test_a_target_that_there_is_not_is_refused_with_those_that_there_are(
+    robot: rm.NominalRobot, tmp_path: Path
+) -> None:
+    with pytest.raises(rm.BadInput, match=r"no target 'x'.*casadi, c, jax, onnx, mjcf"):
+        rm.augment(robot).export("x", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_network_to_export_has_to_be_there(robot: rm.NominalRobot, tmp_path: Path) -> None:
+    with pytest.raises(rm.BadInput, match="holds no network"):
+        rm.augment(robot).export("onnx", tmp_path / "out")
+
+
+@pytest.mark.parametrize("values", [{}, WIDE])
+def test_effects_of_another_robot_are_refused(
+    robot: rm.NominalRobot, tmp_path: Path, values: Mapping[str, float]
+) -> None:
+    with pytest.raises(rm.BadInput, match="a model of 'other', not of 'rover'"):
+        rm.augment(robot, model_file(tmp_path, "other", values))
+
+
+def test_a_network_of_another_robot_is_refused(
+    robot: rm.NominalRobot, other: rm.NominalRobot, network: rm.LearnedModel, tmp_path: Path
+) -> None:
+    """Alone, and beside a diagnosis of the right robot that names no effect."""
+    none = model_file(tmp_path, "other", {})
+    for diagnosis in (None, none):
+        with pytest.raises(rm.BadInput, match="a model of 'rover', not of 'other'"):
+            rm.augment(other, diagnosis, network)
+    own = model_file(tmp_path, "rover", {})
+    assert rm.augment(robot, own, network).augmented.residual is not None
+
+
+def test_a_network_is_not_dropped_without_a_word(
+    robot: rm.NominalRobot, network: rm.LearnedModel, tmp_path: Path
+) -> None:
+    """Neither where a learned model is given as the diagnosis, nor where a diagnosis is given as the network."""
+    with pytest.raises(rm.BadInput, match="holds a network"):
+        rm.augment(robot, network)
+    with pytest.raises(rm.BadInput, match="holds no network"):
+        rm.augment(robot, None, model_file(tmp_path, "rover", WIDE))
+
+
+def test_a_document_of_something_else_is_no_model(robot: rm.NominalRobot, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    for text, said in (("{", "model.json"), ('{"schema": "mine/1"}', "mine/1")):
+        path.write_text(text)
+        with pytest.raises(rm.BadInput, match=said):
+            rm.augment(robot, path)
+    with pytest.raises(rm.BadInput, match=r"none\.json"):
+        rm.augment(robot, tmp_path / "none.json")

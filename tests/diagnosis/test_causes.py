@@ -1,0 +1,124 @@
+"""The causes of a diagnosis: how sure each one is, what supports it, and its numbers in their units."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosis.linear import (
+    GAIN,
+    HEADING,
+    RATE,
+    ROVER,
+    SCALE,
+    WIDTH,
+    Linear,
+    explained,
+    fitted,
+    space_of,
+    white,
+    windows,
+)
+from oracles.rover_log import SIGMA, rover_run
+
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.data.outliers import Outliers
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.results.causes import MOST_SURE, RESTING, causes_of
+from residual_mpc.diagnosis.results.records import Cause
+from residual_mpc.diagnosis.results.support import Support, support_of
+from residual_mpc.models.settings import Knob, Term, Values
+
+LAG = Knob("actuator_lag", None, "time_constant")
+DATA = windows(2, 20.0)
+SPACE = space_of(DATA)
+SURE = Support(("fits", "predicts"), 5.0)
+
+
+def linear(truth: Values, seed: int = 0) -> Linear:
+    rng = np.random.default_rng(seed)
+    return Linear(DATA, SPACE, {k: 3.0 * white(DATA, rng) for k in truth}, truth, white(DATA, rng))
+
+
+def found(truth: Values, sure: float = 1.0, doubt: dict[Term, float] | None = None, **others: Any) -> dict[Term, Cause]:
+    """The causes of a fit that starts at the truth."""
+    problem = linear(truth)
+    fit = fitted(problem, {k: float(np.clip(v, *SPACE.bounds(k))) for k, v in truth.items()})
+    of = explained(problem, fit, **others)
+    some = dict.fromkeys(fit.terms, 1.0) | (doubt or {})
+    return {c.term: c for c in causes_of(of, 0.0, sure, dict.fromkeys(fit.terms, SURE), some, {})}
+
+
+def test_a_cause_is_as_sure_as_all_allows_that_speaks_for_it() -> None:
+    """What any cause gets, times its share among its rivals, times its own doubt."""
+    rivalry = SimpleNamespace(shares={SCALE.term: 0.8})
+    causes = found({SCALE: 1.2, GAIN: 0.9}, sure=0.9, doubt={SCALE.term: 0.5}, rivalry=rivalry)
+    assert causes[SCALE.term].probability == pytest.approx(0.9 * 0.8 * 0.5)
+    assert causes[GAIN.term].probability == pytest.approx(0.9)
+    assert causes[GAIN.term].evidence == SURE.evidence
+
+
+def test_a_cause_whose_number_rests_on_its_bound_is_less_sure() -> None:
+    beyond = SPACE.bounds(GAIN)[1] + 1.0
+    causes = found({SCALE: 1.2, GAIN: beyond})
+    assert causes[GAIN.term].probability == pytest.approx(RESTING * causes[SCALE.term].probability)
+    (gain,) = causes[GAIN.term].parameters
+    assert gain.value == SPACE.bounds(GAIN)[1] and gain.note
+
+
+def test_numbers_come_with_their_units() -> None:
+    causes = found({WIDTH: 1.0, SCALE: 1.2, RATE: 0.1, HEADING: 0.5})
+    units = {p.name: p.unit for c in causes.values() for p in c.parameters}
+    assert units == {"width": "rad/s", "scale": "1", "rate": "m/s", "heading": "rad"}
+
+
+@pytest.mark.parametrize("turns", [-2, 1])
+def test_a_heading_is_given_within_half_a_turn(turns: int) -> None:
+    """With an interval that its bounds do not cut."""
+    causes = found({RATE: 0.1, HEADING: 3.1 + 2 * np.pi * turns})
+    heading = {p.name: p for p in causes[Term("slope", None)].parameters}["heading"]
+    assert -np.pi <= heading.value <= np.pi
+    assert heading.ci95[0] < heading.value < heading.ci95[1]
+    assert 0.5 * sum(heading.ci95) == pytest.approx(heading.value)
+
+
+def test_jumping_samples_are_a_cause_whose_rate_scatters_as_counts_do() -> None:
+    """Half-width against 1.96 standard deviations of a binomial rate."""
+    count, n = 30, 3000
+    mask = np.zeros(n, dtype=bool)
+    mask[:: n // count] = True
+    outliers = Outliers({(0, "pose.x"): mask}, {"pose.x": count / n, "pose.y": 0.0}, count / n, count)
+    cause = found({SCALE: 1.2}, with_outliers=True, outliers=outliers)[Term("sensor_outliers", None)]
+    (rate,) = cause.parameters
+    assert cause.probability == MOST_SURE and rate.value == pytest.approx(0.01)
+    exact = 1.96 * np.sqrt(0.01 * 0.99 / n)
+    assert 0.5 * (rate.ci95[1] - rate.ci95[0]) == pytest.approx(exact, rel=0.1)
+    assert rate.ci95[0] < 0.01 < rate.ci95[1]
+
+
+def supports_on(run: int) -> dict[Term, Support]:
+    """Of a track width that all runs share, and of a lag that is in one of four alone, judged on one of them."""
+    faults = [{"track_width": {"scale": 1.2}} for _ in range(4)]
+    faults[2] |= {"actuator_lag": {"time_constant": 0.3}}
+    runs = [rover_run(f"r{k}", f, 6.0, seed=k) for k, f in enumerate(faults)]
+    data = build_dataset(runs, [ROVER] * 4, SIGMA)
+    problem = build_problem(data, space_of(data), data.sigma)
+    fit = fitted(problem, {SCALE: 1.15, LAG: 0.1})
+    of = explained(problem, fit, scales=measure_scales(data), after_data=data, raw=data, test=data.run == run)
+    look: Any = SimpleNamespace(horizon=1.0, floor=SimpleNamespace(total=0.01))
+    return support_of(of, (), [look])
+
+
+def test_an_effect_that_one_run_alone_shows_does_not_survive_without_it() -> None:
+    found = supports_on(2)
+    assert "survives" in found[SCALE.term].evidence and "survives" not in found[LAG.term].evidence
+
+
+def test_an_effect_predicts_where_the_judged_windows_have_it_and_not_elsewhere() -> None:
+    there, elsewhere = supports_on(2), supports_on(0)
+    assert "predicts" in there[LAG.term].evidence and there[LAG.term].strength > 0.0
+    assert "predicts" not in elsewhere[LAG.term].evidence and elsewhere[LAG.term].strength < 0.0
+    assert "predicts" in there[SCALE.term].evidence and "predicts" in elsewhere[SCALE.term].evidence

@@ -1,0 +1,150 @@
+"""The intervals of the fitted numbers: as wide as the numbers scatter when the noise is drawn again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosis.linear import GAIN, ROVER, SCALE, WIDTH, Linear, coloured, explained, fitted, space_of, white, windows
+from oracles.rover_log import SIGMA, rover_run
+
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.results.causes import FORM, causes_of
+from residual_mpc.diagnosis.results.records import Estimate
+from residual_mpc.diagnosis.results.support import Support
+from residual_mpc.models.settings import Knob
+
+DRAWS = 40
+TRUTH = {SCALE: 1.2, GAIN: 0.9}
+LAG = Knob("actuator_lag", None, "time_constant")
+NOTHING: Mapping[Knob, tuple[float, ...]] = MappingProxyType({})
+DATA = windows(2, 30.0)
+SPACE = space_of(DATA)
+COLUMNS = dict(zip(TRUTH, 3.0 * np.random.default_rng(5).standard_normal((2, DATA.count, 30)), strict=True))
+
+
+def estimates(
+    of: Any, unexplained: float = 0.0, lacking: Mapping[Knob, tuple[float, ...]] = NOTHING
+) -> dict[str, Estimate]:
+    """Each parameter of the explanation, by name."""
+    terms = of.final.terms
+    supports, doubt = dict.fromkeys(terms, Support((), 1.0)), dict.fromkeys(terms, 1.0)
+    causes = causes_of(of, unexplained, 1.0, supports, doubt, lacking)
+    return {e.name: e for cause in causes for e in cause.parameters}
+
+
+def half_width(e: Estimate) -> float:
+    return 0.5 * (e.ci95[1] - e.ci95[0])
+
+
+def linear(noise: np.ndarray) -> Linear:
+    return Linear(DATA, SPACE, COLUMNS, TRUTH, noise)
+
+
+def test_under_white_noise_an_interval_is_that_of_least_squares() -> None:
+    """1.96 standard deviations of the textbook's (J'J)^-1, here with noise of unit size."""
+    j = np.stack([c.ravel() for c in COLUMNS.values()], axis=1)
+    exact = 1.96 * np.sqrt(np.diag(np.linalg.inv(j.T @ j)))
+    rng = np.random.default_rng(0)
+    drawn = []
+    for _ in range(DRAWS):
+        problem = linear(white(DATA, rng))
+        found = estimates(explained(problem, fitted(problem, {SCALE: 1.0, GAIN: 1.0})))
+        drawn.append([half_width(found["scale"]), half_width(found["gain"])])
+    np.testing.assert_allclose(np.mean(drawn, axis=0), exact, rtol=0.3)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.2])
+def test_an_interval_covers_the_truth_and_is_no_wider_than_the_numbers_scatter(size: float) -> None:
+    """Also where the noise of a stretch of time pushes one way, which least squares alone would take for certainty."""
+    rng = np.random.default_rng(1)
+    values, halves = [], []
+    for _ in range(DRAWS):
+        problem = linear(coloured(DATA, COLUMNS[SCALE], size, rng))
+        found = estimates(explained(problem, fitted(problem, {SCALE: 1.0, GAIN: 1.0})))
+        values.append([found["scale"].value, found["gain"].value])
+        halves.append([half_width(found["scale"]), half_width(found["gain"])])
+    off, half = np.abs(np.array(values) - list(TRUTH.values())), np.array(halves)
+    spread = 1.96 * np.std(values, axis=0, ddof=1)
+    assert (half.mean(axis=0) / spread > 0.6).all() and (half.mean(axis=0) / spread < 1.6).all()
+    assert ((off < half).mean(axis=0) > 0.85).all()
+
+
+def test_an_interval_of_a_threshold_is_where_the_cost_rises_by_that_of_one_sigma() -> None:
+    """Its derivative says nothing; the profile is looked at in steps of two, whence the factor."""
+    column = np.full((DATA.count, 30), 40.0)
+    rng = np.random.default_rng(2)
+    problem = Linear(DATA, SPACE, {WIDTH: column}, {WIDTH: 1.0}, white(DATA, rng))
+    fit = fitted(problem, {WIDTH: 1.0})
+    exact = 1.96 / np.sqrt((column**2).sum())
+    flat = replace(fit, jacobian=np.full_like(fit.jacobian, 1e9))  # as if the derivative knew it for certain
+    half = half_width(estimates(explained(problem, flat))["width"])
+    assert exact < half < 2.6 * exact
+
+
+def test_an_interval_of_the_rover_is_as_wide_as_its_numbers_scatter() -> None:
+    """The whole way from noisy poses, through start states that are measured as well, to the interval."""
+    faults = {"track_width": {"scale": 1.2}, "actuator_lag": {"time_constant": 0.1}}
+    clean = rover_run("r", faults, 10.0, seed=1, noise=0.0)
+    values, halves = [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        noisy = {c: y + SIGMA[c] * rng.standard_normal(len(y)) if c in SIGMA else y for c, y in clean.columns.items()}
+        data = build_dataset([replace(clean, columns=noisy)], [ROVER], SIGMA)
+        problem = build_problem(data, space_of(data), data.sigma)
+        found = estimates(explained(problem, fitted(problem, {SCALE: 1.15, LAG: 0.12})))
+        values.append([found["scale"].value, found["time_constant"].value])
+        halves.append([half_width(found["scale"]), half_width(found["time_constant"])])
+    ratio = np.mean(halves, axis=0) / (1.96 * np.std(values, axis=0, ddof=1))
+    assert (ratio > 0.5).all() and (ratio < 2.0).all()
+
+
+def known(**others: object) -> Any:
+    """A fit that has an interval of its own, with what widens it."""
+    problem = linear(white(DATA, np.random.default_rng(3)))
+    return explained(problem, fitted(problem, {SCALE: 1.0, GAIN: 1.0}), **others)
+
+
+def test_what_is_left_unexplained_may_pull_a_number_by_its_share_of_the_effect() -> None:
+    plain, pulled = estimates(known())["scale"], estimates(known(), unexplained=0.25)["scale"]
+    pull = FORM * np.sqrt(0.25) * abs(plain.value - 1.0)
+    assert half_width(pulled) == pytest.approx(np.hypot(half_width(plain), pull), rel=1e-6)
+
+
+def test_an_interval_holds_other_ends_of_the_fit_and_fits_without_a_doubtful_effect() -> None:
+    plain = estimates(known())["scale"]
+    ended = estimates(known(ends={SCALE: (plain.value, 1.5)}))["scale"]
+    assert ended.ci95 == pytest.approx((plain.ci95[0], 1.5)) and "end apart" in ended.note
+    lacked = estimates(known(), lacking={SCALE: (0.8,)})["scale"]
+    assert lacked.ci95 == pytest.approx((0.8, plain.ci95[1])) and not lacked.note
+
+
+def test_an_interval_holds_that_of_the_fit_with_small_differences_elsewhere() -> None:
+    """Four times the noise, so four times the interval, about that fit's own value."""
+    of = known()
+    louder = linear(4.0 * of.problem.noise)
+    tolerated = SimpleNamespace(problem=louder, fit=fitted(louder, of.final.values))
+    alone = estimates(explained(louder, tolerated.fit))["scale"]
+    both = estimates(known(tolerated=tolerated))["scale"]
+    assert both.ci95 == pytest.approx(alone.ci95) and both.value == pytest.approx(of.final.values[SCALE])
+
+
+def test_an_interval_ends_at_the_bound_of_what_is_possible() -> None:
+    low, _ = SPACE.bounds(SCALE)
+    found = estimates(known(), lacking={SCALE: (low - 1.0,)})["scale"]
+    assert found.ci95[0] == low
+
+
+def test_a_number_on_its_bound_has_the_interval_of_its_curvature() -> None:
+    _, high = SPACE.bounds(GAIN)
+    truth = {SCALE: 1.2, GAIN: high + 0.1}
+    problem = Linear(DATA, SPACE, COLUMNS, truth, white(DATA, np.random.default_rng(4)))
+    found = estimates(explained(problem, fitted(problem, {SCALE: 1.0, GAIN: high})))["gain"]
+    alone = 1.96 / np.sqrt((COLUMNS[GAIN] ** 2).sum())
+    assert "rests on the bound" in found.note and found.ci95[1] == found.value == high
+    assert alone < found.value - found.ci95[0] < 2.0 * alone
