@@ -139,22 +139,27 @@ def test_a_urdf_never_seen_is_diagnosed(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def rover(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """rover.toml, runs/ and out/ with its diagnosis, all by commands of the base install."""
+    """rover.toml, runs/, out/ with a diagnosis and learned/ with a network, all by commands of the base install."""
     folder = tmp_path_factory.mktemp("rover")
     (folder / "rover.toml").write_text(ROBOT)
     (folder / "runs").mkdir()
     for k in range(2):
         write_run(rover_run(f"r{k}", {"track_width": {"scale": 1.2}}, 12.0, seed=k), folder / "runs")
-    for words in (("check",), ("gap",), ("diagnose", "--only", "track_width", "--out", "out")):
+    for words in (
+        ("check",),
+        ("gap",),
+        ("diagnose", "--only", "track_width", "--out", "out"),
+        ("learn", "--hidden", "2", "--passes", "1", "--out", "learned"),
+    ):
         ended = command(*words, "--robot", "rover.toml", "runs", folder=folder)
         assert ended.returncode == 0, ended.stderr
     return folder
 
 
-def test_the_commands_diagnose_a_built_in_robot(rover: Path) -> None:
+def test_the_commands_diagnose_and_learn_a_built_in_robot(rover: Path) -> None:
     document = json.loads((rover / "out" / "diagnosis.json").read_text())
     assert [e["effect"] for e in document["explanation"]] == ["track_width"]
-    assert (rover / "out" / "report.html").is_file()
+    assert (rover / "out" / "report.html").is_file() and (rover / "learned" / "model.json").is_file()
 
 
 @pytest.mark.parametrize(
