@@ -21,7 +21,7 @@ def test_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.S)
     assert len(blocks) == 2
     space: dict[str, Any] = {}
-    exec("import casadi\n" + "\n".join(blocks), space)
+    exec("\n".join(blocks), space)
     assert space["diagnosis"].verdict == "effects"
     assert {p.name for p in Path("out").iterdir()} >= {"diagnosis.json", "model.json", "report.html"}
     assert space["opti"].ng == 20 * len(space["model"].states)
