@@ -9,7 +9,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c const
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help demo test slow bench blind lint dev clean
+.PHONY: help demo test slow bench blind lint dev docs clean
 
 help:
 	@echo "make demo    a robot that differs from its model, diagnosed from start to end"
@@ -19,6 +19,7 @@ help:
 	@echo "make blind   a development sweep of the blind benchmark"
 	@echo "make lint    style, types and the direction of imports"
 	@echo "make dev     the tools of a contributor, and \`make lint\` before each commit"
+	@echo "make docs    the documentation as a site, in build/site"
 	@echo "make clean   removes $(VENV) and what the tools left behind"
 
 demo: $(VENV)/.installed
@@ -48,6 +49,9 @@ lint: $(VENV)/.installed-test
 dev: $(VENV)/.installed-dev
 	$(BIN)/pre-commit install
 
+docs: $(VENV)/.installed-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 
@@ -66,3 +70,7 @@ $(VENV)/.installed-test: pyproject.toml constraints.txt | $(BIN)/python
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) -e ".[dev]"
 	@touch $@ $(VENV)/.installed-test $(VENV)/.installed
+
+$(VENV)/.installed-docs: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e ".[docs]"
+	@touch $@ $(VENV)/.installed

@@ -209,7 +209,8 @@ def document(rows: list[Measured]) -> str:
     parts = [
         "# Recorded robots\n",
         f"Measured on {today} with residual-mpc {version('residual-mpc')}{commit()} by\n"
-        "`python -m benchmarks.recorded --page docs/results.md`; the recordings are not part of this repository.\n",
+        "`python -m benchmarks.recorded --page docs/results/recorded.md`; the recordings are not part of this "
+        "repository.\n",
         "Gaps and shrinks are on runs, or stretches of runs, that no fit has seen; the expected shrink was stated\n"
         "before they were opened. The gap is relative: 0.10 means that in one second the model misses a tenth of\n"
         "the motion. Brackets hold 95 % intervals.\n",

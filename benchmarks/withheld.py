@@ -1,7 +1,7 @@
 """Real data, withheld: what a diagnosis of recorded robots was not told, what it said beforehand, and what came.
 
 python -m benchmarks.recorded --row NAME ...       (measures; takes minutes a row)
-python -m benchmarks.withheld [--keep build/recorded] [--page docs/withheld.md]
+python -m benchmarks.withheld [--keep build/recorded] [--page docs/results/withheld.md]
 
 The page is written from what `benchmarks.recorded` measured and kept; a row that is not there says so.
 """
@@ -85,8 +85,8 @@ CASES = (
 HEAD = """\
 # Real data, withheld
 
-What a diagnosis of [recorded robots](results.md) was not told, what it said before the windows kept back were
-opened, and what came. Written by `python -m benchmarks.withheld --page docs/withheld.md` from what
+What a diagnosis of [recorded robots](recorded.md) was not told, what it said before the windows kept back were
+opened, and what came. Written by `python -m benchmarks.withheld --page docs/results/withheld.md` from what
 `python -m benchmarks.recorded` measured; each section names the commit it was measured at. Brackets hold 95 %
 intervals.
 
@@ -133,7 +133,7 @@ def section(case: Withheld, found: dict[str, Any] | None) -> str:
     head = f"## {case.title}\n\n**Withheld.** {case.kept}\n\n"
     if found is None:
         command = f'python -m benchmarks.recorded --row "{case.row}"'
-        return f"{head}Not measured with this version: `{command}` does that ([earlier](results.md)).\n"
+        return f"{head}Not measured with this version: `{command}` does that ([earlier](recorded.md)).\n"
     d = found["document"]
     right, wrong = marks(case, d)
     told = [f"```\n{found['shown']}\n```\n", f"**Said beforehand**{found['code']}**.** {beforehand(d)}\n"]

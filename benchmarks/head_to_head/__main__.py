@@ -1,6 +1,7 @@
 """The head-to-head with `mujoco.sysid`, from the servo to the page.
 
-python -m benchmarks.head_to_head [--seeds 5] [--first 0] [--keep build/head_to_head] [--page docs/head-to-head.md]
+python -m benchmarks.head_to_head [--seeds 5] [--first 0] [--keep build/head_to_head]
+    [--page docs/results/head-to-head.md]
 
 Needs the extra: pip install 'residual-mpc[sysid]'. Matches are kept, so that a second call carries on; remove the
 folder to measure anew.

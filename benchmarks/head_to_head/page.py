@@ -80,7 +80,8 @@ def write_page(matches: Sequence[Match]) -> str:
             INTRODUCTION,
             f"Measured on {datetime.now(UTC).date().isoformat()} with residual-mpc {version('residual-mpc')}"
             f"{f' ({codes})' if codes else ''} and mujoco {version('mujoco')}, {seeds} of each case, by\n"
-            f"`python -m benchmarks.head_to_head --seeds {count_of} --first {first} --page docs/head-to-head.md`;\n"
+            f"`python -m benchmarks.head_to_head --seeds {count_of} --first {first} "
+            "--page docs/results/head-to-head.md`;\n"
             "it needs `pip install 'residual-mpc[sysid]'`.\n",
             f"![Values over true values, by tool and case]({FIGURE})\n",
             "A dot is a seed; bars are the tools' own 95 % intervals (retuned values of `diagnose` come without).\n",

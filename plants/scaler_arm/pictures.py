@@ -1,6 +1,6 @@
 """Pictures of the arm's motions, to be held against the paper's figure of the manipulator's trajectories.
 
-python -m plants.scaler_arm.pictures docs/images
+python -m plants.scaler_arm.pictures docs/reference/images
 """
 
 import sys

@@ -1,6 +1,6 @@
 """Pictures of the wheeled robot's motions, in the colours of the paper's figure of its results.
 
-    python -m plants.wheeled.pictures docs/images
+    python -m plants.wheeled.pictures docs/reference/images
 
 Orange is what the camera reports of the twin, dark blue what the paper's equation says of the same commands, light blue
 the paper's H2 norm of their difference: before anything is learned.

@@ -24,7 +24,7 @@ def plugged_in(taken: frozenset[str]) -> tuple[Effect, ...]:
             raise BadInput(f"the effect does not import: {error!r}", where, "mend or uninstall its package") from error
         fault = fault_of(effect)
         if fault:
-            raise BadInput(fault, where, "see docs/effects.md, 'An effect of your own'")
+            raise BadInput(fault, where, "see docs/guide/your-own-effect.md")
         if effect.name in taken or effect.name in found:
             raise BadInput(f"an effect is called {effect.name!r} already", where, "give it another name")
         found[effect.name] = replace(effect, own=True)

@@ -41,7 +41,7 @@ def corrected_simulator(model: Path, robot: str | None = None, rows: int = 1, pe
     if isinstance(nominal, Stepping) and (residual is not None or not isinstance(nominal, Simulating)):
         return SteppedSimulator(augmented_from(source, nominal, Build(at)), rows)
     if not isinstance(nominal, Simulating):
-        raise BadInput(f"{nominal.name!r} cannot be stepped", str(model), "see docs/your-own-model.md")
+        raise BadInput(f"{nominal.name!r} cannot be stepped", str(model), "see docs/guide/your-own-model.md")
     if residual is not None:
         raise BadInput("a network on an engine is replayed, not stepped", str(model), "take the diagnosis below it")
     settings = settings_from(source, nominal)

@@ -1,27 +1,136 @@
-"""The Python in docs/python.md runs as it stands."""
+"""The pages: the Python of the guide runs as it stands, every link leads somewhere, and every page is in the menu."""
 
 from __future__ import annotations
 
 import re
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from oracles.arms import SERVOS, arm_xml
 from oracles.rover_log import ROBOT, rover_run, write_run
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
+HOUSE = Path(__file__).resolve().parents[2]
+DOCS = HOUSE / "docs"
+GUIDE = DOCS / "guide"
+PAGES = [HOUSE / "README.md", HOUSE / "CONTRIBUTING.md", HOUSE / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
+PARTS = ("guide", "reference", "results")
 
 
-def test_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def text(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def blocks(page: Path) -> list[str]:
+    """The page's blocks of Python."""
+    return re.findall(r"^```python\n(.*?)^```", text(page), flags=re.S | re.M)
+
+
+def run(page: str) -> dict[str, Any]:
+    """All blocks of a page of the guide, one after the other, in the working folder."""
+    found = blocks(GUIDE / page)
+    assert found
+    space: dict[str, Any] = {"__name__": page}
+    exec(compile("\n".join(found), page, "exec"), space)
+    return space
+
+
+@pytest.fixture
+def rover(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a rover's robot file and three runs in which its motors lag by 0.1 s."""
     (tmp_path / "robot.toml").write_text(ROBOT)
     (tmp_path / "runs").mkdir()
     for k in range(3):
         write_run(rover_run(f"r{k}", {"actuator_lag": {"time_constant": 0.1}}, seconds=10.0, seed=k), tmp_path / "runs")
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.S)
-    assert len(blocks) == 2
-    space: dict[str, Any] = {}
-    exec("import casadi\n" + "\n".join(blocks), space)
+    return tmp_path
+
+
+def test_every_python_page_of_the_guide_is_run_here() -> None:
+    own = text(Path(__file__))
+    assert [p.name for p in sorted(GUIDE.glob("*.md")) if blocks(p) and f'run("{p.name}")' not in own] == []
+
+
+def test_python(rover: Path) -> None:
+    space = run("python.md")
     assert space["diagnosis"].verdict == "effects"
-    assert {p.name for p in Path("out").iterdir()} >= {"diagnosis.json", "model.json", "report.html"}
+    assert {p.name for p in (rover / "out").iterdir()} >= {"diagnosis.json", "model.json", "report.html"}
     assert space["opti"].ng == 20 * len(space["model"].states)
+
+
+def test_controllers(rover: Path) -> None:
+    space = run("closed-loop.md")
+    assert space["path"].shape == (100, 3) and {"mpc", "lqr"} <= set(space)
+
+
+def test_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "arm.xml").write_text(arm_xml(SERVOS))
+    (tmp_path / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "model.json").write_text(
+        '{"schema": "residual-mpc/model/1", "robot": "arm", "robot_file": "../robot.toml", "values": '
+        '[{"effect": "viscous_friction", "target": null, "parameter": "coefficient", "value": 0.05}]}'
+    )
+    monkeypatch.chdir(tmp_path)
+    space = run("simulator.md")
+    first, again = space["seen"]["position.j1"], space["again"]["position.j1"]
+    assert first.shape == (256,) and np.array_equal(first, again)
+
+
+def test_own_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copy(HOUSE / "tests" / "contracts" / "cart_plant.py", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert run("your-own-model.md")["my_robot"].actuators == ("motor",)
+
+
+def test_own_effect() -> None:
+    assert run("your-own-effect.md")["SOFT"].name == "soft_command"
+
+
+def anchor(heading: str) -> str:
+    """As GitHub and MkDocs make it of a heading."""
+    return re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
+
+
+def anchors(page: Path) -> set[str]:
+    plain = re.sub(r"^```.*?^```", "", text(page), flags=re.S | re.M)
+    return {anchor(h) for h in re.findall(r"^#+ (.*)$", plain, flags=re.M)}
+
+
+def links(page: Path) -> Iterator[tuple[Path, str]]:
+    """(file, anchor) of each relative link."""
+    for link in re.findall(r"\]\(([^)\s]+)\)", text(page)):
+        if "://" not in link:
+            path, _, at = link.partition("#")
+            yield (page.parent / path).resolve() if path else page, at
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(HOUSE)))
+def test_links_lead_somewhere(page: Path) -> None:
+    broken = [
+        (str(target), at)
+        for target, at in links(page)
+        if not target.exists() or (at and target.suffix == ".md" and at not in anchors(target))
+    ]
+    assert not broken
+
+
+def test_a_page_is_a_guide_a_reference_or_a_result_and_in_the_menu() -> None:
+    pages = {p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md")}
+    assert {p.split("/")[0] for p in pages - {"index.md"}} == set(PARTS)
+    assert pages == set(re.findall(r": (\S+\.md)$", text(HOUSE / "mkdocs.yml"), flags=re.M))
+
+
+def test_messages_and_comments_name_pages_that_exist() -> None:
+    named = {
+        (path.relative_to(HOUSE).as_posix(), page)
+        for folder in ("residual_mpc", "plants", "controllers", "scenarios", "benchmarks", "notebooks")
+        for path in (HOUSE / folder).rglob("*")
+        if path.suffix in (".py", ".ipynb", ".html")
+        for page in re.findall(r"docs/[\w/-]+\.md", text(path))
+    }
+    assert named and not [n for n in named if not (HOUSE / n[1]).is_file()]

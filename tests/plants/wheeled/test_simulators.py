@@ -162,7 +162,10 @@ def test_a_minute_takes_seconds(make):
 
 
 def test_the_two_engines_agree_where_nothing_is_withheld():
-    """20 s of figure-eight, about 2 m of way: 5 mm and 0.01 rad apart at most (docs/differential-drive.md says why)."""
+    """20 s of figure-eight, about 2 m of way: 5 mm and 0.01 rad apart at most.
+
+    docs/results/differential-drive.md says why.
+    """
     drive = policy(figure_eight(period=10.0), Geometry(), 0.02)
     runs = [
         record(make(), drive, Recording(20.0, 0.02, {}), np.random.default_rng(0))

@@ -38,7 +38,7 @@ def gap(model, runs):
 
 
 def test_the_engines_are_closer_to_each_other_than_the_equation_is_to_either(tmp_path):
-    """Without noise and without anything withheld: docs/differential-drive.md has the figures."""
+    """Without noise and without anything withheld: docs/results/differential-drive.md has the figures."""
     runs = written(tmp_path / "runs", bullet_drive(), 5.0, 0.02)
     across = gap("diff_drive_mujoco", runs)["nominal"]
     equation = gap("diff_drive", runs)["nominal"]
