@@ -129,7 +129,7 @@ def to_model(d: Diagnosis) -> dict[str, Any]:
 
 def model_in(written: Written) -> tuple[str, Values, bool]:
     """(robot, values, whether flagged samples are left out). Raises BadInput for neither a model nor a diagnosis."""
-    model = _model_in(written)
+    model = model_document(written)
     try:
         values = values_of(model["values"])
         return str(model["robot"]), values, bool(model.get("leaves_out_outliers", False))
@@ -164,11 +164,12 @@ def residual_in(written: Written, last: bool = False) -> Residual | None:
 
     Raises BadInput for neither a model nor a diagnosis, and for a residual that cannot be read.
     """
-    found = _model_in(written).get("last_residual" if last else KEY)
+    found = model_document(written).get("last_residual" if last else KEY)
     return None if found is None else from_json(found, written.where)
 
 
-def _model_in(written: Written) -> Mapping[str, Any]:
+def model_document(written: Written) -> Mapping[str, Any]:
+    """The content of model.json. Raises BadInput for neither a model nor a diagnosis."""
     content = written.content
     model = content.get("model") if content.get("schema") == SCHEMA else content
     if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
