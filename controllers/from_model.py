@@ -1,4 +1,4 @@
-"""Controllers of a model with few words: what `residual_mpc`'s augmented model builds by entry point."""
+"""Builds a controller from an augmented model in one call; the entry points behind its methods `mpc` and `lqr`."""
 
 from dataclasses import replace
 

@@ -11,7 +11,6 @@ Everything is imported on first use, so that `import residual_mpc` answers at on
 """
 
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -33,17 +32,27 @@ if TYPE_CHECKING:
     from residual_mpc.api.runs import read_runs as read_runs
     from residual_mpc.errors import BadInput as BadInput
 
-try:
-    __version__ = version("residual-mpc")
-except PackageNotFoundError:  # a source tree that was never installed
-    __version__ = "0"
+    __version__: str
 
 _PLACES = {
-    "load_robot": "robot", "NominalRobot": "robot", "read_runs": "runs", "Runs": "runs", "check": "check",
-    "Check": "check", "measure_gap": "gap", "Gap": "gap", "diagnose": "diagnosis", "Diagnosis": "diagnosis",
-    "learn": "learning", "LearnedModel": "learning", "excite": "excitation", "Excitation": "excitation",
-    "augment": "model", "AugmentedModel": "model",
-}  # fmt: skip
+    "AugmentedModel": "residual_mpc.api.model",
+    "BadInput": "residual_mpc.errors",
+    "Check": "residual_mpc.api.check",
+    "Diagnosis": "residual_mpc.api.diagnosis",
+    "Excitation": "residual_mpc.api.excitation",
+    "Gap": "residual_mpc.api.gap",
+    "LearnedModel": "residual_mpc.api.learning",
+    "NominalRobot": "residual_mpc.api.robot",
+    "Runs": "residual_mpc.api.runs",
+    "augment": "residual_mpc.api.model",
+    "check": "residual_mpc.api.check",
+    "diagnose": "residual_mpc.api.diagnosis",
+    "excite": "residual_mpc.api.excitation",
+    "learn": "residual_mpc.api.learning",
+    "load_robot": "residual_mpc.api.robot",
+    "measure_gap": "residual_mpc.api.gap",
+    "read_runs": "residual_mpc.api.runs",
+}
 
 __all__ = [
     "AugmentedModel",
@@ -68,14 +77,21 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name == "BadInput":
-        from residual_mpc.errors import BadInput
-
-        return BadInput
+    if name == "__version__":
+        return _version()
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"residual_mpc.api.{_PLACES[name]}"), name)
+    return getattr(import_module(_PLACES[name]), name)
 
 
 def __dir__() -> list[str]:
     return __all__
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("residual-mpc")
+    except PackageNotFoundError:  # a source tree that was never installed
+        return "0"

@@ -1,8 +1,11 @@
 """Files that appear whole or not at all."""
 
+import json
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from residual_mpc.errors import BadInput
 
@@ -25,3 +28,8 @@ def write_atomically(path: Path, text: str) -> None:
             raise
     except OSError as error:
         raise BadInput(f"cannot be written: {error.strerror}", str(path), "choose another folder with --out") from error
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a document of plain lists, dicts, texts and finite numbers as `write_atomically` does."""
+    write_atomically(path, json.dumps(document, indent=2, allow_nan=False) + "\n")

@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.api.display import count, page
+from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
+from residual_mpc.api.run_models import RunModels
 from residual_mpc.api.runs import Paths, Runs, listed
 from residual_mpc.diagnosis.data.dataset import compared_channels
 from residual_mpc.errors import BadInput
+from residual_mpc.files import write_json
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.columns import group, member
 from residual_mpc.logs.finding import Finding
@@ -19,9 +22,9 @@ from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
 from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.facts import check_columns, facts_of
-from residual_mpc.models.load import load_robot as build_robot
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.robot_file import RobotFile, for_run
+from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.report.words.numbers import count
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -58,6 +61,11 @@ class Check:
         columns = ["severity", "kind", "run", "column", "row", "message", "remedy"]
         return pd.DataFrame([asdict(f) for f in self.findings], columns=columns)
 
+    def save(self, file: str | Path) -> Path:
+        """Write what `check --json` prints to a JSON file."""
+        write_json(Path(file), self.document)
+        return Path(file)
+
     def lines(self) -> list[str]:
         """The runs, the findings and the verdict in words."""
         out = [*_run_lines(self.runs), *_finding_lines(self.findings)]
@@ -91,15 +99,10 @@ def check(robot: NominalRobot, runs: Runs | Paths) -> Check:
 def _examine(robot: NominalRobot, paths: Sequence[str]) -> tuple[tuple[Run, ...], list[Finding]]:
     """The runs that can be read, and what is wrong or remarkable."""
     read, findings = _read(robot.file, paths)
-    built: dict[object, Robot] = {(robot.file.plant, robot.file.model): robot.model}
-    fitting = []
+    models, fitting = RunModels(robot), []
     for run in read:
-        mine = for_run(robot.file, run.name)
-        key = (mine.plant, mine.model)
         try:
-            if key not in built:
-                built[key] = build_robot(mine)
-            check_columns([run], [built[key]])
+            check_columns([run], [models.of(run.name)])
             fitting.append(run)
         except BadInput as fault:
             findings.append(_fault("columns", run.name, fault))

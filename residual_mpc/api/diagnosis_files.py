@@ -1,10 +1,9 @@
 """What `diagnose` writes: the answer as soon as it stands, then the whole with its report."""
 
-import json
 from pathlib import Path
 from typing import Any
 
-from residual_mpc.files import write_atomically
+from residual_mpc.files import write_atomically, write_json
 
 ANSWER, MODEL, REPORT, COMMANDS = "diagnosis.json", "model.json", "report.html", "next.csv"
 UNFINISHED = (
@@ -20,20 +19,16 @@ def write_answer(document: dict[str, Any], out: Path) -> None:
     """
     for name in (REPORT, COMMANDS):
         (out / name).unlink(missing_ok=True)
-    _write_json(out / MODEL, document["model"])
-    _write_json(out / ANSWER, {**document, "notes": [*document["notes"], UNFINISHED]})
+    write_json(out / MODEL, document["model"])
+    write_json(out / ANSWER, {**document, "notes": [*document["notes"], UNFINISHED]})
 
 
 def write_whole(document: dict[str, Any], page: str, commands: str | None, out: Path) -> None:
     """All files; commands: the table of the next experiment, None where there is none."""
-    _write_json(out / MODEL, document["model"])
+    write_json(out / MODEL, document["model"])
     if commands is None:
         (out / COMMANDS).unlink(missing_ok=True)
     else:
         write_atomically(out / COMMANDS, commands)
     write_atomically(out / REPORT, page)
-    _write_json(out / ANSWER, document)
-
-
-def _write_json(path: Path, document: dict[str, Any]) -> None:
-    write_atomically(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
+    write_json(out / ANSWER, document)

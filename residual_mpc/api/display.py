@@ -12,8 +12,3 @@ def page(lines: Sequence[str], table: "DataFrame | None" = None) -> str:
     """HTML of a result: its lines, then its table."""
     rows = "" if table is None or table.empty else table.to_html(index=False, border=0, float_format="{:.4g}".format)
     return f"<pre>{escape(chr(10).join(lines))}</pre>{rows}"
-
-
-def count(n: int, noun: str) -> str:
-    """A number with its noun."""
-    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"

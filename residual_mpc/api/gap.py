@@ -1,6 +1,7 @@
 """How much of the motion the nominal model misses, and a diagnosed or learned one beside it."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from residual_mpc.api.display import page
@@ -8,6 +9,7 @@ from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.api.written import Source, written
 from residual_mpc.diagnosis.gap_figures import gap_figures
+from residual_mpc.files import write_json
 from residual_mpc.report import gap_lines
 
 if TYPE_CHECKING:
@@ -49,6 +51,11 @@ class Gap:
             ]
         return pd.DataFrame(rows)
 
+    def save(self, file: str | Path) -> Path:
+        """Write what `gap --json` prints to a JSON file."""
+        write_json(Path(file), self.document)
+        return Path(file)
+
     def lines(self) -> list[str]:
         """The gap in words."""
         return gap_lines(self.document)
@@ -73,7 +80,7 @@ def measure_gap(
 
     Args:
         model: a diagnosis or a learned model, or its file, to measure beside the nominal one.
-        held_out_of: a diagnosis, or its file: only what it held out of its fits is measured.
+        held_out_of: a diagnosis, or its file; then only the runs or blocks that it held out are measured.
         horizon: length of a window, s.
 
     Raises:
@@ -81,5 +88,5 @@ def measure_gap(
     """
     usable(runs)
     other = None if model is None else written(model)
-    kept = None if held_out_of is None else written(held_out_of)
-    return Gap(gap_figures(runs.runs, runs.models, robot.file, horizon, other, kept, seed))
+    held_out = None if held_out_of is None else written(held_out_of)
+    return Gap(gap_figures(runs.runs, runs.models, robot.file, horizon, other, held_out, seed))

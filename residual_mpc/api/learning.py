@@ -14,7 +14,7 @@ from residual_mpc.api.runs import Runs, usable
 from residual_mpc.api.written import Source, name_robot_file, written
 from residual_mpc.diagnosis.gap_figures import kept_back_of
 from residual_mpc.errors import BadInput
-from residual_mpc.files import write_atomically
+from residual_mpc.files import write_atomically, write_json
 from residual_mpc.learning.batch import checkpoint
 from residual_mpc.learning.batch.training import Learned, Report, Task, train
 from residual_mpc.learning.batch.window_updates import LearnSettings
@@ -44,12 +44,12 @@ class LearnedModel:
 
     @property
     def gap(self) -> dict[str, Any]:
-        """Before and after, on what was kept back where anything was."""
+        """Before and after, on the held-out runs or blocks; on the training runs where none were held out."""
         return dict(self.document["gap"])
 
     @property
     def h2_norm(self) -> dict[str, Any]:
-        """The paper's norm of reference minus prediction, first and last, and on what was kept back."""
+        """The paper's norm of reference minus prediction: first and last, and on the held-out data."""
         return dict(self.document["h2_norm"])
 
     def to_frame(self) -> "DataFrame":
@@ -64,7 +64,7 @@ class LearnedModel:
         out = Path(folder)
         model = name_robot_file(self.model, self.robot.file.source, out)
         write_atomically(out / "model.json", json.dumps(model, allow_nan=False) + "\n")
-        write_atomically(out / "learn.json", json.dumps(self.document, indent=2, allow_nan=False) + "\n")
+        write_json(out / "learn.json", self.document)
         return out
 
     def as_written(self) -> Written:
@@ -98,7 +98,7 @@ def learn(
     out: str | Path | None = None,
     report: Report = lambda update, of, seconds, h2: None,
 ) -> LearnedModel:
-    """Train the residual network on runs, and measure it on runs kept back.
+    """Train the residual network on runs, and measure it on held-out runs.
 
     Args:
         on: a diagnosis, or its file, whose effects the network comes on top of.
@@ -216,11 +216,11 @@ def _model(made: Learned, task: Task, name: str) -> dict[str, Any]:
 
 
 def _lines(d: dict[str, Any]) -> list[str]:
-    where = "on runs kept back" if d["gap"]["on"] == "held_out" else "on the runs that it was learned from"
+    where = "on held-out runs" if d["gap"]["on"] == "held_out" else "on the training runs"
     out = [f"gap {d['gap']['before']:.3g} -> {d['gap']['after']:.3g} {where}"]
     out += [f"  {c:<24} {g['before']:.3g} -> {g['after']:.3g}" for c, g in d["gap"]["channels"].items()]
     h2 = {k: "-" if v is None else f"{v:.3g}" for k, v in d["h2_norm"].items()}
-    out.append(f"  H2 norm {h2['first']} -> {h2['last']}; kept back {h2['held_out_before']} -> {h2['held_out_after']}")
+    out.append(f"  H2 norm {h2['first']} -> {h2['last']}; held out {h2['held_out_before']} -> {h2['held_out_after']}")
     done = d["converged_after"]
     out.append("  the H2 norm did not fall" if done is None else f"  converged after {done:.0f} s of data")
     if d["condition"]:
@@ -233,5 +233,5 @@ def _lines(d: dict[str, Any]) -> list[str]:
     if d["left_alone"]:
         out.append(f"  got worse on windows set aside, left alone: {', '.join(d['left_alone'])}")
     if d["worse_on_held_out"]:
-        out.append(f"  got worse on runs kept back, left alone: {', '.join(d['worse_on_held_out'])}")
+        out.append(f"  got worse on held-out runs, left alone: {', '.join(d['worse_on_held_out'])}")
     return [*out, f"  {d['note']}"]

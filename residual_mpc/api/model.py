@@ -4,38 +4,51 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
-from residual_mpc.api.written import Source, written
+from residual_mpc.api.written import Source, name_robot_file, written
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
-from residual_mpc.export.augmented import Augmented, Build
-from residual_mpc.export.augmented import augment as augment_robot
+from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.export.write import TARGETS, write_mjcf, write_model
+from residual_mpc.files import write_json
+from residual_mpc.learning.network.residual import KEY
 from residual_mpc.learning.network.written import residual_in
-from residual_mpc.models.model_file import Written, model_in
-from residual_mpc.models.settings import Values
+from residual_mpc.models import optional
+from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_content, model_in
+from residual_mpc.models.settings import TUNE
 
-USUAL_STEP = 0.05  # s, the controllers' usual one
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 CONTROLLERS = "residual_mpc.controllers"  # entry points: "mpc" and "lqr"
 
 
 @dataclass(frozen=True, eq=False)
 class AugmentedModel:
-    """A model to control with. sources: what it was made of, for `export("mjcf", ...)`."""
+    """A nominal robot with effects and a network. source: the content of model.json; build: how its step is made.
+
+    The step is made when it is first needed. What needs it raises BadInput for a robot that has no symbolic step.
+    """
 
     robot: NominalRobot
-    augmented: Augmented
-    source: Written | None
+    source: Written
+    build: Build
+
+    @cached_property
+    def augmented(self) -> Augmented:
+        """The step, for functions of `residual_mpc.export` and controllers of your own."""
+        return augmented_from(self.source, self.robot.model, self.build)
 
     @property
     def dt(self) -> float:
         """s, over which a command is held."""
-        return self.augmented.build.dt
+        return self.build.dt
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -45,7 +58,7 @@ class AugmentedModel:
     @property
     def commands(self) -> tuple[str, ...]:
         """Names of u."""
-        return tuple(f"command.{c}" for c in self.augmented.stepped.commands)
+        return tuple(f"command.{a}" for a in self.robot.model.actuators)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -91,7 +104,7 @@ class AugmentedModel:
         """
         where = Path(folder)
         if to == "mjcf":
-            document = write_mjcf(self.source or _nominal(self.robot), self.robot.model, where)
+            document = write_mjcf(self.source, self.robot.model, where)
         elif to in TARGETS:
             document = write_model(self.augmented, to, where, np.random.default_rng(seed))
         else:
@@ -116,10 +129,39 @@ class AugmentedModel:
         """
         return _controller("lqr")(self.augmented, path, settings)
 
+    def to_frame(self) -> "DataFrame":
+        """One row a number in which the model differs from the nominal one, without the network's weights."""
+        import pandas as pd
+
+        unit = {(e.name, p.name): p.unit for e in BY_NAME.values() for p in e.parameters}
+        rows = [
+            (None if k.effect == TUNE else k.effect, k.target, k.parameter, value, unit.get((k.effect, k.parameter)))
+            for k, value in model_in(self.source)[1].items()
+        ]
+        return pd.DataFrame(rows, columns=["effect", "target", "parameter", "value", "unit"])
+
+    def save(self, folder: str | Path) -> Path:
+        """Write model.json, for `export`, `measure_gap` and `learn`; dt, smooth and disturbances are not kept."""
+        out = Path(folder)
+        write_json(out / "model.json", name_robot_file(self.source.content, self.robot.file.source, out))
+        return out
+
+    def as_written(self) -> Written:
+        return self.source
+
     def lines(self) -> list[str]:
         """The model in words."""
-        numbers = [n for n in self.parameters if not n.startswith("theta.")]
-        weights = len(self.parameters) - len(numbers)
+        try:
+            names = self.parameters
+        except BadInput as fault:
+            effects = dict.fromkeys(k.effect for k in model_in(self.source)[1])
+            return [
+                f"{self.robot.name}, without a step: {fault.what}",
+                f"  u: {', '.join(self.commands)}",
+                f"  effects: {', '.join(effects) or 'none'}",
+            ]
+        numbers = [n for n in names if not n.startswith("theta.")]
+        weights = len(names) - len(numbers)
         return [
             f"{self.robot.name}, a step of {self.dt:g} s",
             f"  x: {', '.join(self.states)}",
@@ -154,8 +196,8 @@ def augment(
         disturbances: whether an unknown constant is added to the robot's velocities, for offset-free tracking.
 
     Raises:
-        BadInput: a model of another robot, a network learned on other effects, a network that is missing or in the
-            diagnosis' place, or a robot that cannot say its step.
+        BadInput: a model of another robot, a network learned on other effects, or a network that is missing or in the
+            diagnosis' place.
     """
     above = None if residual is None else written(residual)
     below = above if diagnosis is None else written(diagnosis)
@@ -170,10 +212,10 @@ def augment(
         raise BadInput(
             "the network was learned on other effects than these", above.where, "learn it with on=the diagnosis"
         )
-    usual = float(getattr(robot.model, "period", USUAL_STEP)) if network is None else network.step
-    build = Build(dt or usual, smooth, disturbances)
-    values: Values = {} if below is None else model_in(below)[1]
-    return AugmentedModel(robot, augment_robot(robot.model, values, network, build), below)
+    usual = optional.period(robot.model) if network is None else network.step
+    source = _source(robot, above or below, network is not None)
+    settings_from(source, robot.model)  # refuses what is of another robot
+    return AugmentedModel(robot, source, Build(dt or usual, smooth, disturbances))
 
 
 def _check_robot(source: Written | None, robot: NominalRobot) -> None:
@@ -181,10 +223,12 @@ def _check_robot(source: Written | None, robot: NominalRobot) -> None:
         raise BadInput(f"it is a model of {of!r}, not of {robot.name!r}", source.where, "give its own robot file")
 
 
-def _nominal(robot: NominalRobot) -> Written:
-    from residual_mpc.models.model_file import MODEL_SCHEMA
-
-    return Written({"schema": MODEL_SCHEMA, "robot": robot.name, "values": []}, "the nominal model")
+def _source(robot: NominalRobot, given: Written | None, learned: bool) -> Written:
+    """The content of model.json; learned: whether the network is part of the model."""
+    if given is None:
+        return Written({"schema": MODEL_SCHEMA, "robot": robot.name, "values": []}, "the nominal model")
+    drop = ("robot_file",) if learned else ("robot_file", KEY, f"last_{KEY}")
+    return Written({k: v for k, v in model_content(given).items() if k not in drop}, given.where)
 
 
 def _controller(name: str) -> Any:

@@ -9,8 +9,6 @@ from residual_mpc.models.load import load_robot as build_robot
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile, read_robot_file
 
-MODELS = (".xml", ".mjcf", ".urdf")
-
 
 @dataclass(frozen=True, eq=False)
 class NominalRobot:
@@ -44,17 +42,14 @@ def load_robot(source: str | Path) -> NominalRobot:
     """A robot with its nominal model.
 
     Args:
-        source: robot file (TOML), MJCF or URDF file, or the name of a built-in robot.
+        source: robot file (TOML), MJCF or URDF file, or the name of a built-in robot. A URDF has no actuators: only a
+            robot file can add them.
 
     Raises:
         BadInput: a file that is missing or cannot be used, or a model that does not compile.
     """
     allow_user_modules()
-    path = Path(source)
-    if path.suffix in MODELS and path.is_file():
-        file = RobotFile(path.stem, "mujoco", path.parent, path)
-    else:
-        file = read_robot_file(source)
+    file = read_robot_file(source)
     return NominalRobot(file, build_robot(file), str(source))
 
 

@@ -1,21 +1,23 @@
 """Logged runs of a robot, read, matched with the models that they were recorded with, and audited."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from residual_mpc.api.display import count, page
+from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
+from residual_mpc.api.run_models import RunModels
 from residual_mpc.errors import BadInput
+from residual_mpc.files import write_atomically
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
 from residual_mpc.models.facts import check_columns, facts_of
-from residual_mpc.models.load import load_robot as build_robot
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.robot_file import for_run, noise_over
+from residual_mpc.models.robot_file import noise_over
+from residual_mpc.report.words.numbers import count
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -55,6 +57,11 @@ class Runs:
         frames = [pd.DataFrame({"run": run.name, "t": run.t, **run.columns}) for run in self.runs]
         return pd.concat(frames, ignore_index=True)
 
+    def save(self, file: str | Path) -> Path:
+        """Write all runs to one CSV table of the log format, which `read_runs` reads back."""
+        write_atomically(Path(file), self.to_frame().to_csv(index=False))
+        return Path(file)
+
     def lines(self) -> list[str]:
         """The runs in words."""
         seconds = [float(run.t[-1] - run.t[0]) for run in self.runs]
@@ -82,13 +89,8 @@ def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
     """
     given = listed(paths)
     result = read_tables(given, robot.file)
-    built: dict[str, Robot] = {_what_makes(robot, ""): robot.model}
-    models = []
-    for run in result.runs:
-        key = _what_makes(robot, run.name)
-        if key not in built:
-            built[key] = build_robot(for_run(robot.file, run.name))
-        models.append(built[key])
+    made = RunModels(robot)
+    models = [made.of(run.name) for run in result.runs]
     check_columns(result.runs, models)
     findings = (*result.findings, *audit(result.runs, facts_of(robot.model)))
     noise = noise_over(robot.file, [run.name for run in result.runs])
@@ -107,9 +109,3 @@ def usable(runs: Runs) -> Runs:
 def listed(paths: Paths) -> tuple[str, ...]:
     """One path or several, as texts."""
     return (str(paths),) if isinstance(paths, str | Path) else tuple(str(p) for p in paths)
-
-
-def _what_makes(robot: NominalRobot, run: str) -> str:
-    """All of the robot file that makes the model of a run; of no run, that of the file itself."""
-    file = for_run(robot.file, run) if run else robot.file
-    return repr(replace(file, noise={}, log={}, variants=()))

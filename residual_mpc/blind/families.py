@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 from zlib import crc32
 
 import numpy as np
@@ -32,10 +32,7 @@ class Twin(Protocol):
 
 
 class Family(Protocol):
-    """A kind of robot whose truth can be drawn.
-
-    A family that cannot draw every level says so with ``levels``, a tuple of the names that it can; see ``levels_of``.
-    """
+    """A kind of robot whose truth can be drawn, at every level unless it is ``Levelled``."""
 
     name: str
 
@@ -45,6 +42,16 @@ class Family(Protocol):
 
     def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
         """Draw a truth, write what a user would have (robot file, model, runs) to ``folder``, return it."""
+        ...
+
+
+@runtime_checkable
+class Levelled(Protocol):
+    """A family that cannot draw every level. Optional."""
+
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """Names of the levels that it draws."""
         ...
 
 
@@ -64,9 +71,8 @@ def load_family(name: str) -> Family:
 
 
 def levels_of(family: Family) -> tuple[str, ...]:
-    """Names of the levels that ``family`` draws: all of them unless it has ``levels``."""
-    levels: tuple[str, ...] = getattr(family, "levels", tuple(LEVELS))
-    return levels
+    """Names of the levels that ``family`` draws."""
+    return family.levels if isinstance(family, Levelled) else tuple(LEVELS)
 
 
 def load_level(name: str) -> Level:

@@ -17,8 +17,8 @@ def check(robot: str, runs: tuple[str, ...], as_json: bool, seed: int) -> None:
     Exit status 2 where the runs cannot be used as they are.
     """
     from residual_mpc.api.check import check as check_runs
-    from residual_mpc.api.display import count
     from residual_mpc.api.robot import load_robot
+    from residual_mpc.report.words.numbers import count
 
     found = check_runs(load_robot(robot), runs)
     if as_json:

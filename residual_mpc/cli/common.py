@@ -16,9 +16,8 @@ if TYPE_CHECKING:
 
 Command = Callable[..., Any]
 
-robot_option = click.option(
-    "--robot", "robot", required=True, metavar="R", help="Robot file, or a built-in robot's name."
-)
+ROBOT = "Robot file, MJCF file, or a built-in robot's name (a URDF has no actuators: name it in a robot file)"
+robot_option = click.option("--robot", "robot", required=True, metavar="R", help=f"{ROBOT}.")
 runs_argument = click.argument("runs", nargs=-1, required=True, metavar="RUN...")
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result as JSON on stdout, and nothing else there."

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import click
 
-from residual_mpc.cli.common import emit, json_option, seed_option, writable_folder
+from residual_mpc.cli.common import ROBOT, emit, json_option, seed_option, writable_folder
 
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--to", required=True, type=click.Choice(["casadi", "c", "jax", "onnx", "mjcf"]), help="What to write.")
-@click.option("--robot", metavar="R", help="Robot file of the model; by default the one that FILE names.")
+@click.option("--robot", metavar="R", help=f"{ROBOT}; by default the one that FILE names.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the files; by default beside FILE.")
 @click.option(
     "--dt", type=click.FloatRange(1e-4, 1.0),
@@ -30,7 +30,6 @@ def export(
     from residual_mpc.api.model import augment
     from residual_mpc.api.robot import load_robot
     from residual_mpc.export.source import robot_beside
-    from residual_mpc.export.write import write_mjcf
     from residual_mpc.learning.network.written import residual_in
     from residual_mpc.models.model_file import read_written
 
@@ -38,13 +37,10 @@ def export(
     where = out or file.parent / f"export_{to}"
     writable_folder(where)
     nominal = load_robot(robot or robot_beside(source.content, file))
-    if to == "mjcf":  # of a robot that may have no step
-        result = {**write_mjcf(source, nominal.model, where), "folder": str(where)}
-        if nominal.file.variants:
-            click.echo(f"note: the model is {nominal.file.model}, without what the file's variants change", err=True)
-    else:
-        learned = file if residual_in(source) is not None else None
-        result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed)
+    learned = file if residual_in(source) is not None else None
+    result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed)
+    if to == "mjcf" and nominal.file.variants:
+        click.echo(f"note: the model is {nominal.file.model}, without what the file's variants change", err=True)
     if as_json:
         emit(result)
         return

@@ -63,7 +63,7 @@ def learn(
     as_json: bool,
     seed: int,
 ) -> None:
-    """Train the residual network of a robot on runs with a Kalman filter, and measure it on runs kept back.
+    """Train the residual network of a robot on runs with a Kalman filter, and measure it on held-out runs.
 
     Killed at any moment and called again, it goes on from its last checkpoint to the same weights.
     """

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.errors import BadInput
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 
 USUAL_PERIOD = 0.02  # s
@@ -69,8 +70,7 @@ def bench_of_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> B
 
     Raises BadInput for an actuator with neither, and for one that the robot lacks.
     """
-    stated: Mapping[str, tuple[float, float]] = getattr(robot, "command_limits", {})
-    known = {**stated, **limits}
+    known = {**optional.command_limits(robot), **limits}
     missing = [a for a in robot.actuators if a not in known]
     if missing:
         raise BadInput(
@@ -80,7 +80,7 @@ def bench_of_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> B
     _check_actuators(robot, limits)
     low, high, home = _ranges(robot, known)
     start = dict.fromkeys((s.position for s in robot.states), 0.0)
-    joints = getattr(robot, "actuator_joints", robot.actuators)
+    joints = optional.actuator_joints(robot)
     for joint, kind, at in zip(joints, robot.command_kinds, home, strict=True):
         if kind == "position" and f"position.{joint}" in start:
             start[f"position.{joint}"] = float(at)

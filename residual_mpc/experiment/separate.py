@@ -1,6 +1,6 @@
 """How well a motion would part two explanations: it is driven in simulation under the one, and the other is fitted."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.experiment.bench import Bench
 from residual_mpc.experiment.motions import Motion, scaled
 from residual_mpc.logs.run import Run
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Values
 
@@ -107,7 +108,7 @@ def allowed(robot: Robot, bench: Bench, motion: Motion, values: Values) -> Plann
 
 def _within(robot: Robot, bench: Bench, motion: Motion, values: Values) -> bool:
     """Whether every joint whose position is logged is predicted to stay in the range that the model gives it."""
-    limits: Mapping[str, tuple[float, float]] = getattr(robot, "limits", {})
+    limits = optional.limits(robot)
     if not limits:
         return True
     seen = _readings(robot, bench, motion, values)

@@ -10,9 +10,9 @@ from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.export.network import corrected, correction, reads, remembered
 from residual_mpc.export.soften import kinks
-from residual_mpc.learning.forms.body import BODY
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.network.written import residual_in
+from residual_mpc.models import optional
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.model_file import Written, model_in, read_written
 from residual_mpc.models.protocol import Robot
@@ -159,6 +159,6 @@ def _build(robot: Robot, settings: Settings, residual: Residual | None, build: B
         )
     if residual is not None:
         reads(residual)  # refuses a form that no step hosts
-    disturbances: tuple[str, ...] = getattr(robot, "disturbed", BODY) if build.disturbances else ()
+    disturbances = optional.disturbed(robot) if build.disturbances else ()
     options = StepOptions(build.dt, remembered(residual), corrected(residual), disturbances, build.clock)
     return Augmented(robot, settings, residual, build, robot.one_step(settings, options))

@@ -26,7 +26,7 @@ def corrected_simulator(model: Path, robot: str | None = None, rows: int = 1, pe
 
     Args:
         model: what `diagnose` or `learn` wrote.
-        robot: robot file or name; by default the one that the model names.
+        robot: robot file, MJCF or URDF file, or name; by default the one that the model names.
         rows: simulations side by side.
         period: s that a command is held; by default 0.02, and of a learned model that at which it was learned.
 

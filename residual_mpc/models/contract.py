@@ -1,4 +1,4 @@
-"""The contract of `Robot`, as checks that any implementation can run on itself.
+"""The contract of `Robot` and its optional members, as checks that any implementation can run on itself.
 
 from residual_mpc.models.contract import check_robot
 check_robot(my_robot, np.random.default_rng(0))
@@ -13,6 +13,8 @@ import numpy as np
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.logs.columns import is_measured
+from residual_mpc.models.demand import ContractBroken, demand
+from residual_mpc.models.optional_contract import check_optional
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
 
@@ -24,31 +26,6 @@ ALONE = 1e-9  # relative: a row alone may be summed in another order than within
 MAY_BE_IDLE = ("payload", "link_mass")  # mass on a joint's axis, without gravity, changes nothing
 
 Predicted = Mapping[str, np.ndarray]
-
-
-class ContractBroken(Exception):
-    """A robot does not keep the contract of `residual_mpc.models.protocol.Robot`.
-
-    Args:
-        law: the law that is broken, as a sentence without its full stop.
-        came: what the robot did or returned.
-        wanted: what was wanted instead.
-    """
-
-    def __init__(self, law: str, came: object, wanted: object) -> None:
-        super().__init__(law, came, wanted)
-        self.law = law
-        self.came = came
-        self.wanted = wanted
-
-    def __str__(self) -> str:
-        return f"{self.law}: {self.came} came, {self.wanted} was wanted"
-
-
-def demand(holds: bool, law: str, came: object, wanted: object) -> None:
-    """Raises ContractBroken unless the law holds."""
-    if not holds:
-        raise ContractBroken(law, came, wanted)
 
 
 @dataclass(frozen=True)
@@ -65,13 +42,14 @@ class _Case:
 
 
 def check_robot(robot: Robot, rng: np.random.Generator, size: float = 0.3) -> None:
-    """Check names, slots and replays of a robot; returns where it keeps its contract.
+    """Check names, slots, optional members and replays of a robot; returns where it keeps its contract.
 
     size: commands are drawn from [-size, size], actuator units, start states are a tenth of that; choose
     what your robot can bear. Raises ContractBroken at the first law that is broken.
     """
     check_names(robot)
     check_slots(robot)
+    check_optional(robot)
     outputs = tuple(f"output.{a}" for a in robot.actuators)
     for wanted in (robot.channels, (*robot.channels, *outputs)):
         case = _draw(robot, rng, size, wanted)

@@ -7,12 +7,13 @@ from residual_mpc.logs.audit import ActuatorFacts, RobotFacts
 from residual_mpc.logs.audit.facts import CommandKind
 from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.logs.run import Run
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 
 
 def facts_of(robot: Robot) -> RobotFacts:
     """Names and kinds, for the audit."""
-    joints = getattr(robot, "actuator_joints", robot.actuators)
+    joints = optional.actuator_joints(robot)
     kinds: dict[str, CommandKind] = {
         "position": "position",
         "torque": "torque",
@@ -24,8 +25,8 @@ def facts_of(robot: Robot) -> RobotFacts:
             ActuatorFacts(a, j, kinds[k]) for a, j, k in zip(robot.actuators, joints, robot.command_kinds, strict=True)
         ),
         robot.channels,
-        getattr(robot, "sliding", frozenset()),
-        getattr(robot, "limits", {}),
+        optional.sliding(robot),
+        optional.limits(robot),
     )
 
 
@@ -35,7 +36,7 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
     Raises BadInput with the run, the column that is missing and the nearest that is there.
     """
     for run, robot in zip(runs, robots, strict=True):
-        for actuator in getattr(robot, "held", ()):
+        for actuator in optional.held(robot):
             if f"command.{actuator}" in run.columns:
                 raise BadInput(
                     f"column command.{actuator} came for an actuator that acts on no joint",

@@ -9,6 +9,7 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile
 
 GROUP = "residual_mpc.robots"
+REQUIRED = tuple(name for name in vars(Robot) if not name.startswith("_"))
 
 
 def load_robot(robot: RobotFile) -> Robot:
@@ -23,12 +24,12 @@ def load_robot(robot: RobotFile) -> Robot:
         raise
     except Exception as error:  # a user's factory may raise anything; it is their input
         raise BadInput(f"plant {robot.plant!r} failed: {error!r}", robot.source, "mend the factory") from error
-    missing = [n for n in ("actuators", "states", "channels", "slots", "replay") if not hasattr(model, n)]
+    missing = [n for n in REQUIRED if not hasattr(model, n)]
     if missing:
         raise BadInput(
             f"plant {robot.plant!r} returned a {type(model).__name__} without {', '.join(missing)}",
             robot.source,
-            "return an object with the methods of residual_mpc.models.protocol.Robot",
+            "return an object with the members of residual_mpc.models.protocol.Robot",
         )
     return model
 

@@ -52,7 +52,11 @@ class Drive:
 
 
 class Robot(Protocol):
-    """A model that can be replayed. `residual_mpc.models.contract` checks an implementation of yours."""
+    """A model that can be replayed: what every robot has to say.
+
+    `residual_mpc.models.optional` declares what it may say besides, with the defaults; `residual_mpc.models.contract`
+    checks an implementation of yours.
+    """
 
     @property
     def name(self) -> str: ...

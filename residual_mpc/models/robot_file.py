@@ -15,6 +15,7 @@ from residual_mpc.logs.columns import GROUPS, PLANAR, SPECIAL, did_you_mean, gro
 from residual_mpc.models.actuators import Actuator, read_actuators
 
 Side = Literal["motor", "link"]
+MODELS = (".xml", ".mjcf", ".urdf")  # MJCF and URDF, given in place of a robot file
 MERGED = ("parameters", "noise", "log", "actuators")  # a variant overrides single entries of these
 
 
@@ -50,7 +51,7 @@ class RobotFile:
         actuators: by joint, for a model that has none of its own, such as a URDF.
         tunable: glob patterns of nominal parameters that are free in every hypothesis.
         variants: other settings; see `for_run`.
-        source: where it was read, for messages; empty for a robot given by name.
+        source: where it was read, for messages and for model.json; empty for a robot given by name.
     """
 
     name: str
@@ -81,9 +82,10 @@ class RobotFile:
 
 
 def read_robot_file(path_or_name: str | Path) -> RobotFile:
-    """Read a robot file, or take the name of a built-in robot.
+    """Read a robot file, or take an MJCF or URDF file or the name of a built-in robot.
 
-    A text that is neither an existing file nor looks like a path is the name of a robot that the plants know.
+    A model file is a robot of the plant `mujoco` with every other key at its default. A text that is neither an
+    existing file nor looks like a path is the name of a robot that the plants know.
 
     Raises:
         BadInput: a missing or unreadable file, an unknown key, a malformed value, or a missing model file.
@@ -91,6 +93,8 @@ def read_robot_file(path_or_name: str | Path) -> RobotFile:
     path = Path(path_or_name)
     if not path.is_file():
         return _named(str(path_or_name), path)
+    if path.suffix in MODELS:
+        return RobotFile(path.stem, "mujoco", path.parent, path, source=str(path))
     document = _document(path)
     where = str(path)
     values = _fields(document, path.parent, where)
@@ -144,18 +148,12 @@ def _named(text: str, path: Path) -> RobotFile:
         raise BadInput("an empty robot came; a robot file or a robot's name was wanted")
     if path.is_dir() and (path / "robot.toml").is_file():
         raise BadInput("a folder came, a robot file was wanted", text, f"give {path / 'robot.toml'}")
-    if path.suffix in (".toml", ".xml", ".urdf", ".mjcf") or len(path.parts) > 1:
+    if path.suffix in (".toml", *MODELS) or len(path.parts) > 1:
         raise BadInput("there is no such robot file", text, "check the path, or name a built-in robot")
     return RobotFile(name=text, plant=text)
 
 
 def _document(path: Path) -> dict[str, object]:
-    if path.suffix in (".xml", ".urdf", ".mjcf"):
-        raise BadInput(
-            "a model came, a robot file was wanted",
-            str(path),
-            f"write one with: residual-mpc init {path.name} RUN...",
-        )
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as fault:

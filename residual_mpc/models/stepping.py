@@ -9,6 +9,8 @@ import numpy as np
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.models.settings import Settings
 
+BODY = ("body.forward", "body.sideways", "body.yaw")  # m/s, m/s, rad/s: the velocity signals of a robot that drives
+
 Signals = Mapping[str, Array]
 Correction = Callable[[Signals], Signals]  # signals of the step by name -> what is added to some of them
 
@@ -116,8 +118,7 @@ class StepOptions:
 class Stepping(Protocol):
     """A robot that can say its one step. Optional: a robot without it can be diagnosed, not exported.
 
-    A robot may name, as `disturbed`, the signals that an unknown constant is added to for offset-free tracking (by
-    default those of a robot that drives), and as `period` the s between its commands.
+    Its optional members `disturbed` and `period` (`residual_mpc.models.optional`) bear on the step alone.
     """
 
     def one_step(self, settings: Settings, options: StepOptions) -> Stepped:

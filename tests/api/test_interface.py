@@ -6,6 +6,7 @@ import html
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,75 @@ def test_results_show_themselves(
     assert {"horizon", "channel", "nominal"} <= set(rm.measure_gap(robot, runs).to_frame().columns)
 
 
+def test_checks_and_gaps_are_saved_as_the_commands_print_them(
+    tmp_path: Path, robot: rm.NominalRobot, runs: rm.Runs
+) -> None:
+    for found in (rm.check(robot, runs), rm.measure_gap(robot, runs)):
+        file = found.save(tmp_path / "new" / "result.json")
+        assert json.loads(file.read_text()) == found.document
+        assert [p.name for p in file.parent.iterdir()] == ["result.json"]
+
+
+def test_every_result_has_a_table_and_a_file(
+    tmp_path: Path, robot: rm.NominalRobot, runs: rm.Runs, diagnosis: rm.Diagnosis, learned: rm.LearnedModel
+) -> None:
+    plan = rm.excite(robot, seconds=4.0, limits={"left": (-5.0, 5.0), "right": (-5.0, 5.0)})
+    model = rm.augment(robot, diagnosis, learned)
+    results = [runs, rm.check(robot, runs), rm.measure_gap(robot, runs), diagnosis, learned, plan, model]
+    for result in results:
+        place = tmp_path / type(result).__name__
+        assert result.save(place) == place and place.exists()
+        assert len(result.to_frame().columns) >= 2 and str(result) and result._repr_html_().startswith("<pre>")
+    public = {name for name in rm.__all__ if name[0].isupper()}
+    assert {type(r).__name__ for r in results} == public - {"BadInput", "NominalRobot"}
+
+
+def test_a_saved_model_is_the_same_model(
+    tmp_path: Path, robot: rm.NominalRobot, runs: rm.Runs, diagnosis: rm.Diagnosis, learned: rm.LearnedModel
+) -> None:
+    model = rm.augment(robot, diagnosis, learned)
+    file = model.save(tmp_path) / "model.json"
+    again = rm.augment(robot, None, file)
+    np.testing.assert_array_equal(again.p, model.p)
+    assert again.dt == model.dt and again.parameters == model.parameters
+    bare = rm.augment(robot, file)
+    assert bare.parameters == rm.augment(robot, diagnosis).parameters
+    assert "residual" not in json.loads((bare.save(tmp_path / "bare") / "model.json").read_text())
+    assert rm.measure_gap(robot, runs, model=model).model == rm.measure_gap(robot, runs, model=learned).model
+    values = {(r.effect, r.parameter): r.value for r in model.to_frame().itertuples()}
+    assert {effect for effect, _ in values} == set(FAULTS)
+    assert values["track_width", "scale"] == pytest.approx(1.12, abs=0.02)
+
+
+def test_names_of_commands_need_no_compiler(robot: rm.NominalRobot) -> None:
+    model = rm.augment(robot)
+    assert model.commands == ("command.left", "command.right")
+    assert not {"augmented", "_compiled"} & set(vars(model))
+    assert model.commands == model._compiled.u_names
+
+
+def test_runs_are_saved_as_a_table_that_is_read_back(
+    tmp_path: Path, robot: rm.NominalRobot, runs: rm.Runs
+) -> None:
+    again = rm.read_runs(robot, runs.save(tmp_path / "runs.csv"))
+    assert again.to_frame().drop(columns="run").equals(runs.to_frame().drop(columns="run"))
+    assert [name.rpartition("/")[2] for name in again.names] == list(runs.names)
+
+
+def test_checks_and_reading_tell_the_variants_of_a_robot_apart(folder: Path) -> None:
+    """Variants that differ in a parameter alone have models of their own; equal ones share one."""
+    wide = '[[variant]]\nruns = "r0"\nparameters = { track_width = 0.3 }\n'
+    file = folder / "variants.toml"
+    file.write_text(ROBOT + wide)
+    robot = rm.load_robot(file)
+    models = rm.read_runs(robot, folder / "runs").models
+    assert [m.nominal()["track_width"] for m in models] == [0.3, 0.16, 0.16]
+    assert models[1] is models[2] is robot.model
+    file.write_text(ROBOT + wide.replace("0.3", "-0.3"))
+    (fault,) = rm.check(rm.load_robot(file), folder / "runs").errors
+    assert fault.run == "r0" and "track_width" in fault.message
+
+
 def test_faults_are_those_of_the_commands(folder: Path, robot: rm.NominalRobot, runs: rm.Runs) -> None:
     with pytest.raises(rm.BadInput, match="there is no effect 'lag'"):
         rm.diagnose(robot, runs, only=("lag",))
@@ -194,6 +264,11 @@ def test_faults_are_those_of_the_commands(folder: Path, robot: rm.NominalRobot, 
 def test_every_public_name_is_there_and_importing_is_quick() -> None:
     assert all(getattr(rm, name) is not None for name in rm.__all__)
     assert sorted(rm.__all__) == sorted(dir(rm))
-    program = "import sys, residual_mpc; print(residual_mpc.__version__, 'numpy' in sys.modules)"
+    slow = ("numpy", "importlib.metadata")
+    program = (
+        f"import sys, residual_mpc; print([name for name in {slow!r} if name in sys.modules], residual_mpc.__version__)"
+    )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert ran.stdout.split()[1] == "False"
+    assert ran.stdout.split() == ["[]", version("residual-mpc")]
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        rm.nothing  # noqa: B018

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,9 +16,14 @@ from oracles.arms import FILTERED, MIXED, SERVOS, arm_xml, wheel_xml
 
 from plants.diff_drive import DiffDrive
 from plants.mujoco_robot import build
+from residual_mpc.errors import BadInput
+from residual_mpc.models import optional
 from residual_mpc.models.contract import ContractBroken, check_robot
+from residual_mpc.models.load import load_robot
+from residual_mpc.models.optional_contract import check_optional
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.robot_file import RobotFile, read_robot_file
+from residual_mpc.models.wrapped import Wrapped
 
 XML = {
     "servos": arm_xml(SERVOS),
@@ -59,6 +66,22 @@ class Faulty:
 
 
 CART = Cart("cart", 0.1)
+
+
+class Minimal:
+    """The cart with the members of `Robot` and nothing else; its only actuator is called like its joint."""
+
+    name, actuators, command_kinds, step = "cart", ("rail",), ("velocity",), None
+    states, channels = CART.states, CART.channels
+    bounds, reference, nominal = CART.bounds, CART.reference, CART.nominal
+
+    def slots(self, effect: str) -> tuple[str, ...]:
+        return tuple(s.replace("motor", "rail") for s in CART.slots(effect))
+
+    def replay(self, start: Any, drive: Any, settings: Any, wanted: tuple[str, ...]) -> Mapping[str, np.ndarray]:
+        return CART.replay(start, drive, settings, wanted)
+
+
 Replay = Callable[..., Mapping[str, np.ndarray]]
 
 
@@ -112,6 +135,104 @@ BREACHES: dict[str, tuple[dict[str, Any], str]] = {
     "null": ({"replay": off_by(lambda s, d, e: 1e-12 if e.effects else 0.0)}, "command_delay at null"),
     "idle": ({"slots": lambda effect: ("motor",) if effect == "saturation" else ()}, "saturation acts on"),
 }
+
+
+def test_a_robot_without_optional_members_keeps_it(rng: np.random.Generator) -> None:
+    """What a minimal robot does not say has a default."""
+    robot = Minimal()
+    assert {n for n in dir(robot) if n[0] != "_"} == {n for n in vars(Robot) if n[0] != "_"}
+    check_robot(robot, rng)
+    assert optional.actuator_joints(robot) == optional.joints(robot) == robot.actuators == ("rail",)
+    assert (optional.sliding(robot), optional.limits(robot), optional.command_limits(robot)) == (frozenset(), {}, {})
+    assert (optional.rest(robot), optional.held(robot), optional.period(robot)) == ({}, (), 0.05)
+
+
+def test_a_robot_that_lacks_required_members_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    half = "class Half:\n    name, actuators, states, channels = 'half', (), (), ()\n    slots = replay = step = None\n"
+    (tmp_path / "half_plant.py").write_text(half + "def make(robot):\n    return Half()\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(BadInput, match="a Half without command_kinds, bounds, reference, nominal"):
+        load_robot(RobotFile("half", "half_plant:make"))
+
+
+@pytest.mark.parametrize("robot", ["diff_drive", "scaler_arm", "scaler_arm_servo", "diff_drive_mujoco"])
+def test_built_in_robots_keep_their_optional_members(robot: str) -> None:
+    check_optional(load_robot(read_robot_file(robot)))
+
+
+ODD: dict[str, tuple[dict[str, Any], str]] = {
+    "one joint too many": ({"actuator_joints": ("rail", "hook")}, "actuator_joints has one joint an actuator"),
+    "joints by number": ({"actuator_joints": (1,)}, "actuator_joints is a tuple of names"),
+    "a list of joints": ({"joints": ["rail"]}, "joints is a tuple of names"),
+    "a joint twice": ({"joints": ("rail", "rail")}, "joints are distinct"),
+    "no driven joint": ({"joints": ("hook",)}, "an actuator drives one of the joints: 'rail' came"),
+    "sliding in a list": ({"sliding": ["rail"]}, "sliding is a frozenset"),
+    "an unknown slide": ({"sliding": frozenset({"hook"})}, "sliding names joints: 'hook' came"),
+    "limits in a list": ({"limits": [(-1.0, 1.0)]}, "limits is a mapping"),
+    "limits of nothing": ({"limits": {"hook": (-1.0, 1.0)}}, "limits is by name: 'hook' came"),
+    "limits upside down": ({"limits": {"rail": (1.0, -1.0)}}, "limits of rail is a range"),
+    "one limit": ({"limits": {"rail": 1.0}}, "limits of rail is a range"),
+    "no limit": ({"limits": {"rail": (float("nan"), 1.0)}}, "limits of rail is a range"),
+    "limits of a joint's command": ({"command_limits": {"rail": (-1.0, 1.0)}}, "command_limits is by name"),
+    "commands upside down": ({"command_limits": {"motor": (1.0, -1.0)}}, "command_limits of motor is a range"),
+    "rest of a speed": ({"rest": {"velocity.rail": 0.0}}, "rest is by position channel"),
+    "rest nowhere": ({"rest": {"position.rail": float("inf")}}, "rest of position.rail is a number"),
+    "rest in a tuple": ({"rest": (0.0,)}, "rest is a mapping"),
+    "held and commanded": ({"held": ("motor",)}, "an actuator that is held is not commanded"),
+    "held in a list": ({"held": ["hook"]}, "held is a tuple of names"),
+    "no time": ({"period": 0.0}, "period is a time"),
+    "a word for a time": ({"period": "fast"}, "period is a time"),
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_a_breach_by_an_optional_member_is_named(rng: np.random.Generator, odd: str) -> None:
+    members, said = ODD[odd]
+    robot = type("Odd", (Cart,), {})("cart", 0.1)
+    for name, value in members.items():
+        object.__setattr__(robot, name, value)
+    with pytest.raises(ContractBroken) as broken:
+        check_robot(robot, rng)
+    assert said in str(broken.value) and " was wanted" in str(broken.value)
+
+
+@pytest.mark.parametrize(
+    ("members", "said"),
+    [
+        ({"disturbed": ("body.up",)}, "disturbed names signals of the step: 'body.up' came"),
+        ({"disturbed": "body.yaw"}, "disturbed is a tuple of names"),
+        ({"actuators": ("right", "left")}, "the step takes the robot's commands"),
+    ],
+)
+def test_a_breach_by_a_step_is_named(members: dict[str, Any], said: str) -> None:
+    robot = type("Odd", (DiffDrive,), {})("rover", 0.033, 0.16)
+    for name, value in members.items():
+        object.__setattr__(robot, name, value)
+    with pytest.raises(ContractBroken) as broken:
+        check_optional(robot)
+    assert said in str(broken.value)
+
+
+def test_a_wrapped_robot_is_described_by_its_base(tmp_path: Path) -> None:
+    """Its joints, limits and rest are those of the robot whose replay it replaces."""
+    path = tmp_path / "robot.xml"
+    path.write_text(XML["servos"])
+    base = build(RobotFile("robot", "mujoco", model=path))
+    robot = Wrapped(Wrapped(base, base.replay), base.replay)
+    assert optional.actuator_joints(robot) == base.actuator_joints
+    assert optional.joints(robot) == base.joints == ("j1", "j2")
+    assert optional.limits(robot) == base.limits != {}
+    assert optional.command_limits(robot) == base.command_limits != {}
+    assert optional.rest(robot) == base.rest != {}
+
+
+def test_the_page_lists_every_member() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "your-own-model.md").read_text(encoding="utf-8")
+    required, optional_ones = page.split("## Optional members")
+    listed = [re.findall(r"^\| `(\w+)", part, flags=re.M) for part in (required, optional_ones.split("Five larger")[0])]
+    assert set(listed[0]) == {n for n in vars(Robot) if n[0] != "_"}
+    read = {n for n, f in vars(optional).items() if inspect.isfunction(f) and f.__module__ == optional.__name__}
+    assert set(listed[1]) == {n for n in read if n[0] != "_"}
 
 
 @pytest.mark.parametrize("breach", BREACHES)

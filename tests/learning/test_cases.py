@@ -14,6 +14,7 @@ from residual_mpc.learning.forms.residual_robot import ResidualRobot, with_resid
 from residual_mpc.learning.h2 import summary
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
+from residual_mpc.models import optional
 from residual_mpc.models.contract import check_robot
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
@@ -47,8 +48,9 @@ def test_a_corrected_wheeled_robot_is_a_robot(form):
 
 
 def test_a_corrected_joint_robot_is_a_robot():
-    robot = CART
-    check_robot(ResidualRobot(robot, residual(robot, "joint")), np.random.default_rng(0))
+    robot = ResidualRobot(CART, residual(CART, "joint"))
+    check_robot(robot, np.random.default_rng(0))
+    assert optional.actuator_joints(robot) == ("rail",), "what it does not say itself, the robot that it corrects does"
 
 
 def test_only_the_first_of_a_joint_robots_steps_begins_anew():

@@ -103,10 +103,15 @@ def test_a_slip_is_named_with_its_place(folder: Path, old: str, new: str, said: 
     assert said in str(fault.value) and "robot.toml" in str(fault.value)
 
 
-@pytest.mark.parametrize("given", ["nowhere.toml", "folder/robot", "arm.xml", "", "  "])
-def test_what_is_no_robot_file_is_refused(folder: Path, given: str) -> None:
+@pytest.mark.parametrize("given", ["nowhere.toml", "folder/robot", "nowhere.xml", "", "  "])
+def test_what_is_no_robot_file_is_refused(given: str) -> None:
     with pytest.raises(BadInput):
-        read_robot_file(folder / given if given == "arm.xml" else given)
+        read_robot_file(given)
+
+
+def test_a_model_file_is_a_robot_with_defaults(folder: Path) -> None:
+    path = folder / "arm.xml"
+    assert read_robot_file(path) == RobotFile("arm", "mujoco", folder, path, source=str(path))
 
 
 def test_bytes_that_are_no_text_are_refused(folder: Path) -> None:

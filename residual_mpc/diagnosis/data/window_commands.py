@@ -7,6 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.logs.run import Run, held
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Inverting, Robot
 
 LEAD = 1.2  # s of commands before a window, that warm up what remembers
@@ -68,7 +69,7 @@ def _resting(robot: Robot, k: int, run: Run, i: int, signals: Mapping[tuple[int,
     """What the actuator held before the first stamp, if the run measured it: a wheel's speed, a servo's position. Where
     only the robot's own motion was measured, that tells standstill from the first command; None: the first command."""
     kind = {"speed": "velocity", "velocity": "velocity", "position": "position"}.get(robot.command_kinds[k])
-    joints = getattr(robot, "actuator_joints", robot.actuators)
+    joints = optional.actuator_joints(robot)
     signal = signals.get((i, f"{kind}.{joints[k]}"))
     if signal is not None and len(signal.y):
         return float(signal.y[0])
@@ -91,7 +92,7 @@ def _settle(
 ) -> None:
     """Let the warm-up of a wheel begin at its measured speed: a lag as long as the warm-up would still hold its first
     command. first (W,): the first command of each window's warm-up, changed in place; at (W,) s."""
-    joints = getattr(robot, "actuator_joints", robot.actuators)
+    joints = optional.actuator_joints(robot)
     signal = signals.get((i, f"velocity.{joints[k]}"))
     if robot.command_kinds[k] != "speed" or signal is None:
         return

@@ -9,6 +9,7 @@ from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.sensing import sensor_value
 from residual_mpc.models.settings import Settings
@@ -44,7 +45,7 @@ def start_states(data: Dataset, block: Block, settings: Settings, sooner: float 
     lies before it; `sooner` s are added to that.
     """
     early = earliest(block, settings) + sooner
-    rest = getattr(block.robot, "rest", {})
+    rest = optional.rest(block.robot)
     out: dict[str, np.ndarray] = {}
     for state in block.robot.states:
         value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)

@@ -12,6 +12,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, LIBRARY, holder
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, assemble
 
@@ -169,8 +170,7 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
         pick = np.unique(np.linspace(0, n - 1, min(n, 60)).astype(int)) + block.where.start
         few = data.take(np.isin(np.arange(data.count), pick))
         outputs = _nominal_outputs(few)
-        joints = getattr(robot, "actuator_joints", robot.actuators)
-        all_joints = getattr(robot, "joints", robot.actuators)
+        joints, all_joints = optional.actuator_joints(robot), optional.joints(robot)
         drive = block.drive.command[:, block.drive.lead :]
         for k, a in enumerate(robot.actuators):
             u = np.abs(drive[..., k])

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from residual_mpc.effects.library import LIBRARY
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Term
 
@@ -16,7 +17,7 @@ def not_commanded(robot: Robot, measured: Sequence[str]) -> Mapping[Term, str]:
     measured: actuators whose command is a measured column, see `RobotFile.measured_commands`. What would act on all
     actuators alike is none as soon as one of them is measured.
     """
-    driven = dict(zip(robot.actuators, getattr(robot, "actuator_joints", robot.actuators), strict=True))
+    driven = dict(zip(robot.actuators, optional.actuator_joints(robot), strict=True))
     kinds = dict(zip(robot.actuators, robot.command_kinds, strict=True))
     why: dict[Term, str] = {}
     for actuator in (a for a in measured if a in driven):

@@ -21,6 +21,7 @@ from residual_mpc.learning.forms.form import Delta, Form, Rolled, steps_of
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
+from residual_mpc.models.wrapped import Wrapped
 
 FAR = 3.0  # standard deviations from which an error's cost grows with its size, not its square
 
@@ -60,28 +61,6 @@ class TrainingProblem:
     cost: np.ndarray  # (C,) the paper's C: how much each channel's errors count, 1 as a rule
     samples: int = 20
     workspace: Workspace = field(default_factory=Workspace)
-
-
-@dataclass
-class _Pushed:
-    """The base robot for predict(): row h of a hypothesis gets push h; keeps what it rolled."""
-
-    base: Robot
-    form: Form
-    delta: Delta
-    step: float
-    push: np.ndarray | None
-    rolled: list[Rolled] = field(default_factory=list)
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self.base, name)
-
-    def replay(
-        self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
-    ) -> Mapping[str, np.ndarray]:
-        rolled = self.form.roll(self.base, self.delta, self.step, start, drive, settings, wanted, self.push)
-        self.rolled.append(rolled)
-        return rolled.nodes
 
 
 def linearise_window(
@@ -162,11 +141,11 @@ def push_through(
     for o in range(outputs):
         rows = 1 + o * count + np.arange(count)
         push[rows, np.arange(count), o] = nudge[o]
-    robot = _Pushed(block.robot, problem.form, summed((*problem.fixed, learned)), learned.step, push)
-    pushed = replace(one, blocks=(replace(block, robot=robot),))  # type: ignore[arg-type]
+    robot, rolled = _recorded(problem, block.robot, learned, push)
+    pushed = replace(one, blocks=(replace(block, robot=robot),))
     found = predict(pushed, problem.settings.take(np.zeros(len(push), dtype=int)))[:, 0]
     size = np.repeat(nudge, count)[:, None, None]
-    return count, robot.rolled[0], found[0], np.nan_to_num((found[1:] - found[0]) / size)
+    return count, rolled[0], found[0], np.nan_to_num((found[1:] - found[0]) / size)
 
 
 def summed(residuals: Sequence[Residual]) -> Delta:
@@ -226,6 +205,24 @@ def rolled_out(problem: TrainingProblem, learned: Residual, w: int) -> tuple[Rol
     """Window w under the residual as it is, and what it predicts of the samples (M, C)."""
     one = problem.data.take(np.arange(problem.data.count) == w)
     (block,) = one.blocks
-    robot = _Pushed(block.robot, problem.form, summed((*problem.fixed, learned)), learned.step, None)
-    predicted = predict(replace(one, blocks=(replace(block, robot=robot),)), problem.settings)  # type: ignore[arg-type]
-    return robot.rolled[0], predicted[0, 0]
+    robot, rolled = _recorded(problem, block.robot, learned, None)
+    predicted = predict(replace(one, blocks=(replace(block, robot=robot),)), problem.settings)
+    return rolled[0], predicted[0, 0]
+
+
+def _recorded(
+    problem: TrainingProblem, base: Robot, learned: Residual, push: np.ndarray | None
+) -> tuple[Robot, list[Rolled]]:
+    """The base with the residuals, pushed, and a list to which each of its replays adds what it rolled out.
+
+    push (H, N, outputs): row h is for hypothesis h.
+    """
+    delta, rolled = summed((*problem.fixed, learned)), list[Rolled]()
+
+    def replay(
+        start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    ) -> Mapping[str, np.ndarray]:
+        rolled.append(problem.form.roll(base, delta, learned.step, start, drive, settings, wanted, push))
+        return rolled[-1].nodes
+
+    return Wrapped(base, replay), rolled

@@ -13,9 +13,9 @@ import numpy as np
 from residual_mpc.learning.forms.form import Delta, Rolled, steps_of
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
+from residual_mpc.models.stepping import BODY
 
 POSE = ("pose.x", "pose.y", "pose.theta")
-BODY = ("body.forward", "body.sideways", "body.yaw")  # m/s, m/s, rad/s
 WORLD = ("twist.x", "twist.y", "twist.theta")  # m/s, m/s, rad/s
 
 

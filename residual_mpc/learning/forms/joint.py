@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.learning.forms.form import Delta, Rolled, steps_of
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
 
@@ -98,7 +99,7 @@ def _name(channel: str) -> str:
 
 def _servo_joints(base: Robot) -> tuple[str | None, ...]:
     """For each actuator the position channel of the joint that it servoes; None where it servoes none."""
-    joints = getattr(base, "actuator_joints", base.actuators)
+    joints = optional.actuator_joints(base)
     known = {s.position for s in base.states}
     out: list[str | None] = []
     for joint, kind in zip(joints, base.command_kinds, strict=True):

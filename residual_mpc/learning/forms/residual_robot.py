@@ -39,10 +39,9 @@ class ResidualRobot:
         return self.base.command_kinds
 
     @property
-    def actuator_joints(self) -> tuple[str, ...]:
-        """The joint that each actuator drives; the actuators' names where the base does not say."""
-        joints: tuple[str, ...] = getattr(self.base, "actuator_joints", self.base.actuators)
-        return joints
+    def wraps(self) -> Robot:
+        """See residual_mpc.models.optional.Wrapping."""
+        return self.base
 
     @property
     def states(self) -> tuple[State, ...]:

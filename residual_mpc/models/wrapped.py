@@ -1,0 +1,65 @@
+"""A robot that predicts otherwise than another, and is like it in all else."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.models.protocol import Drive, Robot, State
+from residual_mpc.models.settings import Settings
+
+Replay = Callable[[Mapping[str, np.ndarray], Drive, Settings, tuple[str, ...]], Mapping[str, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Wrapped:
+    """`base` with another replay: replayed(start, drive, settings, wanted), see `Robot.replay`."""
+
+    base: Robot
+    replayed: Replay
+
+    @property
+    def wraps(self) -> Robot:
+        """See residual_mpc.models.optional.Wrapping."""
+        return self.base
+
+    @property
+    def name(self) -> str:
+        return self.base.name
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        return self.base.actuators
+
+    @property
+    def command_kinds(self) -> tuple[str, ...]:
+        return self.base.command_kinds
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        return self.base.states
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return self.base.channels
+
+    @property
+    def step(self) -> float | None:
+        return self.base.step
+
+    def slots(self, effect: str) -> tuple[str, ...]:
+        return self.base.slots(effect)
+
+    def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
+        return self.base.bounds(effect, parameter, slot)
+
+    def reference(self, kind: str, slot: str | None) -> float:
+        return self.base.reference(kind, slot)
+
+    def nominal(self) -> Mapping[str, float]:
+        return self.base.nominal()
+
+    def replay(
+        self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    ) -> Mapping[str, np.ndarray]:
+        return self.replayed(start, drive, settings, wanted)
