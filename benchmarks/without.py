@@ -11,7 +11,6 @@ from typing import Any
 from residual_mpc.cli.main import main
 from residual_mpc.diagnosis.data.outliers import Outliers
 from residual_mpc.diagnosis.phases import prepare
-from residual_mpc.diagnosis.predict import problem
 from residual_mpc.diagnosis.search import stepwise
 from residual_mpc.diagnosis.search.additions import Ranked
 from residual_mpc.diagnosis.search.rivals import Rivalry
@@ -20,7 +19,7 @@ from residual_mpc.diagnosis.search.stepwise import Found
 
 def start_states() -> None:
     """The measured start of a window is taken to be the true one."""
-    problem.START_INFLATION = 0.0
+    everywhere("start_sigma", lambda data, settings: {})
 
 
 def coloured_residuals() -> None:
@@ -46,7 +45,7 @@ def pruning() -> None:
 def exchange() -> None:
     """What the search ends with stands: nothing takes its place, and nothing is said to explain as much."""
 
-    def alone(found: Found) -> Rivalry:
+    def alone(found: Found, **settings: Any) -> Rivalry:
         return Rivalry(found.fit, (), (), dict.fromkeys(found.fit.terms, 1.0), found.fit)
 
     everywhere("find_rivals", alone)
@@ -70,9 +69,10 @@ def outliers() -> None:
     """No sample is flagged."""
     flagging: Callable[..., Outliers] = prepare.find_outliers
 
-    def none(data: Any) -> Outliers:
-        found = flagging(data)
-        return replace(found, flagged={k: v & False for k, v in found.flagged.items()}, share=0.0, count=0)
+    def none(data: Any, **settings: Any) -> Outliers:
+        found = flagging(data, **settings)
+        flagged = {k: v & False for k, v in found.flagged.items()}
+        return replace(found, flagged=flagged, share=0.0, count=0, enough=False, frequent=False)
 
     everywhere("find_outliers", none)
 

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, LIBRARY
 from residual_mpc.models.protocol import Robot
@@ -18,7 +19,6 @@ from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, ass
 FITTED = tuple(e for e in LIBRARY if e.name != "sensor_outliers")  # outliers are flagged, not fitted
 
 SLOW = frozenset({"voltage_sag"})  # effects of minutes, not of seconds: in short runs they only imitate others
-SLOW_FROM = 8.0  # s
 NOTHING: Mapping[Term, str] = MappingProxyType({})
 
 
@@ -129,6 +129,8 @@ def build_space(
     only: Sequence[str] = (),
     without: Sequence[str] = (),
     because: Mapping[Term, str] = NOTHING,
+    *,
+    settings: PredictSettings = PredictSettings(),
 ) -> Space:
     """Every effect-target pair that the robot of the first block can have, with references measured on the runs.
 
@@ -140,7 +142,7 @@ def build_space(
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
     longest = max(float(r.t[-1] - r.t[0]) for r in data.runs)
     why = f"no run is longer than {longest:.2g} s"
-    ruled_out = {t: why for t in candidates if t.effect in SLOW and longest < SLOW_FROM}
+    ruled_out = {t: why for t in candidates if t.effect in SLOW and longest < settings.space.slow_from}
     ruled_out |= {t: because[t] for t in candidates if t in because}
     candidates = tuple(t for t in candidates if t not in ruled_out)
     free = tuple(
