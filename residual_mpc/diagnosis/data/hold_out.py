@@ -35,13 +35,14 @@ def choose_held_out(
     the hardest part. A run that alone has some sensor, or alone had its motors switched off, is never kept back whole:
     no fit would know what it alone can tell.
     """
+    hold_out = settings.hold_out
     names = [r.name for r in data.runs]
     present = np.unique(data.run)
     alone = np.array([_alone(data, i, present) for i in present])
     whole = present[~alone]
     out: list[KeptBack] = []
-    if len(whole) >= settings.hold_out.by_run_from:
-        n = max(1, int(round(settings.hold_out.share * len(whole))))
+    if len(whole) >= hold_out.by_run_from:
+        n = max(1, int(round(hold_out.share * len(whole))))
         size = [float(np.nanmean(nominal[data.run == i])) for i in whole]
         ranked = whole[np.argsort(size, kind="stable")]
         pick = ranked[((np.arange(n) + 0.5) * len(whole) / n).astype(int)]
@@ -49,12 +50,12 @@ def choose_held_out(
     for i in present[alone] if out else present:
         mine = np.flatnonzero(data.run == i)
         mine = mine[np.argsort(data.start[mine])]
-        if len(mine) < settings.hold_out.fewest:
+        if len(mine) < hold_out.fewest:
             continue
-        most = settings.hold_out.long_stretch if len(mine) >= settings.hold_out.long else settings.hold_out.stretch
-        chunk = np.arange(len(mine)) // max(1, min(most, len(mine) // settings.hold_out.every))
+        most = hold_out.long_stretch if len(mine) >= hold_out.long else hold_out.stretch
+        chunk = np.arange(len(mine)) // max(1, min(most, len(mine) // hold_out.every))
         phase = _typical(np.nan_to_num(nominal[mine]), chunk, settings=settings)
-        for c in np.unique(chunk[chunk % settings.hold_out.every == phase]):
+        for c in np.unique(chunk[chunk % hold_out.every == phase]):
             stretch = data.start[mine[chunk == c]]
             out.append(KeptBack(names[i], float(stretch[0]), float(stretch[-1] + data.horizon)))
     return tuple(out)

@@ -65,23 +65,17 @@ def profile_sigma(problem: Problem, fit: Fit, phi: float, settings: FitSettings)
 
     A threshold's derivative says little (a dead zone moves in steps), so its interval is where the cost rises by phi.
     """
+    evidence = settings.evidence
     out = np.zeros(len(fit.knobs))
     for i, knob in enumerate(fit.knobs):
         if knob.effect == TUNE or not BY_NAME[knob.effect].parameter(knob.parameter).threshold:
             continue
         value = fit.values[knob]
-        rows = [
-            {**fit.values, knob: value * (1.0 + side * step)}
-            for step in settings.evidence.profile
-            for side in (-1.0, 1.0)
-        ]
+        rows = [{**fit.values, knob: value * (1.0 + side * step)} for step in evidence.profile for side in (-1.0, 1.0)]
         cost = np.einsum("hwn,hwn->h", r := problem.residuals(rows), r).reshape(-1, 2)
         risen = (cost - fit.cost) > phi
         sides = [
-            settings.evidence.profile[int(np.argmax(risen[:, s]))]
-            if risen[:, s].any()
-            else settings.evidence.profile[-1]
-            for s in (0, 1)
+            evidence.profile[int(np.argmax(risen[:, s]))] if risen[:, s].any() else evidence.profile[-1] for s in (0, 1)
         ]
         out[i] = abs(value) * max(sides)
     return out

@@ -168,6 +168,7 @@ def _begin(
 
 def _derive(problem: Problem, runs: list[_Run], settings: FitSettings) -> None:
     """Measure the Jacobians, save for the columns that a run begins with."""
+    least_squares = settings.least_squares
     rows: list[Values] = []
     steps: list[float] = []
     for run in runs:
@@ -176,9 +177,9 @@ def _derive(problem: Problem, runs: list[_Run], settings: FitSettings) -> None:
                 continue
             # a delay's or play's derivative at its null is one-sided; away from it the upper side serves as well
             step = (
-                min(settings.least_squares.step, settings.least_squares.relative_step * abs(run.x[i]))
+                min(least_squares.step, least_squares.relative_step * abs(run.x[i]))
                 if run.ratio[i]
-                else settings.least_squares.step
+                else least_squares.step
             )
             step = step if run.x[i] + step <= run.high[i] else -step
             x = run.x.copy()

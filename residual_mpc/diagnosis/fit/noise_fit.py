@@ -49,16 +49,17 @@ def no_more_than_left(
     settings: FitSettings,
 ) -> tuple[ChannelNoise, ...]:
     """The noise with each channel's size such that it makes no more of a gap than the model `row` leaves there."""
+    tuned = settings.noise
     error = data.y - predict(data, row)[0]
     trust = window_trust(data, scales, error, settings=settings.data)
     left = gap_of(data, scales, error, trust).channels
-    for _ in range(settings.noise.size_rounds):  # the channels' noises act on each other through the start states
-        drawn = noise_errors(replace(data, noise=noise), row, np.random.default_rng(0), settings.noise.draws)
+    for _ in range(tuned.size_rounds):  # the channels' noises act on each other through the start states
+        drawn = noise_errors(replace(data, noise=noise), row, np.random.default_rng(0), tuned.draws)
         makes = np.sqrt(np.mean([gap_of(data, scales, e, trust).channels ** 2 for e in drawn], axis=0))
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.nan_to_num(np.where(makes > left, left / makes, 1.0), nan=1.0)
         noise = tuple(n.scaled_to(n.sigma * float(r)) for n, r in zip(noise, ratio, strict=True))
-        if (ratio > settings.noise.enough).all():
+        if (ratio > tuned.enough).all():
             break
     return noise
 
@@ -78,41 +79,42 @@ def fit_noise(
 
     The problem's weights are those of the white noise. Deterministic: the draws have a seed of their own.
     """
+    tuned = settings.noise
     problem, predicted = _steady(problem, scales, predicted, settings=settings)
     data = problem.data
     left = unlearnable(data, scales, data.y - predicted, predicted, settings=settings)
     # evenly spread windows say as much as all of them
-    keep = np.unique(np.linspace(0, data.count - 1, min(data.count, settings.noise.windows)).round().astype(int))
+    keep = np.unique(np.linspace(0, data.count - 1, min(data.count, tuned.windows)).round().astype(int))
     left, y, t, basis = left[keep], data.y[keep], data.t[keep], problem.basis[keep]
     seen = np.isfinite(y) & np.isfinite(left)
     lags = _lags(t.shape[1], seen)
     scaled = np.where(seen, left * problem.weight, 0.0)
     measured, sure = _increments(_projected(scaled, basis), seen, lags, settings=settings)  # (C, L)
     period = float(np.nanmedian(np.diff(t, axis=1)))
-    times = [time for time in settings.noise.times if time > 0.7 * period]
+    times = [time for time in tuned.times if time > 0.7 * period]
     rng = np.random.default_rng(0)
     c = len(data.channels)
     parts = np.zeros((c, len(lags), c, 1 + len(times)))
     for p, time in enumerate([0.0, *times]):
-        for _ in range(settings.noise.draws):
+        for _ in range(tuned.draws):
             drawn = _unit(t, period, time, rng)  # each channel in turn is replaced by it
             for k in range(c):
                 if seen[..., k].any():
                     unit = np.zeros_like(scaled)
                     unit[..., k] = np.where(seen[..., k], drawn, 0.0)
                     parts[:, :, k, p] += (
-                        _increments(_projected(unit, basis), seen, lags, settings=settings)[0] / settings.noise.draws
+                        _increments(_projected(unit, basis), seen, lags, settings=settings)[0] / tuned.draws
                     )
     bounds = _bounds(data, problem.weight, [0.0, *times], period, settings=settings)
-    rounded = data.sigma <= settings.noise.rounded * data.steps / np.sqrt(12.0)
+    rounded = data.sigma <= tuned.rounded * data.steps / np.sqrt(12.0)
     parts[:, :, rounded, 1:] = 0.0  # steps of the sensor that last several samples look coloured
-    if data.count * data.horizon < settings.noise.least_seconds:
+    if data.count * data.horizon < tuned.least_seconds:
         parts[..., 1:] = 0.0
     size = _envelope(
         measured, parts, sure, *bounds, settings=settings
     )  # (C, 1 + times) squared, in units of the white noise
     out = []
-    known = (sure > 0.0).sum(axis=1) >= settings.noise.fewest_lags
+    known = (sure > 0.0).sum(axis=1) >= tuned.fewest_lags
     for k, channel in enumerate(data.channels):
         if not known[k] or not size[k, 1:].any():  # white, or too few samples in a window to tell
             out.append(ChannelNoise(float(data.sigma[k])))

@@ -22,15 +22,14 @@ class Polished:
 def polish(problem: Problem, starts: Sequence[Values], steps: int, settings: FitSettings) -> list[Polished]:
     """Fit each start to the end, and once more from elsewhere. Where there are many windows, the starts are compared
     on a coarse part of `steps` simulation steps' worth of them, evenly spread, and the best is carried on."""
-    coarse = _part(problem, steps // settings.polish.coarse, settings=settings)
+    tuned = settings.polish
+    coarse = _part(problem, steps // tuned.coarse, settings=settings)
     others = [elsewhere(problem, s, settings=settings) for s in starts]
     begin = [*starts, *(o for o in others if o is not None)]
     if coarse is problem:
-        ends = fit_all(problem, begin, settings.polish.steps, settings.polish.tolerance, secants=0, settings=settings)
+        ends = fit_all(problem, begin, tuned.steps, tuned.tolerance, secants=0, settings=settings)
     else:
-        ends = fit_all(
-            coarse, begin, settings.polish.steps, settings.polish.coarse_tolerance, rough=True, settings=settings
-        )
+        ends = fit_all(coarse, begin, tuned.steps, tuned.coarse_tolerance, rough=True, settings=settings)
     again = iter(ends[len(starts) :])
     out = []
     for first, other in zip(ends, others, strict=False):
@@ -43,12 +42,13 @@ def polish(problem: Problem, starts: Sequence[Values], steps: int, settings: Fit
 
 def carry_on(problem: Problem, starts: Sequence[Values], steps: int, settings: FitSettings) -> list[Fit]:
     """The last steps of fits from near their ends: on `steps` simulation steps' worth of the windows, then on all."""
+    tuned = settings.polish
     part = _part(problem, steps, settings=settings)
     best = fit_all(
         part,
         starts,
-        settings.polish.more_steps,
-        settings.polish.tolerance,
+        tuned.more_steps,
+        tuned.tolerance,
         secants=0 if part is problem else 2,
         rough=part is not problem,
         settings=settings,
@@ -59,8 +59,8 @@ def carry_on(problem: Problem, starts: Sequence[Values], steps: int, settings: F
         else fit_all(
             problem,
             [f.values for f in best],
-            settings.polish.last_steps,
-            settings.polish.tolerance,
+            tuned.last_steps,
+            tuned.tolerance,
             secants=0,
             settings=settings,
         )

@@ -28,6 +28,7 @@ def fit_ridge(
     """Fit error (W, M, C) on features of the prediction (W, M, C) and the commands; the ridge is chosen across
     folds (W,).
     """
+    tuned = settings.ridge
     x = features(data, predicted, settings=settings)
     w, m, f = x.shape
     y = np.where(np.isfinite(error) & data.compared[:, None, :] & ~scales.still, error / scales.s, 0.0)
@@ -39,13 +40,13 @@ def fit_ridge(
     part = [fold == k for k in np.unique(fold)]
     grams, crosses = [flat[p].T @ flat[p] for p in part], [flat[p].T @ target[p] for p in part]
     gram, cross = np.sum(grams, axis=0), np.sum(crosses, axis=0)
-    scores = np.zeros(len(settings.ridge.ridges))
+    scores = np.zeros(len(tuned.ridges))
     for g, c in zip(grams, crosses, strict=True):
-        for i, ridge in enumerate(settings.ridge.ridges):
+        for i, ridge in enumerate(tuned.ridges):
             b = np.linalg.solve(gram - g + ridge * np.eye(f), cross - c)
             scores[i] += np.sum(b * (g @ b - 2.0 * c))
     scores += np.sum(target**2)  # the squared errors on windows that were left out of each fit
-    ridge = settings.ridge.ridges[int(np.argmin(scores))]
+    ridge = tuned.ridges[int(np.argmin(scores))]
     weights = np.linalg.solve(gram + ridge * np.eye(f), cross)
     if scores.min() >= np.sum(target**2):  # it does not help on windows that it has not seen
         weights = np.zeros_like(weights)

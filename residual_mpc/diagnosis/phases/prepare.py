@@ -65,23 +65,18 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     clean = with_outliers_removed(raw, outliers.flagged)
     kept = options.held_out
     if kept is None:
-        kept = choose_held_out(
-            raw, per_window(raw, scales, raw.y - predict(raw, Settings(1))[0]), settings=settings.data
-        )
+        missed = per_window(raw, scales, raw.y - predict(raw, Settings(1))[0])
+        kept = choose_held_out(raw, missed, settings=settings.data)
     held = held_out_mask(raw, kept)
     space = build_space(
-        clean.take(~held),
-        given.tunable,
-        options.only,
-        options.without,
-        options.without_because,
+        clean.take(~held), given.tunable, options.only, options.without, options.without_because,
         settings=settings.predict,
-    )
+    )  # fmt: skip
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon, settings=settings.predict))
-    looks = [
+    looks = (
         windows_over(runs, robots, noise, h, shorter, kept, outliers.flagged, settings=settings.predict)
         for shorter, h in pairwise(wanted)
-    ]
+    )
     there = [look for look in looks if look is not None]
     longer = tuple(look for look in there if foretold(look.clean, look.scales, rng, settings=settings.predict))
     unstable = bool(there) and not longer and foretold(clean, scales, rng, settings=settings.predict)

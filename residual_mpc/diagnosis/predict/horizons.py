@@ -103,11 +103,12 @@ def _free(
     settings: PredictSettings,
 ) -> tuple[Dataset, Scales] | None:
     """The longest windows up to the horizon of which enough lie between what is held out."""
-    for length in (horizon, *(x for x in settings.horizons.lengths if x < horizon)):
-        if length < settings.horizons.apart * shorter:
+    horizons = settings.horizons
+    for length in (horizon, *(x for x in horizons.lengths if x < horizon)):
+        if length < horizons.apart * shorter:
             break
         between = [_free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
-        if sum(map(len, between)) < settings.horizons.fewest:
+        if sum(map(len, between)) < horizons.fewest:
             continue
         try:
             cut = with_outliers_removed(

@@ -67,13 +67,12 @@ def with_luck(squares: np.ndarray, windows: int, settings: PredictSettings) -> n
 
 def beyond(gap: Gap, floor: NoiseFloor, settings: PredictSettings) -> bool:
     """Whether a gap is beyond the noise, in all or in one channel."""
-    few = 1.0 + settings.floor.few / floor.windows
-    if gap.total > max(few * settings.floor.margin * floor.total, floor.luck):
+    tuned = settings.floor
+    few = 1.0 + tuned.few / floor.windows
+    if gap.total > max(few * tuned.margin * floor.total, floor.luck):
         return True
     with np.errstate(invalid="ignore"):
-        return bool(
-            (gap.channels > np.maximum(few * settings.floor.channel_margin * floor.channels, floor.channel_luck)).any()
-        )
+        return bool((gap.channels > np.maximum(few * tuned.channel_margin * floor.channels, floor.channel_luck)).any())
 
 
 def as_good_as_told(gap: Gap, floor: NoiseFloor) -> bool:
@@ -94,7 +93,6 @@ def well_begun(data: Dataset, scales: Scales, rng: np.random.Generator, settings
 def floor_draws(data: Dataset, steps: int, settings: PredictSettings) -> int:
     """How often the noise is drawn for the floor: as many simulation steps in all as most_draws times `steps`, so that
     a longer log, whose gap scatters less, does not cost more."""
+    tuned = settings.floor
     cost = data.count * max(b.drive.steps for b in data.blocks)
-    return int(
-        np.clip(settings.floor.most_draws * steps // cost, settings.floor.fewest_draws, settings.floor.most_draws)
-    )
+    return int(np.clip(tuned.most_draws * steps // cost, tuned.fewest_draws, tuned.most_draws))

@@ -77,9 +77,10 @@ def likeliest_level(gram: np.ndarray, score: np.ndarray, phi: float, settings: P
 
     gram (K, K): A'A of the whitened columns; score (K,): A'r of the residuals r; phi: their dispersion.
     """
+    tolerances = settings.tolerances
     g, v = np.linalg.eigh(gram)
     g, along = np.maximum(g, 0.0), (v.T @ score) ** 2
-    parts = np.array(settings.tolerances.levels)[:, None] ** 2 / phi
+    parts = np.array(tolerances.levels)[:, None] ** 2 / phi
     likelihood = -0.5 * np.sum(np.log1p(parts * g) - parts * along / (phi * (1.0 + parts * g)), axis=1)
     best = int(np.argmax(likelihood))
-    return settings.tolerances.levels[best] if likelihood[best] > likelihood[0] + settings.tolerances.beyond else 0.0
+    return tolerances.levels[best] if likelihood[best] > likelihood[0] + tolerances.beyond else 0.0

@@ -38,9 +38,10 @@ def try_all(
     settings: RemainderSettings,
 ) -> tuple[Tried, ...]:
     """Every coordinate in every form that fits it, the largest share first."""
+    dependence = settings.dependence
     same = np.arange(data.count)
-    shuffles = np.stack([same, *(shuffled(data, rng) for _ in range(settings.dependence.draws))])
-    moved = np.stack([same, *(displaced(data, rng) for _ in range(settings.dependence.draws))])
+    shuffles = np.stack([same, *(shuffled(data, rng) for _ in range(dependence.draws))])
+    moved = np.stack([same, *(displaced(data, rng) for _ in range(dependence.draws))])
     within, across = folds_within(data, settings=settings), folds_across(data, settings=settings)
     beyond = max(sum(m.beyond for m in missed), 1e-12)
     out = []
@@ -49,7 +50,7 @@ def try_all(
         orders = moved if c.kind in ("run", "order") else shuffles
         for form in FORMS:
             saved = np.zeros((len(missed), data.count))
-            total = np.zeros(1 + settings.dependence.draws)
+            total = np.zeros(1 + dependence.draws)
             for k, m in enumerate(missed):
                 some = designs(c, form, m.name, data.run, motion, settings=settings)
                 if not some:

@@ -51,16 +51,14 @@ def _depends(
     settings: RemainderSettings,
 ) -> tuple[Dependence, ...]:
     """The first dependence, then what the rest of the rest depends on."""
+    description = settings.description
     whole = sum(m.beyond for m in missed)
     found: list[Dependence] = []
     left = tuple(missed)
-    while (
-        len(found) < settings.description.named
-        and sum(m.beyond for m in left) > (settings.description.more if found else 0.0) * whole
-    ):
+    while len(found) < description.named and sum(m.beyond for m in left) > (description.more if found else 0.0) * whole:
         part = sum(m.beyond for m in left) / whole
         tried = try_all(data, left, candidates, motion, rng, settings=settings)
-        best = first_of(tried, settings.description.worth / part, settings=settings)
+        best = first_of(tried, description.worth / part, settings=settings)
         if best is None:
             break
         chosen, alike = best

@@ -19,7 +19,8 @@ def resembles(
     problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: Ruler, settings: RemainderSettings
 ) -> Resemblance | None:
     """The effect whose fit on top of the current ones closes most of the rest; None where none closes any."""
-    keep = evenly(problem.data, settings.resemblance.steps, settings=settings.data)
+    resemblance = settings.resemblance
+    keep = evenly(problem.data, resemblance.steps, settings=settings.data)
     small = problem if keep.all() else part_of(problem, keep)
     here = on_problem(small, current, settings=settings.fit)
     eligible = tuple(t for t in problem.space.candidates if t not in vetoed and compatible(t, current.terms))
@@ -30,18 +31,16 @@ def resembles(
     best: dict[Term, Values] = {}
     for lead in ranked:
         best.setdefault(lead.term, {**current.values, **lead.start})
-    starts = list(best.values())[: settings.resemblance.fitted]
-    tried = fit_all(
-        small, starts, settings.resemblance.most, rough=True, near=[here] * len(starts), settings=settings.fit
-    )
+    starts = list(best.values())[: resemblance.fitted]
+    tried = fit_all(small, starts, resemblance.most, rough=True, near=[here] * len(starts), settings=settings.fit)
     fits = [f for f in distinct(tried) if possible(f.values)]
     if not fits:
         return None
     data = judge.replays.data
-    few = evenly(data, settings.resemblance.steps, settings=settings.data)
+    few = evenly(data, resemblance.steps, settings=settings.data)
     seen = judge if few.all() else replace(judge, replays=judge.replays.of(data.take(few), few))
     *after, before = seen.squared([*fits, current]) - judge.floor  # windows are trusted by the last of them
     closes = 1.0 - np.asarray(after) / max(float(before), 1e-12)
     k = int(np.argmax(closes))
     (term,) = set(fits[k].terms) - set(current.terms)
-    return Resemblance(term, float(min(closes[k], 1.0))) if closes[k] >= settings.resemblance.least else None
+    return Resemblance(term, float(min(closes[k], 1.0))) if closes[k] >= resemblance.least else None

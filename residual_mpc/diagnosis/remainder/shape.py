@@ -86,12 +86,13 @@ def _abscissa(
     settings: RemainderSettings,
 ) -> tuple[np.ndarray, np.ndarray, int | None]:
     """(W, M) the coordinate, folded where it repeats; its knots; and how often it repeats a turn."""
+    shape = settings.shape
     if c.kind == "direction":
         return c.z, np.array([-1.0, 1.0]), None
     if c.kind == "run":
         return c.z, np.unique(c.z), None
     if c.turn is None:
-        return c.z, knots_of(c.z, settings.shape.knots, even=c.kind in ("time", "work", "order")), None
+        return c.z, knots_of(c.z, shape.knots, even=c.kind in ("time", "work", "order")), None
     z, repeats = c.z, 1
     if c.kind in ("angle", "wheel_angle"):
         some = designs(c, form, m.name, run, motion, settings=settings)
@@ -101,7 +102,7 @@ def _abscissa(
         else:
             repeats = tooth_counts(c, settings=settings)[best.which]
     period = c.turn / repeats
-    return np.mod(z, period), np.arange(settings.shape.knots) / settings.shape.knots * period, repeats
+    return np.mod(z, period), np.arange(shape.knots) / shape.knots * period, repeats
 
 
 def _in_phase(c: Coordinate, best: Fitted, run: np.ndarray, settings: RemainderSettings) -> np.ndarray:

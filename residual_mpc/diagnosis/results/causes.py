@@ -145,11 +145,10 @@ def most_sure(verdict: str, unexplained: float, times_floor: float, settings: Re
     """The probability of a cause without a rival: where much is left, something else than the library's effects is at
     work, and what was named may be its shadow. times_floor: the gap that is left over the noise floor, the largest of
     all horizons."""
-    most = 1.0 if verdict == "effects" else settings.causes.most_partial
-    shadow = max(
-        most - settings.causes.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), settings.causes.least_sure
-    )
-    return settings.causes.most_sure * (1.0 - unexplained) * shadow
+    tuned = settings.causes
+    most = 1.0 if verdict == "effects" else tuned.most_partial
+    shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)
+    return tuned.most_sure * (1.0 - unexplained) * shadow
 
 
 def _unit(robot: Robot, term: Term, unit: str) -> str:

@@ -70,18 +70,17 @@ def support_of(
 def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: ResultSettings) -> dict[Term, float]:
     """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint or
     no larger than small differences elsewhere, and where what is left depends on a quantity that it would imitate."""
-    on = set() if rest is None else {d.kind for d in rest.depends if d.share >= settings.support.depends}
+    tuned = settings.support
+    on = set() if rest is None else {d.kind for d in rest.depends if d.share >= tuned.depends}
     imitated = frozenset[str]().union(*(IMITATED.get(kind, frozenset()) for kind in on))
     out = {}
     for term, support in supports.items():
-        helps = 1.0 if "predicts" in support.evidence else settings.support.unsupported
-        clear = settings.support.unsupported + (1.0 - settings.support.unsupported) * float(
-            np.clip(support.strength / settings.support.clear, 0.0, 1.0)
+        helps = 1.0 if "predicts" in support.evidence else tuned.unsupported
+        clear = tuned.unsupported + (1.0 - tuned.unsupported) * float(np.clip(support.strength / tuned.clear, 0.0, 1.0))
+        large = tuned.unsupported + (1.0 - tuned.unsupported) * float(
+            np.clip((support.size - 1.0) / (tuned.large - 1.0), 0.0, 1.0)
         )
-        large = settings.support.unsupported + (1.0 - settings.support.unsupported) * float(
-            np.clip((support.size - 1.0) / (settings.support.large - 1.0), 0.0, 1.0)
-        )
-        out[term] = helps * min(clear, large) * (settings.support.unsupported if term.effect in imitated else 1.0)
+        out[term] = helps * min(clear, large) * (tuned.unsupported if term.effect in imitated else 1.0)
     return out
 
 

@@ -37,6 +37,7 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
 
     Empty where not even a generous reading of the screening promises anything beyond doubt: no fit is spent on it then.
     """
+    tuned = settings.additions
     starts: list[tuple[Fit, Values]] = []
     promised = 0.0
     eligible = problem.space.candidates
@@ -45,21 +46,21 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
         leads = (
             screen(problem, parent, candidates, settings=settings)
             if place == 0
-            else glance(problem, parent, candidates, settings.additions.glance_from, settings=settings)
+            else glance(problem, parent, candidates, tuned.glance_from, settings=settings)
         )
         # precise encoders may outweigh the pose, and a channel whose cause is missing weighs least in the likelihood:
         # a third of the places each go by the likelihood, by what the gap compares and by the gap itself
         ranked = mixed(*rankings(leads))
         if place == 0 and len(beam) > 1:
-            near = {lead.term for lead in ranked[: len(ranked) // settings.additions.promising]}.union(parent.terms)
+            near = {lead.term for lead in ranked[: len(ranked) // tuned.promising]}.union(parent.terms)
             eligible = tuple(c for c in eligible if c in near)
         chosen = varied(ranked, settings=settings)[: settings.shortlist // (1 + place)]
         starts += [(parent, {**parent.values, **lead.start}) for lead in chosen]
         promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
-    if settings.additions.generous * promised < settings.beyond_doubt:
+    if tuned.generous * promised < settings.beyond_doubt:
         return []
     small, weight = smaller(problem, beam[0], settings=settings)
-    margin = settings.additions.hopeless * dispersion(beam[0], blocks)
+    margin = tuned.hopeless * dispersion(beam[0], blocks)
     parents = {id(parent): on_problem(small, parent, settings=settings.fit) for parent in beam}
     begin = [parents[id(p)] for p, _ in starts]
     new = [frozenset(s).difference(p.knobs) for p, s in starts]
@@ -70,7 +71,7 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     rough = fit_all(
         small,
         [f.values for f in first],
-        settings.additions.rough - 1,
+        tuned.rough - 1,
         rough=True,
         near=first,
         fresh=[f.fresh for f in first],
@@ -82,7 +83,7 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
         small,
         finalists,
         Race(margin / weight),
-        Race(margin, early=settings.additions.early),
+        Race(margin, early=tuned.early),
         settings=settings,
     )
     children = distinct(sorted((f for f in fits if possible(f.values)), key=lambda f: f.cost))

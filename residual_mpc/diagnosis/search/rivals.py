@@ -84,14 +84,13 @@ def find_rivals(found: Found, most: int | None = None, *, settings: SearchSettin
 def holds_elsewhere(rivalry: Rivalry, replays: PredictionCache, scales: Scales, settings: SearchSettings) -> Fit | None:
     """The rival whose gap on these windows is far smaller than that of the chosen set, None where there is none. A
     search sees few and short windows; a set that fits them by chance fails on the others."""
-    fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < settings.rivals.far)]
+    tuned = settings.rivals
+    fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < tuned.far)]
     y = replays.data.y
     squares = [per_window(replays.data, scales, y - p) for p in replays([f.values for f in fits])]
-    gaps = np.array(
-        [np.mean(np.minimum(np.nan_to_num(s, nan=settings.rivals.lost), settings.rivals.lost)) for s in squares]
-    )
+    gaps = np.array([np.mean(np.minimum(np.nan_to_num(s, nan=tuned.lost), tuned.lost)) for s in squares])
     best = int(np.argmin(gaps))
-    return fits[best] if gaps[best] < settings.rivals.far_smaller * gaps[0] else None
+    return fits[best] if gaps[best] < tuned.far_smaller * gaps[0] else None
 
 
 def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
@@ -104,7 +103,8 @@ def _seen_larger(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSe
     pose in the likelihood, and what they show is no reason to give up what the pose shows.
 
     The close ones are fitted again for that without tolerances, which let a fit rest where its gap is not smallest."""
-    close = [i for i, r in enumerate(rivals) if r.alike or r.ratio < settings.rivals.better]
+    tuned = settings.rivals
+    close = [i for i, r in enumerate(rivals) if r.alike or r.ratio < tuned.better]
     if not close:
         return [False] * len(rivals)
     fits = [fit, *(rivals[i].fit for i in close)]
@@ -112,12 +112,12 @@ def _seen_larger(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSe
         fits = fit_all(
             tolerating(found.problem, None),
             [f.values for f in fits],
-            settings.rivals.gap_steps,
+            tuned.gap_steps,
             rough=True,
             settings=settings.fit,
         )
     own, *gaps = found.ruler.squared(fits[::-1])[::-1]
-    most = own + max(settings.rivals.visible * found.ruler.floor, settings.rivals.share * own)
+    most = own + max(tuned.visible * found.ruler.floor, tuned.share * own)
     larger = {i for i, g in zip(close, gaps, strict=True) if g > most}
     return [i in larger for i in range(len(rivals))]
 
@@ -136,6 +136,7 @@ def _several(fit: Fit) -> list[tuple[Term, ...]]:
 def _replacements(
     problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float, settings: SearchSettings
 ) -> list[Rival]:
+    tuned = settings.rivals
     values = fit.values
     for t in gone:
         values = without(values, t)
@@ -146,11 +147,11 @@ def _replacements(
     if len(gone) == 1:
         starts = _elsewhere(problem, rest, fit, gone[0], candidates, settings=settings)
         seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
-        most = settings.rivals.looked_at + len(starts)
+        most = tuned.looked_at + len(starts)
         leads = glance(problem, rest, candidates, settings=settings)
         own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
         for lead in leads:
-            if lead.term not in seen and len(starts) < most and lead.gain > settings.rivals.resembles * own:
+            if lead.term not in seen and len(starts) < most and lead.gain > tuned.resembles * own:
                 seen.add(lead.term)
                 starts.append({**rest.values, **lead.start})
         starts += _as_pair(problem, rest, fit, gone[0], candidates)
@@ -166,8 +167,8 @@ def _replacements(
     for other in (f for f in _fits(problem, rest, fit, starts, phi, settings=settings) if possible(f.values)):
         came = tuple(t for t in other.terms if t not in kept)
         difference = other.cost - fit.cost
-        ratio = difference / phi + settings.rivals.per_knob * (len(other.knobs) - len(fit.knobs))
-        alike = ratio < settings.steps.alike and difference < settings.rivals.parallel * (rest.cost - fit.cost)
+        ratio = difference / phi + tuned.per_knob * (len(other.knobs) - len(fit.knobs))
+        alike = ratio < settings.steps.alike and difference < tuned.parallel * (rest.cost - fit.cost)
         out.append(Rival(gone, came, other, ratio, alike))
     return out
 
@@ -220,6 +221,8 @@ def _fits(
 ) -> list[Fit]:
     """The starts fitted: roughly on fewer windows, to the end those that come within reach of the chosen fit. The
     others are hopeless, and only their cost is wanted."""
+    tuned = settings.rivals
+    additions = settings.additions
     if not starts:
         return []
     small, weight = smaller(problem, rest, settings=settings)
@@ -228,29 +231,17 @@ def _fits(
     rough = fit_all(
         small,
         starts,
-        settings.additions.rough,
+        additions.rough,
         rough=True,
         near=[on_problem(small, rest, settings=settings.fit)] * len(starts),
         fresh=new,
         settings=settings.fit,
     )
-    near = [weight * (r.cost - chosen) < settings.additions.early * settings.rivals.far * phi for r in rough]
-    on_part, on_all = (
-        Race(settings.additions.early * settings.rivals.far * phi / weight, chosen),
-        Race(settings.rivals.far * phi, fit.cost, settings.additions.early),
-    )
-    ends = iter(
-        closer(
-            problem,
-            small,
-            [r for r, n in zip(rough, near, strict=True) if n],
-            on_part,
-            on_all,
-            4,
-            rest,
-            settings=settings,
-        )
-    )
+    near = [weight * (r.cost - chosen) < additions.early * tuned.far * phi for r in rough]
+    on_part = Race(additions.early * tuned.far * phi / weight, chosen)
+    on_all = Race(tuned.far * phi, fit.cost, additions.early)
+    within = [r for r, n in zip(rough, near, strict=True) if n]
+    ends = iter(closer(problem, small, within, on_part, on_all, 4, rest, settings=settings))
     left = [r.values for r, n in zip(rough, near, strict=True) if not n]
     as_they_are = iter(fit_all(problem, left, 0, rough=True, settings=settings.fit))
     return [next(ends if n else as_they_are) for n in near]

@@ -140,19 +140,16 @@ def smaller(problem: Problem, current: Fit, settings: SearchSettings) -> tuple[P
     Windows are drawn where the current fit leaves most, each standing for as many as it was drawn from: an even choice
     loses a cause that shows in few of them, such as a limit that is seldom reached.
     """
+    tuned = settings.screen
     data = problem.data
     steps = max(b.drive.steps for b in data.blocks)
-    if data.count * steps <= settings.screen.steps:
+    if data.count * steps <= tuned.steps:
         return problem, 1.0
-    half = (
-        shorten(data, 0.5)
-        if data.count * steps > 2 * settings.screen.steps and data.horizon > settings.screen.shortest
-        else data
-    )
-    if _first(current, half.y.shape[1], data.y.shape[1]) < settings.screen.late:
+    half = shorten(data, 0.5) if data.count * steps > 2 * tuned.steps and data.horizon > tuned.shortest else data
+    if _first(current, half.y.shape[1], data.y.shape[1]) < tuned.late:
         half = data
     steps = max(b.drive.steps for b in half.blocks)
-    stands_for = drawn(current.per_window, max(settings.screen.fewest, settings.screen.steps // steps))
+    stands_for = drawn(current.per_window, max(tuned.fewest, tuned.steps // steps))
     pick = stands_for > 0
     few = half.take(pick)
     m, c = few.y.shape[1:]
@@ -162,7 +159,7 @@ def smaller(problem: Problem, current: Fit, settings: SearchSettings) -> tuple[P
     small = weighed(problem.replays.of(few, pick), sensitivity, 1.0 / problem.weight, problem.motion)
     small = tolerating(replace(small, count=count), on_part(problem, pick, m))
     # errors grow within a window, so that the half that is left out holds more of a drop in cost than its samples say
-    return small, settings.screen.growth * data.y.shape[1] / m if half is not data else 1.0
+    return small, tuned.growth * data.y.shape[1] / m if half is not data else 1.0
 
 
 def _first(current: Fit, samples: int, of: int) -> float:

@@ -145,18 +145,16 @@ class Forward:
         while len(beam[0].terms) < settings.largest:
             problem = self.at(beam[0])
             here = judge(problem, beam[0], self.noise, ruler.scales, settings=settings)
-            beam = refit(here, beam[:1], settings=settings) + refit(
-                here, beam[1:], self.settings.additions.rough, settings=self.settings
-            )  # from the others one only looks on
+            looked_on = refit(here, beam[1:], settings.additions.rough, settings=settings)
+            beam = refit(here, beam[:1], settings=settings) + looked_on
             named = len(beam[0].terms)
             text = f"{named} effect{'' if named == 1 else 's'} named; looking for the next"
             self.report(text, named / settings.largest)
             children = additions(here, beam, blocks, settings)
             if named == 0 and children and self._leaves_much(beam[0], children[0]):
                 children = sorted([*pairs(here, beam[0], blocks, settings=settings), *children], key=lambda f: f.cost)
-            children = simplest_first(
-                trimmed(here, children, blocks, seen, settings=settings), blocks, settings=self.settings
-            )
+            children = trimmed(here, children, blocks, seen, settings=settings)
+            children = simplest_first(children, blocks, settings=settings)
             # the set with the lowest cost may improve the gap by too little to see; a later one may be the cause
             chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
             if chosen is None:
@@ -174,10 +172,8 @@ def judge(problem: Problem, fit: Fit, noise: np.ndarray, scales: Scales, setting
     """The problem with small differences marginalised that this fit's residuals make likely, with each channel weighed
     by what is left then, never less than its noise, and with the windows in which the fit's prediction diverges
     weighing less (Huber's weights on whole windows)."""
-    data, trust = (
-        problem.data,
-        window_trust(problem.data, scales, problem.data.y - problem.replays([fit.values])[0], settings=settings.data),
-    )
+    data = problem.data
+    trust = window_trust(data, scales, data.y - problem.replays([fit.values])[0], settings=settings.data)
     count = None if (trust == 1.0).all() else trust
     plain = tolerant(
         replace(reweigh(problem, noise), count=count, tolerances=problem.tolerances), fit, settings=settings.fit
@@ -199,14 +195,11 @@ def trimmed(
 ) -> list[Fit]:
     """Cheapest first; of the first few that the data do not tell apart, sets that grew from different ones of the beam,
     without a term that the others have made needless. seen: sets that the search has been at."""
+    tuned = settings.steps
     if len(children) < 2:
         return children
     phi = dispersion(children[0], blocks)
-    near = [
-        c
-        for c in children[: settings.steps.trimmed]
-        if len(c.terms) > 1 and c.cost <= children[0].cost + settings.steps.alike * phi
-    ]
+    near = [c for c in children[: tuned.trimmed] if len(c.terms) > 1 and c.cost <= children[0].cost + tuned.alike * phi]
     if len(near) < 2:
         return children
     pairs = [(c, t) for c in near for t in c.terms if frozenset(c.terms) - {t} not in seen]
@@ -220,9 +213,7 @@ def trimmed(
     )
     best: dict[int, Fit] = {}
     for (child, _), fit in zip(pairs, fewer, strict=True):
-        if fit.cost <= child.cost + settings.steps.needed * phi and (
-            id(child) not in best or fit.cost < best[id(child)].cost
-        ):
+        if fit.cost <= child.cost + tuned.needed * phi and (id(child) not in best or fit.cost < best[id(child)].cost):
             best[id(child)] = fit
     return distinct([best.get(id(c), c) for c in children])
 
