@@ -18,9 +18,10 @@ from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search.acceptance import build_ruler, judge
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.settings import SearchSettings
-from residual_mpc.diagnosis.search.stepwise import Found, build_ruler, judge
+from residual_mpc.diagnosis.search.stepwise import Found
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Term, Values
 

@@ -9,8 +9,8 @@ from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.errors import BadInput
 
-STILL_SIGMAS = 3.0
-STILL_STEPS = 3.0
+STILL_SIGMAS = 3.0  # of its noise, under which a channel is still, by definition of the gap (contract, section 4)
+STILL_STEPS = 3.0  # of its resolution, likewise
 
 
 @dataclass(frozen=True)

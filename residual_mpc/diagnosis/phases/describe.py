@@ -24,7 +24,7 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.stages import staged
 from residual_mpc.diagnosis.results.support import doubts
 from residual_mpc.diagnosis.results.verdict import clearest, left_share
-from residual_mpc.diagnosis.search.stepwise import Ruler
+from residual_mpc.diagnosis.search.acceptance import Ruler
 
 
 @dataclass(frozen=True)

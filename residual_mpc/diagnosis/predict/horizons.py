@@ -17,8 +17,7 @@ from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings
 
-LONGER = 5.0  # s
-LONGEST = 30.0  # s
+LONGER, LONGEST = 5.0, 30.0  # s: the horizons that are looked at (contract, section 4)
 FORETOLD = 0.1  # noise floor up to which a motion counts as foretold (contract, section 4)
 
 

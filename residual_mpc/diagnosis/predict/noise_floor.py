@@ -13,7 +13,7 @@ from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.models.settings import Settings
 
-AS_GOOD = 2.0  # times the noise floor: as good as these sensors can tell
+AS_GOOD = 2.0  # times the noise floor: as good as these sensors can tell (contract, section 5)
 SMALL = 0.05  # of the motion: small enough, whatever the noise
 
 

@@ -9,9 +9,9 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, p
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.remainder.records import Resemblance
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
+from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.additions import compatible, distinct, mixed
 from residual_mpc.diagnosis.search.screen import glance, rankings
-from residual_mpc.diagnosis.search.stepwise import Ruler
 from residual_mpc.models.settings import Term, Values
 
 

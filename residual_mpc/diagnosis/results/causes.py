@@ -20,8 +20,6 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Term
 
 T95 = 1.96
-# What the named effects leave unexplained may lie along an effect and pull its number: half of its relative size
-# is allowed for
 AT_BOUND = "rests on the bound of what is tried"
 
 

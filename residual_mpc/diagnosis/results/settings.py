@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.search.settings import SearchSettings
 
 @dataclass(frozen=True)
 class CauseSettings:
-    """form: half of the relative size of what the named effects leave may lie along an effect and pull its number.
+    """form: of the relative size of what the named effects leave, which may lie along an effect and pull its number.
     most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor where something is
     left that these sensors can tell; shadow: of the probability that is lost for each factor e by which more is left
     than they can tell, down to the factor least_sure. resting: factor on an effect with a number that rests on the
