@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.data.hold_out import KeptBack, held_out_mask
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.data.outliers import find_outliers
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, full_windows, longer_horizons
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.noise_floor import floor_from
@@ -42,6 +43,7 @@ def gap_figures(
     model: Written | None,
     held_out_of: Written | None,
     seed: int,
+    tuning: FitSettings = FitSettings(),
 ) -> dict[str, Any]:
     """The gap object of the contract. Raises BadInput for a model of another robot, or held-out runs that are not
     there.
@@ -62,12 +64,16 @@ def gap_figures(
     learned = None if residual is None or model is None else (residual, model.where)
     model_of = Explaining(values, leaves_out, learned, model is not None)
     kept = None if held_out_of is None else _kept(held_out_of)
-    first = build_dataset(runs, robots, noise, horizon)
+    first = build_dataset(runs, robots, noise, horizon, settings=tuning.data)
     mask = None if held_out_of is None else held_out_mask_of(held_out_of, first)
-    longer = [h for h in longer_horizons(first.runs, horizon) if kept is None or all(k.start is None for k in kept)]
-    wholes = [build_dataset(runs, robots, noise, h, full_windows(first.runs, h)) for h in longer]
-    coloured = _noise_of(wholes[0] if wholes else first, first, model_of)
-    headline = _figures(replace(first, noise=coloured), measure_scales(first), mask, model_of, seed)
+    longer = [
+        h
+        for h in longer_horizons(first.runs, horizon, settings=tuning.predict)
+        if kept is None or all(k.start is None for k in kept)
+    ]
+    wholes = [build_dataset(runs, robots, noise, h, full_windows(first.runs, h), settings=tuning.data) for h in longer]
+    coloured = _noise_of(wholes[0] if wholes else first, first, model_of, tuning)
+    headline = _figures(replace(first, noise=coloured), measure_scales(first), mask, model_of, seed, tuning)
     more = []
     for data in wholes:
         scales = measure_scales(data)
@@ -75,7 +81,7 @@ def gap_figures(
             of_runs = None if held_out_of is None else held_out_mask_of(held_out_of, data)
         except BadInput:  # what was held out is shorter than this horizon
             continue
-        found = _figures(replace(data, noise=coloured), scales, of_runs, model_of, seed)
+        found = _figures(replace(data, noise=coloured), scales, of_runs, model_of, seed, tuning)
         if found["noise_floor"] < FORETOLD:
             more.append(found)
     g = {k: v for k, v in headline.items() if k != "channels"}
@@ -95,17 +101,22 @@ class Explaining:
     given: bool
 
 
-def _noise_of(data: Dataset, headline: Dataset, model: Explaining) -> tuple[ChannelNoise, ...]:
+def _noise_of(data: Dataset, headline: Dataset, model: Explaining, tuning: FitSettings) -> tuple[ChannelNoise, ...]:
     """The noise that the model leaves, no more than there is at the headline's horizon."""
-    seen, settings = _seen(data, model)
-    problem = build_problem(seen, build_space(data, ()), seen.sigma)
-    noise = fit_noise(problem, measure_scales(data), predict(seen, settings)[0])
-    return stated_sizes(seen, no_more_than_left(noise, _seen(headline, model)[0], measure_scales(headline), settings))
+    seen, settings = _seen(data, model, tuning)
+    problem = build_problem(seen, build_space(data, ()), seen.sigma, settings=tuning.predict)
+    noise = fit_noise(problem, measure_scales(data), predict(seen, settings)[0], settings=tuning)
+    return stated_sizes(
+        seen,
+        no_more_than_left(
+            noise, _seen(headline, model, tuning)[0], measure_scales(headline), settings, settings=tuning
+        ),
+    )
 
 
-def _seen(data: Dataset, model: Explaining) -> tuple[Dataset, Settings]:
+def _seen(data: Dataset, model: Explaining, tuning: FitSettings) -> tuple[Dataset, Settings]:
     """The data as the model sees them, and its settings."""
-    seen = with_outliers_removed(data, find_outliers(data).flagged) if model.leaves_out else data
+    seen = with_outliers_removed(data, find_outliers(data, settings=tuning.data).flagged) if model.leaves_out else data
     if model.residual is not None:
         blocks = with_residual([b.robot for b in seen.blocks], *model.residual)
         seen = replace(seen, blocks=tuple(replace(b, robot=r) for b, r in zip(seen.blocks, blocks, strict=True)))
@@ -113,16 +124,18 @@ def _seen(data: Dataset, model: Explaining) -> tuple[Dataset, Settings]:
     return seen, assemble([model.values], {e.name: robot.slots(e.name) for e in LIBRARY})
 
 
-def _figures(data: Dataset, scales: Scales, mask: np.ndarray | None, model: Explaining, seed: int) -> dict[str, Any]:
+def _figures(
+    data: Dataset, scales: Scales, mask: np.ndarray | None, model: Explaining, seed: int, tuning: FitSettings
+) -> dict[str, Any]:
     """The gap object of one horizon."""
     data = data if mask is None else data.take(mask)
-    seen, settings = _seen(data, model)
+    seen, settings = _seen(data, model, tuning)
     nominal = data.y - predict(data, Settings(1))[0]
     other = seen.y - predict(seen, settings)[0] if model.given else None
     g = gap_of(data, scales, nominal)
     m = None if other is None else gap_of(seen, scales, other)
-    drawn = noise_errors(seen, settings, np.random.default_rng(seed))
-    floor = floor_from([gap_of(seen, scales, e) for e in drawn], seen.count)
+    drawn = noise_errors(seen, settings, np.random.default_rng(seed), tuning.predict.floor.figure_draws)
+    floor = floor_from([gap_of(seen, scales, e) for e in drawn], seen.count, settings=tuning.predict)
     steady = gap_of(data, scales, data.y - constant_velocity(data)).total
     windows = {"nominal": quantiles(per_window(data, scales, nominal))}
     if other is not None:

@@ -3,21 +3,45 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from residual_mpc.diagnosis.checks import check_positive
 from residual_mpc.diagnosis.data.hold_out import KeptBack
-from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.models.settings import Term
 
 Progress = Callable[[str, float], None]  # told what is done now, and the share of it all that is behind
 
 
 @dataclass(frozen=True)
+class PhaseSettings:
+    """Longer windows are searched in any case where they span at least `blocks` stretches of time and a hypothesis
+    costs at most `cheap` simulation steps on them; else only where there is a gap to explain and a hypothesis costs at
+    most `bearable` steps on `blocks` windows. near: times the noise floor within which longer windows sharpen the
+    numbers of the last fit. marginal_steps: steps of the last fit with small differences, from where the plain one
+    ended; marginal_columns: numbers in the columns of all small differences, above which they are not marginalised
+    (memory). outliers_worth: times the squared noise floor that a few jumping samples have to make of the gap to be a
+    cause."""
+
+    blocks: int = 10
+    cheap: int = 30_000
+    bearable: int = 20_000
+    near: float = 2.0
+    marginal_steps: int = 4
+    marginal_columns: int = 40_000_000
+    outliers_worth: float = 0.6
+
+    def __post_init__(self) -> None:
+        check_positive(self, "blocks", "cheap", "bearable", "near", "marginal_steps", "marginal_columns")
+        check_positive(self, "outliers_worth")
+
+
+@dataclass(frozen=True)
 class Options:
     """horizon s; only, without: effect names; without_because: hypotheses that are left out, each with the reason (see
-    `not_commanded`); held_out: what is kept back (None: chosen); search: see SearchSettings.
+    `not_commanded`); held_out: what is kept back (None: chosen).
 
     search_steps: simulation steps that one hypothesis may cost in the search (windows are thinned evenly to that);
     final_steps: likewise in the last fit but for its last steps, and half of it in the shares of the stages; a perfect
-    model may cost 24 times that.
+    model may cost 24 times that. settings, phases: what tunes the method, all of it.
     """
 
     horizon: float = 1.0
@@ -27,4 +51,5 @@ class Options:
     held_out: tuple[KeptBack, ...] | None = None
     search_steps: int = 16_000
     final_steps: int = 100_000
-    search: SearchSettings = field(default_factory=SearchSettings)
+    settings: ResultSettings = field(default_factory=ResultSettings)
+    phases: PhaseSettings = field(default_factory=PhaseSettings)

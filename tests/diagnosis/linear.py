@@ -14,6 +14,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.space import Space, build_space
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Values
@@ -58,7 +59,7 @@ def white(data: Dataset, rng: np.random.Generator, samples: int = 30) -> np.ndar
 
 def coloured(data: Dataset, column: np.ndarray, size: float, rng: np.random.Generator) -> np.ndarray:
     """White noise plus, in each stretch of time, a push of its own along one column (W, n)."""
-    blocks = blocks_of(data)
+    blocks = blocks_of(data, FitSettings())
     return white(data, rng, column.shape[1]) + size * rng.standard_normal(blocks.max() + 1)[blocks, None] * column
 
 

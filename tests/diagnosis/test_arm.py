@@ -13,11 +13,13 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.noise_errors import start_bias
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search.pairs import pairs
+from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 
@@ -81,7 +83,7 @@ def test_a_weak_servo_that_friction_holds_is_found_as_a_pair(tmp_path: Path) -> 
     data = build_dataset([swing(1, 0.4)], [robot_of(tmp_path, stiff)], SIGMA)
     problem = build_problem(data, build_space(data, ()), data.sigma, np.ones(len(data.channels)))
     alone = fit_all(problem, [{}])[0]
-    best, *others = pairs(problem, alone, blocks_of(data))
+    best, *others = pairs(problem, alone, blocks_of(data, settings=FitSettings()), settings=SearchSettings())
     assert {t.effect for t in best.terms} == {"actuator_gain", "coulomb_friction"}
     gain = next(v for k, v in best.values.items() if k.effect == "actuator_gain")
     assert gain == pytest.approx(0.25, rel=0.1)

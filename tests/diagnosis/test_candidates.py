@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from residual_mpc.diagnosis.fit.least_squares import Fit
-from residual_mpc.diagnosis.results.alternatives import CLOSEST, alternatives, candidates, rival_sets
+from residual_mpc.diagnosis.results.alternatives import alternatives, candidates, rival_sets
 from residual_mpc.diagnosis.results.next_experiment import EXPLORE, next_experiment
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.search.rivals import Rival, Rivalry
 from residual_mpc.effects.equivalents import ENCODERS, SEPARATIONS
 from residual_mpc.effects.library import BY_NAME
@@ -40,7 +41,7 @@ RIVALRY = Rivalry(
 
 def test_sets_share_the_likelihood() -> None:
     """A ratio is twice the difference in log-likelihood: at 2 log 4 a set holds a quarter of what the best one does."""
-    found = dict(rival_sets(RIVALRY))
+    found = {s.effects: s.probability for s in rival_sets(RIVALRY)}
     assert found == pytest.approx({(RADIUS, TRACK): 4 / 9, (GAIN, TRACK): 4 / 9, (SLIP, TRACK): 1 / 9})
 
 
@@ -60,7 +61,7 @@ def test_what_a_later_look_refuted_is_not_probable() -> None:
 
 
 def test_alternatives_are_the_other_members_of_a_group_and_the_closest_rivals() -> None:
-    group, close = alternatives(RIVALRY, RIVALRY.groups, FINAL)
+    group, close = alternatives(RIVALRY, RIVALRY.groups, FINAL, settings=ResultSettings())
     assert (group.terms, group.instead_of, group.confounded) == ((GAIN,), (RADIUS,), True)
     assert group.values == RIVALRY.rivals[0].fit.values
     assert (close.terms, close.instead_of, close.confounded) == ((SLIP,), (RADIUS,), False)
@@ -72,10 +73,10 @@ def test_rivals_that_are_beyond_doubt_worse_and_all_but_the_closest_are_no_alter
     ratios = (3.0, 1.0, 4.0, 2.0)
     many = tuple(rival(RADIUS, t, r) for t, r in zip(others, ratios, strict=True))
     rivalry = Rivalry(FINAL, (*many, rival(RADIUS, BIAS, 60.0)), (), {}, FINAL)
-    found = alternatives(rivalry, (), FINAL)
-    assert len(found) == CLOSEST and [a.ratio for a in found] == [1.0, 2.0, 3.0]
+    found = alternatives(rivalry, (), FINAL, settings=ResultSettings())
+    assert len(found) == ResultSettings().closest and [a.ratio for a in found] == [1.0, 2.0, 3.0]
     alone = Rivalry(FINAL, (rival(RADIUS, BIAS, 60.0),), (), {}, FINAL)
-    assert alternatives(alone, (), FINAL) == ()
+    assert alternatives(alone, (), FINAL, settings=ResultSettings()) == ()
 
 
 @pytest.mark.parametrize("wheeled", [True, False])

@@ -27,10 +27,13 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.outliers import Outliers
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.results.causes import MOST_SURE, RESTING, causes_of
+from residual_mpc.diagnosis.results.causes import causes_of
 from residual_mpc.diagnosis.results.records import Cause
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support, support_of
 from residual_mpc.models.settings import Knob, Term, Values
+
+TUNED = ResultSettings()
 
 LAG = Knob("actuator_lag", None, "time_constant")
 DATA = windows(2, 20.0)
@@ -49,7 +52,7 @@ def found(truth: Values, sure: float = 1.0, doubt: dict[Term, float] | None = No
     fit = fitted(problem, {k: float(np.clip(v, *SPACE.bounds(k))) for k, v in truth.items()})
     of = explained(problem, fit, **others)
     some = dict.fromkeys(fit.terms, 1.0) | (doubt or {})
-    return {c.term: c for c in causes_of(of, 0.0, sure, dict.fromkeys(fit.terms, SURE), some, {})}
+    return {c.term: c for c in causes_of(of, 0.0, sure, dict.fromkeys(fit.terms, SURE), some, {}, TUNED)}
 
 
 def test_a_cause_is_as_sure_as_all_allows_that_speaks_for_it() -> None:
@@ -64,7 +67,7 @@ def test_a_cause_is_as_sure_as_all_allows_that_speaks_for_it() -> None:
 def test_a_cause_whose_number_rests_on_its_bound_is_less_sure() -> None:
     beyond = SPACE.bounds(GAIN)[1] + 1.0
     causes = found({SCALE: 1.2, GAIN: beyond})
-    assert causes[GAIN.term].probability == pytest.approx(RESTING * causes[SCALE.term].probability)
+    assert causes[GAIN.term].probability == pytest.approx(TUNED.causes.resting * causes[SCALE.term].probability)
     (gain,) = causes[GAIN.term].parameters
     assert gain.value == SPACE.bounds(GAIN)[1] and gain.note
 
@@ -90,10 +93,10 @@ def test_jumping_samples_are_a_cause_whose_rate_scatters_as_counts_do() -> None:
     count, n = 30, 3000
     mask = np.zeros(n, dtype=bool)
     mask[:: n // count] = True
-    outliers = Outliers({(0, "pose.x"): mask}, {"pose.x": count / n, "pose.y": 0.0}, count / n, count)
+    outliers = Outliers({(0, "pose.x"): mask}, {"pose.x": count / n, "pose.y": 0.0}, count / n, count, True, False)
     cause = found({SCALE: 1.2}, with_outliers=True, outliers=outliers)[Term("sensor_outliers", None)]
     (rate,) = cause.parameters
-    assert cause.probability == MOST_SURE and rate.value == pytest.approx(0.01)
+    assert cause.probability == TUNED.causes.most_sure and rate.value == pytest.approx(0.01)
     exact = 1.96 * np.sqrt(0.01 * 0.99 / n)
     assert 0.5 * (rate.ci95[1] - rate.ci95[0]) == pytest.approx(exact, rel=0.1)
     assert rate.ci95[0] < 0.01 < rate.ci95[1]
@@ -109,7 +112,7 @@ def supports_on(run: int) -> dict[Term, Support]:
     fit = fitted(problem, {SCALE: 1.15, LAG: 0.1})
     of = explained(problem, fit, scales=measure_scales(data), after_data=data, raw=data, test=data.run == run)
     look: Any = SimpleNamespace(horizon=1.0, floor=SimpleNamespace(total=0.01))
-    return support_of(of, (), [look])
+    return support_of(of, (), [look], TUNED)
 
 
 def test_an_effect_that_one_run_alone_shows_does_not_survive_without_it() -> None:

@@ -16,6 +16,7 @@ from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons, windows_over
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.results.records import Diagnosis
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
@@ -32,13 +33,13 @@ def diagnosed(runs: list[Run]) -> Diagnosis:
 )
 def test_five_seconds_and_the_longest_up_to_thirty(seconds: float, wanted: tuple[float, ...]) -> None:
     run = Run("r", np.arange(0.0, seconds + 0.05, 0.1), {})
-    assert longer_horizons([run] * 3, 1.0) == wanted
+    assert longer_horizons([run] * 3, 1.0, settings=PredictSettings()) == wanted
 
 
 def test_windows_for_fits_lie_outside_what_is_kept_back() -> None:
     runs = [rover_run(f"r{k}", {}, 30.0, seed=k) for k in range(3)]
     kept = (KeptBack("r0", 10.0, 15.0), KeptBack("r1"), KeptBack("r2", 0.0, 5.0))
-    look = windows_over(runs, [ROVER] * 3, {}, 5.0, 1.0, kept, {})
+    look = windows_over(runs, [ROVER] * 3, {}, 5.0, 1.0, kept, {}, settings=PredictSettings())
     assert look is not None and look.free is not None
     free = look.free[0]
     for name, start in zip((runs[i].name for i in free.run), free.start, strict=True):
@@ -52,7 +53,7 @@ def test_windows_for_fits_lie_outside_what_is_kept_back() -> None:
 
 def test_short_runs_have_no_windows_of_a_longer_horizon() -> None:
     runs = [rover_run("long", {}, 20.0), rover_run("short", {}, 3.0, seed=1)]
-    look = windows_over(runs, [ROVER] * 2, {}, 5.0, 1.0, (), {})
+    look = windows_over(runs, [ROVER] * 2, {}, 5.0, 1.0, (), {}, settings=PredictSettings())
     assert look is not None
     assert {runs[i].name for i in look.raw.run} == {"long"}
 
@@ -83,10 +84,12 @@ def test_a_model_that_diverges_is_not_foretold() -> None:
         replace(r, columns={**r.columns, "pose.theta": r.columns["pose.theta"] + jump})
         for r, jump in zip(runs, jumps, strict=True)
     ]
-    look = windows_over(noisy, [ROVER] * 3, {}, 5.0, 1.0, (), {})
-    assert look is None or not foretold(look.clean, look.scales, np.random.default_rng(0))
-    clear = windows_over(runs, [ROVER] * 3, {}, 5.0, 1.0, (), {})
-    assert clear is not None and foretold(clear.clean, clear.scales, np.random.default_rng(0))
+    look = windows_over(noisy, [ROVER] * 3, {}, 5.0, 1.0, (), {}, settings=PredictSettings())
+    assert look is None or not foretold(look.clean, look.scales, np.random.default_rng(0), settings=PredictSettings())
+    clear = windows_over(runs, [ROVER] * 3, {}, 5.0, 1.0, (), {}, settings=PredictSettings())
+    assert clear is not None and foretold(
+        clear.clean, clear.scales, np.random.default_rng(0), settings=PredictSettings()
+    )
 
 
 def test_wheels_that_differ_by_two_percent_are_found_without_an_option() -> None:

@@ -14,10 +14,13 @@ from oracles.rover_log import SIGMA, rover_run
 
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.predict.problem import build_problem
-from residual_mpc.diagnosis.results.causes import FORM, causes_of
+from residual_mpc.diagnosis.results.causes import causes_of
 from residual_mpc.diagnosis.results.records import Estimate
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support
 from residual_mpc.models.settings import Knob
+
+TUNED = ResultSettings()
 
 DRAWS = 40
 TRUTH = {SCALE: 1.2, GAIN: 0.9}
@@ -34,7 +37,7 @@ def estimates(
     """Each parameter of the explanation, by name."""
     terms = of.final.terms
     supports, doubt = dict.fromkeys(terms, Support((), 1.0)), dict.fromkeys(terms, 1.0)
-    causes = causes_of(of, unexplained, 1.0, supports, doubt, lacking)
+    causes = causes_of(of, unexplained, 1.0, supports, doubt, lacking, TUNED)
     return {e.name: e for cause in causes for e in cause.parameters}
 
 
@@ -112,7 +115,7 @@ def known(**others: object) -> Any:
 
 def test_what_is_left_unexplained_may_pull_a_number_by_its_share_of_the_effect() -> None:
     plain, pulled = estimates(known())["scale"], estimates(known(), unexplained=0.25)["scale"]
-    pull = FORM * np.sqrt(0.25) * abs(plain.value - 1.0)
+    pull = TUNED.causes.form * np.sqrt(0.25) * abs(plain.value - 1.0)
     assert half_width(pulled) == pytest.approx(np.hypot(half_width(plain), pull), rel=1e-6)
 
 

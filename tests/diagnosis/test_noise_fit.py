@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise, ornstein_uhlenbeck
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
@@ -46,7 +47,7 @@ def data_of(faults: dict[str, dict[str, float]], sigma: dict[str, float], white:
 
 def fitted(data: Dataset) -> tuple[ChannelNoise, ...]:
     problem = build_problem(data, build_space(data, ()), data.sigma)
-    return fit_noise(problem, measure_scales(data), predict(data, Settings(1))[0])
+    return fit_noise(problem, measure_scales(data), predict(data, Settings(1))[0], settings=FitSettings())
 
 
 def times_floor(data: Dataset) -> np.ndarray:
@@ -104,7 +105,7 @@ def test_what_the_user_states_stands() -> None:
 def test_no_noise_makes_more_than_is_left() -> None:
     data = data_of({}, {}, 1.0, 1.0)
     much = tuple(ChannelNoise(50.0 * SIGMA[c]) for c in data.channels)
-    less = no_more_than_left(much, data, measure_scales(data), Settings(1))
+    less = no_more_than_left(much, data, measure_scales(data), Settings(1), settings=FitSettings())
     for channel, noise in zip(data.channels, less, strict=True):
         assert noise.sigma < 3.0 * SIGMA[channel]
 

@@ -9,12 +9,15 @@ from oracles.rover_log import SIGMA, rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import build_dataset
-from residual_mpc.diagnosis.data.gap import DIVERGED, gap_of, measure_scales, window_trust
+from residual_mpc.diagnosis.data.gap import gap_of, measure_scales, window_trust
+from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.fit.least_squares import elsewhere, fit_all, possible
 from residual_mpc.diagnosis.fit.polish import polish
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.causes import sigmas
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob
 
@@ -32,18 +35,18 @@ def problem_of(faults: dict[str, dict[str, float]]) -> Problem:
 def test_another_start_is_another_place_within_the_bounds() -> None:
     problem = problem_of({})
     start = {LAG: 0.0, TRACK: 1.2}
-    other = elsewhere(problem, start)
+    other = elsewhere(problem, start, settings=FitSettings())
     assert other is not None
     for knob, value in other.items():
         low, high = problem.space.bounds(knob)
         assert low <= value <= high
         assert value != start[knob]
-    assert elsewhere(problem, {}) is None
+    assert elsewhere(problem, {}, settings=FitSettings()) is None
 
 
 def test_a_bad_start_ends_where_the_good_one_does() -> None:
     problem = problem_of({"actuator_lag": {"time_constant": 0.12}, "track_width": {"scale": 1.2}})
-    good, bad = polish(problem, [{LAG: 0.11, TRACK: 1.19}, {LAG: 0.4, TRACK: 1.8}], 100_000)
+    good, bad = polish(problem, [{LAG: 0.11, TRACK: 1.19}, {LAG: 0.4, TRACK: 1.8}], 100_000, settings=FitSettings())
     assert good.fit.values[TRACK] == pytest.approx(1.2, abs=0.02)
     for knob in (LAG, TRACK):
         assert bad.fit.values[knob] == pytest.approx(good.fit.values[knob], rel=0.02)
@@ -56,7 +59,7 @@ def test_a_number_at_its_bound_has_an_interval() -> None:
     at_bound = fit.knobs.index(LAG)
     if not fit.held[at_bound]:  # noise may just as well let it off the bound
         fit = fit_all(problem, [{LAG: 0.0, TRACK: 1.0}], 0)[0]
-    assert (sigmas(problem, fit) > 0.0).all()
+    assert (sigmas(problem, fit, settings=ResultSettings()) > 0.0).all()
 
 
 def test_kinetic_friction_above_static_is_impossible() -> None:
@@ -71,12 +74,12 @@ def test_a_few_windows_that_diverge_count_at_a_limit() -> None:
     scales = measure_scales(data)
     error = np.full(data.y.shape, 0.01) * scales.s
     error[:3] = 50.0 * scales.s
-    trust = window_trust(data, scales, error)
+    trust = window_trust(data, scales, error, settings=DataSettings())
     assert (trust[3:] == 1.0).all()
     capped = gap_of(data, scales, error, trust).total
-    assert capped < 2.0 * DIVERGED < gap_of(data, scales, error).total
+    assert capped < 2.0 * DataSettings().trust.diverged < gap_of(data, scales, error).total
     assert (
-        window_trust(data, scales, np.full(data.y.shape, 3.0) * scales.s) == 1.0
+        window_trust(data, scales, np.full(data.y.shape, 3.0) * scales.s, settings=DataSettings()) == 1.0
     ).all()  # all alike: none is an outlier
 
 

@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.remainder.description import describe_remainder
 from residual_mpc.diagnosis.remainder.missing_rates import tempered, travelled
 from residual_mpc.diagnosis.remainder.records import Rest
+from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 from residual_mpc.report.words.rest import rest_sentence
@@ -62,7 +63,17 @@ def described(cause: Cause, gust: float = 0.0, hot: float = 0.0) -> Rest:
     predicted = predict(data, settings)[0]
     rng = np.random.default_rng(0)
     floors = noise_errors(data, settings, rng, 3)
-    return describe_remainder(data, measure_scales(data), settings, predicted, data.y - predicted, floors, None, rng)
+    return describe_remainder(
+        data,
+        measure_scales(data),
+        settings,
+        predicted,
+        data.y - predicted,
+        floors,
+        None,
+        rng,
+        tuning=RemainderSettings(),
+    )
 
 
 def sentence(rest: Rest) -> str:
@@ -130,6 +141,9 @@ def test_one_window_that_ran_away_counts_no_more_than_the_larger_others() -> Non
 
     error = np.ones((20, 8))
     error[3] = 100.0
-    m = tempered(MissingRate("yaw", "rad/s", error, 0.0, np.ones((20, 8, 5)), np.ones(20, dtype=bool)))
+    m = tempered(
+        MissingRate("yaw", "rad/s", error, 0.0, np.ones((20, 8, 5)), np.ones(20, dtype=bool)),
+        settings=RemainderSettings(),
+    )
     assert m.error[3] == pytest.approx(2.0) and m.error[4] == pytest.approx(1.0)
     assert m.response[3] == pytest.approx(0.02)  # what may explain it is given the same weight

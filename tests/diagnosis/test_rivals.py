@@ -11,13 +11,17 @@ from oracles.rover_log import SIGMA, rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search.acceptance import build_ruler, judge
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
-from residual_mpc.diagnosis.search.stepwise import Found, build_ruler, judge
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.search.stepwise import Found
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -38,10 +42,13 @@ def rivals_of(faults: dict[str, dict[str, float]], chosen: Values, only: tuple[s
     scales = measure_scales(data)
     problem = build_problem(data, space, data.sigma, scales.motion)
     noise = 1.0 / problem.weight
-    problem = judge(problem, fit_all(problem, [chosen])[0], noise, scales)
+    problem = judge(problem, fit_all(problem, [chosen])[0], noise, scales, settings=SearchSettings())
     base, fit = fit_all(problem, [{}, chosen])
-    ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0))
-    return find_rivals(Found(problem, fit, base, dispersion(fit, blocks_of(data)), ruler, (), data.sigma))
+    ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), DataSettings())
+    return find_rivals(
+        Found(problem, fit, base, dispersion(fit, blocks_of(data, settings=FitSettings())), ruler, (), data.sigma),
+        settings=SearchSettings(),
+    )
 
 
 def test_an_effect_said_of_both_wheels_goes_to_the_one_that_has_it() -> None:
@@ -109,7 +116,7 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
         PredictionCache(data, build_space(data, (), ("actuator_gain", "wheel_radius"))),
         measure_scales(data),
     )
-    assert found.rivals and holds_elsewhere(found, replays, scales) is None
+    assert found.rivals and holds_elsewhere(found, replays, scales, settings=SearchSettings()) is None
     lost = replace(found.fit, values={Knob("actuator_gain", None, "gain"): 0.5})
-    better = holds_elsewhere(replace(found, fit=lost), replays, scales)
+    better = holds_elsewhere(replace(found, fit=lost), replays, scales, settings=SearchSettings())
     assert better is not None and better.terms == (Term("wheel_radius", None),)

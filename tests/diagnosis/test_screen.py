@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from residual_mpc.diagnosis.search.additions import PROBES, varied
+from residual_mpc.diagnosis.search.additions import varied
 from residual_mpc.diagnosis.search.screen import ScreenedTerm, drawn
+from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import Term
 
 
@@ -48,4 +49,4 @@ def test_many_doses_of_one_effect_leave_room_for_the_next() -> None:
     leads = [ScreenedTerm(weak, {}, 10.0 - k, 0.0, 0.0, 1.0) for k in range(5)] + [
         ScreenedTerm(limit, {}, 1.0, 0.0, 0.0, 1.0)
     ]
-    assert varied(leads) == [*leads[:PROBES], leads[5]]
+    assert varied(leads, settings=SearchSettings()) == [*leads[: SearchSettings().additions.probes], leads[5]]

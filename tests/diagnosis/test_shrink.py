@@ -13,9 +13,13 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, measure_scales
 from residual_mpc.diagnosis.fit.cross_validation import expected_errors, fold_values, folds_of
 from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.shrink import Shrink, expected_shrink, shrink_of
+
+TUNED, FITTED = ResultSettings(), FitSettings()
 
 MANY, FEW, HELD = windows(14, 4.0), windows(2, 30.0), windows(9, 4.0)
 DRAWS = 60
@@ -38,24 +42,28 @@ def run_of(data: Dataset) -> np.ndarray:
 
 def measured(data: Dataset, unit: np.ndarray, rng: np.random.Generator) -> Shrink:
     before, after = errors(data, unit, rng)
-    return shrink_of(data, scales_of(data), before, after, rng)
+    return shrink_of(data, scales_of(data), before, after, rng, TUNED)
 
 
 def test_the_shrink_is_one_less_the_ratio_of_the_gaps() -> None:
     before, after = errors(MANY, MANY.run, np.random.default_rng(0))
     scales = measure_scales(MANY)
     ratio = gap_of(MANY, scales, after).total / gap_of(MANY, scales, before).total
-    assert shrink_of(MANY, scales, before, after, np.random.default_rng(1)).value == pytest.approx(1.0 - ratio)
+    assert shrink_of(MANY, scales, before, after, np.random.default_rng(1), TUNED).value == pytest.approx(1.0 - ratio)
 
 
 @pytest.mark.parametrize("left", [1.0, 0.25])
 def test_where_every_window_shrinks_alike_the_interval_is_a_point(left: float) -> None:
     before, _ = errors(MANY, MANY.run, np.random.default_rng(0))
-    found = shrink_of(MANY, scales_of(MANY), before, left * before, np.random.default_rng(1))
+    found = shrink_of(MANY, scales_of(MANY), before, left * before, np.random.default_rng(1), TUNED)
     assert (found.value, *found.ci95) == pytest.approx((1.0 - left,) * 3)
 
 
-@pytest.mark.parametrize(("data", "unit_of"), [(MANY, run_of), (FEW, blocks_of)])
+def stretch_of(data: Dataset) -> np.ndarray:
+    return blocks_of(data, FITTED)
+
+
+@pytest.mark.parametrize(("data", "unit_of"), [(MANY, run_of), (FEW, stretch_of)])
 def test_the_interval_is_as_wide_as_the_shrink_scatters(
     data: Dataset, unit_of: Callable[[Dataset], np.ndarray]
 ) -> None:
@@ -74,7 +82,7 @@ def test_what_is_foretold_counts_that_the_held_out_runs_are_few_as_well() -> Non
     said, came = [], []
     for _ in range(DRAWS):
         before, after = errors(MANY, MANY.run, rng)
-        said.append(expected_shrink(MANY, HELD, scales_of(MANY), before, after, rng))
+        said.append(expected_shrink(MANY, HELD, scales_of(MANY), before, after, rng, TUNED))
         came.append(measured(HELD, HELD.run, rng).value)
     spread = 1.96 * np.std(np.array([s.value for s in said]) - came, ddof=1)
     half = np.mean([0.5 * (s.ci95[1] - s.ci95[0]) for s in said])
@@ -87,10 +95,10 @@ def test_the_fewer_runs_are_held_out_the_wider_is_what_is_foretold() -> None:
     before, after = errors(MANY, MANY.run, np.random.default_rng(4))
 
     def width(held: Dataset) -> float:
-        low, high = expected_shrink(MANY, held, scales_of(MANY), before, after, np.random.default_rng(5)).ci95
+        low, high = expected_shrink(MANY, held, scales_of(MANY), before, after, np.random.default_rng(5), TUNED).ci95
         return high - low
 
-    own = shrink_of(MANY, scales_of(MANY), before, after, np.random.default_rng(5)).ci95
+    own = shrink_of(MANY, scales_of(MANY), before, after, np.random.default_rng(5), TUNED).ci95
     one = HELD.take(HELD.run == 0)
     assert width(one) > 1.5 * width(HELD) > 1.2 * (own[1] - own[0])
 
@@ -106,7 +114,7 @@ def test_a_linear_fit_without_a_fold_is_the_refit() -> None:
     columns = dict(zip((SCALE, GAIN), rng.standard_normal((2, FEW.count, 20)), strict=True))
     problem = Linear(FEW, space_of(FEW), columns, {SCALE: 1.2, GAIN: 0.9}, white(FEW, rng, 20))
     fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0})
-    folds = folds_of(FEW)
+    folds = folds_of(FEW, FITTED)
     for k, values in enumerate(fold_values(fit, folds)):
         rest = folds != k
         j = np.stack([columns[SCALE][rest].ravel(), columns[GAIN][rest].ravel()], axis=1)
@@ -116,8 +124,8 @@ def test_a_linear_fit_without_a_fold_is_the_refit() -> None:
 
 
 def test_folds_split_no_run_of_many_and_no_stretch_of_time_of_few() -> None:
-    for data, unit in ((MANY, MANY.run), (FEW, blocks_of(FEW))):
-        folds = folds_of(data)
+    for data, unit in ((MANY, MANY.run), (FEW, stretch_of(FEW))):
+        folds = folds_of(data, FITTED)
         assert set(folds) == set(range(6))
         assert all(len(set(folds[unit == u])) == 1 for u in np.unique(unit))
 
@@ -133,6 +141,6 @@ def test_a_window_is_predicted_by_a_fit_that_has_not_seen_its_run() -> None:
     odd = data.take(data.run == 5)
     whole, without = (odd.y - predict(odd, space_of(data).settings([f.values]))[0] for f in fits)
     scales = measure_scales(data)
-    size = gap_of(odd, scales, expected_errors(data, space_of(data), fits[0])[data.run == 5]).total
+    size = gap_of(odd, scales, expected_errors(data, space_of(data), fits[0], FITTED)[data.run == 5]).total
     assert size == pytest.approx(gap_of(odd, scales, without).total, rel=0.1)
     assert size > 1.15 * gap_of(odd, scales, whole).total

@@ -4,6 +4,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.evidence import least_sure
 from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.models.settings import Knob, Term
 
 WINDOWS, SAMPLES = 60, 20
@@ -25,7 +26,7 @@ def fitted(values: dict[Knob, float], correlated: float = 0.0) -> Fit:
 
 
 def asked(fit: Fit) -> Term | None:
-    return least_sure(fit, np.arange(WINDOWS))
+    return least_sure(fit, np.arange(WINDOWS), settings=FitSettings())
 
 
 def test_effects_far_from_none_stay() -> None:

@@ -7,10 +7,12 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.data.subsampling import FEWEST, evenly
+from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.predict.noise_floor import FEWEST_DRAWS, MOST_DRAWS, floor_draws
+from residual_mpc.diagnosis.predict.noise_floor import floor_draws
+from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.results.records import Diagnosis
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
@@ -25,15 +27,19 @@ def data() -> Dataset:
 
 def test_windows_are_taken_evenly_and_never_too_few(data: Dataset) -> None:
     steps = data.count * data.blocks[0].drive.steps
-    assert evenly(data, steps).all()
-    some = evenly(data, int(0.7 * steps))
+    assert evenly(data, steps, settings=DataSettings()).all()
+    some = evenly(data, int(0.7 * steps), settings=DataSettings())
     assert some.sum() == pytest.approx(0.7 * data.count, abs=1) and np.diff(np.flatnonzero(some)).max() <= 2
-    assert evenly(data, 1).sum() == FEWEST
+    assert evenly(data, 1, settings=DataSettings()).sum() == DataSettings().subsampling.fewest
 
 
 def test_the_floor_is_drawn_less_often_from_more_windows(data: Dataset) -> None:
-    steps = data.count * data.blocks[0].drive.steps
-    assert [floor_draws(data, n) for n in (steps, steps // 2, 1)] == [MOST_DRAWS, MOST_DRAWS // 2, FEWEST_DRAWS]
+    steps, floor = data.count * data.blocks[0].drive.steps, PredictSettings().floor
+    assert [floor_draws(data, n, settings=PredictSettings()) for n in (steps, steps // 2, 1)] == [
+        floor.most_draws,
+        floor.most_draws // 2,
+        floor.fewest_draws,
+    ]
 
 
 @pytest.fixture(scope="module")

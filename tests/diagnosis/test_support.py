@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.causes import without_doubtful
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import _size
 from residual_mpc.models.settings import Knob, Term
 
@@ -34,10 +35,12 @@ def explained(lag: float, delay: float) -> Any:
 
 @pytest.mark.parametrize(("delay", "size"), [(0.01, 1.0), (0.06, 6.0)])
 def test_a_dead_time_counts_beside_the_lag_of_its_actuator(delay: float, size: float) -> None:
-    assert _size(explained(0.1, delay), DELAY) == pytest.approx(size)
+    assert _size(explained(0.1, delay), DELAY, settings=ResultSettings()) == pytest.approx(size)
 
 
 def test_a_doubtful_effect_widens_the_intervals_of_the_others() -> None:
     of = explained(0.1, 0.03)
-    assert without_doubtful(of, {LAG: 1.0, DELAY: 1.0}, 20_000) == {}
-    assert without_doubtful(of, {LAG: 1.0, DELAY: 0.5}, 20_000)[TAU][0] == pytest.approx(0.1, abs=0.01)
+    assert without_doubtful(of, {LAG: 1.0, DELAY: 1.0}, 20_000, settings=ResultSettings()) == {}
+    assert without_doubtful(of, {LAG: 1.0, DELAY: 0.5}, 20_000, settings=ResultSettings())[TAU][0] == pytest.approx(
+        0.1, abs=0.01
+    )

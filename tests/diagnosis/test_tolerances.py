@@ -10,9 +10,11 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of, tolerating, whitened
+from residual_mpc.diagnosis.predict.settings import PredictSettings, ToleranceSettings
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.predict.tolerances import LEVELS, Tolerances, likeliest_level
+from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level
 from residual_mpc.models.settings import Knob
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
@@ -26,6 +28,8 @@ LITTLE = {  # a little of everything
     "dead_zone": {"width": 0.2},
 }
 
+LEVELS = ToleranceSettings().levels
+
 
 def problem_of(faults: dict[str, dict[str, float]], noise: float = 1.0) -> Problem:
     runs = [rover_run(f"r{k}", faults, seed=k, noise=noise) for k in range(3)]
@@ -35,7 +39,7 @@ def problem_of(faults: dict[str, dict[str, float]], noise: float = 1.0) -> Probl
 
 def level_of(problem: Problem) -> float:
     base = fit_all(problem, [{}])[0]
-    found = tolerant(carrying(problem, {}), base).tolerances
+    found = tolerant(carrying(problem, {}, settings=FitSettings()), base, settings=FitSettings()).tolerances
     assert found is not None
     return found.level
 
@@ -49,7 +53,7 @@ def test_a_robot_that_is_a_little_off_in_everything_has_some() -> None:
 
 
 def test_the_cost_is_that_of_the_added_covariance() -> None:
-    problem = carrying(problem_of(LITTLE), {})
+    problem = carrying(problem_of(LITTLE), {}, settings=FitSettings())
     assert problem.tolerances is not None
     wide = tolerating(problem, Tolerances(problem.tolerances.columns, 0.5))
     a, r = 0.5 * whitened(problem, problem.tolerances.columns), problem.residuals([{}])[0].ravel()
@@ -59,7 +63,11 @@ def test_the_cost_is_that_of_the_added_covariance() -> None:
 
 
 def test_part_of_the_windows_keeps_its_columns() -> None:
-    problem = tolerant(carrying(problem_of(LITTLE), {}), fit_all(problem_of(LITTLE), [{}])[0])
+    problem = tolerant(
+        carrying(problem_of(LITTLE), {}, settings=FitSettings()),
+        fit_all(problem_of(LITTLE), [{}])[0],
+        settings=FitSettings(),
+    )
     keep = np.arange(problem.data.count) % 2 == 0
     few = part_of(problem, keep)
     assert few.tolerances is not None and problem.tolerances is not None
@@ -69,8 +77,8 @@ def test_part_of_the_windows_keeps_its_columns() -> None:
 
 def test_what_a_hypothesis_frees_has_no_column_in_the_last_fit() -> None:
     problem = problem_of({"actuator_lag": {"time_constant": 0.1}})
-    every = carrying(problem, {LAG: 0.1}).tolerances
-    fewer = carrying(problem, {LAG: 0.1}, (LAG,)).tolerances
+    every = carrying(problem, {LAG: 0.1}, settings=FitSettings()).tolerances
+    fewer = carrying(problem, {LAG: 0.1}, (LAG,), settings=FitSettings()).tolerances
     assert every is not None and fewer is not None
     assert fewer.columns.shape[2] == every.columns.shape[2] - 2  # one for each wheel
 
@@ -81,7 +89,7 @@ def test_a_cause_is_worth_less_where_everything_is_a_little_off() -> None:
     def worth(faults: dict[str, dict[str, float]]) -> float:
         problem = problem_of(faults)
         fit = fit_all(problem, [{RADIUS: 1.01}])[0]
-        fair = tolerant(carrying(problem, fit.values), fit)
+        fair = tolerant(carrying(problem, fit.values, settings=FitSettings()), fit, settings=FitSettings())
         before, after = fit_all(fair, [{}, fit.values])
         return before.cost - after.cost
 
@@ -93,5 +101,5 @@ def test_the_level_is_found(level: float) -> None:
     rng = np.random.default_rng(0)
     a = rng.standard_normal((2000, 30))
     r = a @ (level * rng.standard_normal(30)) + rng.standard_normal(2000)
-    found = likeliest_level(a.T @ a, a.T @ r, 1.0)
+    found = likeliest_level(a.T @ a, a.T @ r, 1.0, settings=PredictSettings())
     assert abs(LEVELS.index(found) - LEVELS.index(level)) <= 1

@@ -8,8 +8,10 @@ import pytest
 from residual_mpc.diagnosis.data.gap import Gap
 from residual_mpc.diagnosis.data.where import Where
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_from, with_luck
+from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.remainder.records import Curve, Dependence, Rest
-from residual_mpc.diagnosis.results.causes import MOST_SURE, most_sure
+from residual_mpc.diagnosis.results.causes import most_sure
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support, doubts
 from residual_mpc.diagnosis.results.verdict import HorizonGaps, left_share, verdict_of
 from residual_mpc.models.settings import Term
@@ -52,35 +54,40 @@ def test_the_share_left_is_that_of_the_headline() -> None:
 def test_one_channel_beyond_the_noise_is_enough() -> None:
     quiet = Gap(0.0105, np.array([0.0105, 0.0105]))
     loud = Gap(0.0115, np.array([0.009, 0.016]))
-    assert not beyond(quiet, floor(0.01))
-    assert beyond(loud, floor(0.01))
-    assert not beyond(loud, floor(0.01, windows=3))  # three windows say little
+    assert not beyond(quiet, floor(0.01), settings=PredictSettings())
+    assert beyond(loud, floor(0.01), settings=PredictSettings())
+    assert not beyond(loud, floor(0.01, windows=3), settings=PredictSettings())  # three windows say little
 
 
 @pytest.mark.parametrize("freedom", [3, 40])
 def test_chance_exceeds_its_limit_as_rarely_as_stated(freedom: int) -> None:
     rng = np.random.default_rng(0)
     squares = rng.chisquare(freedom, (4000, 1)) / freedom
-    limits = np.array([with_luck(squares[i : i + 24], freedom)[0] for i in range(0, 960, 24)])
+    limits = np.array(
+        [with_luck(squares[i : i + 24], freedom, settings=PredictSettings())[0] for i in range(0, 960, 24)]
+    )
     exceeded = np.mean(rng.chisquare(freedom, 200_000)[:, None] / freedom > limits[None, :] ** 2)
     assert exceeded < 0.005
 
 
 def test_a_floor_is_the_root_mean_square_of_its_draws() -> None:
     drawn = [Gap(x, np.array([x, 2.0 * x])) for x in (0.01, 0.02, 0.03)]
-    found = floor_from(drawn, 50)
+    found = floor_from(drawn, 50, settings=PredictSettings())
     assert found.total == pytest.approx(np.sqrt(np.mean(np.square([0.01, 0.02, 0.03]))))
     assert found.channels[1] == pytest.approx(2.0 * found.total)
     assert found.luck > found.total
 
 
 def test_how_sure_an_effect_may_be_falls_with_what_is_left() -> None:
-    assert most_sure("effects", 0.0, 1.0) == MOST_SURE
-    assert most_sure("effects", 0.0, 4.0) < 0.9
-    assert most_sure("partial", 0.0, 1.5) < 0.9
-    steps = [most_sure("partial", share, times) for share, times in ((0.0, 2.0), (0.1, 5.0), (0.3, 20.0), (0.9, 90.0))]
+    assert most_sure("effects", 0.0, 1.0, settings=ResultSettings()) == ResultSettings().causes.most_sure
+    assert most_sure("effects", 0.0, 4.0, settings=ResultSettings()) < 0.9
+    assert most_sure("partial", 0.0, 1.5, settings=ResultSettings()) < 0.9
+    steps = [
+        most_sure("partial", share, times, settings=ResultSettings())
+        for share, times in ((0.0, 2.0), (0.1, 5.0), (0.3, 20.0), (0.9, 90.0))
+    ]
     assert steps == sorted(steps, reverse=True)
-    assert most_sure("unknown", 1.0, 50.0) == 0.0
+    assert most_sure("unknown", 1.0, 50.0, settings=ResultSettings()) == 0.0
 
 
 def rest(kind: str, share: float) -> Rest:
@@ -91,12 +98,12 @@ def rest(kind: str, share: float) -> Rest:
 def test_a_remainder_that_depends_on_time_lowers_what_imitates_it() -> None:
     sag, lag = Term("voltage_sag", None), Term("actuator_lag", None)
     supports = {t: Support(("fits", "predicts"), 9.0) for t in (sag, lag)}
-    assert doubts(supports, rest("time", 0.5)) == {sag: 0.5, lag: 1.0}
-    assert doubts(supports, rest("time", 0.05)) == {sag: 1.0, lag: 1.0}
-    assert doubts(supports, None) == {sag: 1.0, lag: 1.0}
+    assert doubts(supports, rest("time", 0.5), settings=ResultSettings()) == {sag: 0.5, lag: 1.0}
+    assert doubts(supports, rest("time", 0.05), settings=ResultSettings()) == {sag: 1.0, lag: 1.0}
+    assert doubts(supports, None, settings=ResultSettings()) == {sag: 1.0, lag: 1.0}
 
 
 def test_an_effect_that_does_not_predict_or_is_faint_is_less_sure() -> None:
     lag = Term("actuator_lag", None)
-    assert doubts({lag: Support(("fits",), -0.1)}, None)[lag] == 0.25
-    assert doubts({lag: Support(("fits", "predicts"), 0.5)}, None)[lag] == 0.75
+    assert doubts({lag: Support(("fits",), -0.1)}, None, settings=ResultSettings())[lag] == 0.25
+    assert doubts({lag: Support(("fits", "predicts"), 0.5)}, None, settings=ResultSettings())[lag] == 0.75

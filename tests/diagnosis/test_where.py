@@ -11,7 +11,8 @@ from oracles.rover_log import SIGMA
 
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales
-from residual_mpc.diagnosis.data.where import WORST, locate, regime_masks
+from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.data.where import locate, regime_masks
 from residual_mpc.logs.run import Run
 
 # (until s, left rad/s, right rad/s): standing, creeping, straight on fast, turning left, turning right, backwards
@@ -118,7 +119,7 @@ def test_the_worst_moments_come_first_with_their_part_of_the_gap() -> None:
     for (run, start), size in {(0, 7.0): 1.0, (1, 13.0): 2.0}.items():
         error[(data.run == run) & np.isclose(data.start, start)] = size
     times = locate(data, measure_scales(data), error).times
-    assert len(times) == WORST
+    assert len(times) == DataSettings().where.worst
     assert [(s.run, s.start, s.end) for s in times[:2]] == [("two", 13.0, 14.0), ("one", 7.0, 8.0)]
     assert [s.share for s in times] == pytest.approx([0.8, 0.2, 0.0, 0.0, 0.0, 0.0])
 

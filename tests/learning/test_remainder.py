@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.remainder.learning import NOTHING, Learned, Remainder, RidgeLearner, learn, remainder_of
+from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.learning.batch.network_learner import LEARNERS, NetworkLearner
 from residual_mpc.models.settings import Settings
@@ -48,7 +49,8 @@ def remainder() -> Remainder:
     data = build_dataset(runs, [ROVER] * 2, {})
     predicted = predict(data, Settings(1))[0]
     judge = np.arange(data.count) % 8 >= 6
-    return remainder_of(data, measure_scales(data), Settings(1), predicted, data.y - predicted, judge)
+    error = data.y - predicted
+    return remainder_of(data, measure_scales(data), Settings(1), predicted, error, judge, tuning=RemainderSettings())
 
 
 def test_the_windows_are_parted(remainder):

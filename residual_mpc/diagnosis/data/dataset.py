@@ -7,6 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
+from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.data.window_commands import Signal, drive_of
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
@@ -14,8 +15,6 @@ from residual_mpc.logs.signals import noise_sigma, resolution, unwrap_with_gaps
 from residual_mpc.models.protocol import Drive, Merging, Robot
 
 POSITION_LIKE = ("position", "pose")
-MOVES_STEPS = 3.0  # of the resolution, within which a channel stands still
-MOVES_SHARE = 0.02  # of its samples that differ from the one before
 
 
 @dataclass(frozen=True)
@@ -121,6 +120,8 @@ def build_dataset(
     noise: Mapping[str, float],
     horizon: float = 1.0,
     starts: Sequence[np.ndarray] | None = None,
+    *,
+    settings: DataSettings = DataSettings(),
 ) -> Dataset:
     """Cut runs into windows. robots[i] is the model of runs[i] (the same object for runs that share one);
     starts[i] (W,) s: where the windows of runs[i] begin; None: as the gap has them.
@@ -145,7 +146,7 @@ def build_dataset(
         n = sum(len(k) for k in kept)
         if n == 0:
             continue
-        drive = drive_of(robot, [runs[i] for i in mine], kept, horizon, mine, signals)
+        drive = drive_of(robot, [runs[i] for i in mine], kept, horizon, mine, signals, settings=settings)
         if setting is not None:
             drive = replace(drive, setting=np.repeat([setting[i] for i in mine], [len(k) for k in kept]))
         blocks.append(Block(robot, slice(first, first + n), drive))
@@ -162,7 +163,7 @@ def build_dataset(
     t, y = _samples(runs, run, start, channels, signals, horizon)
     of_run = [compared_channels(m, channels) for m in measured]
     compared = np.array([[c in of_run[i] for c in channels] for i in run])
-    sigma, steps = _noise(channels, signals, noise)
+    sigma, steps = _noise(channels, signals, noise, settings=settings)
     white = tuple(ChannelNoise(float(s)) for s in sigma)
     return Dataset(
         runs, channels, tuple(blocks), signals, run, start, t, y, compared, sigma, steps, white, dict(noise), horizon,
@@ -242,7 +243,10 @@ def _samples(
 
 
 def _noise(
-    channels: Sequence[str], signals: Mapping[tuple[int, str], Signal], given: Mapping[str, float]
+    channels: Sequence[str],
+    signals: Mapping[tuple[int, str], Signal],
+    given: Mapping[str, float],
+    settings: DataSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(C,) 1-sigma noise from sample to sample and (C,) resolution, channel units.
 
@@ -254,7 +258,7 @@ def _noise(
     for k, c in enumerate(channels):
         mine = [s for (_, name), s in signals.items() if name == c and len(s.t) >= 8]
         step = float(np.median([resolution(s.y) for s in mine if np.ptp(s.y) > 0.0] or [0.0]))
-        moving = [s for s in mine if _moves(s, step)]
+        moving = [s for s in mine if _moves(s, step, settings=settings)]
         moves[k] = bool(moving) or c in given
         longest = sorted(moving or mine, key=lambda s: -len(s.t))[:12]
         found = [x for s in longest if np.isfinite(x := noise_sigma(s.t, s.y))]
@@ -267,7 +271,10 @@ def _noise(
     return sigma, steps
 
 
-def _moves(signal: Signal, step: float) -> bool:
+def _moves(signal: Signal, step: float, settings: DataSettings) -> bool:
     """Whether a channel moves in a run: by more than a few steps, and in more than a few of its samples."""
     changes = np.count_nonzero(np.diff(signal.y))
-    return bool(np.ptp(signal.y) > MOVES_STEPS * step and changes > MOVES_SHARE * len(signal.y))
+    return bool(
+        np.ptp(signal.y) > settings.dataset.moves_steps * step
+        and changes > settings.dataset.moves_share * len(signal.y)
+    )

@@ -12,12 +12,12 @@ Where the encoders' errors are what the effect does to their prediction, with th
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.settings import DataSettings
 
 POSE = ("pose.x", "pose.y", "pose.theta")
-ACCOUNTS = 0.8  # share of what an effect does to the pose, squared, that the encoders' errors account for
 
 
-def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray) -> np.ndarray:
+def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray, settings: DataSettings) -> np.ndarray:
     """(T,) bool: which effects stand in for something that the encoders saw, or are denied by them.
 
     after (W, M, C): the prediction of the whole explanation; without (T, W, M, C): less one effect each. False
@@ -41,10 +41,10 @@ def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray) -> np.nd
     verdicts = []
     for less in without:
         work = whole - _moved(less[..., x], less[..., y], less[..., theta])[good] / size
-        stands_in = np.sum((work - consequence) ** 2) < (1.0 - ACCOUNTS) * np.sum(work**2)
+        stands_in = np.sum((work - consequence) ** 2) < (1.0 - settings.encoders.accounts) * np.sum(work**2)
         turns = [_travelled(data, after[..., k] - less[..., k])[r] for k, r in zip(seen, read, strict=True)]
         left = sum(np.sum((missed[..., i][r] + turn) ** 2) for i, (r, turn) in enumerate(zip(read, turns, strict=True)))
-        verdicts.append(stands_in or left < (1.0 - ACCOUNTS) * sum(np.sum(turn**2) for turn in turns))
+        verdicts.append(stands_in or left < (1.0 - settings.encoders.accounts) * sum(np.sum(turn**2) for turn in turns))
     return np.array(verdicts, dtype=bool)
 
 

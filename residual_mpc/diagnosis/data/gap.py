@@ -6,13 +6,11 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.errors import BadInput
 
-STILL_SIGMAS = 3.0
-STILL_STEPS = 3.0
-
-DIVERGED = 0.5  # scaled error of a window: half of the motion is missed
-TYPICAL = 4.0  # times the median window's error
+STILL_SIGMAS = 3.0  # of its noise, under which a channel is still, by definition of the gap (contract, section 4)
+STILL_STEPS = 3.0  # of its resolution, likewise
 
 
 @dataclass(frozen=True)
@@ -110,10 +108,10 @@ def per_window(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray:
     return np.where(empty, np.nan, np.nanmean(np.where(empty[:, None], 0.0, each), axis=1))
 
 
-def window_trust(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray:
+def window_trust(data: Dataset, scales: Scales, error: np.ndarray, settings: DataSettings) -> np.ndarray:
     """(W,) weight of each window: 1, or less where its prediction has diverged. A window whose scaled error exceeds
-    both DIVERGED and TYPICAL times the median window's counts as one at that limit."""
+    both `diverged` and `typical` times the median window's counts as one at that limit."""
     square = per_window(data, scales, np.clip(np.nan_to_num(error, nan=np.nan), -1e6, 1e6))
-    limit = max(DIVERGED, TYPICAL * float(np.sqrt(np.nanmedian(square)))) ** 2
+    limit = max(settings.trust.diverged, settings.trust.typical * float(np.sqrt(np.nanmedian(square)))) ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(square > limit, limit / square, 1.0)

@@ -6,15 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.errors import BadInput
-
-BY_RUN_FROM = 6  # runs: with fewer, each run's motion may be the only one of its kind, so that blocks are kept back
-SHARE = 0.25
-CHUNK = 3  # windows in a stretch that is kept back: what happens rarely is then on both sides
-LONG_CHUNK = 5  # in a run of LONG windows or more: such a stretch holds a window of the next horizon as well
-LONG = 30
-EVERY = 4
-FEWEST = 4  # windows that a run needs before some of it is kept back
 
 
 @dataclass(frozen=True)
@@ -32,7 +25,9 @@ class KeptBack:
         return {"run": self.run, "from": self.start, "to": self.end}
 
 
-def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
+def choose_held_out(
+    data: Dataset, nominal: np.ndarray, *, settings: DataSettings = DataSettings()
+) -> tuple[KeptBack, ...]:
     """A quarter of the runs, or of each run's windows in stretches; nothing where there are fewer than four windows.
 
     nominal (W,): mean square of the nominal model's scaled error in each window. Runs are drawn from all ranks of
@@ -40,13 +35,14 @@ def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
     the hardest part. A run that alone has some sensor, or alone had its motors switched off, is never kept back whole:
     no fit would know what it alone can tell.
     """
+    hold_out = settings.hold_out
     names = [r.name for r in data.runs]
     present = np.unique(data.run)
     alone = np.array([_alone(data, i, present) for i in present])
     whole = present[~alone]
     out: list[KeptBack] = []
-    if len(whole) >= BY_RUN_FROM:
-        n = max(1, int(round(SHARE * len(whole))))
+    if len(whole) >= hold_out.by_run_from:
+        n = max(1, int(round(hold_out.share * len(whole))))
         size = [float(np.nanmean(nominal[data.run == i])) for i in whole]
         ranked = whole[np.argsort(size, kind="stable")]
         pick = ranked[((np.arange(n) + 0.5) * len(whole) / n).astype(int)]
@@ -54,12 +50,12 @@ def choose_held_out(data: Dataset, nominal: np.ndarray) -> tuple[KeptBack, ...]:
     for i in present[alone] if out else present:
         mine = np.flatnonzero(data.run == i)
         mine = mine[np.argsort(data.start[mine])]
-        if len(mine) < FEWEST:
+        if len(mine) < hold_out.fewest:
             continue
-        most = LONG_CHUNK if len(mine) >= LONG else CHUNK
-        chunk = np.arange(len(mine)) // max(1, min(most, len(mine) // EVERY))
-        phase = _typical(np.nan_to_num(nominal[mine]), chunk)
-        for c in np.unique(chunk[chunk % EVERY == phase]):
+        most = hold_out.long_stretch if len(mine) >= hold_out.long else hold_out.stretch
+        chunk = np.arange(len(mine)) // max(1, min(most, len(mine) // hold_out.every))
+        phase = _typical(np.nan_to_num(nominal[mine]), chunk, settings=settings)
+        for c in np.unique(chunk[chunk % hold_out.every == phase]):
             stretch = data.start[mine[chunk == c]]
             out.append(KeptBack(names[i], float(stretch[0]), float(stretch[-1] + data.horizon)))
     return tuple(out)
@@ -76,9 +72,11 @@ def _alone(data: Dataset, run: int, present: np.ndarray) -> bool:
     return bool(has(run).difference(*(has(int(i)) for i in present if i != run)))
 
 
-def _typical(nominal: np.ndarray, chunk: np.ndarray) -> int:
-    """Which of the EVERY interleaved quarters has the mean nominal error closest to that of the whole run."""
-    means = np.array([nominal[chunk % EVERY == phase].mean() for phase in range(EVERY)])
+def _typical(nominal: np.ndarray, chunk: np.ndarray, settings: DataSettings) -> int:
+    """Which of the interleaved stretches has the mean nominal error closest to that of the whole run."""
+    means = np.array(
+        [nominal[chunk % settings.hold_out.every == phase].mean() for phase in range(settings.hold_out.every)]
+    )
     off = np.log((means + 1e-12) / (nominal.mean() + 1e-12))
     return int(
         np.argmin(np.where(off > 0, 3.0 * off, -off))

@@ -9,9 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 
-REACH = 0.25  # s
-NEAREST = 5
-KEPT = 128  # fits that are kept
+REACH = 0.25  # s: how far from a window's start its samples may lie (contract, section 4)
+NEAREST = 5  # of them (likewise)
+KEPT = 128  # fits that are kept: bounds the memory
 
 
 @dataclass(frozen=True)

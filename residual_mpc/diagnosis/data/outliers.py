@@ -7,34 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import POSITION_LIKE, Dataset
+from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.logs.signals import spikes
-
-FREQUENT = 0.002  # share of a channel's samples from which outliers are a cause, whatever they do to the gap
-FEW = 5  # flagged samples below which a share says nothing
 
 
 @dataclass(frozen=True)
 class Outliers:
     """flagged[run, channel]: (n,) bool over that signal's samples; shares by channel, and over the position-like
-    ones.
+    ones; enough: whether there are enough of them to be more than an accident, frequent: whether they are a cause
+    whatever they do to the gap.
     """
 
     flagged: dict[tuple[int, str], np.ndarray]
     shares: dict[str, float]
     share: float
     count: int
-
-    @property
-    def enough(self) -> bool:
-        """Whether there are enough of them to be more than an accident."""
-        return self.count >= FEW
-
-    @property
-    def frequent(self) -> bool:
-        return self.share >= FREQUENT
+    enough: bool
+    frequent: bool
 
 
-def find_outliers(data: Dataset) -> Outliers:
+def find_outliers(data: Dataset, *, settings: DataSettings = DataSettings()) -> Outliers:
     """Flag the samples that jump away, channel by channel."""
     flagged, hits, sizes = {}, dict.fromkeys(data.channels, 0), dict.fromkeys(data.channels, 0)
     for (i, c), s in data.signals.items():
@@ -47,4 +39,7 @@ def find_outliers(data: Dataset) -> Outliers:
     # a localisation jumps as a whole: one stamp is one outlier, however many of its channels show it
     total = sum(hits.values())
     shares = {c: hits[c] / sizes[c] for c in data.channels if sizes[c]}
-    return Outliers(flagged, shares, max(shares.values(), default=0.0), total)
+    share = max(shares.values(), default=0.0)
+    return Outliers(
+        flagged, shares, share, total, total >= settings.outliers.fewest, share >= settings.outliers.frequent
+    )

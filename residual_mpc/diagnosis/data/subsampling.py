@@ -5,32 +5,32 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-
-FEWEST_WHOLE = 10  # windows that are left whole
-FEWEST = 32  # windows that are left, however small the steps
+from residual_mpc.diagnosis.data.settings import DataSettings
 
 
-def thin(data: Dataset, steps: int) -> Dataset:
+def thin(data: Dataset, steps: int, *, settings: DataSettings = DataSettings()) -> Dataset:
     """Less to replay, so that one hypothesis costs at most about `steps` simulation steps: windows cut to their first
     half, and evenly fewer of them."""
     if data.count * max(b.drive.steps for b in data.blocks) > 2 * steps:
         data = shorten(data, 0.5)
-    keep = evenly(data, steps)
+    keep = evenly(data, steps, settings=settings)
     return data if keep.all() else data.take(keep)
 
 
-def thin_whole(data: Dataset, steps: int) -> Dataset:
-    """As `thin`, of windows whose length is their point: none is cut short, and FEWEST_WHOLE are left."""
-    keep = evenly(data, max(steps, FEWEST_WHOLE * max(b.drive.steps for b in data.blocks)))
+def thin_whole(data: Dataset, steps: int, settings: DataSettings) -> Dataset:
+    """As `thin`, of windows whose length is their point: none is cut short, and a few are always left."""
+    keep = evenly(
+        data, max(steps, settings.subsampling.fewest_whole * max(b.drive.steps for b in data.blocks)), settings=settings
+    )
     return data if keep.all() else data.take(keep)
 
 
-def evenly(data: Dataset, steps: int) -> np.ndarray:
+def evenly(data: Dataset, steps: int, settings: DataSettings) -> np.ndarray:
     """(W,) bool: every so many windows, so that they cost at most about `steps` simulation steps."""
     keep = np.ones(data.count, dtype=bool)
     if data.cost > steps:
         keep[:] = False
-        fewest = int(np.ceil(FEWEST / max(data.horizon, 1.0)))
+        fewest = int(np.ceil(settings.subsampling.fewest / max(data.horizon, 1.0)))
         count = min(max(fewest, steps * data.count // data.cost), data.count)
         keep[np.unique(np.linspace(0, data.count - 1, count).round().astype(int))] = True
     return keep

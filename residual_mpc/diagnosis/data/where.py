@@ -8,10 +8,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, window_squares
-
-WORST = 6  # stretches of time listed
-SMOOTH = 0.05  # s
-LEAST_TIME = 0.005  # share of the time below which a regime says nothing
+from residual_mpc.diagnosis.data.settings import DataSettings
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class Where:
     times: tuple[Stretch, ...]
 
 
-def locate(data: Dataset, scales: Scales, error: np.ndarray) -> Where:
+def locate(data: Dataset, scales: Scales, error: np.ndarray, *, settings: DataSettings = DataSettings()) -> Where:
     """error (W, M, C): measured - predicted of the nominal model."""
     total, count = window_squares(data, scales, error)
     used = ~scales.still
@@ -45,20 +42,22 @@ def locate(data: Dataset, scales: Scales, error: np.ndarray) -> Where:
     channels = sorted(
         ((c, float(s)) for c, s, u in zip(data.channels, shares, used, strict=True) if u), key=lambda cs: -cs[1]
     )
-    return Where(tuple(channels), _regimes(data, scales, error), _times(data, total, count))
+    return Where(
+        tuple(channels), _regimes(data, scales, error, settings=settings), _times(data, total, count, settings=settings)
+    )
 
 
-def _times(data: Dataset, total: np.ndarray, count: np.ndarray) -> tuple[Stretch, ...]:
+def _times(data: Dataset, total: np.ndarray, count: np.ndarray, settings: DataSettings) -> tuple[Stretch, ...]:
     each = np.nansum(total / np.maximum(count.sum(axis=0), 1), axis=1)  # (W,) its part of the squared gap
     each = each / max(each.sum(), 1e-30)
-    worst = np.argsort(-each)[:WORST]
+    worst = np.argsort(-each)[: settings.where.worst]
     return tuple(
         Stretch(data.runs[data.run[w]].name, float(data.start[w]), float(data.start[w] + data.horizon), float(each[w]))
         for w in worst
     )
 
 
-def _regimes(data: Dataset, scales: Scales, error: np.ndarray) -> tuple[Regime, ...]:
+def _regimes(data: Dataset, scales: Scales, error: np.ndarray, settings: DataSettings) -> tuple[Regime, ...]:
     """Where the error grows: its change from sample to sample, squared, by what the robot was told to do then."""
     square = (
         np.where(data.compared[:, None, :] & ~scales.still, np.diff(error, axis=1, prepend=0.0) / scales.s, np.nan) ** 2
@@ -67,15 +66,15 @@ def _regimes(data: Dataset, scales: Scales, error: np.ndarray) -> tuple[Regime, 
     growth = np.maximum(np.nansum(square - noise, axis=2), 0.0)  # (W, M)
     seen = np.isfinite(data.y).any(axis=2)
     out = []
-    for name, mask in regime_masks(data).items():
+    for name, mask in regime_masks(data, settings=settings).items():
         time = float((mask & seen).sum() / max(seen.sum(), 1))
         share = float(growth[mask & seen].sum() / max(growth[seen].sum(), 1e-30))
-        if time > LEAST_TIME:
+        if time > settings.where.least_time:
             out.append(Regime(name, share, share / time))
     return tuple(sorted(out, key=lambda r: -r.lift))
 
 
-def regime_masks(data: Dataset) -> dict[str, np.ndarray]:
+def regime_masks(data: Dataset, *, settings: DataSettings = DataSettings()) -> dict[str, np.ndarray]:
     """Regimes as masks (W, M), from the commands alone, so that every robot has them."""
     shape = data.t.shape
     masks = {
@@ -91,7 +90,7 @@ def regime_masks(data: Dataset) -> dict[str, np.ndarray]:
         at = np.clip((t / drive.dt).astype(int), 0, drive.steps - 1)
         u = drive.command  # (W, lead + K, nu)
         servo = np.array([k == "position" for k in block.robot.command_kinds])
-        speed = np.where(servo, _rate(u, drive.dt), u)
+        speed = np.where(servo, _rate(u, drive.dt, settings=settings), u)
         recent = max(1, int(0.25 / drive.dt))
 
         def sample(x: np.ndarray, at: np.ndarray = at) -> np.ndarray:
@@ -124,9 +123,9 @@ def regime_masks(data: Dataset) -> dict[str, np.ndarray]:
     return {name: m for name, m in masks.items() if m.any()}
 
 
-def _rate(u: np.ndarray, dt: float) -> np.ndarray:
-    """(W, K, nu) rate of a held command over SMOOTH seconds, per second: from one hold to the next it is no rate."""
-    n = max(1, int(SMOOTH / dt))
+def _rate(u: np.ndarray, dt: float, settings: DataSettings) -> np.ndarray:
+    """(W, K, nu) rate of a held command over a short time, per second: from one hold to the next it is no rate."""
+    n = max(1, int(settings.where.smooth / dt))
     ahead = np.concatenate([u[:, n:], np.repeat(u[:, -1:], n, axis=1)], axis=1)
     behind = np.concatenate([np.repeat(u[:, :1], n, axis=1), u[:, :-n]], axis=1)
     return np.asarray((ahead - behind) / (2 * n * dt))

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.logs.run import Run, held
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Inverting, Robot
-
-LEAD = 1.2  # s of commands before a window, that warm up what remembers
 
 
 @dataclass(frozen=True)
@@ -28,12 +27,13 @@ def drive_of(
     horizon: float,
     index: Sequence[int],
     signals: Mapping[tuple[int, str], Signal],
+    settings: DataSettings,
 ) -> Drive:
     """The commands of one robot's windows on the replay's grid. runs share the robot; starts[k] (W_k,) s and index[k]
     are those of runs[k]; signals by (index, channel)."""
     dt = robot.step or float(np.clip(min(r.period for r in runs) / 4.0, 0.004, 0.01))
     steps = int(np.ceil(horizon / dt - 1e-9))
-    lead = int(np.ceil(LEAD / dt))
+    lead = int(np.ceil(settings.dataset.lead / dt))
     commands, enabled, clocks = [], [], []
     for run, t0, i in zip(runs, starts, index, strict=True):
         edges = t0[:, None] + dt * np.arange(-lead, steps + 1)[None, :]

@@ -7,11 +7,10 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.models.settings import Knob, Values
-
-FOLDS = 6
 
 
 def fold_values(fit: Fit, folds: np.ndarray) -> list[Values]:
@@ -31,18 +30,18 @@ def fold_values(fit: Fit, folds: np.ndarray) -> list[Values]:
     return out
 
 
-def folds_of(data: Dataset) -> np.ndarray:
+def folds_of(data: Dataset, settings: FitSettings) -> np.ndarray:
     """(W,) fold numbers: by run where there are many, else stretches of time."""
     present = np.unique(data.run)
-    if len(present) >= FOLDS:
-        return np.searchsorted(present, data.run) % FOLDS
-    blocks = blocks_of(data)
-    return (blocks * FOLDS) // (int(blocks.max()) + 1)
+    if len(present) >= settings.folds:
+        return np.searchsorted(present, data.run) % settings.folds
+    blocks = blocks_of(data, settings=settings)
+    return (blocks * settings.folds) // (int(blocks.max()) + 1)
 
 
-def expected_errors(data: Dataset, space: Space, fit: Fit) -> np.ndarray:
+def expected_errors(data: Dataset, space: Space, fit: Fit, settings: FitSettings) -> np.ndarray:
     """(W, M, C) measured - predicted, each window predicted by the fit that has not seen its fold."""
-    folds = folds_of(data)
+    folds = folds_of(data, settings=settings)
     error = np.empty_like(data.y)
     for k, values in enumerate(fold_values(fit, folds)):
         mine = folds == k

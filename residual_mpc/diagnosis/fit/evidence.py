@@ -5,19 +5,15 @@ from scipy.special import chdtri
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term
 
-PROFILE = (0.001, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08, 0.16)  # relative offsets at which a profile is looked at
-BLOCK = 3.0  # s: windows closer than this count as one observation
 
-DOUBT = 0.05
-
-
-def blocks_of(data: Dataset) -> np.ndarray:
-    """(W,) block number of each window: stretches of BLOCK seconds of one run."""
-    stretch = np.floor((data.start + 1e-9) / max(BLOCK, data.horizon)).astype(int)
+def blocks_of(data: Dataset, settings: FitSettings) -> np.ndarray:
+    """(W,) block number of each window: stretches of a few seconds of one run."""
+    stretch = np.floor((data.start + 1e-9) / max(settings.evidence.block, data.horizon)).astype(int)
     _, number = np.unique(np.stack([data.run, stretch]), axis=1, return_inverse=True)
     return np.asarray(number).ravel()
 
@@ -63,26 +59,29 @@ def _sandwich(fit: Fit, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return bread, np.where(np.eye(len(bread), dtype=bool), np.maximum(meat, white), meat)
 
 
-def profile_sigma(problem: Problem, fit: Fit, phi: float) -> np.ndarray:
+def profile_sigma(problem: Problem, fit: Fit, phi: float, settings: FitSettings) -> np.ndarray:
     """(P,) standard deviation of each threshold from its cost profile, the others held; 0 for knobs that are no
     threshold.
 
     A threshold's derivative says little (a dead zone moves in steps), so its interval is where the cost rises by phi.
     """
+    evidence = settings.evidence
     out = np.zeros(len(fit.knobs))
     for i, knob in enumerate(fit.knobs):
         if knob.effect == TUNE or not BY_NAME[knob.effect].parameter(knob.parameter).threshold:
             continue
         value = fit.values[knob]
-        rows = [{**fit.values, knob: value * (1.0 + side * step)} for step in PROFILE for side in (-1.0, 1.0)]
+        rows = [{**fit.values, knob: value * (1.0 + side * step)} for step in evidence.profile for side in (-1.0, 1.0)]
         cost = np.einsum("hwn,hwn->h", r := problem.residuals(rows), r).reshape(-1, 2)
         risen = (cost - fit.cost) > phi
-        sides = [PROFILE[int(np.argmax(risen[:, s]))] if risen[:, s].any() else PROFILE[-1] for s in (0, 1)]
+        sides = [
+            evidence.profile[int(np.argmax(risen[:, s]))] if risen[:, s].any() else evidence.profile[-1] for s in (0, 1)
+        ]
         out[i] = abs(value) * max(sides)
     return out
 
 
-def least_sure(fit: Fit, blocks: np.ndarray) -> Term | None:
+def least_sure(fit: Fit, blocks: np.ndarray, settings: FitSettings) -> Term | None:
     """The effect that is the nearest to none among those whose numbers a 95 % region does not tell from none; None
     where every effect is told from none.
 
@@ -101,6 +100,6 @@ def least_sure(fit: Fit, blocks: np.ndarray) -> Term | None:
         if not mine or not np.isfinite(away).all():
             continue
         distance = float(away @ np.linalg.pinv(spread[np.ix_(mine, mine)]) @ away)
-        if distance < (most := float(chdtri(len(mine), DOUBT))):
+        if distance < (most := float(chdtri(len(mine), settings.evidence.doubt))):
             doubtful[term] = distance / most
     return min(doubtful, key=lambda t: doubtful[t], default=None)

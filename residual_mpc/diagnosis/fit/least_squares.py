@@ -9,19 +9,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Values
-
-STEP = 0.15  # derivative step in units of a knob's scale: wide, since sampled commands make delays and dead zones rough
-PART = 0.2  # and no more than this of a number that multiplies the nominal one, which may be a fiftieth of it
-MOST = 8
-SECANTS = 2
-FACTORS = (1.0, 0.1, 30.0)  # of the damping that are tried at once
-ELSEWHERE = 1.5  # another start lies this many typical steps of each number away
-ALIKE = 0.02  # part of a step's effect by which two steps have to differ to be tried both
-REMAINING = 4.0  # times the last drop in cost that a fit may still fall: steps that each gain 0.8 of the one before
 
 
 @dataclass(frozen=True)
@@ -68,10 +60,10 @@ class _Run:
     ratio: np.ndarray  # bool: whether it multiplies a nominal number
     r: np.ndarray
     cost: float
+    stale: int  # steps since the Jacobian was measured, more than `secants` before it ever was
     fresh: frozenset[Knob] | None = None
     lent: dict[int, np.ndarray] = field(default_factory=dict)  # knob's place -> column of a fit that it starts from
     jacobian: np.ndarray | None = None
-    stale: int = SECANTS + 1  # steps since the Jacobian was measured, more than SECANTS before it ever was
     damping: float = 1e-2
     gained: float = np.inf  # the last drop in cost
     done: bool = False
@@ -86,28 +78,35 @@ class _Run:
 def fit_all(
     problem: Problem,
     starts: Sequence[Values],
-    most: int = MOST,
+    most: int | None = None,
     tolerance: float = 3e-4,
     race: "Race | None" = None,
-    secants: int = SECANTS,
+    secants: int | None = None,
     rough: bool = False,
     near: "Sequence[Fit | None]" = (),
     fresh: Sequence[frozenset[Knob] | None] = (),
+    *,
+    settings: FitSettings = FitSettings(),
 ) -> list[Fit]:
     """Fit each start's own knobs; the result keeps the order. Memory grows with len(starts) * knobs * samples.
 
-    race: which fits are left where they are once they cannot come first. secants: steps on a Jacobian that is
-    updated by what the steps showed (see `_advance`); it is measured at the end, save for what was left behind, and
-    unless it is wanted `rough` (zeros where no step was taken). near: for each start a fit on this problem whose
-    derivatives by the knobs that the two share will do for the first steps. fresh: for each start the knobs whose
-    thresholds are looked for on both sides, the others being near their place already; None, and where nothing is
-    said: all.
+    most: steps; secants: of these on a Jacobian that is updated by what the steps showed (see `_advance`); None for the
+    settings' own. The Jacobian is measured at the end, save for what was left behind, and unless it is wanted `rough`
+    (zeros where no step was taken). race: which fits are left where they are once they cannot come first. near: for
+    each start a fit on this problem whose derivatives by the knobs that the two share will do for the first steps.
+    fresh: for each start the knobs whose thresholds are looked for on both sides, the others being near their place
+    already; None, and where nothing is said: all.
     """
     if not starts:
         return []
+    most = settings.least_squares.most if most is None else most
+    secants = settings.least_squares.secants if secants is None else secants
     residuals = problem.residuals(starts)
     lenders, new = near or [None] * len(starts), fresh or [None] * len(starts)
-    runs = [_begin(problem, s, r, n, f) for s, r, n, f in zip(starts, residuals, lenders, new, strict=True)]
+    runs = [
+        _begin(problem, s, r, n, f, settings=settings)
+        for s, r, n, f in zip(starts, residuals, lenders, new, strict=True)
+    ]
     if race is not None:
         reach = min([r.cost for r in runs] + [race.mark]) + race.early * race.margin
         for run in runs:
@@ -116,26 +115,34 @@ def fit_all(
         active = [run for run in runs if not run.done and run.knobs]
         if not active:
             break
-        _derive(problem, [run for run in active if run.stale > secants])
-        _advance(problem, active, tolerance)
+        _derive(problem, [run for run in active if run.stale > secants], settings=settings)
+        _advance(problem, active, tolerance, settings=settings)
         if race is not None:
-            _leave_behind(active, min([r.cost for r in runs] + [race.mark]) + race.margin)
+            _leave_behind(active, min([r.cost for r in runs] + [race.mark]) + race.margin, settings=settings)
     for run in runs:
         if run.jacobian is None and (rough or run.behind):  # nobody asks for it
             run.jacobian = np.zeros((*run.r.shape, len(run.knobs)))
-    _derive(problem, [r for r in runs if r.jacobian is None or (r.stale and not r.behind and not rough)])
+    _derive(
+        problem, [r for r in runs if r.jacobian is None or (r.stale and not r.behind and not rough)], settings=settings
+    )
     return [_finish(run) for run in runs]
 
 
-def _leave_behind(runs: list[_Run], reach: float) -> None:
+def _leave_behind(runs: list[_Run], reach: float, settings: FitSettings) -> None:
     """Stop the fits that lie beyond reach by more than they are likely still to fall."""
     for run in runs:
-        if run.cost - REMAINING * run.gained > reach:
+        if run.cost - settings.least_squares.remaining * run.gained > reach:
             run.done = run.behind = True
 
 
 def _begin(
-    problem: Problem, start: Values, r: np.ndarray, near: Fit | None = None, fresh: frozenset[Knob] | None = None
+    problem: Problem,
+    start: Values,
+    r: np.ndarray,
+    near: Fit | None = None,
+    fresh: frozenset[Knob] | None = None,
+    *,
+    settings: FitSettings,
 ) -> _Run:
     knobs = tuple(start)
     scale = np.array([problem.space.scale(k) for k in knobs])
@@ -144,11 +151,24 @@ def _begin(
     ratio = np.array([problem.space.null(k) == 1.0 and k.effect != TUNE for k in knobs], dtype=bool)
     shared = () if near is None else (k for k in knobs if k in near.knobs)
     lent = {} if near is None else {knobs.index(k): near.jacobian[..., near.knobs.index(k)] for k in shared}
-    return _Run(knobs, x, bounds[:, 0], bounds[:, 1], scale, ratio, r, float(np.sum(r * r)), fresh, lent)
+    return _Run(
+        knobs,
+        x,
+        bounds[:, 0],
+        bounds[:, 1],
+        scale,
+        ratio,
+        r,
+        float(np.sum(r * r)),
+        settings.least_squares.secants + 1,
+        fresh,
+        lent,
+    )
 
 
-def _derive(problem: Problem, runs: list[_Run]) -> None:
+def _derive(problem: Problem, runs: list[_Run], settings: FitSettings) -> None:
     """Measure the Jacobians, save for the columns that a run begins with."""
+    least_squares = settings.least_squares
     rows: list[Values] = []
     steps: list[float] = []
     for run in runs:
@@ -156,7 +176,11 @@ def _derive(problem: Problem, runs: list[_Run]) -> None:
             if i in run.lent:
                 continue
             # a delay's or play's derivative at its null is one-sided; away from it the upper side serves as well
-            step = min(STEP, PART * abs(run.x[i])) if run.ratio[i] else STEP
+            step = (
+                min(least_squares.step, least_squares.relative_step * abs(run.x[i]))
+                if run.ratio[i]
+                else least_squares.step
+            )
             step = step if run.x[i] + step <= run.high[i] else -step
             x = run.x.copy()
             x[i] += step
@@ -177,10 +201,10 @@ def _derive(problem: Problem, runs: list[_Run]) -> None:
         run.stale, run.lent = (1 if run.lent else 0), {}
 
 
-def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:
+def _advance(problem: Problem, runs: list[_Run], tolerance: float, settings: FitSettings) -> None:
     trials: list[tuple[_Run, float, np.ndarray]] = []
     for run in runs:
-        trials += [(run, damping, x) for damping, x in _distinct_steps(run)]
+        trials += [(run, damping, x) for damping, x in _distinct_steps(run, settings=settings)]
         trials += [(run, run.damping, x) for x in _scan(run)]
     tried = [run.values(x) for run, _, x in trials]
     results = problem.residuals(tried)
@@ -203,7 +227,9 @@ def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:
             run.damping = float(np.clip(damping, 1e-7, 1e6))
             run.failures = 0
         elif run.stale:
-            run.stale = SECANTS + 1  # a Jacobian that was only updated misleads: it is measured before the next step
+            run.stale = (
+                settings.least_squares.secants + 1
+            )  # a Jacobian that was only updated misleads: it is measured before the next step
         else:
             run.damping *= 100.0
             run.failures += 1
@@ -211,16 +237,16 @@ def _advance(problem: Problem, runs: list[_Run], tolerance: float) -> None:
             run.done = run.failures > 2
 
 
-def _distinct_steps(run: _Run) -> list[tuple[float, np.ndarray]]:
+def _distinct_steps(run: _Run, settings: FitSettings) -> list[tuple[float, np.ndarray]]:
     """Dampings and where they lead, less those that by the Jacobian lead where one before does."""
     assert run.jacobian is not None
     j = run.jacobian.reshape(-1, len(run.knobs))
     kept: list[tuple[float, np.ndarray]] = []
     moves: list[np.ndarray] = []
-    for factor in FACTORS:
+    for factor in settings.least_squares.dampings:
         x = _step(run, run.damping * factor)
         move = j @ (x - run.x)
-        if all(np.linalg.norm(move - m) > ALIKE * np.linalg.norm(m) for m in moves):
+        if all(np.linalg.norm(move - m) > settings.least_squares.alike * np.linalg.norm(m) for m in moves):
             kept.append((run.damping * factor, x))
             moves.append(move)
     return kept
@@ -263,8 +289,8 @@ def _finish(run: _Run) -> Fit:
     return Fit(terms, run.knobs, run.values(run.x), run.scale, run.cost, run.r, run.jacobian, held, run.fresh)
 
 
-def elsewhere(problem: Problem, start: Values) -> Values | None:
-    """Another place to start from: every effect's number moved by ELSEWHERE typical steps, away from its null in turn
+def elsewhere(problem: Problem, start: Values, settings: FitSettings) -> Values | None:
+    """Another place to start from: every effect's number moved by a few typical steps, away from its null in turn
     with towards it, and turned back at a bound; None where there is no effect."""
     moved = dict(start)
     sign = 1.0
@@ -272,7 +298,7 @@ def elsewhere(problem: Problem, start: Values) -> Values | None:
         if knob.effect == TUNE:
             continue
         low, high = problem.space.bounds(knob)
-        step = ELSEWHERE * problem.space.scale(knob)
+        step = settings.least_squares.elsewhere * problem.space.scale(knob)
         parameter = BY_NAME[knob.effect].parameter(knob.parameter)
         if parameter.null == 1.0 or not np.isfinite(parameter.null):
             step = min(step, 0.3 * abs(value))  # a ratio or a limit keeps its order of magnitude
@@ -293,8 +319,8 @@ def possible(values: Values) -> bool:
     return True
 
 
-def on_problem(problem: Problem, fit: Fit) -> Fit:
+def on_problem(problem: Problem, fit: Fit, settings: FitSettings) -> Fit:
     """The same values judged on another problem (other windows or weights), without refitting."""
-    again = _begin(problem, fit.values, problem.residuals([fit.values])[0])
-    _derive(problem, [again])
+    again = _begin(problem, fit.values, problem.residuals([fit.values])[0], settings=settings)
+    _derive(problem, [again], settings=settings)
     return replace(_finish(again), terms=fit.terms)

@@ -6,17 +6,18 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating, whitened
 from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level, small_differences
 from residual_mpc.models.settings import Knob, Values
 
 
-def tolerant(problem: Problem, fit: Fit) -> Problem:
+def tolerant(problem: Problem, fit: Fit, settings: FitSettings) -> Problem:
     """The problem with its tolerances at the level that this fit's residuals make likeliest."""
     plain = tolerating(problem, None)
     if problem.tolerances is None or not problem.tolerances.columns.shape[2]:
         return plain
-    blocks = blocks_of(problem.data)
+    blocks = blocks_of(problem.data, settings=settings)
     a, r = whitened(plain, problem.tolerances.columns), plain.residuals([fit.values])[0]
     gram, score = a.T @ a, a.T @ r.ravel()
     inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
@@ -24,13 +25,13 @@ def tolerant(problem: Problem, fit: Fit) -> Problem:
     scores = np.zeros((blocks.max() + 1, a.shape[1]))
     np.add.at(scores, blocks, np.einsum("wnk,wn->wk", a.reshape(*r.shape, -1), left))
     phi = max(1.0, float(np.einsum("kl,bk,bl->", inverse, scores, scores)) / a.shape[1])
-    level = likeliest_level(gram, score, phi)
+    level = likeliest_level(gram, score, phi, settings=settings.predict)
     return tolerating(plain, replace(problem.tolerances, level=level, dispersion=phi))
 
 
-def carrying(problem: Problem, values: Values, free: tuple[Knob, ...] = ()) -> Problem:
+def carrying(problem: Problem, values: Values, free: tuple[Knob, ...] = (), *, settings: FitSettings) -> Problem:
     """The problem with the columns of its tolerances measured at these values, not yet marginalised; none of `free`."""
-    rows = small_differences(problem.space, values, free)
+    rows = small_differences(problem.space, values, free, settings=settings.predict)
     here, *moved = problem.replays([values, *rows])
     seen = np.isfinite(problem.data.y)
     columns = [np.clip(np.nan_to_num(np.where(seen, m - here, 0.0)), -1e6, 1e6).reshape(len(here), -1) for m in moved]

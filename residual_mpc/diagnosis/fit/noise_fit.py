@@ -11,9 +11,8 @@ High-order differences of the measurements themselves, of every n-th sample, bou
 whatever the model: they are those of the noise, and of what they leave of the motion.
 """
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,51 +20,45 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise, ornstein_uhlenbeck
 from residual_mpc.diagnosis.fit.cross_validation import folds_of
+from residual_mpc.diagnosis.fit.noise_envelope import difference_bounds, fit_envelope
 from residual_mpc.diagnosis.fit.ridge import fit_ridge, subtract_ridge
+from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.logs.signals import difference_sigma, fresh_samples
 from residual_mpc.models.settings import Settings
 
-TIMES = (0.03, 0.1, 0.3, 1.0, 3.0)  # s: correlation times that noise may have; slower errors count as the model's
-EXCESS = 30.0  # how much more a noise above the measured increments weighs than one below
-ROUNDS = 12  # of reweighting
-WINDOWS = 48  # that are looked at
-DRAWS = 3  # of each part, from which the increments that it would leave are measured
-ORDERS, STRIDES = (3, 5, 7), (1, 2, 4, 8)  # of the differences that bound the noise
-BEYOND_WHITE = 8.0  # drop in misfit from which a channel's noise is coloured
 # reported by a filter or a scan matching; an encoder wanders by no more than it jitters
 LOCALISED = ("pose.", "twist.")
-ROUNDED = 1.5  # times its rounding error, up to which a channel's noise is nothing else
-LEEWAY = 1.15  # factor on these bounds, in squares, for their own error
-LEAST_SECONDS = 15.0  # s of windows below which noise counts as white: a model's error may be as short
-FEWEST_LAGS = 2  # lags from which increments tell white noise from coloured
-LEARNED = 400  # windows that the regression on the motion looks at
-ROUNDS_OF_SIZE, ENOUGH = 3, 0.98  # of scaling the noise down, and the factor at which that ends
-FEWEST = 24  # pairs of samples that make a mean
 
 
-def with_noise(data: Dataset, problem: Problem, scales: Scales, predicted: np.ndarray) -> Dataset:
+def with_noise(
+    data: Dataset, problem: Problem, scales: Scales, predicted: np.ndarray, settings: FitSettings
+) -> Dataset:
     """The data with the noise that the prediction (W, M, C) leaves on the problem's windows, whose channels are the
     same. What the user states of a channel stands; the colour is the data's."""
-    return replace(data, noise=stated_sizes(data, fit_noise(problem, scales, predicted)))
+    return replace(data, noise=stated_sizes(data, fit_noise(problem, scales, predicted, settings=settings)))
 
 
 def no_more_than_left(
-    noise: tuple[ChannelNoise, ...], data: Dataset, scales: Scales, row: Settings
+    noise: tuple[ChannelNoise, ...],
+    data: Dataset,
+    scales: Scales,
+    row: Settings,
+    settings: FitSettings,
 ) -> tuple[ChannelNoise, ...]:
     """The noise with each channel's size such that it makes no more of a gap than the model `row` leaves there."""
+    tuned = settings.noise
     error = data.y - predict(data, row)[0]
-    trust = window_trust(data, scales, error)
+    trust = window_trust(data, scales, error, settings=settings.data)
     left = gap_of(data, scales, error, trust).channels
-    for _ in range(ROUNDS_OF_SIZE):  # the channels' noises act on each other through the start states
-        drawn = noise_errors(replace(data, noise=noise), row, np.random.default_rng(0), DRAWS)
+    for _ in range(tuned.size_rounds):  # the channels' noises act on each other through the start states
+        drawn = noise_errors(replace(data, noise=noise), row, np.random.default_rng(0), tuned.draws)
         makes = np.sqrt(np.mean([gap_of(data, scales, e, trust).channels ** 2 for e in drawn], axis=0))
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.nan_to_num(np.where(makes > left, left / makes, 1.0), nan=1.0)
         noise = tuple(n.scaled_to(n.sigma * float(r)) for n, r in zip(noise, ratio, strict=True))
-        if (ratio > ENOUGH).all():
+        if (ratio > tuned.enough).all():
             break
     return noise
 
@@ -78,42 +71,49 @@ def stated_sizes(data: Dataset, noise: tuple[ChannelNoise, ...]) -> tuple[Channe
     )
 
 
-def fit_noise(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[ChannelNoise, ...]:
+def fit_noise(
+    problem: Problem, scales: Scales, predicted: np.ndarray, settings: FitSettings
+) -> tuple[ChannelNoise, ...]:
     """The noise of each channel, from what a model's prediction (W, M, C) leaves on the problem's windows.
 
     The problem's weights are those of the white noise. Deterministic: the draws have a seed of their own.
     """
-    problem, predicted = _steady(problem, scales, predicted)
+    tuned = settings.noise
+    problem, predicted = _steady(problem, scales, predicted, settings=settings)
     data = problem.data
-    left = unlearnable(data, scales, data.y - predicted, predicted)
+    left = unlearnable(data, scales, data.y - predicted, predicted, settings=settings)
     # evenly spread windows say as much as all of them
-    keep = np.unique(np.linspace(0, data.count - 1, min(data.count, WINDOWS)).round().astype(int))
+    keep = np.unique(np.linspace(0, data.count - 1, min(data.count, tuned.windows)).round().astype(int))
     left, y, t, basis = left[keep], data.y[keep], data.t[keep], problem.basis[keep]
     seen = np.isfinite(y) & np.isfinite(left)
     lags = _lags(t.shape[1], seen)
     scaled = np.where(seen, left * problem.weight, 0.0)
-    measured, sure = _increments(_projected(scaled, basis), seen, lags)  # (C, L)
+    measured, sure = _increments(_projected(scaled, basis), seen, lags, settings=settings)  # (C, L)
     period = float(np.nanmedian(np.diff(t, axis=1)))
-    times = [time for time in TIMES if time > 0.7 * period]
+    times = [time for time in tuned.times if time > 0.7 * period]
     rng = np.random.default_rng(0)
     c = len(data.channels)
     parts = np.zeros((c, len(lags), c, 1 + len(times)))
     for p, time in enumerate([0.0, *times]):
-        for _ in range(DRAWS):
+        for _ in range(tuned.draws):
             drawn = _unit(t, period, time, rng)  # each channel in turn is replaced by it
             for k in range(c):
                 if seen[..., k].any():
                     unit = np.zeros_like(scaled)
                     unit[..., k] = np.where(seen[..., k], drawn, 0.0)
-                    parts[:, :, k, p] += _increments(_projected(unit, basis), seen, lags)[0] / DRAWS
-    bounds = _bounds(data, problem.weight, [0.0, *times], period)
-    rounded = data.sigma <= ROUNDED * data.steps / np.sqrt(12.0)
+                    parts[:, :, k, p] += (
+                        _increments(_projected(unit, basis), seen, lags, settings=settings)[0] / tuned.draws
+                    )
+    bounds = difference_bounds(data, problem.weight, [0.0, *times], period, settings=settings)
+    rounded = data.sigma <= tuned.rounded * data.steps / np.sqrt(12.0)
     parts[:, :, rounded, 1:] = 0.0  # steps of the sensor that last several samples look coloured
-    if data.count * data.horizon < LEAST_SECONDS:
+    if data.count * data.horizon < tuned.least_seconds:
         parts[..., 1:] = 0.0
-    size = _envelope(measured, parts, sure, *bounds)  # (C, 1 + times) squared, in units of the white noise
+    size = fit_envelope(
+        measured, parts, sure, *bounds, settings=settings
+    )  # (C, 1 + times) squared, in units of the white noise
     out = []
-    known = (sure > 0.0).sum(axis=1) >= FEWEST_LAGS
+    known = (sure > 0.0).sum(axis=1) >= tuned.fewest_lags
     for k, channel in enumerate(data.channels):
         if not known[k] or not size[k, 1:].any():  # white, or too few samples in a window to tell
             out.append(ChannelNoise(float(data.sigma[k])))
@@ -135,32 +135,38 @@ def _channel_noise(sigma: np.ndarray, times: Sequence[float], rounding: float, m
     return ChannelNoise(white, tuple(p for p in parts if p[0] > 0.0))
 
 
-def unlearnable(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+def unlearnable(
+    data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray, settings: FitSettings
+) -> np.ndarray:
     """The error (W, M, C) less what a ridge regression on the motion predicts of it on windows it was not fitted to."""
     out = error.copy()
-    if data.y.shape[1] < FEWEST_LAGS:
+    if data.y.shape[1] < settings.noise.fewest_lags:
         return out
-    folds = folds_of(data)
+    folds = folds_of(data, settings=settings)
     for k in np.unique(folds):
         test, train = folds == k, folds != k
         if not train.any() or len(np.unique(folds[train])) < 2:
             continue
         some = data.take(train)
-        fitted = fit_ridge(some, scales, error[train], predicted[train], folds[train])
+        fitted = fit_ridge(some, scales, error[train], predicted[train], folds[train], settings=settings)
         if fitted.weights.any():
-            out[test] = subtract_ridge(fitted, data.take(test), scales, error[test], predicted[test])
+            out[test] = subtract_ridge(fitted, data.take(test), scales, error[test], predicted[test], settings=settings)
     return out
 
 
-def _steady(problem: Problem, scales: Scales, predicted: np.ndarray) -> tuple[Problem, np.ndarray]:
+def _steady(
+    problem: Problem, scales: Scales, predicted: np.ndarray, settings: FitSettings
+) -> tuple[Problem, np.ndarray]:
     """The problem and its prediction on the windows that do not diverge, evenly fewer where there are very many."""
     data = problem.data
     finite = np.isfinite(np.where(np.isfinite(data.y), predicted, 0.0)).all(axis=(1, 2))
-    good = np.flatnonzero(finite & (window_trust(data, scales, data.y - predicted) == 1.0))
+    good = np.flatnonzero(finite & (window_trust(data, scales, data.y - predicted, settings=settings.data) == 1.0))
     if len(good) < 2:
         return problem, predicted
     some = np.zeros(data.count, dtype=bool)
-    some[good[np.unique(np.linspace(0, len(good) - 1, min(len(good), LEARNED)).round().astype(int))]] = True
+    some[good[np.unique(np.linspace(0, len(good) - 1, min(len(good), settings.noise.learned)).round().astype(int))]] = (
+        True
+    )
     return (problem, predicted) if some.all() else (part_of(problem, some), predicted[some])
 
 
@@ -191,7 +197,9 @@ def _unit(t: np.ndarray, period: float, time: float, rng: np.random.Generator) -
     return ornstein_uhlenbeck(np.arange(t.shape[1]) * period, time, len(t), rng)
 
 
-def _increments(r: np.ndarray, seen: np.ndarray, lags: Sequence[int] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _increments(
+    r: np.ndarray, seen: np.ndarray, lags: Sequence[int] | np.ndarray, settings: FitSettings
+) -> tuple[np.ndarray, np.ndarray]:
     """(C, L) mean squares of r (W, M, C) at t + lag less r at t, and on how many stretches of a lag's length each
     rests."""
     out = np.zeros((r.shape[2], len(lags)))
@@ -201,96 +209,5 @@ def _increments(r: np.ndarray, seen: np.ndarray, lags: Sequence[int] | np.ndarra
         count = both.sum(axis=(0, 1))
         square = np.where(both, (r[:, lag:] - r[:, :-lag]) ** 2, 0.0).sum(axis=(0, 1))
         out[:, i] = square / np.maximum(count, 1)
-        sure[:, i] = np.where(count >= FEWEST, count / lag, 0.0)
+        sure[:, i] = np.where(count >= settings.noise.fewest_pairs, count / lag, 0.0)
     return out, sure
-
-
-def _bounds(data: Dataset, weight: np.ndarray, times: Sequence[float], period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Upper bounds that the measurements set: the mean square of normalised differences of ORDERS over every n-th
-    sample (B,), and what a unit of each part of each channel would add to it (B, C * P)."""
-    limits, rows = [], []
-    c, p = len(data.channels), len(times)
-    for k, channel in enumerate(data.channels):
-        mine = sorted((s for (_, name), s in data.signals.items() if name == channel), key=lambda s: -len(s.t))[:8]
-        fresh = [(s.t[f], s.y[f]) for s in mine if (f := fresh_samples(s.y)).any()]
-        for stride in STRIDES:
-            for order in ORDERS:
-                found = [difference_sigma(t[::stride], y[::stride], order) for t, y in fresh]
-                if not (good := [x for x in found if np.isfinite(x) and x > 0.0]):
-                    continue
-                row = np.zeros((c, p))
-                row[k] = [_difference_variance(order, stride * _spacing(fresh, period), time) for time in times]
-                limits.append((float(np.median(good)) * weight[k]) ** 2)
-                rows.append(row.ravel())
-    return np.array(limits), np.array(rows).reshape(-1, c * p)
-
-
-def _spacing(fresh: Sequence[tuple[np.ndarray, np.ndarray]], period: float) -> float:
-    """s between fresh samples."""
-    steps = [float(np.median(np.diff(t))) for t, _ in fresh if len(t) > 1]
-    return float(np.median(steps)) if steps else period
-
-
-def _difference_variance(order: int, step: float, time: float) -> float:
-    """Variance of the normalised difference of unit noise with a correlation time, sampled every `step` s."""
-    if time == 0.0:
-        return 1.0
-    weights = np.array([(-1.0) ** i * math.comb(order, i) for i in range(order + 1)])
-    apart = np.abs(np.subtract.outer(np.arange(order + 1), np.arange(order + 1)))
-    return float(weights @ np.exp(-apart * step / time) @ weights / (weights @ weights))
-
-
-def _envelope(
-    measured: np.ndarray, parts: np.ndarray, sure: np.ndarray, limits: np.ndarray, adds: np.ndarray
-) -> np.ndarray:
-    """(C, P) squared sizes of the parts whose increments lie under the measured ones, in relative least squares; a mean
-    of n independent squares has a relative variance of 2 / n. What exceeds the `limits` weighs as much as the best
-    known of the increments, what lies below them nothing."""
-    c, p = parts.shape[2:]
-    use = (sure > 0.0) & (measured > 0.0)
-    rows, target = parts[use].reshape(-1, c * p), measured[use]
-    if not len(target):
-        return np.zeros((c, p))
-    fit = _Envelope(
-        np.concatenate([rows / target[:, None], adds / limits[:, None]]),
-        np.concatenate([np.sqrt(sure[use]), np.full(len(limits), float(np.sqrt(sure.max())))]),
-        np.concatenate([np.ones(len(target)), np.zeros(len(limits))]),
-    )
-    columns = np.zeros((c, p), dtype=bool)
-    columns[:, 0] = True
-    size, misfit = fit.solve(columns.ravel())
-    for k in range(c):  # a channel's noise is white unless its increments say otherwise
-        more = columns.copy()
-        more[k] = True
-        again, less = fit.solve(more.ravel())
-        if misfit - less > BEYOND_WHITE:
-            columns, size, misfit = more, again, less
-    return size.reshape(c, p)
-
-
-@dataclass(frozen=True, eq=False)
-class _Envelope:
-    """rows (R, C * P): what a unit of each part adds, relative to what was measured or to a limit; known (R,) how well;
-    least (R,) 1 for what was measured, 0 for a limit, below which nothing weighs."""
-
-    rows: np.ndarray
-    known: np.ndarray
-    least: np.ndarray
-
-    def solve(self, columns: np.ndarray) -> tuple[np.ndarray, float]:
-        """Squared sizes of the parts (C * P,), those of `columns` alone, and the weighted misfit."""
-        from scipy.optimize import nnls  # slow to import
-
-        aim = np.where(self.least > 0.0, 1.0, LEEWAY)
-        weight = self.known * self.least
-        size = np.zeros(self.rows.shape[1])
-        for _ in range(ROUNDS):
-            try:
-                size[columns] = nnls(self.rows[:, columns] * weight[:, None], weight * aim, maxiter=500)[0]
-            except RuntimeError:  # it has not converged: the sizes of the round before are near
-                break
-            again = self.known * np.sqrt(np.where(self.rows @ size > aim, EXCESS, self.least))
-            if np.array_equal(again, weight):
-                break
-            weight = again
-        return size, float(np.sum((weight * (self.rows @ size - aim)) ** 2)) / 2.0

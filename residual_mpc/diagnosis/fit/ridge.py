@@ -11,9 +11,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
-
-RIDGES = tuple(10.0**k for k in range(-3, 6))
-HARMONICS = 2  # of each position: cogging and eccentric wheels repeat with the angle
+from residual_mpc.diagnosis.fit.settings import FitSettings
 
 
 @dataclass(frozen=True)
@@ -24,11 +22,14 @@ class RidgeFit:
     scale: np.ndarray
 
 
-def fit_ridge(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray, folds: np.ndarray) -> RidgeFit:
+def fit_ridge(
+    data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray, folds: np.ndarray, settings: FitSettings
+) -> RidgeFit:
     """Fit error (W, M, C) on features of the prediction (W, M, C) and the commands; the ridge is chosen across
     folds (W,).
     """
-    x = features(data, predicted)
+    tuned = settings.ridge
+    x = features(data, predicted, settings=settings)
     w, m, f = x.shape
     y = np.where(np.isfinite(error) & data.compared[:, None, :] & ~scales.still, error / scales.s, 0.0)
     seen = np.isfinite(error).any(axis=2)
@@ -39,13 +40,13 @@ def fit_ridge(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.nd
     part = [fold == k for k in np.unique(fold)]
     grams, crosses = [flat[p].T @ flat[p] for p in part], [flat[p].T @ target[p] for p in part]
     gram, cross = np.sum(grams, axis=0), np.sum(crosses, axis=0)
-    scores = np.zeros(len(RIDGES))
+    scores = np.zeros(len(tuned.ridges))
     for g, c in zip(grams, crosses, strict=True):
-        for i, ridge in enumerate(RIDGES):
+        for i, ridge in enumerate(tuned.ridges):
             b = np.linalg.solve(gram - g + ridge * np.eye(f), cross - c)
             scores[i] += np.sum(b * (g @ b - 2.0 * c))
     scores += np.sum(target**2)  # the squared errors on windows that were left out of each fit
-    ridge = RIDGES[int(np.argmin(scores))]
+    ridge = tuned.ridges[int(np.argmin(scores))]
     weights = np.linalg.solve(gram + ridge * np.eye(f), cross)
     if scores.min() >= np.sum(target**2):  # it does not help on windows that it has not seen
         weights = np.zeros_like(weights)
@@ -53,13 +54,13 @@ def fit_ridge(data: Dataset, scales: Scales, error: np.ndarray, predicted: np.nd
 
 
 def subtract_ridge(
-    fitted: RidgeFit, data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray
+    fitted: RidgeFit, data: Dataset, scales: Scales, error: np.ndarray, predicted: np.ndarray, settings: FitSettings
 ) -> np.ndarray:
     """The error less what the learner predicts of it, (W, M, C)."""
-    return np.asarray(error - (features(data, predicted) / fitted.scale) @ fitted.weights * scales.s)
+    return np.asarray(error - (features(data, predicted, settings=settings) / fitted.scale) @ fitted.weights * scales.s)
 
 
-def features(data: Dataset, predicted: np.ndarray) -> np.ndarray:
+def features(data: Dataset, predicted: np.ndarray, settings: FitSettings) -> np.ndarray:
     """(W, M, F): integrals from the window's start, and changes since it, of basis functions of the motion."""
     w, m, _ = data.y.shape
     t = np.nan_to_num(data.t)
@@ -88,7 +89,7 @@ def features(data: Dataset, predicted: np.ndarray) -> np.ndarray:
     basis += [a * b for i, a in enumerate(z[:4]) for b in z[i + 1 : 4]]
     basis += [np.abs(a) for a in z]
     for p in positions:
-        basis += [fn(h * p) for h in range(1, HARMONICS + 1) for fn in (np.sin, np.cos)]
+        basis += [fn(h * p) for h in range(1, settings.ridge.harmonics + 1) for fn in (np.sin, np.cos)]
     if heading is not None:  # a rate in the body's frame drives x and y through the heading
         c, s = np.cos(heading), np.sin(heading)
         basis = basis + [b * c for b in basis] + [b * s for b in basis]

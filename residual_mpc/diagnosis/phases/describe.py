@@ -9,7 +9,6 @@ from residual_mpc.diagnosis.data.where import locate
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.validate import Validated
-from residual_mpc.diagnosis.predict.noise_floor import MARGIN
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.remainder.description import describe_remainder
 from residual_mpc.diagnosis.remainder.learning import NOTHING, Learned, Learner, learn, remainder_of
@@ -21,12 +20,11 @@ from residual_mpc.diagnosis.results.conditions import moved, notes, setup
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult, GapStep, StageShare
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.stages import staged
 from residual_mpc.diagnosis.results.support import doubts
 from residual_mpc.diagnosis.results.verdict import clearest, left_share
-from residual_mpc.diagnosis.search.stepwise import Ruler
-
-FEW = 4  # draws of the noise that tell what of a remainder is noise
+from residual_mpc.diagnosis.search.acceptance import Ruler
 
 
 @dataclass(frozen=True)
@@ -49,13 +47,15 @@ def describe(
 ) -> DiagnosisResult:
     """answered: told the answer before the extras are computed."""
     answered(_diagnosis(validated, Extras()))
-    found, of = validated.gaps, validated.explanation
+    found, of, settings = validated.gaps, validated.explanation, validated.options.settings
     progress("describing the remaining error", 0.9)
-    learned, rest = _left(found, rng, learners)
+    learned, rest = _left(found, rng, learners, settings)
     progress("sharing the gap among the stages", 0.94)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
     final = of.final if found.helps else None
-    steps, stages = staged(of.after_data, of.scales, of.space, final, gaps, validated.options.final_steps // 2)
+    steps, stages = staged(
+        of.after_data, of.scales, of.space, final, gaps, validated.options.final_steps // 2, settings=settings
+    )
     diagnosis = _diagnosis(validated, Extras(steps, stages, learned, rest))
     return DiagnosisResult(diagnosis, of.raw, of.scales, *validated.errors, of.test)
 
@@ -63,13 +63,15 @@ def describe(
 def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     """The records of what was found."""
     found, of, supports = validated.gaps, validated.explanation, validated.supports
-    helps, final = found.helps, of.final
+    helps, final, settings = found.helps, of.final, validated.options.settings
     verdict, share = found.verdict
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
-    sure = most_sure(verdict, left_share(clearest(found.looks)) if helps else share, _times_floor(found))
-    doubt = doubts(supports, extras.rest)
+    sure = most_sure(
+        verdict, left_share(clearest(found.looks)) if helps else share, _times_floor(found), settings=settings
+    )
+    doubt = doubts(supports, extras.rest, settings=settings)
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
-    others = alternatives(of.rivalry, groups, final) if helps else ()
+    others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
     return Diagnosis(
         robot=of.space.robot.name,
         verdict=verdict,
@@ -78,13 +80,13 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         expected=of.expected if helps else None,
         achieved=validated.achieved,
         stages=extras.stages,
-        where=locate(of.raw, of.scales, found.errors["before"]),
-        causes=causes_of(of, share, sure, supports, doubt, validated.lacking) if helps else (),
+        where=locate(of.raw, of.scales, found.errors["before"], settings=settings.data),
+        causes=causes_of(of, share, sure, supports, doubt, validated.lacking, settings=settings) if helps else (),
         candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, doubt) if helps else (),
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),
         alternatives=others,
-        setup=setup(of.raw, dispersion(final, blocks_of(of.problem.data))),
+        setup=setup(of.raw, dispersion(final, blocks_of(of.problem.data, settings=settings.fit))),
         not_testable=of.untestable,
         moved=moved(of.base, final) if helps else (),
         unexplained=share,
@@ -99,7 +101,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
             verdict=verdict,
         ),
         values=final.values if helps else of.base.values,
-        notes=notes(of, found),
+        notes=notes(of, found, settings=settings),
     )
 
 
@@ -108,21 +110,33 @@ def _times_floor(found: ExplanationGaps) -> float:
     return max(look.steady.total / max(look.floor.total, 1e-12) for look in found.looks)
 
 
-def _left(found: ExplanationGaps, rng: np.random.Generator, learners: Sequence[Learner]) -> tuple[Learned, Rest | None]:
+def _left(
+    found: ExplanationGaps, rng: np.random.Generator, learners: Sequence[Learner], settings: ResultSettings
+) -> tuple[Learned, Rest | None]:
     """What the learners make of the rest, and what it is like; what a perfect model might have left under this noise is
     not worth their time."""
     of, first = found.of, found.looks[0]
-    if found.verdict[0] == "no_gap" or found.left.total <= max(MARGIN * first.floor.total, first.floor.luck):
+    if found.verdict[0] == "no_gap" or found.left.total <= max(
+        settings.predict.floor.margin * first.floor.total, first.floor.luck
+    ):
         return NOTHING, None
     name, seen, current = ("after", of.after_data, of.final) if found.helps else ("before", of.raw, of.base)
     predicted, error, row = found.predicted[name], found.errors[name], of.space.settings([current.values])
     learned = NOTHING
     if of.held.any():
-        remainder = remainder_of(seen, of.scales, row, predicted, error, of.held)
+        remainder = remainder_of(seen, of.scales, row, predicted, error, of.held, tuning=settings.remainder)
         learned = learn(remainder, learners, rng.spawn(1)[0])
-    judge = Ruler(PredictionCache(seen.take(of.test), of.space), of.scales, first.floor.total**2)
-    like = resembles(of.problem, current, of.left_out, judge)
+    judge = Ruler(PredictionCache(seen.take(of.test), of.space), of.scales, first.floor.total**2, settings.data)
+    like = resembles(of.problem, current, of.left_out, judge, settings=settings.remainder)
     unspoilt = np.where(np.isfinite(of.clean.y), error, np.nan)
     return learned, describe_remainder(
-        seen, of.scales, row, predicted, unspoilt, found.floors[:FEW], like, rng.spawn(1)[0]
+        seen,
+        of.scales,
+        row,
+        predicted,
+        unspoilt,
+        found.floors[: settings.remainder.description.floor_draws],
+        like,
+        rng.spawn(1)[0],
+        tuning=settings.remainder,
     )

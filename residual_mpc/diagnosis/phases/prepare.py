@@ -58,18 +58,23 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     """Raises BadInput where nothing can be compared."""
     progress("cutting the runs into windows", 0.02)
     runs, robots, noise, options = given.runs, given.robots, given.noise, given.options
-    raw = build_dataset(runs, robots, noise, options.horizon)
+    settings = options.settings
+    raw = build_dataset(runs, robots, noise, options.horizon, settings=settings.data)
     scales = measure_scales(raw)
-    outliers = find_outliers(raw)
+    outliers = find_outliers(raw, settings=settings.data)
     clean = with_outliers_removed(raw, outliers.flagged)
     kept = options.held_out
     if kept is None:
-        kept = choose_held_out(raw, per_window(raw, scales, raw.y - predict(raw, Settings(1))[0]))
+        missed = per_window(raw, scales, raw.y - predict(raw, Settings(1))[0])
+        kept = choose_held_out(raw, missed, settings=settings.data)
     held = held_out_mask(raw, kept)
     space = build_space(clean.take(~held), given.tunable, options.only, options.without, options.without_because)
-    wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon))
-    looks = [windows_over(runs, robots, noise, h, shorter, kept, outliers.flagged) for shorter, h in pairwise(wanted)]
+    wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon, settings=settings.predict))
+    looks = (
+        windows_over(runs, robots, noise, h, shorter, kept, outliers.flagged, settings=settings.predict)
+        for shorter, h in pairwise(wanted)
+    )
     there = [look for look in looks if look is not None]
-    longer = tuple(look for look in there if foretold(look.clean, look.scales, rng))
-    unstable = bool(there) and not longer and foretold(clean, scales, rng)
+    longer = tuple(look for look in there if foretold(look.clean, look.scales, rng, settings=settings.predict))
+    unstable = bool(there) and not longer and foretold(clean, scales, rng, settings=settings.predict)
     return Prepared(raw, clean, scales, outliers, kept, held, space, longer, unstable, options)

@@ -21,14 +21,11 @@ from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.shrink import Shrink, expected_shrink
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
-
-AGAIN = 4  # steps of the last fit with small differences, from where the plain one ended
-ROOM = 40_000_000  # numbers in the columns of all small differences
-OUTLIERS_WORTH = 0.6  # times the squared noise floor that a few jumping samples have to make of the gap to be a cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,38 +41,50 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     """The explanation with its numbers, less the effects that a closer look refutes, and the shrink expected of it."""
     progress("fitting on all windows", 0.75)
     prepared, found, rivalry = searched.prepared, searched.found, searched.rivalry
-    options = prepared.options
-    problem = build_problem(searched.windows, prepared.space, found.sigma, found.problem.motion)
-    problem = _trusting(problem, rivalry.fit.values, searched.scales)
-    polished, base = polish(problem, [rivalry.fit.values, found.base.values], options.final_steps)
+    options, settings = prepared.options, prepared.options.settings
+    problem = build_problem(
+        searched.windows, prepared.space, found.sigma, found.problem.motion, settings=settings.predict
+    )
+    problem = _trusting(problem, rivalry.fit.values, searched.scales, settings)
+    polished, base = polish(
+        problem, [rivalry.fit.values, found.base.values], options.final_steps, settings=settings.fit
+    )
     polished, vetoed = _heed_encoders(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit
-    wide = _tolerating(problem, final)
+    wide = _tolerating(problem, final, options)
     with_outliers = _outliers_count(prepared, prepared.space.settings([final.values]), rng)
     expected = None
     if final.terms or with_outliers:
         expected = _expected(prepared, problem, final, before, with_outliers, rng)
+    marginal = None
+    if wide is not None:
+        again = fit_all(wide, [final.values], options.phases.marginal_steps, settings=settings.fit)[0]
+        marginal = MarginalisedFit(wide, again)
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, problem, before, final,
         polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, vetoed, doubtful, expected,
-        None if wide is None else MarginalisedFit(wide, fit_all(wide, [final.values], AGAIN)[0]),
+        marginal,
     )  # fmt: skip
     return Refined(explanation, prepared.longer, options)
 
 
-def _trusting(problem: Problem, values: Values, scales: Scales) -> Problem:
+def _trusting(problem: Problem, values: Values, scales: Scales, settings: ResultSettings) -> Problem:
     """The problem in which windows that diverge under these values weigh less."""
-    trust = window_trust(problem.data, scales, problem.data.y - problem.replays([values])[0])
+    trust = window_trust(problem.data, scales, problem.data.y - problem.replays([values])[0], settings=settings.data)
     return problem if (trust == 1.0).all() else replace(problem, count=trust)
 
 
-def _tolerating(problem: Problem, fit: Fit) -> Problem | None:
+def _tolerating(problem: Problem, fit: Fit, options: Options) -> Problem | None:
     """The problem with small differences marginalised in every number that the fit does not free; None where there are
     none, and where their columns would not fit into memory."""
-    if not fit.terms or problem.data.y.size * len(small_differences(problem.space, fit.values)) > ROOM:
+    settings = options.settings
+    if not fit.terms:
         return None
-    wide = tolerant(carrying(problem, fit.values, fit.knobs), fit)
+    columns = problem.data.y.size * len(small_differences(problem.space, fit.values, settings=settings.predict))
+    if columns > options.phases.marginal_columns:
+        return None
+    wide = tolerant(carrying(problem, fit.values, fit.knobs, settings=settings.fit), fit, settings=settings.fit)
     return None if wide.wide is None else wide
 
 
@@ -83,15 +92,16 @@ def _expected(
     prepared: Prepared, problem: Problem, final: Fit, base: Fit, with_outliers: bool, rng: np.random.Generator
 ) -> Shrink:
     """The shrink, by cross-validation on the windows of the headline's horizon."""
+    settings = prepared.options.settings
     spoilt = prepared.raw.take(~prepared.held)
     here = final
     if problem.data.count != prepared.fitting.count or problem.data.horizon != prepared.raw.horizon:
-        plain = build_problem(prepared.fitting, prepared.space, 1.0 / problem.weight)
-        here = on_problem(_trusting(plain, final.values, prepared.scales), final)
+        plain = build_problem(prepared.fitting, prepared.space, 1.0 / problem.weight, settings=settings.predict)
+        here = on_problem(_trusting(plain, final.values, prepared.scales, settings), final, settings=settings.fit)
     before = spoilt.y - predict(spoilt, prepared.space.settings([base.values]))[0]
-    after = expected_errors(prepared.fitting if with_outliers else spoilt, prepared.space, here)
+    after = expected_errors(prepared.fitting if with_outliers else spoilt, prepared.space, here, settings=settings.fit)
     kept_back = prepared.raw.take(prepared.held) if prepared.held.any() else spoilt
-    return expected_shrink(spoilt, kept_back, prepared.scales, before, after, rng)
+    return expected_shrink(spoilt, kept_back, prepared.scales, before, after, rng, settings=settings)
 
 
 def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
@@ -99,9 +109,10 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
     final = polished.fit
     if not final.terms or not independent_encoders(problem.data):
         return polished, ()
+    settings = options.settings
     rows = [final.values, *(without(final.values, t) for t in final.terms)]
     after, *less = predict(problem.data, problem.space.settings(rows))
-    bad = contradicted(problem.data, after, np.stack(less))
+    bad = contradicted(problem.data, after, np.stack(less), settings=settings.data)
     vetoed = tuple(t for t, b in zip(final.terms, bad, strict=True) if b)
     if not vetoed:
         return polished, ()
@@ -113,8 +124,9 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
 
 def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
     """The fit without the effects that cannot be told from none on all windows, and those."""
-    blocks, gone = blocks_of(problem.data), list[Term]()
-    while (term := least_sure(polished.fit, blocks)) is not None:
+    settings = options.settings
+    blocks, gone = blocks_of(problem.data, settings=settings.fit), list[Term]()
+    while (term := least_sure(polished.fit, blocks, settings=settings.fit)) is not None:
         gone.append(term)
         polished = _again(problem, polished, without(polished.fit.values, term), options)
     return polished, tuple(gone)
@@ -122,7 +134,8 @@ def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> t
 
 def _again(problem: Problem, polished: Polished, fewer: Values, options: Options) -> Polished:
     """The fit of some of its numbers, from where it was; other starts are not tried again."""
-    fit = carry_on(problem, [fewer], options.final_steps)[0]
+    settings = options.settings
+    fit = carry_on(problem, [fewer], options.final_steps, settings=settings.fit)[0]
     return Polished(fit, {k: (fit.values[k],) for k in fit.knobs})
 
 
@@ -138,9 +151,10 @@ def _outliers_count(prepared: Prepared, row: Settings, rng: np.random.Generator)
 def _weigh(prepared: Prepared, row: Settings, rng: np.random.Generator) -> bool:
     """Whether the flagged samples, few as they are, make up much of what the effects leave: the search's own terms."""
     options, clean, scales = prepared.options, prepared.fitting, prepared.scales
-    keep = evenly(clean, options.final_steps)
+    settings = options.settings
+    keep = evenly(clean, options.final_steps, settings=settings.data)
     spoilt, clean = prepared.raw.take(~prepared.held).take(keep), clean.take(keep)
     left, cleaned = (gap_of(d, scales, d.y - predict(d, row)[0]).total ** 2 for d in (spoilt, clean))
     floor = float(np.mean([gap_of(clean, scales, e).total ** 2 for e in noise_errors(clean, row, rng, 4)]))
-    worth = max(OUTLIERS_WORTH * floor, options.search.sizeable * (left - floor))
+    worth = max(options.phases.outliers_worth * floor, settings.search.sizeable * (left - floor))
     return left - cleaned > worth

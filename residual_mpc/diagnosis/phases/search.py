@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.data.subsampling import evenly, shorten, thin, thin_
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import on_problem
 from residual_mpc.diagnosis.fit.noise_fit import with_noise
-from residual_mpc.diagnosis.options import Progress
+from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of, well_begun
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
@@ -19,11 +19,6 @@ from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.stepwise import Found, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
-
-BLOCKS = 10  # stretches of time below which a search over longer windows needs a gap to explain: few say anything
-CHEAP = 30_000  # simulation steps of one hypothesis up to which longer windows are searched in any case
-MOST = 20_000  # simulation steps of one hypothesis on BLOCKS windows beyond which no longer windows are searched
-NEAR = 2.0  # times the noise floor within which longer windows sharpen the numbers of the last fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +37,7 @@ class Searched:
 def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progress) -> Searched:
     """Search the headline's horizon, then each longer one for what it adds; then compare with rival explanations."""
     progress("searching for effects", 0.1)
-    steps = prepared.options.final_steps
+    options, settings = prepared.options, prepared.options.settings
     # errors that grow within a window hide what made them
     windows = [(shorten(prepared.fitting, 0.5) if prepared.unstable else prepared.fitting, prepared.scales)]
     found = first = _on(prepared, *windows[0], None, rng, lambda text, done: progress(text, 0.1 + 0.4 * done))
@@ -51,32 +46,42 @@ def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progr
             continue
         data, scales = look.free
         data, gap, floor = _seen_over(data, scales, found, prepared, rng)
-        sharpens = gap.total < NEAR * floor.total and data.cost <= steps
-        cheap = len(np.unique(blocks_of(data))) >= BLOCKS and data.cost <= CHEAP
-        bearable = min(BLOCKS, data.count) * data.cost // data.count <= MOST
-        if not (cheap or bearable and beyond(gap, floor)):
-            if sharpens:
-                windows.append((data, scales))
-            continue
-        progress(f"searching over {data.horizon:g} s", 0.5)
-        more = _on(prepared, data, scales, found, rng, lambda text, done: None)
-        if more.steps:
+        more = None
+        if _worth_searching(data, gap, floor, options):
+            progress(f"searching over {data.horizon:g} s", 0.5)
+            more = _on(prepared, data, scales, found, rng, lambda text, done: None)
+        if more is not None and more.steps:
             found, windows = more, [(data, scales)]
-        elif sharpens:
-            windows.append((data, scales))
+        elif gap.total < options.phases.near * floor.total and data.cost <= options.final_steps:
+            windows.append((data, scales))  # these sharpen the numbers of the last fit
     progress("comparing with rival explanations", 0.6)
     rivalry = _rivals_that_hold(prepared, found)
     by_noise = reweigh(first.problem, first.problem.data.sigma)
-    untestable = not_testable(by_noise, first.base, rivalry.fit.terms)
+    untestable = not_testable(by_noise, first.base, rivalry.fit.terms, settings=settings.search)
     return Searched(prepared, found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])
+
+
+def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:
+    """Whether longer windows are searched for more effects: where that is cheap, or bearable with a gap to explain."""
+    phases, settings = options.phases, options.settings
+    many = len(np.unique(blocks_of(data, settings=settings.fit))) >= phases.blocks
+    if many and data.cost <= phases.cheap:
+        return True
+    bearable = min(phases.blocks, data.count) * data.cost // data.count <= phases.bearable
+    return bearable and beyond(gap, floor, settings=settings.predict)
 
 
 def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
     """The rivals of what was found; of the rival that holds far better on all windows, where there is one."""
-    rivalry = find_rivals(found)
-    everywhere = prepared.fitting.take(evenly(prepared.fitting, prepared.options.final_steps))
-    better = holds_elsewhere(rivalry, PredictionCache(everywhere, prepared.space), prepared.scales)
-    return rivalry if better is None else find_rivals(replace(found, fit=on_problem(found.problem, better)), most=0)
+    settings = prepared.options.settings
+    rivalry = find_rivals(found, settings=settings.search)
+    everywhere = prepared.fitting.take(evenly(prepared.fitting, prepared.options.final_steps, settings=settings.data))
+    replays = PredictionCache(everywhere, prepared.space)
+    better = holds_elsewhere(rivalry, replays, prepared.scales, settings=settings.search)
+    if better is None:
+        return rivalry
+    exchanged = replace(found, fit=on_problem(found.problem, better, settings=settings.fit))
+    return find_rivals(exchanged, most=0, settings=settings.search)
 
 
 def _on(
@@ -88,23 +93,31 @@ def _on(
     report: Progress,
 ) -> Found:
     """The search on these windows, from what an earlier one found."""
-    options, space = prepared.options, prepared.space
+    options, space, settings = prepared.options, prepared.space, prepared.options.settings
     # a step of a small robot costs less: a servo on the bench is looked at more closely than an arm
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 2.0))
-    few = well_begun(thin(windows, budget) if start is None else thin_whole(windows, budget), scales, rng)
-    problem = build_problem(few, space, few.sigma, scales.motion)
+    few = (thin if start is None else thin_whole)(windows, budget, settings=settings.data)
+    few = well_begun(few, scales, rng, settings=settings.predict)
+    problem = build_problem(few, space, few.sigma, scales.motion, settings=settings.predict)
     if start is None:
-        return stepwise_search(problem, scales, options.search, rng, report)
-    more = options.search
-    settings = replace(more, over_floor=more.over_floor_longer, largest=more.largest_longer)
-    return stepwise_search(problem, scales, settings, rng, report, start.fit.values)
+        return stepwise_search(problem, scales, settings.search, rng, report)
+    search = settings.search
+    longer = replace(search, over_floor=search.over_floor_longer, largest=search.largest_longer)
+    return stepwise_search(problem, scales, longer, rng, report, start.fit.values)
 
 
 def _seen_over(
     data: Dataset, scales: Scales, found: Found, prepared: Prepared, rng: np.random.Generator
 ) -> tuple[Dataset, Gap, NoiseFloor]:
     """Longer windows with the noise that what was found leaves there, its gap and its floor."""
+    settings = prepared.options.settings
     row = prepared.space.settings([found.fit.values])
     predicted = predict(data, row)[0]
-    data = with_noise(data, build_problem(data, prepared.space, data.sigma), scales, predicted)
-    return data, gap_of(data, scales, data.y - predicted), floor_of(data, scales, row, rng)
+    data = with_noise(
+        data,
+        build_problem(data, prepared.space, data.sigma, settings=settings.predict),
+        scales,
+        predicted,
+        settings=settings.fit,
+    )
+    return data, gap_of(data, scales, data.y - predicted), floor_of(data, scales, row, rng, settings=settings.predict)

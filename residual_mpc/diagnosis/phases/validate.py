@@ -43,13 +43,13 @@ class Validated:
 def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> Validated:
     """From here on nothing is fitted to change the explanation."""
     progress("opening the held-out windows", 0.85)
-    options, longer = refined.options, refined.longer
-    gaps = measure_gaps(refined.explanation, longer, options.final_steps, rng)
+    options, longer, settings = refined.options, refined.longer, refined.options.settings
+    gaps = measure_gaps(refined.explanation, longer, options.final_steps, rng, settings=settings)
     if not gaps.helps:
         return Validated(gaps, None, {}, {}, options)
     of = gaps.of
     before, after = gaps.errors["before"], gaps.errors["after"]
-    achieved = shrink_of(of.raw.take(of.test), of.scales, before[of.test], after[of.test], rng)
-    supports = support_of(of, longer, gaps.looks)
-    lacking = without_doubtful(of, doubts(supports, None), options.final_steps)
+    achieved = shrink_of(of.raw.take(of.test), of.scales, before[of.test], after[of.test], rng, settings=settings)
+    supports = support_of(of, longer, gaps.looks, settings=settings)
+    lacking = without_doubtful(of, doubts(supports, None, settings=settings), options.final_steps, settings=settings)
     return Validated(gaps, achieved, supports, lacking, options)

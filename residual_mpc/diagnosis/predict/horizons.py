@@ -11,18 +11,14 @@ from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings
 
-LONGER = 5.0  # s
-LONGEST = 30.0  # s
-APART = 1.5  # times the horizon before it, from which a longer one says something new
-FEWEST = 3  # windows that a horizon needs
-LENGTHS = (20.0, 15.0, 10.0, 7.5)  # s: of windows that fits may see where none of a horizon's length is free
+LONGER, LONGEST = 5.0, 30.0  # s: the horizons that are looked at (contract, section 4)
 FORETOLD = 0.1  # noise floor up to which a motion counts as foretold (contract, section 4)
-LOOK = 40_000  # simulation steps that the first look at a horizon may cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +41,14 @@ class HorizonWindows:
         return self.held if self.held.any() else np.ones(self.raw.count, dtype=bool)
 
 
-def longer_horizons(runs: Sequence[Run], horizon: float) -> tuple[float, ...]:
-    """s: 5 s and the longest up to 30 s that the runs hold at least FEWEST windows of, each well beyond the one
+def longer_horizons(runs: Sequence[Run], horizon: float, settings: PredictSettings) -> tuple[float, ...]:
+    """s: 5 s and the longest up to 30 s that the runs hold at least a few windows of, each well beyond the one
     before."""
     lengths = np.array([r.t[-1] - r.t[0] for r in runs])
     out: list[float] = []
     for wanted in (LONGER, float(min(LONGEST, np.floor(np.median(lengths) / LONGER) * LONGER))):
         fits = int(np.floor(lengths / wanted + 1e-6).sum()) if wanted > 0.0 else 0
-        if fits >= FEWEST and wanted >= APART * max([horizon, *out]):
+        if fits >= settings.horizons.fewest and wanted >= settings.horizons.apart * max([horizon, *out]):
             out.append(wanted)
     return tuple(out)
 
@@ -70,14 +66,15 @@ def windows_over(
     shorter: float,
     kept: Sequence[KeptBack],
     flagged: Mapping[tuple[int, str], np.ndarray],
+    settings: PredictSettings,
 ) -> HorizonWindows | None:
     """The runs over a horizon, of which `shorter` is the one before; None where nothing moves or no window has a
     measured start."""
     whole = full_windows(runs, horizon)
-    if sum(map(len, whole)) < FEWEST:
+    if sum(map(len, whole)) < settings.horizons.fewest:
         return None
     try:
-        raw = build_dataset(runs, robots, noise, horizon, whole)
+        raw = build_dataset(runs, robots, noise, horizon, whole, settings=settings.data)
         scales = measure_scales(raw)
     except BadInput:  # said already, of the first horizon
         return None
@@ -85,7 +82,12 @@ def windows_over(
     spans = [_spans(r, kept) for r in runs]
     held = np.array([_inside(spans[i], t, t + horizon) for i, t in zip(raw.run, raw.start, strict=True)])
     return HorizonWindows(
-        horizon, raw, clean, scales, held, _free(runs, robots, noise, horizon, shorter, spans, flagged)
+        horizon,
+        raw,
+        clean,
+        scales,
+        held,
+        _free(runs, robots, noise, horizon, shorter, spans, flagged, settings=settings),
     )
 
 
@@ -97,25 +99,29 @@ def _free(
     shorter: float,
     spans: Sequence[Sequence[tuple[float, float]]],
     flagged: Mapping[tuple[int, str], np.ndarray],
+    settings: PredictSettings,
 ) -> tuple[Dataset, Scales] | None:
     """The longest windows up to the horizon of which enough lie between what is held out."""
-    for length in (horizon, *(x for x in LENGTHS if x < horizon)):
-        if length < APART * shorter:
+    horizons = settings.horizons
+    for length in (horizon, *(x for x in horizons.lengths if x < horizon)):
+        if length < horizons.apart * shorter:
             break
         between = [_free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
-        if sum(map(len, between)) < FEWEST:
+        if sum(map(len, between)) < horizons.fewest:
             continue
         try:
-            cut = with_outliers_removed(build_dataset(runs, robots, noise, length, between), flagged)
+            cut = with_outliers_removed(
+                build_dataset(runs, robots, noise, length, between, settings=settings.data), flagged
+            )
             return cut, measure_scales(cut)
         except BadInput:  # none has a measured start, or nothing moves
             continue
     return None
 
 
-def foretold(clean: Dataset, scales: Scales, rng: np.random.Generator) -> bool:
+def foretold(clean: Dataset, scales: Scales, rng: np.random.Generator, settings: PredictSettings) -> bool:
     """Whether the nominal model predicts these windows: its noise floor stays under FORETOLD, and none diverges."""
-    some = clean.take(evenly(clean, LOOK))
+    some = clean.take(evenly(clean, settings.horizons.look_steps, settings=settings.data))
     if not np.isfinite(predict(some, Settings(1))[0][np.isfinite(some.y)]).all():
         return False
     return bool(gap_of(some, scales, noise_errors(some, Settings(1), rng, 1)[0]).total < FORETOLD)

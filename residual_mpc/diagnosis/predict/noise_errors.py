@@ -9,10 +9,8 @@ from residual_mpc.diagnosis.predict.replay import earliest, predict, run_up
 from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.settings import Settings
 
-DRAWS = 3
 
-
-def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, draws: int = DRAWS) -> np.ndarray:
+def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, draws: int) -> np.ndarray:
     """(draws, W, M, C): what measured - predicted would be if the model (settings, one row) were perfect.
 
     Each draw gives every signal fresh sensor noise, quantised and repeated as in the log, fits the start states

@@ -8,23 +8,13 @@ from scipy.special import chdtri
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window
-from residual_mpc.diagnosis.data.subsampling import FEWEST, evenly
+from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.models.settings import Settings
 
-LUCK = 5e-4  # probability that the noise of a perfect model exceeds what chance is allowed
-FEW = 5.0  # windows at which these margins double: where there are few, the noise itself is poorly known
-PER_WINDOW = 4.0  # most degrees of freedom that a window's squared error counts as
-MARGIN = 1.25  # a gap within this factor of the noise floor is none
-CHANNEL_MARGIN = 1.4  # likewise in one channel, of which there are several, each with less to average
-AS_GOOD = 2.0  # times the noise floor: as good as these sensors can tell
+AS_GOOD = 2.0  # times the noise floor: as good as these sensors can tell (contract, section 5)
 SMALL = 0.05  # of the motion: small enough, whatever the noise
-DRAWS = 8
-STEPS = 40_000  # simulation steps that one draw may cost
-
-POOR_START = 25.0  # times the median of the windows' squared noise
-MOST_DRAWS = 24  # the floor hangs on a few windows with poorly measured starts: three draws scatter by a fifth
-FEWEST_DRAWS = 6  # of very many windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,44 +30,49 @@ class NoiseFloor:
 
 
 def floor_of(
-    data: Dataset, scales: Scales, row: Settings, rng: np.random.Generator, draws: int = DRAWS, steps: int = STEPS
+    data: Dataset, scales: Scales, row: Settings, rng: np.random.Generator, settings: PredictSettings
 ) -> NoiseFloor:
     """The noise floor of the model `row` on these windows (of very many, evenly chosen ones), with the data's noise."""
-    keep = evenly(data, steps)
+    keep = evenly(data, settings.floor.steps, settings=settings.data)
     some = data if keep.all() else data.take(keep)
-    return floor_from([gap_of(some, scales, e) for e in noise_errors(some, row, rng, draws)], some.count)
+    return floor_from(
+        [gap_of(some, scales, e) for e in noise_errors(some, row, rng, settings.floor.draws)],
+        some.count,
+        settings=settings,
+    )
 
 
-def floor_from(drawn: Sequence[Gap], windows: int) -> NoiseFloor:
+def floor_from(drawn: Sequence[Gap], windows: int, settings: PredictSettings) -> NoiseFloor:
     """The floor from the gaps that noise alone made on so many windows."""
     total = np.array([g.total**2 for g in drawn])
     channels = np.array([g.channels**2 for g in drawn])
     return NoiseFloor(
         float(np.sqrt(total.mean())),
         np.sqrt(channels.mean(axis=0)),
-        float(with_luck(total, windows)),
-        with_luck(channels, windows),
+        float(with_luck(total, windows, settings=settings)),
+        with_luck(channels, windows, settings=settings),
         windows,
     )
 
 
-def with_luck(squares: np.ndarray, windows: int) -> np.ndarray:
+def with_luck(squares: np.ndarray, windows: int, settings: PredictSettings) -> np.ndarray:
     """The gap that noise hardly ever exceeds, from squared gaps (draws, ...) that it alone made on so many windows:
     they are taken for a chi-squared variable with the degrees of freedom that their scatter tells (Satterthwaite
     1946)."""
     mean = squares.mean(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        freedom = np.clip(2.0 * mean**2 / squares.var(axis=0, ddof=1), 1.0, PER_WINDOW * windows)
-    return np.asarray(np.sqrt(mean * chdtri(freedom, LUCK) / freedom))
+        freedom = np.clip(2.0 * mean**2 / squares.var(axis=0, ddof=1), 1.0, settings.floor.freedom_per_window * windows)
+    return np.asarray(np.sqrt(mean * chdtri(freedom, settings.floor.luck) / freedom))
 
 
-def beyond(gap: Gap, floor: NoiseFloor) -> bool:
+def beyond(gap: Gap, floor: NoiseFloor, settings: PredictSettings) -> bool:
     """Whether a gap is beyond the noise, in all or in one channel."""
-    few = 1.0 + FEW / floor.windows
-    if gap.total > max(few * MARGIN * floor.total, floor.luck):
+    tuned = settings.floor
+    few = 1.0 + tuned.few / floor.windows
+    if gap.total > max(few * tuned.margin * floor.total, floor.luck):
         return True
     with np.errstate(invalid="ignore"):
-        return bool((gap.channels > np.maximum(few * CHANNEL_MARGIN * floor.channels, floor.channel_luck)).any())
+        return bool((gap.channels > np.maximum(few * tuned.channel_margin * floor.channels, floor.channel_luck)).any())
 
 
 def as_good_as_told(gap: Gap, floor: NoiseFloor) -> bool:
@@ -88,15 +83,16 @@ def as_good_as_told(gap: Gap, floor: NoiseFloor) -> bool:
         return not bool((gap.channels > np.maximum(AS_GOOD * floor.channels, SMALL)).any())
 
 
-def well_begun(data: Dataset, scales: Scales, rng: np.random.Generator) -> Dataset:
+def well_begun(data: Dataset, scales: Scales, rng: np.random.Generator, settings: PredictSettings) -> Dataset:
     """Without the windows whose start is so poorly measured (dropouts, few samples) that noise alone explains them."""
     noise = per_window(data, scales, noise_errors(data, Settings(1), rng, 1)[0])
-    keep = ~(noise > POOR_START * np.nanmedian(noise))
-    return data.take(keep) if keep.sum() >= min(FEWEST, data.count) // 2 else data
+    keep = ~(noise > settings.floor.poor_start * np.nanmedian(noise))
+    return data.take(keep) if keep.sum() >= min(settings.data.subsampling.fewest, data.count) // 2 else data
 
 
-def floor_draws(data: Dataset, steps: int) -> int:
-    """How often the noise is drawn for the floor: as many simulation steps in all as MOST_DRAWS times `steps`, so that
+def floor_draws(data: Dataset, steps: int, settings: PredictSettings) -> int:
+    """How often the noise is drawn for the floor: as many simulation steps in all as most_draws times `steps`, so that
     a longer log, whose gap scatters less, does not cost more."""
+    tuned = settings.floor
     cost = data.count * max(b.drive.steps for b in data.blocks)
-    return int(np.clip(MOST_DRAWS * steps // cost, FEWEST_DRAWS, MOST_DRAWS))
+    return int(np.clip(tuned.most_draws * steps // cost, tuned.fewest_draws, tuned.most_draws))

@@ -15,11 +15,10 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.predict.tolerances import Tolerances
 from residual_mpc.models.settings import Values
-
-START_INFLATION = 3.0  # on the start's standard deviation: its own noise is also in the window's first samples
 
 
 @dataclass(frozen=True)
@@ -64,11 +63,18 @@ class Problem:
         return np.asarray((flat - ((flat @ self.wide) @ self.taken) @ self.wide.T).reshape(left.shape))
 
 
-def build_problem(data: Dataset, space: Space, sigma: np.ndarray, motion: np.ndarray | None = None) -> Problem:
+def build_problem(
+    data: Dataset,
+    space: Space,
+    sigma: np.ndarray,
+    motion: np.ndarray | None = None,
+    *,
+    settings: PredictSettings = PredictSettings(),
+) -> Problem:
     """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better;
     motion (C,): see Problem; None for a problem that no search ranks by."""
     size = np.full(len(sigma), np.inf) if motion is None else motion
-    return weighed(PredictionCache(data, space), start_sensitivity(data, space, {}), sigma, size)
+    return weighed(PredictionCache(data, space), start_sensitivity(data, space, {}, settings=settings), sigma, size)
 
 
 def reweigh(problem: Problem, sigma: np.ndarray) -> Problem:
@@ -124,22 +130,22 @@ def on_part(problem: Problem, keep: np.ndarray, samples: int | None = None) -> T
     return replace(problem.tolerances, columns=columns if samples is None else columns[:, : samples * c])
 
 
-def start_sensitivity(data: Dataset, space: Space, values: Values) -> np.ndarray:
+def start_sensitivity(data: Dataset, space: Space, values: Values, settings: PredictSettings) -> np.ndarray:
     """(W, M * C, k): how one inflated standard deviation of each start coordinate moves the prediction."""
-    settings = space.settings([values])
-    base = predict(data, settings)[0]
+    row = space.settings([values])
+    base = predict(data, row)[0]
     columns = []
-    for channel, size in start_sigma(data).items():
+    for channel, size in start_sigma(data, settings=settings).items():
         if not size.any():
             continue
-        moved = predict(data, settings, {channel: size})[0] - base
+        moved = predict(data, row, {channel: size})[0] - base
         columns.append(np.nan_to_num(np.where(np.isfinite(data.y), moved, 0.0)).reshape(data.count, -1))
     if not columns:
         return np.zeros((data.count, data.y.shape[1] * data.y.shape[2], 1))
     return np.stack(columns, axis=-1)
 
 
-def start_sigma(data: Dataset) -> dict[str, np.ndarray]:
+def start_sigma(data: Dataset, *, settings: PredictSettings = PredictSettings()) -> dict[str, np.ndarray]:
     """Inflated standard deviation (W,) of each start coordinate: the local fits' weights under white noise."""
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
@@ -154,5 +160,5 @@ def start_sigma(data: Dataset) -> dict[str, np.ndarray]:
                     fit = local_fit(signal.t, data.start[mine])
                     weights = fit.slope_weights if slope else fit.value_weights
                     sigma = data.sigma[data.channels.index(source)]
-                    spread[mine] = START_INFLATION * sigma * np.sqrt((weights**2).sum(axis=1))
+                    spread[mine] = settings.start.inflation * sigma * np.sqrt((weights**2).sum(axis=1))
     return out

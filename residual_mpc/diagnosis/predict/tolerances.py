@@ -11,13 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
-
-LEVELS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
-BEYOND = 10.0  # log-likelihood by which a level has to beat none: one number that is a little off is a cause or chance
-SHAPES = 2  # values of a number that says how an effect acts, from which its directions are made
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,25 +32,29 @@ class Tolerances:
         return float(self.level / np.sqrt(self.dispersion))
 
 
-def small_differences(space: Space, values: Values, free: tuple[Knob, ...] = ()) -> list[Values]:
+def small_differences(
+    space: Space, values: Values, free: tuple[Knob, ...] = (), *, settings: PredictSettings
+) -> list[Values]:
     """The hypotheses that differ from these values by one tolerance of one number, none of which is in `free`."""
     rows: list[Values] = []
     alone = {t.effect for t in space.candidates if t.target is not None}
     for term in space.candidates:
         if term.target is None and term.effect in alone:
             continue
-        rows += [{**values, **moved} for moved in _moved(space, term, values, free)]
+        rows += [{**values, **moved} for moved in _moved(space, term, values, free, settings=settings)]
     return rows
 
 
-def _moved(space: Space, term: Term, values: Values, free: tuple[Knob, ...]) -> list[Mapping[Knob, float]]:
+def _moved(
+    space: Space, term: Term, values: Values, free: tuple[Knob, ...], settings: PredictSettings
+) -> list[Mapping[Knob, float]]:
     parameters = BY_NAME[term.effect].parameters
     knobs = {p.name: Knob(term.effect, term.target, p.name) for p in parameters}
     shapes = [p for p in parameters if p.shape]
     turns: list[Mapping[Knob, float]] = [{}]
     for p in shapes:
         known = values.get(knobs[p.name])
-        several = dict.fromkeys(p.probes[:SHAPES]) if known is None else (known,)
+        several = dict.fromkeys(p.probes[: settings.tolerances.shapes]) if known is None else (known,)
         turns = [{**turn, knobs[p.name]: v} for turn in turns for v in several]
     out: list[Mapping[Knob, float]] = []
     for p in parameters:
@@ -71,14 +72,15 @@ def _moved(space: Space, term: Term, values: Values, free: tuple[Knob, ...]) -> 
     return out
 
 
-def likeliest_level(gram: np.ndarray, score: np.ndarray, phi: float) -> float:
-    """The level of LEVELS with the largest marginal likelihood, 0 where that is not clearly larger than without.
+def likeliest_level(gram: np.ndarray, score: np.ndarray, phi: float, settings: PredictSettings) -> float:
+    """The level with the largest marginal likelihood, 0 where that is not clearly larger than without.
 
     gram (K, K): A'A of the whitened columns; score (K,): A'r of the residuals r; phi: their dispersion.
     """
+    tolerances = settings.tolerances
     g, v = np.linalg.eigh(gram)
     g, along = np.maximum(g, 0.0), (v.T @ score) ** 2
-    parts = np.array(LEVELS)[:, None] ** 2 / phi
+    parts = np.array(tolerances.levels)[:, None] ** 2 / phi
     likelihood = -0.5 * np.sum(np.log1p(parts * g) - parts * along / (phi * (1.0 + parts * g)), axis=1)
     best = int(np.argmax(likelihood))
-    return LEVELS[best] if likelihood[best] > likelihood[0] + BEYOND else 0.0
+    return tolerances.levels[best] if likelihood[best] > likelihood[0] + tolerances.beyond else 0.0

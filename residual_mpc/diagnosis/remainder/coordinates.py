@@ -6,10 +6,8 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.remainder.missing_rates import POSE, travelled
+from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.logs.run import Run, held
-
-RATE_OVER = 0.05  # s over which a command's rate is taken
-CLEAR = 0.05  # of a joint's usual speed, from which its direction of motion is clear
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +32,7 @@ KINDS = (
 PER_RUN = ("wheel_angle", "run", "order")  # these are told from each other within runs, the others across runs
 
 
-def coordinates(data: Dataset, predicted: np.ndarray) -> tuple[Coordinate, ...]:
+def coordinates(data: Dataset, predicted: np.ndarray, settings: RemainderSettings) -> tuple[Coordinate, ...]:
     """Every candidate of these runs; predicted (W, M, C): by the model at hand, which has no sensor's noise."""
     out = [Coordinate("nothing that changes", "steady", None, "", np.zeros(data.t.shape))]
     out += _planar_motion(data, predicted)
@@ -46,9 +44,11 @@ def coordinates(data: Dataset, predicted: np.ndarray) -> tuple[Coordinate, ...]:
                 Coordinate(f"the speed of {joint}", "speed", joint, "rad/s", v),
                 Coordinate(f"the position of {joint}", "position", joint, "rad", q),
                 Coordinate(f"the angle of {joint}", "angle", joint, "rad", q, turn=2.0 * np.pi),
-                Coordinate(f"the last direction of {joint}", "direction", joint, "", _last_direction(v)),
+                Coordinate(
+                    f"the last direction of {joint}", "direction", joint, "", _last_direction(v, settings=settings)
+                ),
             ]
-    out += _commands(data)
+    out += _commands(data, settings=settings)
     out += _slow(data)
     out += _logged(data)
     seen = np.isfinite(data.t)
@@ -82,7 +82,7 @@ def _planar_motion(data: Dataset, predicted: np.ndarray) -> list[Coordinate]:
     ]
 
 
-def _commands(data: Dataset) -> list[Coordinate]:
+def _commands(data: Dataset, settings: RemainderSettings) -> list[Coordinate]:
     out = []
     robot = data.blocks[0].robot
     for a, kind in zip(robot.actuators, robot.command_kinds, strict=True):
@@ -91,7 +91,7 @@ def _commands(data: Dataset) -> list[Coordinate]:
         per_run = [_series(run, f"command.{a}") for run in data.runs]
         u = _at_samples(data, per_run)
         out.append(Coordinate(f"the command of {a}", "command", a, unit, u))
-        rates = [_rate_of(run, s) for run, s in zip(data.runs, per_run, strict=True)]
+        rates = [_rate_of(run, s, settings=settings) for run, s in zip(data.runs, per_run, strict=True)]
         out.append(
             Coordinate(f"the rate of the command of {a}", "command_rate", a, f"{unit}/s", _at_samples(data, rates))
         )
@@ -172,9 +172,9 @@ def _series(run: Run, column: str) -> np.ndarray:
     return np.where(np.isfinite(values), values, values[np.isfinite(values)][0])
 
 
-def _rate_of(run: Run, u: np.ndarray) -> np.ndarray:
-    ahead, behind = (np.interp(run.t + s * RATE_OVER, run.t, u) for s in (1.0, -1.0))
-    return np.asarray((ahead - behind) / (2.0 * RATE_OVER))
+def _rate_of(run: Run, u: np.ndarray, settings: RemainderSettings) -> np.ndarray:
+    ahead, behind = (np.interp(run.t + s * settings.coordinates.rate_over, run.t, u) for s in (1.0, -1.0))
+    return np.asarray((ahead - behind) / (2.0 * settings.coordinates.rate_over))
 
 
 def _at_samples(data: Dataset, series: list[np.ndarray]) -> np.ndarray:
@@ -187,9 +187,9 @@ def _at_samples(data: Dataset, series: list[np.ndarray]) -> np.ndarray:
     return out
 
 
-def _last_direction(v: np.ndarray) -> np.ndarray:
+def _last_direction(v: np.ndarray, settings: RemainderSettings) -> np.ndarray:
     """(W, M) -1, 0 or 1: the sign of the last speed that was clearly one."""
-    usual = CLEAR * float(np.quantile(np.abs(v), 0.9)) + 1e-12
+    usual = settings.coordinates.clear * float(np.quantile(np.abs(v), 0.9)) + 1e-12
     sign = np.where(np.abs(v) > usual, np.sign(v), 0.0)
     last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(v.shape[1])[None, :], 0), axis=1)
     return np.asarray(np.take_along_axis(sign, last, axis=1))

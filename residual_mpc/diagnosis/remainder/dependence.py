@@ -14,17 +14,13 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.remainder.bases import FORMS, designs
 from residual_mpc.diagnosis.remainder.coordinates import PER_RUN, Coordinate
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate
-
-DRAWS = 39  # of chance: beyond all of them is beyond chance at one in forty
-FOLDS = 5
-BLOCK = 3  # windows in a row that stay on one side of a fold
-RIDGE = 3e-3
+from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 
 
 @dataclass(frozen=True, eq=False)
 class Tried:
     """One coordinate in one form. saved (C, W): drop of the sum of squares of each component in each window, on windows
-    that were not fitted; share of what is left beyond the noise; by_chance (DRAWS,): the same on shuffled windows."""
+    that were not fitted; share of what is left beyond the noise; by_chance (draws,): the same on shuffled windows."""
 
     coordinate: Coordinate
     form: str
@@ -39,12 +35,14 @@ def try_all(
     candidates: Sequence[Coordinate],
     motion: Mapping[str, np.ndarray],
     rng: np.random.Generator,
+    settings: RemainderSettings,
 ) -> tuple[Tried, ...]:
     """Every coordinate in every form that fits it, the largest share first."""
+    dependence = settings.dependence
     same = np.arange(data.count)
-    shuffles = np.stack([same, *(shuffled(data, rng) for _ in range(DRAWS))])
-    moved = np.stack([same, *(displaced(data, rng) for _ in range(DRAWS))])
-    within, across = folds_within(data), folds_across(data)
+    shuffles = np.stack([same, *(shuffled(data, rng) for _ in range(dependence.draws))])
+    moved = np.stack([same, *(displaced(data, rng) for _ in range(dependence.draws))])
+    within, across = folds_within(data, settings=settings), folds_across(data, settings=settings)
     beyond = max(sum(m.beyond for m in missed), 1e-12)
     out = []
     for c in candidates:
@@ -52,12 +50,12 @@ def try_all(
         orders = moved if c.kind in ("run", "order") else shuffles
         for form in FORMS:
             saved = np.zeros((len(missed), data.count))
-            total = np.zeros(1 + DRAWS)
+            total = np.zeros(1 + dependence.draws)
             for k, m in enumerate(missed):
-                some = designs(c, form, m.name, data.run, motion)
+                some = designs(c, form, m.name, data.run, motion, settings=settings)
                 if not some:
                     continue
-                drop, mine = _saved(m, some, folds, orders)
+                drop, mine = _saved(m, some, folds, orders, settings=settings)
                 total += np.maximum(drop, 0.0)
                 saved[k] = mine if drop[0] > 0.0 else 0.0
             if total.any():
@@ -83,26 +81,26 @@ def displaced(data: Dataset, rng: np.random.Generator) -> np.ndarray:
     return out
 
 
-def folds_across(data: Dataset) -> np.ndarray:
+def folds_across(data: Dataset, settings: RemainderSettings) -> np.ndarray:
     """(W,) by run where there are enough of them."""
     there, place = np.unique(data.run, return_inverse=True)
-    return place % FOLDS if len(there) >= 4 else folds_within(data)
+    return place % settings.dependence.folds if len(there) >= 4 else folds_within(data, settings=settings)
 
 
-def folds_within(data: Dataset) -> np.ndarray:
+def folds_within(data: Dataset, settings: RemainderSettings) -> np.ndarray:
     """(W,) by blocks of windows in a row."""
     out = np.zeros(data.count, dtype=int)
     for i in np.unique(data.run):
         mine = np.flatnonzero(data.run == i)
         mine = mine[np.argsort(data.start[mine], kind="stable")]
-        out[mine] = (np.arange(len(mine)) // BLOCK + i) % FOLDS
+        out[mine] = (np.arange(len(mine)) // settings.dependence.block + i) % settings.dependence.folds
     return out
 
 
 def _saved(
-    m: MissingRate, some: list[np.ndarray], folds: np.ndarray, orders: np.ndarray
+    m: MissingRate, some: list[np.ndarray], folds: np.ndarray, orders: np.ndarray, settings: RemainderSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(1 + DRAWS,) drop of the sum of squares on windows that were not fitted, for the remainder in each order; (W,)
+    """(1 + draws,) drop of the sum of squares on windows that were not fitted, for the remainder in each order; (W,)
     the first one's drop by window. Of several designs the fitted windows choose."""
     y = m.error[orders]  # (D, W, I)
     best: list[tuple[np.ndarray, np.ndarray]] = []  # by fold: (D,) gain where fitted, (D, W_fold) drop
@@ -114,7 +112,7 @@ def _saved(
         for place, fold in enumerate(np.unique(folds)):
             test = folds == fold
             g, c = gram[~test].sum(axis=0), cross[~test].sum(axis=0)
-            b = np.linalg.solve(g + RIDGE * len(x) * x.shape[1] * np.eye(len(g)), c)  # (F, D)
+            b = np.linalg.solve(g + settings.dependence.ridge * len(x) * x.shape[1] * np.eye(len(g)), c)  # (F, D)
             gain = 2.0 * np.sum(b * c, axis=0) - np.einsum("fd,fg,gd->d", b, g, b)
             drop = 2.0 * np.einsum("wfd,fd->dw", cross[test], b) - np.einsum("fd,wfg,gd->dw", b, gram[test], b)
             if place == len(best):

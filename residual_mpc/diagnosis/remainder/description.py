@@ -11,15 +11,9 @@ from residual_mpc.diagnosis.remainder.coordinates import KINDS, Coordinate, coor
 from residual_mpc.diagnosis.remainder.dependence import Tried, try_all
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate, missed_of, tempered
 from residual_mpc.diagnosis.remainder.records import Component, Dependence, Resemblance, Rest
+from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.diagnosis.remainder.shape import curve, without
 from residual_mpc.models.settings import Settings
-
-WINDOWS = 320  # looked at: more cost more than they tell
-WORTH = 0.1  # share of the rest, below which a dependence is not named
-MORE = 0.25  # of the rest that has to be left for a second dependence to be looked for
-NAMED = 2
-SMALL = 0.05  # share of the rest below which a component is not asked
-ALIKE = 0.03  # of the rest, within which the simpler of two coordinates is named
 
 
 def describe_remainder(
@@ -31,19 +25,20 @@ def describe_remainder(
     floors: np.ndarray,
     resemblance: Resemblance | None,
     rng: np.random.Generator,
+    tuning: RemainderSettings,
 ) -> Rest:
     """predicted, error (W, M, C): of the model with all that is named (settings, one row); floors (draws, W, M, C):
     errors of a perfect one."""
-    every = coordinates(data, predicted)
-    where = locate(data, scales, error)
+    every = coordinates(data, predicted, settings=tuning)
+    where = locate(data, scales, error, settings=tuning.data)
     burst = _half_within(per_window(data, scales, error))
-    keep = _evenly(data.count)
+    keep = _evenly(data.count, settings=tuning)
     few = data.take(keep)
-    missed = missed_of(few, scales, settings, predicted[keep], error[keep], floors[:, keep])
+    missed = missed_of(few, scales, settings, predicted[keep], error[keep], floors[:, keep], tuning=tuning)
     motion = {k: v[keep] for k, v in own_motion(data, predicted).items()}
     whole = sum(m.beyond for m in missed)
-    asked = tuple(tempered(m) for m in missed if m.beyond > SMALL * whole)
-    depends = _depends(few, asked, [_take(c, keep) for c in every], motion, rng)
+    asked = tuple(tempered(m, settings=tuning) for m in missed if m.beyond > tuning.description.small * whole)
+    depends = _depends(few, asked, [_take(c, keep) for c in every], motion, rng, settings=tuning)
     return Rest(_components(missed), where, burst, depends, resemblance)
 
 
@@ -53,15 +48,17 @@ def _depends(
     candidates: Sequence[Coordinate],
     motion: dict[str, np.ndarray],
     rng: np.random.Generator,
+    settings: RemainderSettings,
 ) -> tuple[Dependence, ...]:
     """The first dependence, then what the rest of the rest depends on."""
+    description = settings.description
     whole = sum(m.beyond for m in missed)
     found: list[Dependence] = []
     left = tuple(missed)
-    while len(found) < NAMED and sum(m.beyond for m in left) > (MORE if found else 0.0) * whole:
+    while len(found) < description.named and sum(m.beyond for m in left) > (description.more if found else 0.0) * whole:
         part = sum(m.beyond for m in left) / whole
-        tried = try_all(data, left, candidates, motion, rng)
-        best = first_of(tried, WORTH / part)
+        tried = try_all(data, left, candidates, motion, rng, settings=settings)
+        best = first_of(tried, description.worth / part, settings=settings)
         if best is None:
             break
         chosen, alike = best
@@ -70,15 +67,16 @@ def _depends(
         found.append(
             Dependence(
                 c.name, c.kind, c.of, chosen.form, min(chosen.share, 1.0) * part,
-                float(chosen.by_chance.max()) * part, alike, curve(main, c, chosen.form, data.run, motion),
+                float(chosen.by_chance.max()) * part, alike,
+                curve(main, c, chosen.form, data.run, motion, settings=settings),
             )
         )  # fmt: skip
-        left = tuple(without(m, c, chosen.form, data.run, motion) for m in left)
+        left = tuple(without(m, c, chosen.form, data.run, motion, settings=settings) for m in left)
         candidates = [other for other in candidates if other is not c]
     return tuple(found)
 
 
-def first_of(tried: Sequence[Tried], worth: float) -> tuple[Tried, tuple[str, ...]] | None:
+def first_of(tried: Sequence[Tried], worth: float, settings: RemainderSettings) -> tuple[Tried, tuple[str, ...]] | None:
     """The dependence to name and the names of those that do as well; None where none is beyond chance.
 
     A share is beyond chance where it exceeds its coordinate's mean on shuffled windows by more than any coordinate did
@@ -92,7 +90,7 @@ def first_of(tried: Sequence[Tried], worth: float) -> tuple[Tried, tuple[str, ..
         steady = [t for t in tried if t.coordinate.kind == "steady" and t.share >= worth]
         return (steady[0], ()) if steady else None
     best = good[0]
-    close = [t for t in good if best.share - t.share < ALIKE]
+    close = [t for t in good if best.share - t.share < settings.description.alike]
     chosen = min(close, key=lambda t: (t.form != "added", KINDS.index(t.coordinate.kind)))
     alike = dict.fromkeys(t.coordinate.name for t in close if t.coordinate is not chosen.coordinate)
     return chosen, tuple(alike)
@@ -119,9 +117,9 @@ def _half_within(square: np.ndarray) -> float:
     return float((np.searchsorted(np.cumsum(part), 0.5 * part.sum()) + 1) / len(part))
 
 
-def _evenly(count: int) -> np.ndarray:
+def _evenly(count: int, settings: RemainderSettings) -> np.ndarray:
     keep = np.zeros(count, dtype=bool)
-    keep[np.unique(np.linspace(0, count - 1, min(count, WINDOWS)).round().astype(int))] = True
+    keep[np.unique(np.linspace(0, count - 1, min(count, settings.description.windows)).round().astype(int))] = True
     return keep
 
 

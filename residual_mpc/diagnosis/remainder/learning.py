@@ -1,7 +1,7 @@
 """What a learner removes of the gap that the named effects leave: learned, chosen, judged on windows of their own."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +11,8 @@ from residual_mpc.diagnosis.data.gap import Scales, gap_of, per_window
 from residual_mpc.diagnosis.data.hold_out import choose_held_out, held_out_mask
 from residual_mpc.diagnosis.fit.cross_validation import folds_of
 from residual_mpc.diagnosis.fit.ridge import fit_ridge, subtract_ridge
+from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.models.settings import Settings
 
 
@@ -56,12 +58,18 @@ NOTHING = Learned()  # nobody was asked
 
 
 def remainder_of(
-    data: Dataset, scales: Scales, settings: Settings, predicted: np.ndarray, error: np.ndarray, judge: np.ndarray
+    data: Dataset,
+    scales: Scales,
+    settings: Settings,
+    predicted: np.ndarray,
+    error: np.ndarray,
+    judge: np.ndarray,
+    tuning: RemainderSettings,
 ) -> Remainder:
     """The windows that are not kept back to `judge` (W,) parted into those that are learned from and those that choose,
     as a diagnosis parts its own."""
     seen = data.take(~judge)
-    kept = choose_held_out(seen, per_window(seen, scales, error[~judge]))
+    kept = choose_held_out(seen, per_window(seen, scales, error[~judge]), settings=tuning.data)
     choose = held_out_mask(data, kept) & ~judge if kept else np.zeros_like(judge)
     return Remainder(data, scales, settings, predicted, error, ~judge & ~choose, choose, judge)
 
@@ -91,11 +99,21 @@ class RidgeLearner:
     """Learns from all the windows that it is given."""
 
     name: str = "ridge"
+    settings: FitSettings = field(default_factory=FitSettings)
 
     def left(self, of: Remainder, rng: np.random.Generator) -> np.ndarray:
         """As `residual_mpc.diagnosis.remainder.learning.Learner`."""
         rows, asked = of.data.take(of.learn), of.choose | of.judge
-        fitted = fit_ridge(rows, of.scales, of.error[of.learn], of.predicted[of.learn], folds_of(rows))
+        fitted = fit_ridge(
+            rows,
+            of.scales,
+            of.error[of.learn],
+            of.predicted[of.learn],
+            folds_of(rows, settings=self.settings),
+            settings=self.settings,
+        )
         left = np.full(of.error.shape, np.nan)
-        left[asked] = subtract_ridge(fitted, of.data.take(asked), of.scales, of.error[asked], of.predicted[asked])
+        left[asked] = subtract_ridge(
+            fitted, of.data.take(asked), of.scales, of.error[asked], of.predicted[asked], settings=self.settings
+        )
         return left

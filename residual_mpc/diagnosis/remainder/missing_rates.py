@@ -12,12 +12,10 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.models.settings import Settings
 
 POSE = ("pose.x", "pose.y", "pose.theta")
-INSTANTS = 8  # of a window at which it is looked at
-USUAL, LARGE = 0.8, 2.0  # a window counts in full up to so many times this quantile of the windows' errors
-KICK = 1e-3  # of a channel's size (per second): the start's rate is moved by so much to see the response
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,13 @@ class MissingRate:
 
 
 def missed_of(
-    data: Dataset, scales: Scales, settings: Settings, predicted: np.ndarray, error: np.ndarray, floors: np.ndarray
+    data: Dataset,
+    scales: Scales,
+    settings: Settings,
+    predicted: np.ndarray,
+    error: np.ndarray,
+    floors: np.ndarray,
+    tuning: RemainderSettings,
 ) -> tuple[MissingRate, ...]:
     """Every component that is compared and moves. predicted, error (W, M, C); floors (draws, W, M, C): errors of a
     perfect model under the noise; settings: one row."""
@@ -51,13 +55,13 @@ def missed_of(
     index = {c: k for k, c in enumerate(data.channels)}
     planar = set(POSE) <= set(index) and bool(data.compared[:, [index[c] for c in POSE]].all())
     if planar:
-        out += _planar(data, scales, index, predicted, error, floors)
-    rates = _kicks(data, settings, scales)
+        out += _planar(data, scales, index, predicted, error, floors, settings=tuning)
+    rates = _kicks(data, settings, scales, tuning=tuning)
     for k, channel in enumerate(data.channels):
         if scales.still[k] or not data.compared[:, k].any() or (planar and channel in POSE):
             continue
         e = np.where(data.compared[:, None, k], error[..., k], np.nan) / scales.s[k]
-        at, used = _instants(np.isfinite(e))
+        at, used = _instants(np.isfinite(e), settings=tuning)
         response, unit = _response(data, channel, rates, at)
         noise = float(np.nanmean(np.where(np.isfinite(e), floors[..., k] / scales.s[k], np.nan) ** 2))
         shown = np.where(used[:, None], np.take_along_axis(e, at, axis=1), 0.0)
@@ -66,11 +70,15 @@ def missed_of(
     return tuple(out)
 
 
-def tempered(m: MissingRate) -> MissingRate:
+def tempered(m: MissingRate, settings: RemainderSettings) -> MissingRate:
     """The same with less weight for windows in which far more is left than in most: one in which a robot fell, or ran
     into something, is not to decide what the rest depends on."""
     size = np.sqrt(np.mean(m.error**2, axis=1))
-    most = LARGE * float(np.quantile(size[m.used], USUAL)) if m.used.any() else 0.0
+    most = (
+        settings.missing_rates.large * float(np.quantile(size[m.used], settings.missing_rates.usual))
+        if m.used.any()
+        else 0.0
+    )
     weight = np.minimum(1.0, most / np.maximum(size, 1e-30))
     return replace(
         m,
@@ -102,13 +110,14 @@ def _planar(
     predicted: np.ndarray,
     error: np.ndarray,
     floors: np.ndarray,
+    settings: RemainderSettings,
 ) -> list[MissingRate]:
     """The pose's error, undone of the heading: each of the robot's own three rates is then an integral away."""
     where = [index[c] for c in POSE]
     seen = np.isfinite(error[..., where]).all(axis=2)
     model = travelled(predicted[..., where], seen)
     truth = travelled((predicted + error)[..., where], seen)
-    at, used = _instants(seen)
+    at, used = _instants(seen, settings=settings)
     integral = _integral(data.t, at)
     integral = integral - integral.mean(axis=1, keepdims=True)  # the start's own error is no rate
     out = []
@@ -130,14 +139,14 @@ def _centred(x: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.asarray(picked - picked.mean(axis=1, keepdims=True))
 
 
-def _instants(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _instants(seen: np.ndarray, settings: RemainderSettings) -> tuple[np.ndarray, np.ndarray]:
     """(W, I) indices of samples that are seen, evenly spread over each window and without its first; (W,) whether the
     window has enough of them."""
-    at = np.zeros((len(seen), INSTANTS), dtype=int)
+    at = np.zeros((len(seen), settings.missing_rates.instants), dtype=int)
     used = seen.sum(axis=1) >= 4
     for w in np.flatnonzero(used):
         there = np.flatnonzero(seen[w])
-        at[w] = there[np.linspace(1, len(there) - 1, INSTANTS).round().astype(int)]
+        at[w] = there[np.linspace(1, len(there) - 1, settings.missing_rates.instants).round().astype(int)]
     return at, used
 
 
@@ -152,7 +161,9 @@ def _integral(t: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.asarray(np.take_along_axis(np.cumsum(halves, axis=1), at[:, :, None], axis=1))
 
 
-def _kicks(data: Dataset, settings: Settings, scales: Scales) -> dict[str, tuple[np.ndarray, str]]:
+def _kicks(
+    data: Dataset, settings: Settings, scales: Scales, tuning: RemainderSettings
+) -> dict[str, tuple[np.ndarray, str]]:
     """For each state's position channel: its response (W, M) to a kick of its start's rate, or of its start where it
     has no rate, per unit of the kick; and the unit of what is then missing."""
     base = predict(data, settings)[0]
@@ -161,7 +172,7 @@ def _kicks(data: Dataset, settings: Settings, scales: Scales) -> dict[str, tuple
         if state.position not in data.channels or state.position in POSE:
             continue
         k = data.channels.index(state.position)
-        size = KICK * scales.s[k]
+        size = tuning.missing_rates.kick * scales.s[k]
         kicked = state.position if state.velocity is None else state.velocity
         moved = predict(data, settings, {kicked: np.full(data.count, size)})[0]
         out[state.position] = (moved - base)[..., k] / size, "rad/s" if state.velocity is None else "rad/s^2"

@@ -8,40 +8,39 @@ from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, possible
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.remainder.records import Resemblance
+from residual_mpc.diagnosis.remainder.settings import RemainderSettings
+from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.additions import compatible, distinct, mixed
 from residual_mpc.diagnosis.search.screen import glance, rankings
-from residual_mpc.diagnosis.search.stepwise import Ruler
 from residual_mpc.models.settings import Term, Values
 
-STEPS = 8_000  # simulation steps that one hypothesis may cost here
-FITTED = 4  # leads that are fitted
-MOST = 5  # steps of a fit: it has to rank, and to say how much it closes to a few percent
-LEAST = 0.02  # of the rest, below which nothing resembles it
 
-
-def resembles(problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: Ruler) -> Resemblance | None:
+def resembles(
+    problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: Ruler, settings: RemainderSettings
+) -> Resemblance | None:
     """The effect whose fit on top of the current ones closes most of the rest; None where none closes any."""
-    keep = evenly(problem.data, STEPS)
+    resemblance = settings.resemblance
+    keep = evenly(problem.data, resemblance.steps, settings=settings.data)
     small = problem if keep.all() else part_of(problem, keep)
-    here = on_problem(small, current)
+    here = on_problem(small, current, settings=settings.fit)
     eligible = tuple(t for t in problem.space.candidates if t not in vetoed and compatible(t, current.terms))
     if not eligible:
         return None
-    leads = glance(small, here, eligible)
+    leads = glance(small, here, eligible, settings=settings.search)
     ranked = mixed(*rankings(leads))
     best: dict[Term, Values] = {}
     for lead in ranked:
         best.setdefault(lead.term, {**current.values, **lead.start})
-    starts = list(best.values())[:FITTED]
-    tried = fit_all(small, starts, MOST, rough=True, near=[here] * len(starts))
+    starts = list(best.values())[: resemblance.fitted]
+    tried = fit_all(small, starts, resemblance.most, rough=True, near=[here] * len(starts), settings=settings.fit)
     fits = [f for f in distinct(tried) if possible(f.values)]
     if not fits:
         return None
     data = judge.replays.data
-    few = evenly(data, STEPS)
+    few = evenly(data, resemblance.steps, settings=settings.data)
     seen = judge if few.all() else replace(judge, replays=judge.replays.of(data.take(few), few))
     *after, before = seen.squared([*fits, current]) - judge.floor  # windows are trusted by the last of them
     closes = 1.0 - np.asarray(after) / max(float(before), 1e-12)
     k = int(np.argmax(closes))
     (term,) = set(fits[k].terms) - set(current.terms)
-    return Resemblance(term, float(min(closes[k], 1.0))) if closes[k] >= LEAST else None
+    return Resemblance(term, float(min(closes[k], 1.0))) if closes[k] >= resemblance.least else None

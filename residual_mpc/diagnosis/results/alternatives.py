@@ -7,11 +7,9 @@ import numpy as np
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.results.records import Alternative, Candidate, RivalSet
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.search.rivals import Rivalry
-from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import Term
-
-CLOSEST = 3  # rivals outside the groups whose values are kept
 
 
 def candidates(
@@ -53,7 +51,9 @@ def rival_sets(rivalry: Rivalry) -> tuple[RivalSet, ...]:
     return tuple(ranked[:6])
 
 
-def alternatives(rivalry: Rivalry, groups: tuple[ConfoundedGroup, ...], final: Fit) -> tuple[Alternative, ...]:
+def alternatives(
+    rivalry: Rivalry, groups: tuple[ConfoundedGroup, ...], final: Fit, settings: ResultSettings
+) -> tuple[Alternative, ...]:
     """The other members of the groups, each with the values of the whole in which it stands; then the closest rivals
     that are not beyond doubt worse."""
     out: dict[EffectSet, Alternative] = {}
@@ -64,8 +64,8 @@ def alternatives(rivalry: Rivalry, groups: tuple[ConfoundedGroup, ...], final: F
             if fit is not None and member != here and not all(t in final.terms for t in member):
                 ratio = min((r.ratio for r in rivalry.rivals if r.came == member), default=0.0)
                 out[member] = Alternative(member, here, fit.values, ratio, True)
-    close = (r for r in rivalry.rivals if not r.alike and r.ratio < SearchSettings().beyond_doubt)
-    for r in sorted(close, key=lambda r: r.ratio)[:CLOSEST]:
+    close = (r for r in rivalry.rivals if not r.alike and r.ratio < settings.search.beyond_doubt)
+    for r in sorted(close, key=lambda r: r.ratio)[: settings.closest]:
         if r.came and r.came not in out and all(t in final.terms for t in r.gone):
             out[r.came] = Alternative(r.came, r.gone, r.fit.values, r.ratio, False)
     return tuple(out.values())

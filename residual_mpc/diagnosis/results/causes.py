@@ -12,6 +12,7 @@ from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import Cause, Estimate
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.library import BY_NAME
@@ -20,16 +21,7 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Term
 
 T95 = 1.96
-# What the named effects leave unexplained may lie along an effect and pull its number: half of its relative size
-# is allowed for
-FORM = 0.5
-MOST_SURE = 0.97  # the library may lack the cause, whatever the likelihoods say
-MOST_PARTIAL = 0.87  # factor where something is left that these sensors can tell
-SHADOW = 0.15  # of the probability that is lost for each factor e by which more is left than the sensors can tell
-LEAST_SURE = 0.5  # factor that stays however much is left
-DOUBTFUL = 0.75  # factor on an effect's probability below which the other numbers' intervals do without it too
-AT_BOUND, RESTING = "rests on the bound of what is tried", 0.5  # and the factor on the probability of such an effect
-APART = 2.5  # half-widths beyond which an interval is that wide since two fits end apart
+AT_BOUND = "rests on the bound of what is tried"
 
 
 def causes_of(
@@ -39,62 +31,72 @@ def causes_of(
     supports: Mapping[Term, Support],
     doubt: Mapping[Term, float],
     lacking: Mapping[Knob, tuple[float, ...]],
+    settings: ResultSettings,
 ) -> tuple[Cause, ...]:
     """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets;
     supports and doubt: of each effect, see `support`; lacking: see `without_doubtful`."""
     final, problem = of.final, of.problem
-    sigma = sigmas(problem, final)
-    aside = _aside(of)
+    sigma = sigmas(problem, final, settings=settings)
+    aside = _aside(of, settings=settings)
     causes = []
     for term in final.terms:
         estimates = [
-            _estimate(of, i, float(sigma[i]), unexplained, (*aside.get(k, ()), *lacking.get(k, ())))
+            _estimate(of, i, float(sigma[i]), unexplained, (*aside.get(k, ()), *lacking.get(k, ())), settings=settings)
             for i, k in enumerate(final.knobs)
             if k.effect != TUNE and k.term == term
         ]
         slots = problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
         rests = any(e.note == AT_BOUND for e in estimates)
-        probability = sure * of.rivalry.shares.get(term, 1.0) * doubt[term] * (RESTING if rests else 1.0)
+        probability = (
+            sure * of.rivalry.shares.get(term, 1.0) * doubt[term] * (settings.causes.resting if rests else 1.0)
+        )
         causes.append(
             Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, supports[term].evidence)
         )
     if of.with_outliers:
-        causes.append(_outliers(of.outliers))
+        causes.append(_outliers(of.outliers, settings=settings))
     return tuple(causes)
 
 
-def sigmas(problem: Problem, final: Fit) -> np.ndarray:
+def sigmas(problem: Problem, final: Fit, settings: ResultSettings) -> np.ndarray:
     """(P,) 1-sigma of each free number: from the sandwich covariance, for a threshold from its cost's profile, and for
     one that rests on a bound from its curvature alone."""
-    blocks = blocks_of(problem.data)
+    blocks = blocks_of(problem.data, settings=settings.fit)
     phi = dispersion(final, blocks)
     sigma = np.sqrt(np.maximum(np.diag(covariance(final, blocks)), 0.0))
     curvature = np.einsum("wnp,wnp->p", final.jacobian, final.jacobian)
     alone = final.scales * np.sqrt(phi / np.maximum(curvature, 1e-300))
-    return np.maximum(np.where(final.held & (curvature > 0.0), alone, sigma), profile_sigma(problem, final, phi))
+    return np.maximum(
+        np.where(final.held & (curvature > 0.0), alone, sigma),
+        profile_sigma(problem, final, phi, settings=settings.fit),
+    )
 
 
-def without_doubtful(of: FittedExplanation, doubt: Mapping[Term, float], steps: int) -> dict[Knob, tuple[float, ...]]:
+def without_doubtful(
+    of: FittedExplanation, doubt: Mapping[Term, float], steps: int, settings: ResultSettings
+) -> dict[Knob, tuple[float, ...]]:
     """Each number's values in the fits without one of the effects that may well not be there; steps: simulation steps
     that each of these fits takes first."""
-    doubtful = [t for t in of.final.terms if doubt[t] < DOUBTFUL]
+    doubtful = [t for t in of.final.terms if doubt[t] < settings.causes.doubtful]
     if len(of.final.terms) < 2 or not doubtful:
         return {}
-    fits = carry_on(of.problem, [without(of.final.values, t) for t in doubtful], steps)
+    fits = carry_on(of.problem, [without(of.final.values, t) for t in doubtful], steps, settings=settings.fit)
     return {k: tuple(f.values[k] for f in fits if k in f.values) for k in of.final.knobs}
 
 
-def _aside(of: FittedExplanation) -> dict[Knob, tuple[float, float]]:
+def _aside(of: FittedExplanation, settings: ResultSettings) -> dict[Knob, tuple[float, float]]:
     """The interval of each number, limits included, from the fit in which small differences are marginalised."""
     if of.tolerated is None:
         return {}
     problem, fit = of.tolerated.problem, of.tolerated.fit
-    half = T95 * sigmas(problem, fit)
+    half = T95 * sigmas(problem, fit, settings=settings)
     return {k: (fit.values[k] - h, fit.values[k] + h) for k, h in zip(fit.knobs, half, strict=True)}
 
 
-def _estimate(of: FittedExplanation, i: int, sigma: float, unexplained: float, aside: tuple[float, ...]) -> Estimate:
+def _estimate(
+    of: FittedExplanation, i: int, sigma: float, unexplained: float, aside: tuple[float, ...], settings: ResultSettings
+) -> Estimate:
     """aside: limits of the interval with small differences elsewhere, and values without a doubtful effect, which the
     stated interval includes."""
     knob, final, space = of.final.knobs[i], of.final, of.problem.space
@@ -104,8 +106,12 @@ def _estimate(of: FittedExplanation, i: int, sigma: float, unexplained: float, a
     ends = of.ends.get(knob, (value,))
     if knob.parameter == "heading":
         value, low, high, ends, aside = float((value + np.pi) % (2 * np.pi) - np.pi), -np.inf, np.inf, (), ()
-    half = float(np.hypot(T95 * sigma, FORM * np.sqrt(unexplained) * _dose(knob.parameter, value, space.null(knob))))
-    apart = max([value + half, *ends]) - min([value - half, *ends]) > APART * half
+    half = float(
+        np.hypot(
+            T95 * sigma, settings.causes.form * np.sqrt(unexplained) * _dose(knob.parameter, value, space.null(knob))
+        )
+    )
+    apart = max([value + half, *ends]) - min([value - half, *ends]) > settings.causes.apart * half
     interval = (
         float(max(min([value - half, *ends, *aside]), min(low, value))),
         float(min(max([value + half, *ends, *aside]), max(high, value))),
@@ -122,7 +128,7 @@ def _note(held: bool, apart: bool) -> str:
     return ""
 
 
-def _outliers(outliers: Outliers) -> Cause:
+def _outliers(outliers: Outliers, settings: ResultSettings) -> Cause:
     from scipy.stats import binomtest  # half a second to load, for what few runs have
 
     channel = max(outliers.shares, key=lambda c: outliers.shares[c])
@@ -131,16 +137,17 @@ def _outliers(outliers: Outliers) -> Cause:
     low, high = counted.proportion_ci(method="wilson")
     estimate = Estimate("rate", outliers.share, (float(low), float(high)), "1")
     term = Term(SENSOR_OUTLIERS.name, None)
-    return Cause(term, MOST_SURE, (estimate,), BY_NAME[term.effect].summary, None, ("fits",))
+    return Cause(term, settings.causes.most_sure, (estimate,), BY_NAME[term.effect].summary, None, ("fits",))
 
 
-def most_sure(verdict: str, unexplained: float, times_floor: float) -> float:
+def most_sure(verdict: str, unexplained: float, times_floor: float, settings: ResultSettings) -> float:
     """The probability of a cause without a rival: where much is left, something else than the library's effects is at
     work, and what was named may be its shadow. times_floor: the gap that is left over the noise floor, the largest of
     all horizons."""
-    most = 1.0 if verdict == "effects" else MOST_PARTIAL
-    shadow = max(most - SHADOW * float(np.log(max(times_floor / AS_GOOD, 1.0))), LEAST_SURE)
-    return MOST_SURE * (1.0 - unexplained) * shadow
+    tuned = settings.causes
+    most = 1.0 if verdict == "effects" else tuned.most_partial
+    shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)
+    return tuned.most_sure * (1.0 - unexplained) * shadow
 
 
 def _unit(robot: Robot, term: Term, unit: str) -> str:

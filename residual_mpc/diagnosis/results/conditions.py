@@ -5,8 +5,9 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
-from residual_mpc.diagnosis.results.gaps import USELESS, ExplanationGaps
+from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.records import Moved, Setup
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.models.settings import TUNE
 
 
@@ -30,7 +31,7 @@ def moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
     return tuple(Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE)
 
 
-def notes(of: FittedExplanation, found: ExplanationGaps) -> tuple[str, ...]:
+def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSettings) -> tuple[str, ...]:
     """What a reader has to know before trusting the figures, a sentence each."""
     said = []
     first = found.looks[0]
@@ -40,7 +41,7 @@ def notes(of: FittedExplanation, found: ExplanationGaps) -> tuple[str, ...]:
             f"({found.left.total:.2g}) than a forecast of constant velocity ({found.constant_velocity:.2g}), with or "
             "without the effects that were tried."
         )
-    elif first.nominal.total > max(found.constant_velocity, USELESS):
+    elif first.nominal.total > max(found.constant_velocity, settings.gaps.useless):
         said.append(
             f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a forecast of "
             f"constant velocity ({found.constant_velocity:.2g})."

@@ -17,11 +17,9 @@ from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps, Verdict, left_share, verdict_of
 from residual_mpc.models.settings import Settings
-
-WORSE = 1.02  # times the gap before that the headline's may become where a longer horizon gains
-USELESS = 0.3  # gap from which a model that is worse than a forecast of constant velocity says nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +91,11 @@ class ExplanationGaps:
 
 
 def measure_gaps(
-    of: FittedExplanation, longer: Sequence[HorizonWindows], steps: int, rng: np.random.Generator
+    of: FittedExplanation,
+    longer: Sequence[HorizonWindows],
+    steps: int,
+    rng: np.random.Generator,
+    settings: ResultSettings,
 ) -> ExplanationGaps:
     """Opens the held-out windows. steps: see `floor_draws`."""
     rows = of.space.settings([{}, of.base.values, of.final.values])
@@ -102,27 +104,27 @@ def measure_gaps(
     predicted = {"before": before, "after": after}
     errors = {"nominal": of.raw.y - nominal, "before": of.raw.y - before, "after": of.after_data.y - after}
     test, scales = of.test, of.scales
-    trust = window_trust(of.raw, scales, errors["before"])
-    helps = of.anything and _helps(of, longer, rows, errors, trust)
+    trust = window_trust(of.raw, scales, errors["before"], settings=settings.data)
+    helps = of.anything and _helps(of, longer, rows, errors, trust, settings=settings)
     forecast = constant_velocity(of.raw)
     steady = gap_of(of.raw, scales, of.raw.y - forecast, test).total
     left = gap_of(of.raw, scales, errors["after" if helps else "before"], trust * test).total
-    useless = bool(left > np.fmax(steady, USELESS))
+    useless = bool(left > np.fmax(steady, settings.gaps.useless))
     helps = helps and not useless
     row = rows.take(np.array([2 if helps else 1]))
-    noise = _noise(of, longer, row)
+    noise = _noise(of, longer, row, settings=settings)
     raw, seen = replace(of.raw, noise=noise), replace(of.after_data, noise=noise)
-    floors = noise_errors(seen, row, rng, floor_draws(seen, steps))
-    floor = floor_from([gap_of(seen, scales, e, test) for e in floors], int(test.sum()))
-    everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count)
-    looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor)]
+    floors = noise_errors(seen, row, rng, floor_draws(seen, steps, settings=settings.predict))
+    floor = floor_from([gap_of(seen, scales, e, test) for e in floors], int(test.sum()), settings=settings.predict)
+    everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count, settings=settings.predict)
+    looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, settings=settings)]
     # beyond the noise on all windows, and on the very windows that the figures are printed for
-    anywhere = beyond(gap_of(raw, scales, errors["before"]), everywhere) and _lucky(looks[0])
+    anywhere = beyond(gap_of(raw, scales, errors["before"]), everywhere, settings=settings.predict) and _lucky(looks[0])
     for look in longer:
-        more, all_before, all_floor = _longer(of, look, rows, row, noise, rng)
+        more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, settings=settings)
         if all_floor.total < FORETOLD:
             looks.append(more)
-            anywhere = anywhere or beyond(all_before, all_floor)
+            anywhere = anywhere or beyond(all_before, all_floor, settings=settings.predict)
     helps = helps and anywhere  # nothing to explain is no gap, whatever fits better
     return ExplanationGaps(
         replace(of, raw=raw, clean=replace(of.clean, noise=noise)),
@@ -145,14 +147,15 @@ def _helps(
     rows: Settings,
     errors: dict[str, np.ndarray],
     trust: np.ndarray,
+    settings: ResultSettings,
 ) -> bool:
     """Whether the explanation makes the gap smaller on the windows that are judged: at the headline's horizon, or at a
-    longer one without making the headline's larger by more than WORSE."""
+    longer one without making the headline's larger by more than a little."""
     judged = trust * of.test
     before, after = (gap_of(of.raw, of.scales, errors[k], judged).total for k in ("before", "after"))
     if after < before:
         return True
-    if after > WORSE * before:
+    if after > settings.gaps.worse * before:
         return False
     for look in longer:
         if of.held.any() and not look.held.any():
@@ -171,22 +174,32 @@ def _lucky(look: HorizonGaps) -> bool:
         return look.before.total > look.floor.luck or bool((look.before.channels > look.floor.channel_luck).any())
 
 
-def _noise(of: FittedExplanation, longer: Sequence[HorizonWindows], row: Settings) -> tuple[ChannelNoise, ...]:
+def _noise(
+    of: FittedExplanation, longer: Sequence[HorizonWindows], row: Settings, settings: ResultSettings
+) -> tuple[ChannelNoise, ...]:
     """The noise that the model leaves on the windows that fits may see: of the next longer horizon, where there is one,
     since slow noise does not show in short windows, and no more than there is in short ones."""
     headline = of.clean.take(~of.held)
     free = [look.free for look in longer if look.free is not None]
     data, scales = free[0] if free else (headline, of.scales)
-    problem = build_problem(data, of.space, data.sigma)
-    noise = fit_noise(problem, scales, predict(data, row)[0])
-    return stated_sizes(data, no_more_than_left(noise, headline, of.scales, row))
+    problem = build_problem(data, of.space, data.sigma, settings=settings.predict)
+    noise = fit_noise(problem, scales, predict(data, row)[0], settings=settings.fit)
+    return stated_sizes(data, no_more_than_left(noise, headline, of.scales, row, settings=settings.fit))
 
 
 def _look(
-    data: Dataset, scales: Scales, errors: dict[str, np.ndarray], test: np.ndarray, held_out: bool, floor: NoiseFloor
+    data: Dataset,
+    scales: Scales,
+    errors: dict[str, np.ndarray],
+    test: np.ndarray,
+    held_out: bool,
+    floor: NoiseFloor,
+    settings: ResultSettings,
 ) -> HorizonGaps:
     gaps = {k: gap_of(data, scales, e, test) for k, e in errors.items()}
-    steady = gap_of(data, scales, errors["after"], window_trust(data, scales, errors["after"]) * test)
+    steady = gap_of(
+        data, scales, errors["after"], window_trust(data, scales, errors["after"], settings=settings.data) * test
+    )
     return HorizonGaps(
         data.horizon, int(test.sum()), bool(held_out), gaps["nominal"], gaps["before"], gaps["after"], steady, floor,
         {k: quantiles(per_window(data, scales, errors[k])[test]) for k in ("before", "after")},
@@ -200,15 +213,18 @@ def _longer(
     row: Settings,
     noise: tuple[ChannelNoise, ...],
     rng: np.random.Generator,
+    settings: ResultSettings,
 ) -> tuple[HorizonGaps, Gap, NoiseFloor]:
     """The gaps over a longer horizon on the windows that are judged, and gap and floor of the model on all of them."""
     raw = replace(look.raw, noise=noise)
     seen = replace(look.clean, noise=noise) if of.with_outliers else raw
     nominal, before, _ = predict(raw, rows)
     errors = {"nominal": raw.y - nominal, "before": raw.y - before, "after": seen.y - predict(seen, rows)[2]}
-    floor = floor_of(seen, look.scales, row, rng)
-    judged = floor if look.test.all() else floor_of(seen.take(look.test), look.scales, row, rng)
-    here = _look(raw, look.scales, errors, look.test, bool(look.held.any()), judged)
+    floor = floor_of(seen, look.scales, row, rng, settings=settings.predict)
+    judged = (
+        floor if look.test.all() else floor_of(seen.take(look.test), look.scales, row, rng, settings=settings.predict)
+    )
+    here = _look(raw, look.scales, errors, look.test, bool(look.held.any()), judged, settings=settings)
     return here, gap_of(raw, look.scales, errors["before"]), floor
 
 

@@ -7,8 +7,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, gap_from_squares, window_squares
 from residual_mpc.diagnosis.fit.evidence import blocks_of
-
-DRAWS = 2000
+from residual_mpc.diagnosis.results.settings import ResultSettings
 
 
 @dataclass(frozen=True)
@@ -19,18 +18,31 @@ class Shrink:
     ci95: tuple[float, float]
 
 
-def shrink_of(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> Shrink:
+def shrink_of(
+    data: Dataset,
+    scales: Scales,
+    before: np.ndarray,
+    after: np.ndarray,
+    rng: np.random.Generator,
+    settings: ResultSettings,
+) -> Shrink:
     """The shrink between two errors (W, M, C) on the same windows, runs (or blocks of few runs) resampled."""
-    return _shrink(data, scales, before, after, _bootstrap(data, rng))
+    return _shrink(data, scales, before, after, _bootstrap(data, rng, settings=settings))
 
 
 def expected_shrink(
-    data: Dataset, held: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray, rng: np.random.Generator
+    data: Dataset,
+    held: Dataset,
+    scales: Scales,
+    before: np.ndarray,
+    after: np.ndarray,
+    rng: np.random.Generator,
+    settings: ResultSettings,
 ) -> Shrink:
     """As `shrink_of`, with the interval in which the shrink on `held` will lie: besides these windows being few, those
     are few as well. Of `held` nothing but the number of its runs (or blocks) is used."""
-    drawn, unit = _draws(data, rng)
-    n = len(np.unique(held.run if _by_run(data) else blocks_of(held)))
+    drawn, unit = _draws(data, rng, settings=settings)
+    n = len(np.unique(held.run if _by_run(data) else blocks_of(held, settings=settings.fit)))
     again = rng.multinomial(max(n, 1), drawn / drawn.sum(axis=1, keepdims=True))
     return _shrink(data, scales, before, after, again[:, unit].astype(float))
 
@@ -46,17 +58,17 @@ def _shrink(data: Dataset, scales: Scales, before: np.ndarray, after: np.ndarray
     return Shrink(float(ratio[0]), (float(low), float(high)))
 
 
-def _bootstrap(data: Dataset, rng: np.random.Generator) -> np.ndarray:
-    """(DRAWS, W) how often each window is drawn, when whole runs (or blocks of time, with few runs) are drawn."""
-    drawn, unit = _draws(data, rng)
+def _bootstrap(data: Dataset, rng: np.random.Generator, settings: ResultSettings) -> np.ndarray:
+    """(draws, W) how often each window is drawn, when whole runs (or blocks of time, with few runs) are drawn."""
+    drawn, unit = _draws(data, rng, settings=settings)
     return np.asarray(drawn[:, unit], dtype=float)
 
 
-def _draws(data: Dataset, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """(DRAWS, U) how often each unit is drawn, and (W,) each window's unit."""
-    unit = np.unique(data.run, return_inverse=True)[1] if _by_run(data) else blocks_of(data)
+def _draws(data: Dataset, rng: np.random.Generator, settings: ResultSettings) -> tuple[np.ndarray, np.ndarray]:
+    """(draws, U) how often each unit is drawn, and (W,) each window's unit."""
+    unit = np.unique(data.run, return_inverse=True)[1] if _by_run(data) else blocks_of(data, settings=settings.fit)
     n = int(unit.max()) + 1
-    return rng.multinomial(n, np.full(n, 1.0 / n), size=DRAWS), unit
+    return rng.multinomial(n, np.full(n, 1.0 / n), size=settings.bootstrap), unit
 
 
 def _by_run(data: Dataset) -> bool:

@@ -14,14 +14,19 @@ from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.results.records import GapStep, StageShare
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
 
-FULL = 32  # subsets from which on there are fewer windows for each
-
 
 def staged(
-    data: Dataset, scales: Scales, space: Space, final: Fit | None, gaps: tuple[float, float, float], steps: int
+    data: Dataset,
+    scales: Scales,
+    space: Space,
+    final: Fit | None,
+    gaps: tuple[float, float, float],
+    steps: int,
+    settings: ResultSettings,
 ) -> tuple[tuple[GapStep, ...], tuple[StageShare, ...]]:
     """The gap on these windows after each effect is added (largest first), and the stages' shares of its square.
 
@@ -35,7 +40,9 @@ def staged(
         return (GapStep((), start),), (StageShare("unexplained", 1.0 - noise), StageShare("noise", noise))
     if not final.terms:  # samples that jump away are all there is
         return (GapStep((), start),), stage_shares({}, after, floor, start**2 - after**2)
-    few = evenly(data, steps * FULL // max(2 ** len(final.terms), FULL))
+    few = evenly(
+        data, steps * settings.full_subsets // max(2 ** len(final.terms), settings.full_subsets), settings=settings.data
+    )
     subsets = [frozenset(c) for n in range(len(final.terms) + 1) for c in combinations(final.terms, n)]
     part = squared_gaps(data.take(few), scales, space, final.values, subsets)
     drops = shapley(part, final.terms)

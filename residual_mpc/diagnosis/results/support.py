@@ -14,17 +14,11 @@ from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
-
-KEPT = 0.3  # of its distance from null that a number keeps when any run is left out
-DEPENDS = 0.2  # share of a remainder from which its dependence casts doubt
-CLEAR = 1.0  # times the squared noise floor, from which an effect's contribution is no faint one
-LARGE = 3.0  # times what numbers are off anyway, from which an effect is no such difference
-STEPS = 30_000  # simulation steps that one prediction may cost here
-UNSUPPORTED = 0.5  # factor on the probability of an effect that does not help on unseen windows, or is imitated
 
 # What the kinds of dependence of a remainder amount to (see Effect.imitates): a steady effect that is fitted to a
 # changing one is mistaken for it.
@@ -48,7 +42,7 @@ class Support:
 
 
 def support_of(
-    of: FittedExplanation, longer: Sequence[HorizonWindows], looks: Sequence[HorizonGaps]
+    of: FittedExplanation, longer: Sequence[HorizonWindows], looks: Sequence[HorizonGaps], settings: ResultSettings
 ) -> dict[Term, Support]:
     """The support of each named effect; looks: the gaps over each horizon, of which `longer` holds the windows."""
     floors = {look.horizon: look.floor.total for look in looks}
@@ -56,30 +50,34 @@ def support_of(
     for look in longer:
         if look.horizon in floors:
             places.append(((look.clean if of.with_outliers else look.raw).take(look.test), look.scales))
-    rises = [_rises(of, data, scales, floors[data.horizon]) for data, scales in places]
-    lasts = _survives(of.problem.data.run, of.final)
+    rises = [_rises(of, data, scales, floors[data.horizon], settings=settings) for data, scales in places]
+    lasts = _survives(of.problem.data.run, of.final, settings=settings)
     out = {}
     for k, term in enumerate(of.final.terms):
         strength = float(max(r[k] for r in rises))
         evidence = ("fits", *(("predicts",) if strength > 0.0 else ()), *(("survives",) if lasts[term] else ()))
-        out[term] = Support(evidence, strength, _size(of, term))
+        out[term] = Support(evidence, strength, _size(of, term, settings=settings))
     return out
 
 
-def doubts(supports: Mapping[Term, Support], rest: Rest | None) -> dict[Term, float]:
+def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: ResultSettings) -> dict[Term, float]:
     """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint or
     no larger than small differences elsewhere, and where what is left depends on a quantity that it would imitate."""
-    on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= DEPENDS}
+    tuned = settings.support
+    on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= tuned.depends}
     out = {}
     for term, support in supports.items():
-        helps = 1.0 if "predicts" in support.evidence else UNSUPPORTED
-        clear = UNSUPPORTED + (1.0 - UNSUPPORTED) * float(np.clip(support.strength / CLEAR, 0.0, 1.0))
-        large = UNSUPPORTED + (1.0 - UNSUPPORTED) * float(np.clip((support.size - 1.0) / (LARGE - 1.0), 0.0, 1.0))
-        out[term] = helps * min(clear, large) * (UNSUPPORTED if on & BY_NAME[term.effect].imitates else 1.0)
+        helps = 1.0 if "predicts" in support.evidence else tuned.unsupported
+        clear = tuned.unsupported + (1.0 - tuned.unsupported) * float(np.clip(support.strength / tuned.clear, 0.0, 1.0))
+        large = tuned.unsupported + (1.0 - tuned.unsupported) * float(
+            np.clip((support.size - 1.0) / (tuned.large - 1.0), 0.0, 1.0)
+        )
+        imitates = on & BY_NAME[term.effect].imitates
+        out[term] = helps * min(clear, large) * (tuned.unsupported if imitates else 1.0)
     return out
 
 
-def _size(of: FittedExplanation, term: Term) -> float:
+def _size(of: FittedExplanation, term: Term, settings: ResultSettings) -> float:
     """How far an effect's numbers are from doing nothing, over what numbers are off on this robot anyway."""
     tolerances = None if of.tolerated is None else of.tolerated.problem.tolerances
     level = 0.0 if tolerances is None else tolerances.level
@@ -106,19 +104,19 @@ def _shadow(values: Values, term: Term) -> float:
     return most
 
 
-def _rises(of: FittedExplanation, data: Dataset, scales: Scales, floor: float) -> np.ndarray:
+def _rises(of: FittedExplanation, data: Dataset, scales: Scales, floor: float, settings: ResultSettings) -> np.ndarray:
     """(T,) by how much the squared gap on these windows rises without each effect, in units of the squared floor."""
     terms = of.final.terms
-    keep = evenly(data, STEPS)
+    keep = evenly(data, settings.support.steps, settings=settings.data)
     data = data if keep.all() else data.take(keep)
     rows = [of.final.values, *(without(of.final.values, t) for t in terms)]
     errors = [data.y - p for p in predict(data, of.space.settings(rows))]
-    trust = window_trust(data, scales, errors[0])
+    trust = window_trust(data, scales, errors[0], settings=settings.data)
     whole, *less = [gap_of(data, scales, e, trust).total ** 2 for e in errors]
     return (np.array(less) - whole) / max(floor**2, 1e-12)
 
 
-def _survives(run: np.ndarray, final: Fit) -> dict[Term, bool]:
+def _survives(run: np.ndarray, final: Fit, settings: ResultSettings) -> dict[Term, bool]:
     """By one Gauss-Newton step without each run."""
     present, fold = np.unique(run, return_inverse=True)
     if len(present) < 2 or not final.terms:
@@ -137,6 +135,6 @@ def _survives(run: np.ndarray, final: Fit) -> dict[Term, bool]:
                 kept = [(v[k] - p.null) / (final.values[k] - p.null) for v in every]
             else:
                 kept = [final.values[k] / v[k] if v[k] > 0.0 else 0.0 for v in every]
-            good &= min(kept) >= KEPT
+            good &= min(kept) >= settings.support.kept
         out[term] = bool(good)
     return out

@@ -5,7 +5,7 @@ from typing import TypeVar
 import numpy as np
 
 from residual_mpc.diagnosis.fit.evidence import dispersion
-from residual_mpc.diagnosis.fit.least_squares import MOST, Fit, Race, fit_all, on_problem, possible
+from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem, possible
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.screen import (
@@ -20,14 +20,7 @@ from residual_mpc.diagnosis.search.screen import (
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import Knob, Term, Values
 
-HOPELESS = 150.0  # likelihood ratio beyond which a set is not fitted to the end
-ROUGH = 3  # steps of a fit that has to rank
-PROBES = 2  # of one term that are fitted
-SOME = 150_000  # simulation steps that all probes of another set of the beam may cost before a glance has to do
-PROMISING = 3  # one in so many probes of the best set is tried on the beam's other sets as well
 NONE = frozenset[Knob]()  # no threshold is looked for anew
-EARLY = 1.5  # times the margin by which what was fitted on part of the windows may lie behind on the whole
-GENEROUS = 4.0  # a fit may find this many times the drop that the screening's line search promises
 
 Ranked = TypeVar("Ranked")
 
@@ -44,35 +37,57 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
 
     Empty where not even a generous reading of the screening promises anything beyond doubt: no fit is spent on it then.
     """
+    tuned = settings.additions
     starts: list[tuple[Fit, Values]] = []
     promised = 0.0
     eligible = problem.space.candidates
     for place, parent in enumerate(beam):
         candidates = tuple(c for c in eligible if compatible(c, parent.terms))
-        leads = screen(problem, parent, candidates) if place == 0 else glance(problem, parent, candidates, SOME)
+        leads = (
+            screen(problem, parent, candidates, settings=settings)
+            if place == 0
+            else glance(problem, parent, candidates, tuned.glance_from, settings=settings)
+        )
         # precise encoders may outweigh the pose, and a channel whose cause is missing weighs least in the likelihood:
         # a third of the places each go by the likelihood, by what the gap compares and by the gap itself
         ranked = mixed(*rankings(leads))
         if place == 0 and len(beam) > 1:
-            near = {lead.term for lead in ranked[: len(ranked) // PROMISING]}.union(parent.terms)
+            near = {lead.term for lead in ranked[: len(ranked) // tuned.promising]}.union(parent.terms)
             eligible = tuple(c for c in eligible if c in near)
-        chosen = varied(ranked)[: settings.shortlist // (1 + place)]
+        chosen = varied(ranked, settings=settings)[: settings.shortlist // (1 + place)]
         starts += [(parent, {**parent.values, **lead.start}) for lead in chosen]
         promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
-    if GENEROUS * promised < settings.beyond_doubt:
+    if tuned.generous * promised < settings.beyond_doubt:
         return []
-    small, weight = smaller(problem, beam[0])
-    margin = HOPELESS * dispersion(beam[0], blocks)
-    parents = {id(parent): on_problem(small, parent) for parent in beam}
+    small, weight = smaller(problem, beam[0], settings=settings)
+    margin = tuned.hopeless * dispersion(beam[0], blocks)
+    parents = {id(parent): on_problem(small, parent, settings=settings.fit) for parent in beam}
     begin = [parents[id(p)] for p, _ in starts]
     new = [frozenset(s).difference(p.knobs) for p, s in starts]
-    first = in_turn(small, fit_all(small, [s for _, s in starts], 1, rough=True, near=begin, fresh=new))
+    first = in_turn(
+        small, fit_all(small, [s for _, s in starts], 1, rough=True, near=begin, fresh=new, settings=settings.fit)
+    )
     first = first[: settings.shortlist]
-    rough = fit_all(small, [f.values for f in first], ROUGH - 1, rough=True, near=first, fresh=[f.fresh for f in first])
+    rough = fit_all(
+        small,
+        [f.values for f in first],
+        tuned.rough - 1,
+        rough=True,
+        near=first,
+        fresh=[f.fresh for f in first],
+        settings=settings.fit,
+    )
     finalists = distinct(in_turn(small, rough))[: settings.finalists + (2 if len(beam) > 1 else 0)]
-    fits = closer(problem, small, finalists, Race(margin / weight), Race(margin, early=EARLY))
+    fits = closer(
+        problem,
+        small,
+        finalists,
+        Race(margin / weight),
+        Race(margin, early=tuned.early),
+        settings=settings,
+    )
     children = distinct(sorted((f for f in fits if possible(f.values)), key=lambda f: f.cost))
-    return [on_problem(problem, children[0]), *children[1:]] if children else []
+    return [on_problem(problem, children[0], settings=settings.fit), *children[1:]] if children else []
 
 
 def closer(
@@ -81,16 +96,29 @@ def closer(
     begun: list[Fit],
     on_part: Race,
     on_all: Race,
-    most: int = MOST,
+    most: int | None = None,
     near: Fit | None = None,
+    *,
+    settings: SearchSettings,
 ) -> list[Fit]:
     """What was begun on the thinned problem fitted there in at most so many steps, and the last steps on the whole;
     each race says what is left on the way. The order is kept, the Jacobians are rough. near: see `fit_all`, on the
     whole."""
     new = [f.fresh for f in begun]
-    ends = fit_all(small, [f.values for f in begun], most, race=on_part, rough=True, near=begun, fresh=new)
+    ends = fit_all(
+        small, [f.values for f in begun], most, race=on_part, rough=True, near=begun, fresh=new, settings=settings.fit
+    )
     by = [near] * len(ends)
-    return fit_all(problem, [f.values for f in ends], ROUGH, race=on_all, rough=True, near=by, fresh=new)
+    return fit_all(
+        problem,
+        [f.values for f in ends],
+        settings.additions.rough,
+        race=on_all,
+        rough=True,
+        near=by,
+        fresh=new,
+        settings=settings.fit,
+    )
 
 
 def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:
@@ -104,14 +132,14 @@ def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:
     )
 
 
-def varied(leads: list[ScreenedTerm]) -> list[ScreenedTerm]:
-    """The leads in their order, of each term only the first PROBES: the doses of one effect that all do well would
+def varied(leads: list[ScreenedTerm], settings: SearchSettings) -> list[ScreenedTerm]:
+    """The leads in their order, of each term only the first few: the doses of one effect that all do well would
     crowd out the next effect."""
     taken: dict[Term, int] = {}
     out = []
     for lead in leads:
         taken[lead.term] = taken.get(lead.term, 0) + 1
-        if taken[lead.term] <= PROBES:
+        if taken[lead.term] <= settings.additions.probes:
             out.append(lead)
     return out
 

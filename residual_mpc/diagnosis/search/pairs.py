@@ -11,22 +11,22 @@ import numpy as np
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, possible
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
-from residual_mpc.diagnosis.search.additions import HOPELESS, ROUGH, closer, compatible, distinct, mixed
-from residual_mpc.diagnosis.search.screen import FEWEST_QUICK, drawn, gap_weights, smaller
+from residual_mpc.diagnosis.search.additions import closer, compatible, distinct, mixed
+from residual_mpc.diagnosis.search.screen import drawn, gap_weights, smaller
+from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import TUNE, Values
 
-TRIED, EACH = 6, 2  # pairs that are fitted, and how many of these may hold one effect
 ROWS = 96  # hypotheses replayed at once: bounds the memory
 
 
-def pairs(problem: Problem, alone: Fit, blocks: np.ndarray) -> list[Fit]:
+def pairs(problem: Problem, alone: Fit, blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
     """The best sets of two effects, each on all targets alike, cheapest first; alone: the model without effects.
 
     All probes of one effect with all of another are replayed on a quarter of the screening's windows.
     """
-    small, weight = smaller(problem, alone)
+    small, weight = smaller(problem, alone, settings=settings)
     cost = np.einsum("wn,wn->w", r := small.residuals([alone.values])[0], r)
-    quarter = drawn(cost, max(FEWEST_QUICK, small.data.count // 4), power=1.0)
+    quarter = drawn(cost, max(settings.screen.fewest_quick, small.data.count // 4), power=1.0)
     quick = part_of(small, quarter > 0, quarter[quarter > 0])
     probes = [(t, p) for t in problem.space.candidates if t.target is None for p in problem.space.probes(t)]
     starts: list[Values] = [
@@ -38,9 +38,11 @@ def pairs(problem: Problem, alone: Fit, blocks: np.ndarray) -> list[Fit]:
     columns = np.array(scores).T
     rankings = [[starts[i] for i in np.argsort(column, kind="stable")] for column in columns]
     ranked = mixed(*rankings)
-    begun = fit_all(small, _of_each_pair(ranked), ROUGH, rough=True)
-    margin = HOPELESS * dispersion(alone, blocks)
-    fits = closer(problem, small, distinct(begun), Race(margin / weight), Race(margin))
+    begun = fit_all(
+        small, _of_each_pair(ranked, settings=settings), settings.additions.rough, rough=True, settings=settings.fit
+    )
+    margin = settings.additions.hopeless * dispersion(alone, blocks)
+    fits = closer(problem, small, distinct(begun), Race(margin / weight), Race(margin), settings=settings)
     return sorted((f for f in fits if possible(f.values)), key=lambda f: f.cost)
 
 
@@ -51,16 +53,16 @@ def _scores(problem: Problem, starts: list[Values]) -> list[tuple[float, float]]
     return [(float(s.sum()), float(size @ s)) for s in squares]
 
 
-def _of_each_pair(ranked: list[Values]) -> list[Values]:
-    """The best start of each pair of effects, the first TRIED of them in which no effect stands more often than EACH:
+def _of_each_pair(ranked: list[Values], settings: SearchSettings) -> list[Values]:
+    """The best start of each pair of effects, the first few of them in which no effect stands too often:
     all that one strong effect goes with would crowd out the others."""
     taken: list[Values] = []
     count: Counter[str] = Counter()
     seen: set[frozenset[str]] = set()
     for start in ranked:
         names = frozenset(k.effect for k in start if k.effect != TUNE)
-        if names not in seen and all(count[n] < EACH for n in names):
+        if names not in seen and all(count[n] < settings.pairs.each for n in names):
             taken.append(start)
             count.update(names)
         seen.add(names)
-    return taken[:TRIED]
+    return taken[: settings.pairs.tried]

@@ -9,25 +9,13 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_prob
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
-from residual_mpc.diagnosis.search.additions import EARLY, NONE, ROUGH, closer, compatible
+from residual_mpc.diagnosis.search.additions import NONE, closer, compatible
 from residual_mpc.diagnosis.search.screen import glance, smaller
-from residual_mpc.diagnosis.search.stepwise import ALIKE, Found, without
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.search.stepwise import Found, without
 from residual_mpc.effects.equivalents import together
 from residual_mpc.effects.library import BY_NAME, ORDER
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
-
-PARALLEL = 0.08  # and the share of an effect's own contribution that its stand-in may miss
-PER_KNOB = 2.0
-RESEMBLES = 0.3  # of the drop that the replaced effect itself promises in the screening
-LOOKED_AT = 8
-BETTER = -6.0  # likelihood ratio below which a rival takes the place
-SWAPS = 2
-AGAIN = 3  # steps of the fits that tell whose gap is larger
-VISIBLE, OF_IT = 0.25, 0.1  # times the squared noise floor, and of the squared gap: by so much a rival's may be larger
-LOST = 1.0  # squared scaled error at which a window counts: all of its motion is missed
-FAR_SMALLER = 0.6  # times the squared gap on all windows
-FAR = 70.0  # likelihood ratio beyond which a rival is not fitted to the end: it would hold no probability
-BEST = 2  # targets alone that are fitted in place of all
 
 
 @dataclass(frozen=True)
@@ -68,20 +56,21 @@ def place(terms: EffectSet) -> tuple[int, int, bool, str]:
     return (len(terms), min(ORDER[t.effect] for t in terms), None in names, "".join(n or "" for n in names))
 
 
-def find_rivals(found: Found, most: int = SWAPS) -> Rivalry:
+def find_rivals(found: Found, most: int | None = None, *, settings: SearchSettings) -> Rivalry:
     """Replace each term (each pair of rim scales, and one effect on several targets) by what resembles it; swap, `most`
     times, where that is better.
     """
+    most = settings.rivals.swaps if most is None else most
     fit, rivals = found.fit, list[Rival]()
     places, swaps = _places(fit), 0
     while places:
-        here = _replacements(found.problem, fit, places.pop(), found.phi)
-        seen = _seen_larger(found, fit, here)
-        here = [_told_apart(r) if larger else r for r, larger in zip(here, seen, strict=True)]
+        here = _replacements(found.problem, fit, places.pop(), found.phi, settings=settings)
+        seen = _seen_larger(found, fit, here, settings=settings)
+        here = [_told_apart(r, settings=settings) if larger else r for r, larger in zip(here, seen, strict=True)]
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
-        if better is not None and better.ratio < BETTER and swaps < most:
-            fit, rivals = on_problem(found.problem, better.fit), []
+        if better is not None and better.ratio < settings.rivals.better and swaps < most:
+            fit, rivals = on_problem(found.problem, better.fit, settings=settings.fit), []
             places, swaps = _places(fit), swaps + 1
     order = [(t,) for t in fit.terms] + _several(fit)
     rivals.sort(key=lambda r: order.index(r.gone))
@@ -90,35 +79,43 @@ def find_rivals(found: Found, most: int = SWAPS) -> Rivalry:
     return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
 
 
-def holds_elsewhere(rivalry: Rivalry, replays: PredictionCache, scales: Scales) -> Fit | None:
+def holds_elsewhere(rivalry: Rivalry, replays: PredictionCache, scales: Scales, settings: SearchSettings) -> Fit | None:
     """The rival whose gap on these windows is far smaller than that of the chosen set, None where there is none. A
     search sees few and short windows; a set that fits them by chance fails on the others."""
-    fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < FAR)]
+    tuned = settings.rivals
+    fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < tuned.far)]
     y = replays.data.y
     squares = [per_window(replays.data, scales, y - p) for p in replays([f.values for f in fits])]
-    gaps = np.array([np.mean(np.minimum(np.nan_to_num(s, nan=LOST), LOST)) for s in squares])
+    gaps = np.array([np.mean(np.minimum(np.nan_to_num(s, nan=tuned.lost), tuned.lost)) for s in squares])
     best = int(np.argmin(gaps))
-    return fits[best] if gaps[best] < FAR_SMALLER * gaps[0] else None
+    return fits[best] if gaps[best] < tuned.far_smaller * gaps[0] else None
 
 
-def _told_apart(rival: Rival) -> Rival:
+def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
     """The rival as one that the data tell from the chosen set."""
-    return replace(rival, ratio=max(rival.ratio, ALIKE), alike=False)
+    return replace(rival, ratio=max(rival.ratio, settings.steps.alike), alike=False)
 
 
-def _seen_larger(found: Found, fit: Fit, rivals: list[Rival]) -> list[bool]:
+def _seen_larger(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSettings) -> list[bool]:
     """Which rivals leave a gap that one would see to be larger than the chosen fit's. Precise encoders may outweigh the
     pose in the likelihood, and what they show is no reason to give up what the pose shows.
 
     The close ones are fitted again for that without tolerances, which let a fit rest where its gap is not smallest."""
-    close = [i for i, r in enumerate(rivals) if r.alike or r.ratio < BETTER]
+    tuned = settings.rivals
+    close = [i for i, r in enumerate(rivals) if r.alike or r.ratio < tuned.better]
     if not close:
         return [False] * len(rivals)
     fits = [fit, *(rivals[i].fit for i in close)]
     if found.problem.wide is not None:
-        fits = fit_all(tolerating(found.problem, None), [f.values for f in fits], AGAIN, rough=True)
+        fits = fit_all(
+            tolerating(found.problem, None),
+            [f.values for f in fits],
+            tuned.gap_steps,
+            rough=True,
+            settings=settings.fit,
+        )
     own, *gaps = found.ruler.squared(fits[::-1])[::-1]
-    most = own + max(VISIBLE * found.ruler.floor, OF_IT * own)
+    most = own + max(tuned.visible * found.ruler.floor, tuned.share * own)
     larger = {i for i, g in zip(close, gaps, strict=True) if g > most}
     return [i in larger for i in range(len(rivals))]
 
@@ -134,22 +131,25 @@ def _several(fit: Fit) -> list[tuple[Term, ...]]:
     return list(dict.fromkeys([*_rim_pairs(fit.terms), *_on_targets(fit.terms)]))
 
 
-def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float) -> list[Rival]:
+def _replacements(
+    problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float, settings: SearchSettings
+) -> list[Rival]:
+    tuned = settings.rivals
     values = fit.values
     for t in gone:
         values = without(values, t)
-    rest = fit_all(problem, [values], 4, near=[fit], fresh=[NONE])[0]
+    rest = fit_all(problem, [values], 4, near=[fit], fresh=[NONE], settings=settings.fit)[0]
     kept = rest.terms
     candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
     starts = _on_all(problem, rest, fit, gone, candidates)
     if len(gone) == 1:
-        starts = _elsewhere(problem, rest, fit, gone[0], candidates)
+        starts = _elsewhere(problem, rest, fit, gone[0], candidates, settings=settings)
         seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
-        most = LOOKED_AT + len(starts)
-        leads = glance(problem, rest, candidates)
+        most = tuned.looked_at + len(starts)
+        leads = glance(problem, rest, candidates, settings=settings)
         own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
         for lead in leads:
-            if lead.term not in seen and len(starts) < most and lead.gain > RESEMBLES * own:
+            if lead.term not in seen and len(starts) < most and lead.gain > tuned.resembles * own:
                 seen.add(lead.term)
                 starts.append({**rest.values, **lead.start})
         starts += _as_pair(problem, rest, fit, gone[0], candidates)
@@ -162,11 +162,11 @@ def _replacements(problem: Problem, fit: Fit, gone: tuple[Term, ...], phi: float
                 if compatible(b, (*kept, a))
             ]
     out = []
-    for other in (f for f in _fits(problem, rest, fit, starts, phi) if possible(f.values)):
+    for other in (f for f in _fits(problem, rest, fit, starts, phi, settings=settings) if possible(f.values)):
         came = tuple(t for t in other.terms if t not in kept)
         difference = other.cost - fit.cost
-        ratio = difference / phi + PER_KNOB * (len(other.knobs) - len(fit.knobs))
-        alike = ratio < ALIKE and difference < PARALLEL * (rest.cost - fit.cost)
+        ratio = difference / phi + tuned.per_knob * (len(other.knobs) - len(fit.knobs))
+        alike = ratio < settings.steps.alike and difference < tuned.parallel * (rest.cost - fit.cost)
         out.append(Rival(gone, came, other, ratio, alike))
     return out
 
@@ -195,7 +195,9 @@ def _with(problem: Problem, rest: Fit, found: Values) -> Values:
     return {**rest.values, **{k: float(np.clip(v, *problem.space.bounds(k))) for k, v in found.items()}}
 
 
-def _elsewhere(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
+def _elsewhere(
+    problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...], settings: SearchSettings
+) -> list[Values]:
     """The same effect with the numbers that were found, on one target alone in place of all (the two that do best), or
     on all in place of one: a probe need not come near what another target's fit has found."""
     others = [t for t in candidates if t.effect == gone.effect and (t.target is None) != (gone.target is None)]
@@ -203,27 +205,41 @@ def _elsewhere(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tu
     for t in others:
         found = {Knob(t.effect, t.target, k.parameter): v for k, v in fit.values.items() if k.term == gone}
         starts.append(_with(problem, rest, found))
-    if len(starts) > BEST:
-        small, _ = smaller(problem, rest)
+    if len(starts) > settings.rivals.best:
+        small, _ = smaller(problem, rest, settings=settings)
         costs = np.einsum("hwn,hwn->h", r := small.residuals(starts), r)
-        starts = [starts[i] for i in np.argsort(costs)[:BEST]]
+        starts = [starts[i] for i in np.argsort(costs)[: settings.rivals.best]]
     return starts
 
 
-def _fits(problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: float) -> list[Fit]:
+def _fits(
+    problem: Problem, rest: Fit, fit: Fit, starts: list[Values], phi: float, settings: SearchSettings
+) -> list[Fit]:
     """The starts fitted: roughly on fewer windows, to the end those that come within reach of the chosen fit. The
     others are hopeless, and only their cost is wanted."""
+    tuned = settings.rivals
+    additions = settings.additions
     if not starts:
         return []
-    small, weight = smaller(problem, rest)
+    small, weight = smaller(problem, rest, settings=settings)
     chosen = float(np.sum(small.residuals([fit.values])[0] ** 2))
     new = [frozenset(s).difference(rest.knobs) for s in starts]
-    rough = fit_all(small, starts, ROUGH, rough=True, near=[on_problem(small, rest)] * len(starts), fresh=new)
-    near = [weight * (r.cost - chosen) < EARLY * FAR * phi for r in rough]
-    on_part, on_all = Race(EARLY * FAR * phi / weight, chosen), Race(FAR * phi, fit.cost, EARLY)
-    ends = iter(closer(problem, small, [r for r, n in zip(rough, near, strict=True) if n], on_part, on_all, 4, rest))
+    rough = fit_all(
+        small,
+        starts,
+        additions.rough,
+        rough=True,
+        near=[on_problem(small, rest, settings=settings.fit)] * len(starts),
+        fresh=new,
+        settings=settings.fit,
+    )
+    near = [weight * (r.cost - chosen) < additions.early * tuned.far * phi for r in rough]
+    on_part = Race(additions.early * tuned.far * phi / weight, chosen)
+    on_all = Race(tuned.far * phi, fit.cost, additions.early)
+    within = [r for r, n in zip(rough, near, strict=True) if n]
+    ends = iter(closer(problem, small, within, on_part, on_all, 4, rest, settings=settings))
     left = [r.values for r, n in zip(rough, near, strict=True) if not n]
-    as_they_are = iter(fit_all(problem, left, 0, rough=True))
+    as_they_are = iter(fit_all(problem, left, 0, rough=True, settings=settings.fit))
     return [next(ends if n else as_they_are) for n in near]
 
 

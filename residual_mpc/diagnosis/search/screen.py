@@ -11,18 +11,11 @@ import numpy as np
 from residual_mpc.diagnosis.data.subsampling import shorten
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.predict.problem import Problem, on_part, part_of, tolerating, weighed
+from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
 ROWS = 96  # probes replayed at once: bounds the memory
-GROWTH = 3.0  # of the whole window's cost over the half's, relative to samples: between a drift and a steady offset
-LATE = 0.1  # of what is left in the windows' first halves: with less the screening looks at whole ones
-SHORTEST = 0.6  # s: windows of this length are not cut again
-FEWEST = 12  # windows
-FEWEST_QUICK = 6  # for a first look
-CLEAR = 4.0  # times what a probe has to move that leave no doubt from few windows
-STEPS = 6_000  # simulation steps that one probe may cost
-MANY = 1_000_000  # that all probes may cost before the worse of them are looked at less closely
 
 
 @dataclass(frozen=True)
@@ -40,17 +33,19 @@ class ScreenedTerm:
     reach: float
 
 
-def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list[ScreenedTerm]:
+def screen(
+    problem: Problem, current: Fit, candidates: tuple[Term, ...], settings: SearchSettings
+) -> list[ScreenedTerm]:
     """The best lead of each probe, largest gain first; probes of the same term stay apart.
 
     Where there are many probes (an arm of many joints), all of them are tried on a quarter of the windows, and only
     the better third of them on the others as well: better by any of the gains.
     """
-    small, current, weight = _on_smaller(problem, current)
+    small, current, weight = _on_smaller(problem, current, settings=settings)
     probes = _probes(problem, candidates)
-    if len(probes) * _steps(small) <= MANY:
+    if len(probes) * _steps(small) <= settings.screen.many:
         return sorted(_leads(small, current, probes, weight), key=_gain)
-    leads = _by_quarter(small, current, probes, weight)
+    leads = _by_quarter(small, current, probes, weight, settings=settings)
     third = len(leads) // 3
     good = {id(lead) for key in (_gain, _compared, _gap) for lead in sorted(leads, key=key)[:third]}
     again = [p for p, lead in zip(probes, leads, strict=True) if id(lead) in good]
@@ -58,31 +53,37 @@ def screen(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list
     return sorted(leads, key=_gain)
 
 
-def glance(problem: Problem, current: Fit, candidates: tuple[Term, ...], many: int = MANY) -> list[ScreenedTerm]:
+def glance(
+    problem: Problem, current: Fit, candidates: tuple[Term, ...], many: int | None = None, *, settings: SearchSettings
+) -> list[ScreenedTerm]:
     """As `screen`, less sharp: by a quarter of the windows alone where all probes would cost more than `many`
     simulation steps."""
-    small, current, weight = _on_smaller(problem, current)
+    small, current, weight = _on_smaller(problem, current, settings=settings)
     probes = _probes(problem, candidates)
-    look = _leads if len(probes) * _steps(small) <= many else _by_quarter
-    return sorted(look(small, current, probes, weight), key=_gain)
+    many = settings.screen.many if many is None else many
+    if len(probes) * _steps(small) <= many:
+        return sorted(_leads(small, current, probes, weight), key=_gain)
+    return sorted(_by_quarter(small, current, probes, weight, settings=settings), key=_gain)
 
 
-def reaches(problem: Problem, current: Fit, candidates: tuple[Term, ...], enough: float) -> dict[Term, float]:
+def reaches(
+    problem: Problem, current: Fit, candidates: tuple[Term, ...], enough: float, settings: SearchSettings
+) -> dict[Term, float]:
     """How far each candidate's strongest probe moves the prediction, as in ScreenedTerm; where its last one does so
     beyond `enough` by much, from a glance at few windows."""
-    small, current, weight = _on_smaller(problem, current)
+    small, current, weight = _on_smaller(problem, current, settings=settings)
     last = [(term, problem.space.probes(term)[-1]) for term in candidates]
-    reach = {lead.term: lead.reach for lead in _by_quarter(small, current, last, weight)}
-    doubtful = tuple(t for t in candidates if reach[t] < CLEAR * enough)
+    reach = {lead.term: lead.reach for lead in _by_quarter(small, current, last, weight, settings=settings)}
+    doubtful = tuple(t for t in candidates if reach[t] < settings.screen.clear * enough)
     reach |= dict.fromkeys(doubtful, 0.0)
     for lead in _leads(small, current, _probes(problem, doubtful), weight):
         reach[lead.term] = max(reach[lead.term], lead.reach)
     return reach
 
 
-def _on_smaller(problem: Problem, current: Fit) -> tuple[Problem, Fit, float]:
-    small, weight = smaller(problem, current)
-    return small, current if small is problem else on_problem(small, current), weight
+def _on_smaller(problem: Problem, current: Fit, settings: SearchSettings) -> tuple[Problem, Fit, float]:
+    small, weight = smaller(problem, current, settings=settings)
+    return small, current if small is problem else on_problem(small, current, settings=settings.fit), weight
 
 
 def _probes(problem: Problem, terms: tuple[Term, ...]) -> list[tuple[Term, Values]]:
@@ -90,13 +91,13 @@ def _probes(problem: Problem, terms: tuple[Term, ...]) -> list[tuple[Term, Value
 
 
 def _by_quarter(
-    problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float
+    problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float, settings: SearchSettings
 ) -> list[ScreenedTerm]:
     """The leads by a quarter of the windows, those that hold most of the cost before others: a limit that is seldom
     reached shows nowhere else."""
-    quarter = drawn(current.per_window, max(FEWEST_QUICK, problem.data.count // 4), power=1.0)
+    quarter = drawn(current.per_window, max(settings.screen.fewest_quick, problem.data.count // 4), power=1.0)
     quick = part_of(problem, quarter > 0, quarter[quarter > 0])
-    return _leads(quick, on_problem(quick, current), probes, weight)
+    return _leads(quick, on_problem(quick, current, settings=settings.fit), probes, weight)
 
 
 def _leads(problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float) -> list[ScreenedTerm]:
@@ -133,21 +134,22 @@ def _steps(problem: Problem) -> int:
     return problem.data.count * max(b.drive.steps for b in problem.data.blocks)
 
 
-def smaller(problem: Problem, current: Fit) -> tuple[Problem, float]:
-    """The problem thinned to STEPS simulation steps, and how many times larger than that thinned one its cost is.
+def smaller(problem: Problem, current: Fit, settings: SearchSettings) -> tuple[Problem, float]:
+    """The problem thinned to few simulation steps, and how many times larger than that thinned one its cost is.
 
     Windows are drawn where the current fit leaves most, each standing for as many as it was drawn from: an even choice
     loses a cause that shows in few of them, such as a limit that is seldom reached.
     """
+    tuned = settings.screen
     data = problem.data
     steps = max(b.drive.steps for b in data.blocks)
-    if data.count * steps <= STEPS:
+    if data.count * steps <= tuned.steps:
         return problem, 1.0
-    half = shorten(data, 0.5) if data.count * steps > 2 * STEPS and data.horizon > SHORTEST else data
-    if _first(current, half.y.shape[1], data.y.shape[1]) < LATE:
+    half = shorten(data, 0.5) if data.count * steps > 2 * tuned.steps and data.horizon > tuned.shortest else data
+    if _first(current, half.y.shape[1], data.y.shape[1]) < tuned.late:
         half = data
     steps = max(b.drive.steps for b in half.blocks)
-    stands_for = drawn(current.per_window, max(FEWEST, STEPS // steps))
+    stands_for = drawn(current.per_window, max(tuned.fewest, tuned.steps // steps))
     pick = stands_for > 0
     few = half.take(pick)
     m, c = few.y.shape[1:]
@@ -157,7 +159,7 @@ def smaller(problem: Problem, current: Fit) -> tuple[Problem, float]:
     small = weighed(problem.replays.of(few, pick), sensitivity, 1.0 / problem.weight, problem.motion)
     small = tolerating(replace(small, count=count), on_part(problem, pick, m))
     # errors grow within a window, so that the half that is left out holds more of a drop in cost than its samples say
-    return small, GROWTH * data.y.shape[1] / m if half is not data else 1.0
+    return small, tuned.growth * data.y.shape[1] / m if half is not data else 1.0
 
 
 def _first(current: Fit, samples: int, of: int) -> float:

@@ -5,16 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
+from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, elsewhere, fit_all
-from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
+from residual_mpc.diagnosis.fit.marginalisation import carrying
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
-from residual_mpc.diagnosis.predict.noise_errors import noise_errors
-from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL
-from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.problem import Problem, reweigh, tolerating
-from residual_mpc.diagnosis.search.additions import HOPELESS, NONE, ROUGH, additions, distinct
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge
+from residual_mpc.diagnosis.search.additions import NONE, additions, distinct
 from residual_mpc.diagnosis.search.pairs import pairs
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
@@ -43,43 +41,6 @@ class Found:
     sigma: np.ndarray
 
 
-@dataclass(frozen=True)
-class Ruler:
-    """Squared gaps on the search's windows: what an engineer would see, beside what a likelihood sees."""
-
-    replays: PredictionCache
-    scales: Scales
-    floor: float  # squared gap of a perfect model
-
-    def squared(self, fits: list[Fit]) -> np.ndarray:
-        """(H,) squared gap of each fit, in which the windows whose prediction diverges under the last of them count at
-        their limit."""
-        data = self.replays.data
-        errors = [data.y - p for p in self.replays([f.values for f in fits])]
-        trust = window_trust(data, self.scales, errors[-1])
-        return np.array([gap_of(data, self.scales, e, trust).total ** 2 for e in errors])
-
-    def much_left(self, fit: Fit) -> bool:
-        """Whether a fit leaves more than the sensors can tell from nothing (verdict `partial`)."""
-        return bool(self.squared([fit])[0] > max(AS_GOOD**2 * self.floor, SMALL**2))
-
-
-def build_ruler(replays: PredictionCache, scales: Scales, base: Fit, rng: np.random.Generator) -> Ruler:
-    """The ruler of a search; its floor comes from noise drawn by rng."""
-    data = replays.data
-    errors = noise_errors(data, replays.space.settings([base.values]), rng, 2)
-    return Ruler(replays, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])))
-
-
-TO_THE_END = 12  # steps of a fit without one of the terms
-TOGETHER = 4  # terms up to which that is done at the end of a search: its cost grows with their cube
-NEEDLESS = 60.0  # likelihood ratio beyond which such a fit is not carried on: the term is needed
-FAR_FROM_FLOOR = 4.0  # times the squared noise floor
-MUCH = 0.25  # of the squared gap
-TRIMMED = 3  # children that are tried without each of their terms
-NEEDED = 4.0  # likelihood ratio that such a term has to be worth
-ALIKE = 10.0  # likelihood ratio below which two sets count as not told apart
-
 Report = Callable[[str, float], None]  # what is done, and the share of the search that is behind
 
 
@@ -94,28 +55,28 @@ def stepwise_search(
     """Search on the problem's windows. The problem's own weights are those of the pure sensor noise; start: the values
     to go on from, None for the model alone."""
     noise = 1.0 / problem.weight
-    blocks = blocks_of(problem.data)
+    blocks = blocks_of(problem.data, settings=settings.fit)
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
-    base = fit_all(problem, [base_values])[0]
-    ruler = build_ruler(problem.replays, scales, base, rng)
+    base = fit_all(problem, [base_values], settings=settings.fit)[0]
+    ruler = build_ruler(problem.replays, scales, base, rng, settings.data)
     beam = [base]
     if start is not None and len(start) > len(base_values):
-        known = fit_all(problem, [start], 0)[0]
-        beam = refit(judge(problem, known, noise, scales), [known])
-    forward = Forward(problem, ruler, base, noise, blocks, report)
-    beam, steps = forward.go_on(beam, settings)
+        known = fit_all(problem, [start], 0, settings=settings.fit)[0]
+        beam = refit(judge(problem, known, noise, scales, settings=settings), [known], settings=settings)
+    forward = Forward(problem, ruler, base, noise, blocks, report, settings)
+    beam, steps = forward.go_on(beam)
     if ruler.much_left(beam[0]):  # what closes a good part of that is better than nothing
-        unmarginalised = replace(forward, small_differences=False)
-        beam, more = unmarginalised.go_on(beam[:1], settings.without_tolerances())
+        unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
+        beam, more = unmarginalised.go_on(beam[:1])
         if more:
-            forward, settings, steps = unmarginalised, settings.without_tolerances(), steps + more
+            forward, settings, steps = unmarginalised, unmarginalised.settings, steps + more
     last = beam[0]
-    if steps and len(last.terms) <= TOGETHER:
+    if steps and len(last.terms) <= settings.steps.together:
         report("fitting without each effect in turn", 1.0)
         last = prune(forward.at(last), ruler, last, base, noise, blocks, settings, thorough=True)
-    here = judge(carrying(problem, last.values), last, noise, scales)
-    current, base = refit(here, [last, base])
-    sigma = 1.0 / judge(problem, current, noise, scales).weight
+    here = judge(carrying(problem, last.values, settings=settings.fit), last, noise, scales, settings=settings)
+    current, base = refit(here, [last, base], settings=settings)
+    sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
     return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps), sigma)
 
 
@@ -129,32 +90,37 @@ class Forward:
     noise: np.ndarray
     blocks: np.ndarray
     report: Report
+    settings: SearchSettings
     small_differences: bool = True
 
     def at(self, fit: Fit) -> Problem:
         """The problem, carrying the columns of the small differences about this fit where they are marginalised."""
-        return carrying(self.problem, fit.values) if self.small_differences else self.problem
+        return (
+            carrying(self.problem, fit.values, settings=self.settings.fit) if self.small_differences else self.problem
+        )
 
     def _leaves_much(self, alone: Fit, best: Fit) -> bool:
         """Whether the best single effect leaves much of the gap."""
         before, after = self.ruler.squared([alone, best])
-        return bool(after > MUCH * before and self.ruler.much_left(best))
+        return bool(after > self.settings.steps.much * before and self.ruler.much_left(best))
 
-    def go_on(self, beam: list[Fit], settings: SearchSettings) -> tuple[list[Fit], list[Step]]:
+    def go_on(self, beam: list[Fit]) -> tuple[list[Fit], list[Step]]:
         """Further steps until none is convincing; the beam at the end and the steps taken."""
         steps, seen = list[Step](), {frozenset(beam[0].terms)}
-        ruler, base, blocks = self.ruler, self.base, self.blocks
+        ruler, base, blocks, settings = self.ruler, self.base, self.blocks, self.settings
         while len(beam[0].terms) < settings.largest:
             problem = self.at(beam[0])
-            here = judge(problem, beam[0], self.noise, ruler.scales)
-            beam = refit(here, beam[:1]) + refit(here, beam[1:], ROUGH)  # from the others one only looks on
+            here = judge(problem, beam[0], self.noise, ruler.scales, settings=settings)
+            looked_on = refit(here, beam[1:], settings.additions.rough, settings=settings)
+            beam = refit(here, beam[:1], settings=settings) + looked_on
             named = len(beam[0].terms)
             text = f"{named} effect{'' if named == 1 else 's'} named; looking for the next"
             self.report(text, named / settings.largest)
             children = additions(here, beam, blocks, settings)
             if named == 0 and children and self._leaves_much(beam[0], children[0]):
-                children = sorted([*pairs(here, beam[0], blocks), *children], key=lambda f: f.cost)
-            children = simplest_first(trimmed(here, children, blocks, seen), blocks)
+                children = sorted([*pairs(here, beam[0], blocks, settings=settings), *children], key=lambda f: f.cost)
+            children = trimmed(here, children, blocks, seen, settings=settings)
+            children = simplest_first(children, blocks, settings=settings)
             # the set with the lowest cost may improve the gap by too little to see; a later one may be the cause
             chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
             if chosen is None:
@@ -168,48 +134,44 @@ class Forward:
         return beam, steps
 
 
-def judge(problem: Problem, fit: Fit, noise: np.ndarray, scales: Scales) -> Problem:
-    """The problem with small differences marginalised that this fit's residuals make likely, with each channel weighed
-    by what is left then, never less than its noise, and with the windows in which the fit's prediction diverges
-    weighing less (Huber's weights on whole windows)."""
-    data, trust = problem.data, window_trust(problem.data, scales, problem.data.y - problem.replays([fit.values])[0])
-    count = None if (trust == 1.0).all() else trust
-    plain = tolerant(replace(reweigh(problem, noise), count=count, tolerances=problem.tolerances), fit)
-    r = plain.residuals([fit.values])[0].reshape(*data.y.shape)
-    seen = np.isfinite(data.y)
-    left = np.sqrt(np.einsum("wmc,wmc->c", r, r) / np.maximum(np.einsum("w,wmc->c", trust, seen.astype(float)), 1.0))
-    fair = reweigh(problem, noise * np.maximum(left, 1.0))
-    return tolerant(replace(fair, count=count, tolerances=problem.tolerances), fit)
-
-
-def refit(problem: Problem, fits: list[Fit], most: int = 6) -> list[Fit]:
+def refit(problem: Problem, fits: list[Fit], most: int = 6, *, settings: SearchSettings) -> list[Fit]:
     """The same sets fitted on this problem, from where they were."""
-    return fit_all(problem, [f.values for f in fits], most)
+    return fit_all(problem, [f.values for f in fits], most, settings=settings.fit)
 
 
-def trimmed(problem: Problem, children: list[Fit], blocks: np.ndarray, seen: set[frozenset[Term]]) -> list[Fit]:
+def trimmed(
+    problem: Problem, children: list[Fit], blocks: np.ndarray, seen: set[frozenset[Term]], settings: SearchSettings
+) -> list[Fit]:
     """Cheapest first; of the first few that the data do not tell apart, sets that grew from different ones of the beam,
     without a term that the others have made needless. seen: sets that the search has been at."""
+    tuned = settings.steps
     if len(children) < 2:
         return children
     phi = dispersion(children[0], blocks)
-    near = [c for c in children[:TRIMMED] if len(c.terms) > 1 and c.cost <= children[0].cost + ALIKE * phi]
+    near = [c for c in children[: tuned.trimmed] if len(c.terms) > 1 and c.cost <= children[0].cost + tuned.alike * phi]
     if len(near) < 2:
         return children
     pairs = [(c, t) for c in near for t in c.terms if frozenset(c.terms) - {t} not in seen]
-    fewer = fit_all(problem, [without(c.values, t) for c, t in pairs], ROUGH, rough=True, near=[c for c, _ in pairs])
+    fewer = fit_all(
+        problem,
+        [without(c.values, t) for c, t in pairs],
+        settings.additions.rough,
+        rough=True,
+        near=[c for c, _ in pairs],
+        settings=settings.fit,
+    )
     best: dict[int, Fit] = {}
     for (child, _), fit in zip(pairs, fewer, strict=True):
-        if fit.cost <= child.cost + NEEDED * phi and (id(child) not in best or fit.cost < best[id(child)].cost):
+        if fit.cost <= child.cost + tuned.needed * phi and (id(child) not in best or fit.cost < best[id(child)].cost):
             best[id(child)] = fit
     return distinct([best.get(id(c), c) for c in children])
 
 
-def simplest_first(children: list[Fit], blocks: np.ndarray) -> list[Fit]:
+def simplest_first(children: list[Fit], blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
     """Cheapest first, but of those that the data do not tell from the cheapest, the ones with fewer numbers first."""
     if len(children) < 2:
         return children
-    reach = children[0].cost + ALIKE * dispersion(children[0], blocks)
+    reach = children[0].cost + settings.steps.alike * dispersion(children[0], blocks)
     near = [c for c in children if c.cost <= reach]
     return sorted(near, key=lambda c: (len(c.knobs), c.cost)) + [c for c in children if c.cost > reach]
 
@@ -221,40 +183,6 @@ def others(ruler: Ruler, base: Fit, best: Fit, children: list[Fit], settings: Se
     if now - ruler.floor < settings.settled * (first - ruler.floor):
         return []
     return [c for c in children if frozenset(c.terms) != frozenset(best.terms)][: settings.beam - 1]
-
-
-def convincing(
-    problem: Problem,
-    ruler: Ruler,
-    current: Fit,
-    best: Fit,
-    base: Fit,
-    blocks: np.ndarray,
-    settings: SearchSettings,
-) -> bool:
-    """Beyond doubt against coloured residuals, and seen above the noise."""
-    _, was, now = ruler.squared([base, current, best])
-    removed, left = was - now, max(was - ruler.floor, 0.0)
-    if removed < max(settings.over_floor * ruler.floor, settings.share * left):
-        return False  # the cheap question first
-    fair = judge(problem, best, 1.0 / problem.weight, ruler.scales)
-    if fair.wide is not None:  # small differences let a fit rest where its gap is not smallest
-        plain = fit_all(tolerating(fair, None), [current.values, best.values], 3, rough=True, fresh=[NONE, NONE])
-        _, was, now = ruler.squared([base, *plain])
-        removed, left = was - now, max(was - ruler.floor, 0.0)
-        if removed < max(settings.over_floor * ruler.floor, settings.share * left):
-            return False
-    else:  # nothing is marginalised: the likelihood is as sure of itself as ever
-        settings = settings.without_tolerances()
-    after, before = fit_all(fair, [best.values, current.values], 3, fresh=[NONE, NONE])
-    ratio = (before.cost - after.cost) / dispersion(after, blocks)
-    knobs = len(after.knobs) - len(before.knobs)
-    # far above the noise residuals are coloured and the ratio cautious: a quarter of what is left asks for less of it
-    sizeable = left > FAR_FROM_FLOOR * ruler.floor and removed > settings.sizeable * left
-    least = settings.beyond_doubt_sizeable if sizeable else settings.beyond_doubt
-    if left > ruler.floor and removed > settings.most * left:  # the search is not finished while one effect closes that
-        least = min(least, settings.beyond_doubt_most)
-    return bool(ratio >= least + settings.per_knob * knobs)
 
 
 def prune(
@@ -270,17 +198,33 @@ def prune(
     """Drop terms that the others have made needless; thorough: the others are fitted to the end, and once more from
     elsewhere, since a term that was found first may have kept them from where they belong."""
     while len(current.terms) > 1:
-        here = judge(problem, current, noise, ruler.scales)
-        full = refit(here, [current])[0]
-        race = Race(HOPELESS * dispersion(full, blocks))
+        here = judge(problem, current, noise, ruler.scales, settings=settings)
+        full = refit(here, [current], settings=settings)[0]
+        race = Race(settings.additions.hopeless * dispersion(full, blocks))
         starts = [without(full.values, t) for t in full.terms]
         near, known = [full] * len(starts), [NONE] * len(starts)
         if thorough:
-            more = [other for s in starts if (other := elsewhere(here, s)) is not None]
-            near_enough = Race(NEEDLESS * dispersion(full, blocks), full.cost)
-            fewer = fit_all(here, [*starts, *more], TO_THE_END, race=near_enough, rough=True)
+            more = [other for s in starts if (other := elsewhere(here, s, settings=settings.fit)) is not None]
+            near_enough = Race(settings.steps.needless * dispersion(full, blocks), full.cost)
+            fewer = fit_all(
+                here,
+                [*starts, *more],
+                settings.steps.thorough_steps,
+                race=near_enough,
+                rough=True,
+                settings=settings.fit,
+            )
         else:
-            fewer = fit_all(here, starts, ROUGH, race=race, rough=True, near=near, fresh=known)
+            fewer = fit_all(
+                here,
+                starts,
+                settings.additions.rough,
+                race=race,
+                rough=True,
+                near=near,
+                fresh=known,
+                settings=settings.fit,
+            )
         weakest = min(fewer, key=lambda f: f.cost)
         if convincing(problem, ruler, weakest, full, base, blocks, settings):
             return full

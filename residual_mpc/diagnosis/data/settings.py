@@ -1,0 +1,112 @@
+"""What tunes how runs are cut into windows, and what is held out of them."""
+
+from dataclasses import dataclass, field
+
+from residual_mpc.diagnosis.checks import check_positive, check_share
+
+
+@dataclass(frozen=True)
+class DatasetSettings:
+    """lead: s of commands before a window, which warm up effects with memory. A channel's noise is estimated where it
+    moves: by more than moves_steps times its resolution, in more than the share moves_share of its samples."""
+
+    lead: float = 1.2
+    moves_steps: float = 3.0
+    moves_share: float = 0.02
+
+    def __post_init__(self) -> None:
+        check_positive(self, "lead", "moves_steps")
+        check_share(self, "moves_share")
+
+
+@dataclass(frozen=True)
+class TrustSettings:
+    """A window's prediction has diverged where its scaled error exceeds both `diverged` (0.5: half of the motion is
+    missed) and `typical` times the median window's."""
+
+    diverged: float = 0.5
+    typical: float = 4.0
+
+    def __post_init__(self) -> None:
+        check_positive(self, "diverged", "typical")
+
+
+@dataclass(frozen=True)
+class HoldOutSettings:
+    """by_run_from: runs from which whole runs are held out; with fewer, each run's motion may be the only one of its
+    kind. share: of these runs. Otherwise one stretch in `every` is held out of each run with at least `fewest` windows:
+    `stretch` windows long, so that what happens rarely is on both sides, and long_stretch in a run of `long` windows or
+    more, so that it holds a window of the next horizon as well."""
+
+    by_run_from: int = 6
+    share: float = 0.25
+    stretch: int = 3
+    long_stretch: int = 5
+    long: int = 30
+    every: int = 4
+    fewest: int = 4
+
+    def __post_init__(self) -> None:
+        check_positive(self, "by_run_from", "stretch", "long_stretch", "long", "every", "fewest")
+        check_share(self, "share")
+
+
+@dataclass(frozen=True)
+class OutlierSettings:
+    """frequent: share of a channel's samples from which outliers are a cause, whatever they do to the gap; fewest:
+    flagged samples below which a share says nothing."""
+
+    frequent: float = 0.002
+    fewest: int = 5
+
+    def __post_init__(self) -> None:
+        check_share(self, "frequent")
+        check_positive(self, "fewest")
+
+
+@dataclass(frozen=True)
+class SubsamplingSettings:
+    """fewest: windows of 1 s that are left, however small the budget of simulation steps (fewer of longer ones);
+    fewest_whole: windows that are left where their length is their point."""
+
+    fewest: int = 32
+    fewest_whole: int = 10
+
+    def __post_init__(self) -> None:
+        check_positive(self, "fewest", "fewest_whole")
+
+
+@dataclass(frozen=True)
+class WhereSettings:
+    """worst: stretches of time that are listed; smooth: s over which the rate of a held command is taken; least_time:
+    share of the time below which a regime says nothing."""
+
+    worst: int = 6
+    smooth: float = 0.05
+    least_time: float = 0.005
+
+    def __post_init__(self) -> None:
+        check_positive(self, "worst", "smooth")
+        check_share(self, "least_time")
+
+
+@dataclass(frozen=True)
+class EncoderSettings:
+    """accounts: share of what an effect does to the pose, squared, that the encoders' errors have to account for before
+    they contradict it."""
+
+    accounts: float = 0.8
+
+    def __post_init__(self) -> None:
+        check_share(self, "accounts")
+
+
+@dataclass(frozen=True)
+class DataSettings:
+    dataset: DatasetSettings = field(default_factory=DatasetSettings)
+    trust: TrustSettings = field(default_factory=TrustSettings)
+    hold_out: HoldOutSettings = field(default_factory=HoldOutSettings)
+    outliers: OutlierSettings = field(default_factory=OutlierSettings)
+    subsampling: SubsamplingSettings = field(default_factory=SubsamplingSettings)
+    where: WhereSettings = field(default_factory=WhereSettings)
+    encoders: EncoderSettings = field(default_factory=EncoderSettings)

@@ -1,0 +1,86 @@
+"""What tunes predictions: the start of a window, the longer horizons, the noise floor, small differences."""
+
+from dataclasses import dataclass, field
+
+from residual_mpc.diagnosis.checks import check_positive
+from residual_mpc.diagnosis.data.settings import DataSettings
+
+
+@dataclass(frozen=True)
+class StartSettings:
+    """inflation: on the standard deviation of a window's start, whose own noise is also in the window's first
+    samples."""
+
+    inflation: float = 3.0
+
+    def __post_init__(self) -> None:
+        if self.inflation < 0.0:
+            raise ValueError(f"StartSettings.inflation must be >= 0, got {self.inflation}")
+
+
+@dataclass(frozen=True)
+class HorizonSettings:
+    """apart: times the horizon before it, from which a longer one says something new; fewest: windows that a horizon
+    needs; lengths: s, of windows that fits may see where none of a horizon's length is free; look_steps: simulation
+    steps that the first look at a horizon may cost."""
+
+    apart: float = 1.5
+    fewest: int = 3
+    lengths: tuple[float, ...] = (20.0, 15.0, 10.0, 7.5)
+    look_steps: int = 40_000
+
+    def __post_init__(self) -> None:
+        check_positive(self, "apart", "fewest", "look_steps")
+
+
+@dataclass(frozen=True)
+class FloorSettings:
+    """luck: probability that the noise of a perfect model exceeds what chance is allowed. margin: a gap within this
+    factor of the noise floor is none; channel_margin: likewise in one channel, of which there are several, each with
+    less to average; few: windows at which these margins double, since the noise itself is poorly known.
+    freedom_per_window: most degrees of freedom that a window's squared error counts as. draws: of the noise, each of at
+    most `steps` simulation steps; figure_draws: on all windows, of the floor that `gap` prints; most_draws,
+    fewest_draws: of the headline's floor, which hangs on a few windows with poorly measured starts (three draws scatter
+    by a fifth), on few and on very many windows. poor_start: times the median of the windows' squared noise, from which
+    a window's start is too poorly measured to search on."""
+
+    luck: float = 5e-4
+    few: float = 5.0
+    freedom_per_window: float = 4.0
+    margin: float = 1.25
+    channel_margin: float = 1.4
+    draws: int = 8
+    figure_draws: int = 3
+    steps: int = 40_000
+    poor_start: float = 25.0
+    most_draws: int = 24
+    fewest_draws: int = 6
+
+    def __post_init__(self) -> None:
+        check_positive(self, "luck", "few", "freedom_per_window", "margin", "channel_margin", "draws", "steps")
+        check_positive(self, "poor_start", "most_draws", "fewest_draws")
+
+
+@dataclass(frozen=True)
+class ToleranceSettings:
+    """levels: in units of each number's tolerance, 0 first, of which the likeliest is taken; beyond: log-likelihood by
+    which a level has to beat 0, since one number that is a little off is a cause or chance; shapes: values of a number
+    that says how an effect acts, from which its directions are made."""
+
+    levels: tuple[float, ...] = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
+    beyond: float = 10.0
+    shapes: int = 2
+
+    def __post_init__(self) -> None:
+        check_positive(self, "shapes")
+        if not self.levels or self.levels[0] != 0.0:
+            raise ValueError(f"ToleranceSettings.levels must begin with 0, got {self.levels}")
+
+
+@dataclass(frozen=True)
+class PredictSettings:
+    data: DataSettings = field(default_factory=DataSettings)
+    start: StartSettings = field(default_factory=StartSettings)
+    horizons: HorizonSettings = field(default_factory=HorizonSettings)
+    floor: FloorSettings = field(default_factory=FloorSettings)
+    tolerances: ToleranceSettings = field(default_factory=ToleranceSettings)

@@ -1,0 +1,100 @@
+"""What tunes probabilities, intervals and support of the answer; with all that the packages below need."""
+
+from dataclasses import dataclass, field
+
+from residual_mpc.diagnosis.checks import check_positive, check_share
+from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.predict.settings import PredictSettings
+from residual_mpc.diagnosis.remainder.settings import RemainderSettings
+from residual_mpc.diagnosis.search.settings import SearchSettings
+
+
+@dataclass(frozen=True)
+class CauseSettings:
+    """form: of the relative size of what the named effects leave, which may lie along an effect and pull its number.
+    most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor where something is
+    left that these sensors can tell; shadow: of the probability that is lost for each factor e by which more is left
+    than they can tell, down to the factor least_sure. resting: factor on an effect with a number that rests on the
+    bound of what is tried. doubtful: factor on an effect's probability below which the other numbers' intervals do
+    without it too. apart: half-widths beyond which an interval is that wide since two fits end apart."""
+
+    form: float = 0.5
+    most_sure: float = 0.97
+    most_partial: float = 0.87
+    shadow: float = 0.15
+    least_sure: float = 0.5
+    resting: float = 0.5
+    doubtful: float = 0.75
+    apart: float = 2.5
+
+    def __post_init__(self) -> None:
+        check_share(self, "form", "most_sure", "most_partial", "shadow", "least_sure", "resting", "doubtful")
+        check_positive(self, "apart")
+
+
+@dataclass(frozen=True)
+class GapSettings:
+    """worse: times the gap before that the headline's may become where a longer horizon gains; useless: gap from which
+    a model that is worse than a forecast of constant velocity says nothing."""
+
+    worse: float = 1.02
+    useless: float = 0.3
+
+    def __post_init__(self) -> None:
+        check_positive(self, "worse", "useless")
+
+
+@dataclass(frozen=True)
+class SupportSettings:
+    """kept: of its distance from null that a number keeps when any run is left out. depends: share of a remainder from
+    which its dependence casts doubt. clear: times the squared noise floor, from which an effect's contribution is no
+    faint one; large: times what numbers are off anyway, from which an effect is no such difference. steps: simulation
+    steps that one prediction may cost. unsupported: factor on the probability of an effect that does not help on unseen
+    windows, or is imitated."""
+
+    kept: float = 0.3
+    depends: float = 0.2
+    clear: float = 1.0
+    large: float = 3.0
+    steps: int = 30_000
+    unsupported: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_share(self, "kept", "depends", "unsupported")
+        check_positive(self, "clear", "steps")
+        if not self.large > 1.0:
+            raise ValueError(f"SupportSettings.large must be > 1, got {self.large}")
+
+
+@dataclass(frozen=True)
+class ResultSettings:
+    """closest: rivals outside the groups whose values are kept; bootstrap: draws of the shrink's interval;
+    full_subsets: of the effects, from which on there are fewer windows for each in the stages' shares."""
+
+    remainder: RemainderSettings = field(default_factory=RemainderSettings)
+    causes: CauseSettings = field(default_factory=CauseSettings)
+    gaps: GapSettings = field(default_factory=GapSettings)
+    support: SupportSettings = field(default_factory=SupportSettings)
+    closest: int = 3
+    bootstrap: int = 2000
+    full_subsets: int = 32
+
+    def __post_init__(self) -> None:
+        check_positive(self, "closest", "bootstrap", "full_subsets")
+
+    @property
+    def search(self) -> SearchSettings:
+        return self.remainder.search
+
+    @property
+    def fit(self) -> FitSettings:
+        return self.search.fit
+
+    @property
+    def predict(self) -> PredictSettings:
+        return self.search.predict
+
+    @property
+    def data(self) -> DataSettings:
+        return self.search.data

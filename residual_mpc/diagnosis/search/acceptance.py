@@ -1,0 +1,106 @@
+"""Whether an effect is accepted: what an engineer would see of it, and what the likelihood says."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
+from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.fit.evidence import dispersion
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.fit.marginalisation import tolerant
+from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.problem import Problem, reweigh, tolerating
+from residual_mpc.diagnosis.search.additions import NONE
+from residual_mpc.diagnosis.search.settings import SearchSettings
+
+
+@dataclass(frozen=True)
+class Ruler:
+    """Squared gaps on the search's windows: what an engineer would see, beside what a likelihood sees."""
+
+    replays: PredictionCache
+    scales: Scales
+    floor: float  # squared gap of a perfect model
+    settings: DataSettings
+
+    def squared(self, fits: list[Fit]) -> np.ndarray:
+        """(H,) squared gap of each fit, in which the windows whose prediction diverges under the last of them count at
+        their limit."""
+        data = self.replays.data
+        errors = [data.y - p for p in self.replays([f.values for f in fits])]
+        trust = window_trust(data, self.scales, errors[-1], settings=self.settings)
+        return np.array([gap_of(data, self.scales, e, trust).total ** 2 for e in errors])
+
+    def much_left(self, fit: Fit) -> bool:
+        """Whether a fit leaves more than the sensors can tell from nothing (verdict `partial`)."""
+        return bool(self.squared([fit])[0] > max(AS_GOOD**2 * self.floor, SMALL**2))
+
+
+def build_ruler(
+    replays: PredictionCache, scales: Scales, base: Fit, rng: np.random.Generator, settings: DataSettings
+) -> Ruler:
+    """The ruler of a search; its floor comes from noise drawn by rng."""
+    data = replays.data
+    errors = noise_errors(data, replays.space.settings([base.values]), rng, 2)
+    return Ruler(replays, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])), settings)
+
+
+def judge(problem: Problem, fit: Fit, noise: np.ndarray, scales: Scales, settings: SearchSettings) -> Problem:
+    """The problem with small differences marginalised that this fit's residuals make likely, with each channel weighed
+    by what is left then, never less than its noise, and with the windows in which the fit's prediction diverges
+    weighing less (Huber's weights on whole windows)."""
+    data = problem.data
+    trust = window_trust(data, scales, data.y - problem.replays([fit.values])[0], settings=settings.data)
+    count = None if (trust == 1.0).all() else trust
+    plain = tolerant(
+        replace(reweigh(problem, noise), count=count, tolerances=problem.tolerances), fit, settings=settings.fit
+    )
+    r = plain.residuals([fit.values])[0].reshape(*data.y.shape)
+    seen = np.isfinite(data.y)
+    left = np.sqrt(np.einsum("wmc,wmc->c", r, r) / np.maximum(np.einsum("w,wmc->c", trust, seen.astype(float)), 1.0))
+    fair = reweigh(problem, noise * np.maximum(left, 1.0))
+    return tolerant(replace(fair, count=count, tolerances=problem.tolerances), fit, settings=settings.fit)
+
+
+def convincing(
+    problem: Problem,
+    ruler: Ruler,
+    current: Fit,
+    best: Fit,
+    base: Fit,
+    blocks: np.ndarray,
+    settings: SearchSettings,
+) -> bool:
+    """Beyond doubt against coloured residuals, and seen above the noise."""
+    _, was, now = ruler.squared([base, current, best])
+    removed, left = was - now, max(was - ruler.floor, 0.0)
+    if removed < max(settings.over_floor * ruler.floor, settings.share * left):
+        return False  # the cheap question first
+    fair = judge(problem, best, 1.0 / problem.weight, ruler.scales, settings=settings)
+    if fair.wide is not None:  # small differences let a fit rest where its gap is not smallest
+        plain = fit_all(
+            tolerating(fair, None),
+            [current.values, best.values],
+            3,
+            rough=True,
+            fresh=[NONE, NONE],
+            settings=settings.fit,
+        )
+        _, was, now = ruler.squared([base, *plain])
+        removed, left = was - now, max(was - ruler.floor, 0.0)
+        if removed < max(settings.over_floor * ruler.floor, settings.share * left):
+            return False
+    else:  # nothing is marginalised: the likelihood is as sure of itself as ever
+        settings = settings.without_tolerances()
+    after, before = fit_all(fair, [best.values, current.values], 3, fresh=[NONE, NONE], settings=settings.fit)
+    ratio = (before.cost - after.cost) / dispersion(after, blocks)
+    knobs = len(after.knobs) - len(before.knobs)
+    # far above the noise residuals are coloured and the ratio cautious: a quarter of what is left asks for less of it
+    sizeable = left > settings.steps.far_from_floor * ruler.floor and removed > settings.sizeable * left
+    least = settings.beyond_doubt_sizeable if sizeable else settings.beyond_doubt
+    if left > ruler.floor and removed > settings.most * left:  # the search is not finished while one effect closes that
+        least = min(least, settings.beyond_doubt_most)
+    return bool(ratio >= least + settings.per_knob * knobs)
