@@ -144,7 +144,7 @@ def diagnose(log: Path) -> Cost:
     from residual_mpc.diagnosis.options import Options
     from residual_mpc.learning.batch.network_learner import LEARNERS
     from residual_mpc.report import sentence, write_report
-    from residual_mpc.report.collect import collect
+    from residual_mpc.report.evidence.collect import collect
 
     marks: list[tuple[str, float]] = [("read and audit", perf_counter())]
 

@@ -5,7 +5,7 @@ import numpy as np
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.gap import gap_from_squares, window_squares
 from residual_mpc.diagnosis.opened import Made
-from residual_mpc.report.evidence import Evidence, Panel, Windows
+from residual_mpc.report.evidence.evidence import Evidence, Panel, Windows
 
 PANELS = 6
 STRETCH = 8  # windows shown in one panel, at most
