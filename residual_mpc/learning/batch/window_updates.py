@@ -19,14 +19,15 @@ from residual_mpc.learning.batch.window_linearisation import (
     start_doubt,
 )
 from residual_mpc.learning.filter import ekf, ukf
-from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Info, predicted_covariance, start
+from residual_mpc.learning.filter.guarded_update import guarded_update
+from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Info, start
 from residual_mpc.learning.filter.workspace import Workspace
 from residual_mpc.learning.forms.form import Form
 from residual_mpc.learning.network.mlp import PAPER_HIDDEN, Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.settings import Settings
 
-HALVINGS = 4
+HALVINGS = 3  # of an update that makes its own window worse
 LIMIT = 6.0  # input scales
 LARGE = 400  # weights from which the exact Jacobian replaces the sigma points
 
@@ -218,20 +219,14 @@ def no_worse(
     after: Belief,
     settings: LearnSettings,
 ) -> Belief:
-    """The update, or the longest of its halvings that does not make its own window worse when that is rolled out anew.
+    """The update, shortened where it makes its own window worse when that is rolled out anew."""
 
-    A large innovation asks for weights at which the linear picture of the rollout is long wrong; a shortened step has
-    not used up what the window says, so that it keeps the covariance.
-    """
-    if given.cost <= settings.fair and cost_under(problem, learned.with_theta(after.mean), w, given) <= settings.fair:
+    def cost(theta: np.ndarray) -> float:
+        return cost_under(problem, learned.with_theta(theta), w, given)
+
+    if given.cost <= settings.fair and cost(after.mean) <= settings.fair:
         return after
-    share = 1.0
-    for _ in range(HALVINGS):
-        mean = before.mean + share * (after.mean - before.mean)
-        if cost_under(problem, learned.with_theta(mean), w, given) <= given.cost:
-            return after if share == 1.0 else Belief(mean, predicted_covariance(before, settings.kalman))
-        share *= 0.5
-    return Belief(before.mean, predicted_covariance(before, settings.kalman))
+    return guarded_update(before, after, lambda theta: cost(theta) <= given.cost, HALVINGS, settings.kalman)[0]
 
 
 def prior(learned: Residual, settings: LearnSettings) -> Belief:

@@ -11,7 +11,8 @@ import numpy as np
 
 from residual_mpc.learning.batch.window_linearisation import cost_of
 from residual_mpc.learning.filter import ekf, ukf
-from residual_mpc.learning.filter.kalman import Belief, Info, Measurement, predicted_covariance, start
+from residual_mpc.learning.filter.guarded_update import guarded_update
+from residual_mpc.learning.filter.kalman import Belief, Info, Measurement, start
 from residual_mpc.learning.filter.window import Window
 from residual_mpc.learning.filter.workspace import Workspace
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
@@ -168,23 +169,20 @@ def _no_worse(
     cost: np.ndarray,
     after: Belief,
 ) -> Belief:
-    """The update, or the longest of its halvings under which the window is explained no worse and what feeds back dies
-    away; motion that hardly changes would leave any feedback open."""
-    before = learning.belief
+    """The update, shortened until the window is explained no worse and what feeds back dies away; motion that hardly
+    changes would leave any feedback open."""
     good = np.isfinite(measured.reference)
     seen = Measurement(measured.reference[good], np.diag(measured.noise[good]))
     first = cost_of(seen, predicted[good])
     known = np.concatenate([p.z for p in learning.past[:: max(1, len(learning.past) // LOOKED_BACK)]] or [at.z])
-    share = 1.0
-    for _ in range(settings.halvings + 1):
-        mean = before.mean + share * (after.mean - before.mean)
-        tried = (*learning.fixed, learning.residual.with_theta(mean))
+
+    def accepts(theta: np.ndarray) -> bool:
+        tried = (*learning.fixed, learning.residual.with_theta(theta))
         velocity = predict(tried, window, memory, settings.low_pass).velocity
         fair = cost_of(seen, (cost * velocity.T.reshape(-1))[good]) <= first
-        if fair and (not window.fed_back or growth(tried, known, window.model.shape[1]) <= STABLE):
-            return after if share == 1.0 else Belief(mean, predicted_covariance(before, settings.kalman))
-        share *= 0.5
-    return Belief(before.mean, predicted_covariance(before, settings.kalman))
+        return fair and (not window.fed_back or growth(tried, known, window.model.shape[1]) <= STABLE)
+
+    return guarded_update(learning.belief, after, accepts, settings.halvings, settings.kalman)[0]
 
 
 def _mean_square(before: np.ndarray, error: np.ndarray) -> np.ndarray:
