@@ -11,7 +11,7 @@ import numpy as np
 
 from plants.blind_families.strength import tuned
 from residual_mpc.blind.commanded_motion import CommandedMotion
-from residual_mpc.blind.inseparable import may_be_withheld, twins_of
+from residual_mpc.blind.inseparable import inseparable_from, may_be_withheld
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer, Planted
 
@@ -157,7 +157,7 @@ def make(
         background=background,
         unknown=unknown,
         withheld=bench.effects if level.withheld else (),
-        twins=tuple(twins_of(p.effect, bench.traits) for _, _, p in planted),
+        twins=tuple(inseparable_from(p.effect, bench.traits) for _, _, p in planted),
         traits=bench.traits,
         notes={"ratio": bench.ratio(robot), **bench.notes},
     )

@@ -40,10 +40,10 @@ def may_be_withheld(effect: str, traits: Collection[str]) -> bool:
     """Whether a library without ``effect`` has nothing that does nearly the same on runs with ``traits``."""
     if "arm" in traits and effect in _UNMEASURED:
         return False
-    return not twins_of(effect, traits) and not any(effect in pair for pair in _STAND_INS)
+    return not inseparable_from(effect, traits) and not any(effect in pair for pair in _STAND_INS)
 
 
-def twins_of(effect: str, traits: Collection[str]) -> tuple[str, ...]:
+def inseparable_from(effect: str, traits: Collection[str]) -> tuple[str, ...]:
     """Names of the effects that runs with ``traits`` cannot part from ``effect``, sorted."""
     have = frozenset(traits)
     found = {b if effect == a else a for a, b, need in _TWINS if effect in (a, b) and need <= have}

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.closed_loop.estimator import Filter
-from residual_mpc.closed_loop.stacks import Driven, stack_of
+from residual_mpc.closed_loop.stacks import WindowPrediction, stack_of
 from residual_mpc.learning.filter import ukf
 from residual_mpc.learning.filter.guarded_update import guarded_update
 from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Measurement
@@ -105,7 +105,7 @@ class OnlineLearner:
         p[len(p) - len(theta) :] = theta
         return p
 
-    def _driven(self, filter_: Filter, rows: Sequence[Row]) -> Driven:
+    def _driven(self, filter_: Filter, rows: Sequence[Row]) -> WindowPrediction:
         believed, commands = (np.array([row[i] for row in rows[:-1]]) for i in (0, 1))
         return self._stack.driven(filter_.drive, believed, commands)
 
@@ -117,7 +117,7 @@ class OnlineLearner:
         e = (measured.reference - at[1:].T.ravel()) / sigma
         return float(np.nansum(np.minimum(e * e, 3.0 * np.abs(e))))
 
-    def _window(self, rows: Sequence[Row], driven: Driven) -> tuple[Window, Measurement]:
+    def _window(self, rows: Sequence[Row], driven: WindowPrediction) -> tuple[Window, Measurement]:
         r, n, s = self._residual, self._settings.horizon, self._settings
         at = driven.positions
         scaled = r.scaled(driven.z)

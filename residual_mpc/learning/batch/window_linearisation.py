@@ -17,7 +17,7 @@ from residual_mpc.learning.batch.reference_velocities import reference_velocitie
 from residual_mpc.learning.filter.kalman import Measurement
 from residual_mpc.learning.filter.window import Window
 from residual_mpc.learning.filter.workspace import Workspace
-from residual_mpc.learning.forms.form import Delta, Form, Rolled, steps_of
+from residual_mpc.learning.forms.form import Delta, Form, FormRollout, steps_of
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
@@ -71,7 +71,7 @@ class _Pushed:
     delta: Delta
     step: float
     push: np.ndarray | None
-    rolled: list[Rolled] = field(default_factory=list)
+    rolled: list[FormRollout] = field(default_factory=list)
 
     def __getattr__(self, name: str) -> object:
         return getattr(self.base, name)
@@ -93,7 +93,7 @@ def linearise_window(
     channel; it stands in C_v beside the sensor noise and the doubt about the start.
     """
     one = problem.data.take(np.arange(problem.data.count) == w)
-    count, rolled, predicted, readout = push_through(problem, learned, one, nudge)
+    count, rolled, predicted, readout = differentiate_rollout(problem, learned, one, nudge)
     y, t = one.y[0], one.t[0]
     keep = kept_samples(problem, y, t)
     m_index, c_index = np.nonzero(keep)
@@ -134,7 +134,7 @@ def cost_of(measured: Measurement, predicted: np.ndarray) -> float:
 
 def cost_under(problem: TrainingProblem, learned: Residual, w: int, given: WindowLinearisation) -> float:
     """The cost of a linearise_window's window rolled out anew under other weights."""
-    at = rolled_out(problem, learned, w)[1][given.samples]
+    at = roll_out(problem, learned, w)[1][given.samples]
     return cost_of(given.measured, given.weight * at)
 
 
@@ -149,9 +149,9 @@ def unexplained(t: np.ndarray, channel: np.ndarray, floor: np.ndarray, horizon: 
     return np.asarray(2.0 / horizon * together * size[:, None] * size[None, :])
 
 
-def push_through(
+def differentiate_rollout(
     problem: TrainingProblem, learned: Residual, one: Dataset, nudge: np.ndarray
-) -> tuple[int, Rolled, np.ndarray, np.ndarray]:
+) -> tuple[int, FormRollout, np.ndarray, np.ndarray]:
     """(steps N, what was rolled, predicted (M, C), its derivative (o * N, M, C) by each output at each step)."""
     (block,) = one.blocks
     extra = int(np.ceil(earliest(block, problem.settings).max() / block.drive.dt))
@@ -162,14 +162,14 @@ def push_through(
     for o in range(outputs):
         rows = 1 + o * count + np.arange(count)
         push[rows, np.arange(count), o] = nudge[o]
-    robot = _Pushed(block.robot, problem.form, summed((*problem.fixed, learned)), learned.step, push)
+    robot = _Pushed(block.robot, problem.form, sum_of_outputs((*problem.fixed, learned)), learned.step, push)
     pushed = replace(one, blocks=(replace(block, robot=robot),))  # type: ignore[arg-type]
     found = predict(pushed, problem.settings.take(np.zeros(len(push), dtype=int)))[:, 0]
     size = np.repeat(nudge, count)[:, None, None]
     return count, robot.rolled[0], found[0], np.nan_to_num((found[1:] - found[0]) / size)
 
 
-def summed(residuals: Sequence[Residual]) -> Delta:
+def sum_of_outputs(residuals: Sequence[Residual]) -> Delta:
     """The sum of residuals of one form."""
 
     def delta(z: np.ndarray) -> np.ndarray:
@@ -192,7 +192,7 @@ def kept_samples(problem: TrainingProblem, y: np.ndarray, t: np.ndarray) -> np.n
     return keep
 
 
-def h2_norms(problem: TrainingProblem, one: Dataset, rolled: Rolled, step: float, count: int) -> np.ndarray:
+def h2_norms(problem: TrainingProblem, one: Dataset, rolled: FormRollout, step: float, count: int) -> np.ndarray:
     """(N,) the paper's H2 norm at each step: |x_ref - x_pred| over the velocities that the residual corrects."""
     outputs = problem.form.outputs(one.blocks[0].robot)
     late = 1.0 if problem.form.name == "joint" else 0.5  # a joint's velocity is that at the step's end
@@ -217,15 +217,15 @@ def start_doubt(data: Dataset, settings: Settings) -> np.ndarray:
 
 def h2_of(problem: TrainingProblem, learned: Residual, w: int) -> np.ndarray:
     """(N,) H2 norms of window w under the residual as it is."""
-    rolled, _ = rolled_out(problem, learned, w)
+    rolled, _ = roll_out(problem, learned, w)
     one = problem.data.take(np.arange(problem.data.count) == w)
     return h2_norms(problem, one, rolled, learned.step, rolled.velocity.shape[1])
 
 
-def rolled_out(problem: TrainingProblem, learned: Residual, w: int) -> tuple[Rolled, np.ndarray]:
+def roll_out(problem: TrainingProblem, learned: Residual, w: int) -> tuple[FormRollout, np.ndarray]:
     """Window w under the residual as it is, and what it predicts of the samples (M, C)."""
     one = problem.data.take(np.arange(problem.data.count) == w)
     (block,) = one.blocks
-    robot = _Pushed(block.robot, problem.form, summed((*problem.fixed, learned)), learned.step, None)
+    robot = _Pushed(block.robot, problem.form, sum_of_outputs((*problem.fixed, learned)), learned.step, None)
     predicted = predict(replace(one, blocks=(replace(block, robot=robot),)), problem.settings)  # type: ignore[arg-type]
     return robot.rolled[0], predicted[0, 0]

@@ -14,13 +14,13 @@ from residual_mpc.learning.batch.window_linearisation import (
     TrainingProblem,
     WindowLinearisation,
     cost_under,
+    differentiate_rollout,
     linearise_window,
-    push_through,
     start_doubt,
 )
 from residual_mpc.learning.filter import ekf, ukf
 from residual_mpc.learning.filter.guarded_update import guarded_update
-from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Info, start
+from residual_mpc.learning.filter.kalman import Belief, FilterSettings, UpdateInfo, initial_belief
 from residual_mpc.learning.filter.workspace import Workspace
 from residual_mpc.learning.forms.form import Form
 from residual_mpc.learning.network.mlp import PAPER_HIDDEN, Mlp, initial_weights
@@ -77,7 +77,7 @@ class Progress:
     seconds: float
     h2: np.ndarray
     update_ms: float
-    info: Info
+    info: UpdateInfo
     belief: Belief
     error: np.ndarray
 
@@ -88,7 +88,7 @@ def step_of(form: Form, grid: float, settings: LearnSettings) -> float:
     return max(1, round(wanted / grid)) * grid
 
 
-def begin(
+def build_training_problem(
     data: Dataset, form: Form, step: float, settings: LearnSettings, effects: Settings,
     fixed: Sequence[Residual], scaling: np.ndarray, used: np.ndarray, rng: np.random.Generator,
 ) -> tuple[TrainingProblem, Residual]:  # fmt: skip
@@ -104,7 +104,7 @@ def begin(
     problem = TrainingProblem(
         data, form, effects, tuple(fixed), start_doubt(data, effects), used, cost, settings.horizon
     )
-    return problem, scaled(problem, blank, scaling, rng)
+    return problem, with_scales(problem, blank, scaling, rng)
 
 
 def costs_of(settings: LearnSettings, channels: Sequence[str]) -> np.ndarray:
@@ -119,7 +119,7 @@ def costs_of(settings: LearnSettings, channels: Sequence[str]) -> np.ndarray:
     return cost
 
 
-def scaled(
+def with_scales(
     problem: TrainingProblem, blank: Residual, scaling: np.ndarray, rng: np.random.Generator, few: int = 40
 ) -> Residual:
     """Input scales from the model's own motion; output scales: the size of the constant residual, window by window,
@@ -130,7 +130,7 @@ def scaled(
     nudge = np.full(len(blank.outputs), 1e-2)
     for w in at:
         one = problem.data.take(np.arange(problem.data.count) == w)
-        count, rolled, predicted, readout = push_through(problem, blank, one, nudge)
+        count, rolled, predicted, readout = differentiate_rollout(problem, blank, one, nudge)
         z.append(rolled.z[0])
         error = np.where(problem.used & np.isfinite(one.y[0]), one.y[0] - predicted, 0.0) / one.sigma
         through = np.where(np.isfinite(one.y[0]) & problem.used, readout / one.sigma, 0.0)
@@ -158,7 +158,7 @@ def order_of(seen: np.ndarray, passes: int, rng: np.random.Generator) -> np.ndar
     return np.concatenate([rng.permutation(rows) for _ in range(passes)])
 
 
-def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, Info]]:
+def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, UpdateInfo]]:
     """The update of the chosen filter; auto: the UKF while it costs a millisecond, the EKF for larger nets."""
     if method == "auto":
         method = "ukf" if size < LARGE else "ekf"
@@ -166,7 +166,7 @@ def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, Info]]:
     return partial(ukf.update, workspace=workspace) if method == "ukf" else ekf.update
 
 
-def run(
+def update_over_windows(
     problem: TrainingProblem, learned: Residual, belief: Belief, error: np.ndarray, order: np.ndarray,
     settings: LearnSettings, first: int = 0,
 ) -> Iterator[Progress]:  # fmt: skip
@@ -184,7 +184,7 @@ def run(
         begun = perf_counter()
         moved, info = update(belief, given.window, given.measured, settings.kalman)
         took = 1e3 * (perf_counter() - begun)
-        belief = no_worse(problem, learned, w, given, belief, moved, settings)
+        belief = guarded_window_update(problem, learned, w, given, belief, moved, settings)
         error = error_of_late(error, given.error, settings.memory)
         seconds += given.seconds  # of data, passes counted anew
         yield Progress(k + 1, seconds, given.h2, took, info, belief, error)
@@ -210,7 +210,7 @@ def _mean_square(error: np.ndarray) -> float:
     return float(np.median(good**2) / 0.455) if len(good) else 0.0  # 0.455: a normal's median square
 
 
-def no_worse(
+def guarded_window_update(
     problem: TrainingProblem,
     learned: Residual,
     w: int,
@@ -229,6 +229,6 @@ def no_worse(
     return guarded_update(before, after, lambda theta: cost(theta) <= given.cost, HALVINGS, settings.kalman)[0]
 
 
-def prior(learned: Residual, settings: LearnSettings) -> Belief:
+def prior_belief(learned: Residual, settings: LearnSettings) -> Belief:
     """The belief before any data."""
-    return start(learned.theta, settings.variance)
+    return initial_belief(learned.theta, settings.variance)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from residual_mpc.learning.filter.kalman import Belief, FilterSettings, drifted, predicted_covariance
+from residual_mpc.learning.filter.kalman import Belief, FilterSettings, predicted_belief, predicted_covariance
 
 
 def guarded_update(
@@ -26,4 +26,4 @@ def guarded_update(
         if accepts(mean):
             return after if share == 1.0 else Belief(mean, predicted_covariance(before, settings)), share
         share *= 0.5
-    return drifted(before, settings), 0.0
+    return predicted_belief(before, settings), 0.0
