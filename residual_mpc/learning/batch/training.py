@@ -21,7 +21,8 @@ from residual_mpc.learning.batch.evaluation import (
     without_harmful_outputs,
     without_outliers,
 )
-from residual_mpc.learning.batch.window_linearisation import TrainingProblem, h2_of
+from residual_mpc.learning.batch.training_problem import TrainingProblem
+from residual_mpc.learning.batch.window_linearisation import h2_of
 from residual_mpc.learning.batch.window_updates import (
     LearnSettings,
     build_training_problem,

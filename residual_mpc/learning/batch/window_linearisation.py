@@ -11,12 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from residual_mpc.diagnosis.dataset import Dataset
-from residual_mpc.diagnosis.problem import start_sigma
 from residual_mpc.diagnosis.replay import earliest, predict
 from residual_mpc.learning.batch.reference_velocities import reference_velocities
+from residual_mpc.learning.batch.training_problem import TrainingProblem
 from residual_mpc.learning.filter.kalman import Measurement
 from residual_mpc.learning.filter.window import Window
-from residual_mpc.learning.filter.workspace import Workspace
 from residual_mpc.learning.forms.form import Delta, Form, FormRollout, steps_of
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.protocol import Drive, Robot
@@ -40,26 +39,6 @@ class WindowLinearisation:
     weight: np.ndarray
     cost: float
     error: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class TrainingProblem:
-    """What the linearisations of all windows share.
-
-    data: windows of N steps. settings: one row, the diagnosed effects. fixed: residuals that are not learned, summed.
-    doubt (W, M, C, k): how one sigma of each start coordinate moves the prediction. samples: at most so many of a
-    channel in a window. workspace: what the filter computes in.
-    """
-
-    data: Dataset
-    form: Form
-    settings: Settings
-    fixed: tuple[Residual, ...]
-    doubt: np.ndarray
-    used: np.ndarray  # (C,) bool: channels that are compared and move
-    cost: np.ndarray  # (C,) the paper's C: how much each channel's errors count, 1 as a rule
-    samples: int = 20
-    workspace: Workspace = field(default_factory=Workspace)
 
 
 @dataclass
@@ -202,17 +181,6 @@ def h2_norms(problem: TrainingProblem, one: Dataset, rolled: FormRollout, step: 
     off = (reference - rolled.velocity[0])[:, seen]
     inside = t <= one.start[0] + one.horizon + 1e-9
     return np.where(inside & np.isfinite(off).all(axis=1) & seen.any(), np.linalg.norm(off, axis=1), np.nan)
-
-
-def start_doubt(data: Dataset, settings: Settings) -> np.ndarray:
-    """(W, M, C, k): how one inflated standard deviation of each start coordinate moves the base's prediction."""
-    base = predict(data, settings)[0]
-    columns = [
-        np.nan_to_num(predict(data, settings, {channel: size})[0] - base)
-        for channel, size in start_sigma(data).items()
-        if size.any()
-    ]
-    return np.stack(columns, axis=-1) if columns else np.zeros((*base.shape, 1))
 
 
 def h2_of(problem: TrainingProblem, learned: Residual, w: int) -> np.ndarray:

@@ -10,13 +10,12 @@ import numpy as np
 from residual_mpc.diagnosis.dataset import Dataset
 from residual_mpc.diagnosis.replay import predict
 from residual_mpc.errors import BadInput
+from residual_mpc.learning.batch.training_problem import TrainingProblem, start_doubt
 from residual_mpc.learning.batch.window_linearisation import (
-    TrainingProblem,
     WindowLinearisation,
     cost_under,
     differentiate_rollout,
     linearise_window,
-    start_doubt,
 )
 from residual_mpc.learning.filter import ekf, ukf
 from residual_mpc.learning.filter.guarded_update import guarded_update
