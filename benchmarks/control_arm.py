@@ -17,12 +17,12 @@ from controllers.mpc import build_mpc
 from plants.scaler_arm.servo_robot import ServoArm
 from residual_mpc.export import Augmented, Build, augment
 from residual_mpc.models.settings import Knob
-from scenarios.arm import CONTROL, DT, circle_z, untaught
+from scenarios.arm import CONTROL, DT, blank_network, circle_z
 
 
 def model(smooth: float = 0.0) -> Augmented:
     """The arm with 24 ms of dead time, 100 g at the tool, and a network of a few per cent of its speed."""
-    blank = untaught(0, DT)
+    blank = blank_network(0, DT)
     network = blank.with_theta(0.2 * np.random.default_rng(3).standard_normal(blank.net.size))
     effects = {Knob("command_delay", None, "delay"): 0.024, Knob("payload", None, "mass"): 0.1}
     return augment(ServoArm("scaler_arm_servo"), effects, network, Build(DT, smooth))

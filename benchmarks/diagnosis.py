@@ -145,7 +145,7 @@ def diagnose(log: Path) -> Cost:
     from residual_mpc.diagnosis.options import Options
     from residual_mpc.diagnosis.results.document import to_document
     from residual_mpc.report import sentence, write_report
-    from residual_mpc.report.collect import collect
+    from residual_mpc.report.evidence.collect import collect
 
     marks: list[tuple[str, float]] = [("read and audit", perf_counter())]
 

@@ -14,7 +14,7 @@ from residual_mpc.learning.network.mlp import Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.stream.samples import Samples
 from residual_mpc.learning.stream.settings import StreamSettings
-from residual_mpc.learning.stream.updates import begin
+from residual_mpc.learning.stream.updates import initial_state
 from residual_mpc.learning.stream.worker import Worker
 
 PERIOD, PLAN = 0.02, 0.001  # s: of the loop, and what it computes in each
@@ -34,7 +34,7 @@ def jitter(seconds: float, turns: int, seed: int) -> None:
     updates, dropped = 0, 0
     for _ in range(turns):
         late[False].append(driven(None, stream, seconds))
-        learning = begin(stream.take(slice(0, 100)), NAMES, "paper", "rover", SETTINGS, rng)
+        learning = initial_state(stream.take(slice(0, 100)), NAMES, "paper", "rover", SETTINGS, rng)
         with Worker(learning, SETTINGS) as worker:
             time.sleep(2.0)  # it is there before the loop begins
             late[True].append(driven(worker, stream, seconds))

@@ -24,7 +24,7 @@ import click
 import numpy as np
 
 from residual_mpc.learning.filter import ekf, ukf
-from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Measurement, start
+from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Measurement, initial_belief
 from residual_mpc.learning.filter.window import Window
 from residual_mpc.learning.filter.workspace import Workspace
 from residual_mpc.learning.network.mlp import Mlp, forward, initial_weights
@@ -74,7 +74,7 @@ def learning(updates: int, seed: int) -> None:
 def make(hidden: tuple[int, ...], rng: np.random.Generator) -> Case:
     net = Mlp(5, hidden, 3)
     window = Window(net, rng.standard_normal((HORIZON, 5)), np.zeros(3 * HORIZON), np.ones(3))
-    belief = start(initial_weights(net, rng) + 0.1 * rng.standard_normal(net.size), 0.1)
+    belief = initial_belief(initial_weights(net, rng) + 0.1 * rng.standard_normal(net.size), 0.1)
     for _ in range(3):  # a covariance that is full
         seen = Window(net, rng.standard_normal((HORIZON, 5)), window.offset, window.scale)
         measured = Measurement(rng.standard_normal(3 * HORIZON), np.full(3 * HORIZON, 0.1))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controllers.mpc import Info, build_mpc
+from controllers.mpc import MpcInfo, build_mpc
 from controllers.riccati import controlled, slopes, stage_cost, with_last_command
 from controllers.settings import Limits, MpcSettings
 from residual_mpc.errors import BadInput
@@ -65,7 +65,7 @@ class Lqr:
         """At rest, nothing sent yet."""
         return LqrState(0, np.clip(self.model.hold(self.x[0]), *self.limits.box(self.model.nu)))
 
-    def step(self, state: LqrState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, LqrState, Info]:
+    def step(self, state: LqrState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, LqrState, MpcInfo]:
         """Command (nu,) from the estimate x (nx,). Of `reference` nothing is read: the trajectory was planned ahead."""
         import time
 
@@ -83,7 +83,7 @@ class Lqr:
         command = np.clip(wanted, state.sent - most, state.sent + most)
         command = np.clip(command, *self.limits.box(self.model.nu))
         outcome = "solved" if good else "shifted"
-        info = Info(outcome, time.perf_counter() - begin, float("nan"), 0)  # type: ignore[arg-type]
+        info = MpcInfo(outcome, time.perf_counter() - begin, float("nan"), 0)  # type: ignore[arg-type]
         return command, LqrState(state.sample + 1, command), info
 
     def with_parameters(self, p: np.ndarray) -> "Lqr":

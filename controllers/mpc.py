@@ -41,7 +41,7 @@ class PlanState:
 
 
 @dataclass(frozen=True)
-class Info:
+class MpcInfo:
     """What one sample came to. seconds: wall time of the step; cost: change of the linearised cost, NaN if shifted."""
 
     outcome: Outcome
@@ -83,7 +83,7 @@ class Mpc:
         """The same controller with other numbers or weights (np,), for learning while driving."""
         return replace(self, p=np.asarray(p, dtype=np.float64))
 
-    def step(self, state: PlanState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, PlanState, Info]:
+    def step(self, state: PlanState, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, PlanState, MpcInfo]:
         """Command (nu,) from the estimated state x (nx,) and the outputs wanted at the next N samples (N, ny)."""
         begin = time.perf_counter()
         state = self._begun(state, x)
@@ -105,7 +105,7 @@ class Mpc:
                 cost = qp.cost(z)
         failures = state.failures + (outcome == "shifted")
         command = plan[0].copy()
-        info = Info(outcome, time.perf_counter() - begin, cost, failures)
+        info = MpcInfo(outcome, time.perf_counter() - begin, cost, failures)
         return command, PlanState(plan, command, state.samples + 1, failures, state.engine), info
 
     def _begun(self, state: PlanState, x: np.ndarray) -> PlanState:

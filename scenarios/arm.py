@@ -106,12 +106,12 @@ def stiff_arm() -> RobotSetup:
 
 def _setup(robot: ServoArm) -> RobotSetup:
     def teach(runs: tuple[Run, ...], effects: Values, seed: int) -> Residual:
-        return taught(robot, runs, effects, untaught(seed, DT), seed)
+        return train_network(robot, runs, effects, blank_network(seed, DT), seed)
 
-    return RobotSetup(robot, NOISE, ESTIMATOR, CONTROL, teach, untaught, ONLINE)
+    return RobotSetup(robot, NOISE, ESTIMATOR, CONTROL, teach, blank_network, ONLINE)
 
 
-def untaught(seed: int, dt: float) -> Residual:
+def blank_network(seed: int, dt: float) -> Residual:
     """A network of zero output, as before any data: the paper's, six joint rates in and the tool's velocity out."""
     net = Mlp(len(MOTORS))
     inputs = tuple(f"velocity.{m}" for m in MOTORS)
@@ -120,7 +120,7 @@ def untaught(seed: int, dt: float) -> Residual:
     return Residual(net, theta, inputs, TASK, at, TYPICAL, TO_LEARN, "task", dt, "scaler_arm_servo", LIMIT)
 
 
-def taught(robot: ServoArm, runs: tuple[Run, ...], effects: Values, blank: Residual, seed: int) -> Residual:
+def train_network(robot: ServoArm, runs: tuple[Run, ...], effects: Values, blank: Residual, seed: int) -> Residual:
     """The network after `PASSES` over the runs, by the paper's UKF, window by window in random order; blank, where
     windows that it has not learned from are not predicted better by it.
     """

@@ -3,7 +3,7 @@
 from plants.wheeled.motions import back_and_forth
 from plants.wheeled.twin import Withheld
 from scenarios.closed_loop.scenario import ClosedLoop
-from scenarios.robots import TRAINING_MOTIONS, Gently, in_mujoco
+from scenarios.robots import TRAINING_MOTIONS, SmoothStart, in_mujoco
 from scenarios.rover import rover
 
 SCENARIO = ClosedLoop(
@@ -13,6 +13,6 @@ SCENARIO = ClosedLoop(
     setup=rover,
     simulator=lambda: in_mujoco(Withheld(ratio=1.06, lag=0.25)),
     withheld={("wheel_radius_mismatch", None, "ratio"): 1.06, ("actuator_lag", None, "time_constant"): 0.25},
-    reference=lambda: Gently(back_and_forth()),
+    reference=lambda: SmoothStart(back_and_forth()),
     training_motions=TRAINING_MOTIONS,
 )

@@ -3,7 +3,7 @@
 from plants.wheeled.motions import constant_yaw_rate
 from plants.wheeled.twin import Withheld
 from scenarios.closed_loop.scenario import ClosedLoop
-from scenarios.robots import TRAINING_MOTIONS, Gently, in_pybullet
+from scenarios.robots import TRAINING_MOTIONS, SmoothStart, in_pybullet
 from scenarios.rover import rover
 
 SCENARIO = ClosedLoop(
@@ -13,6 +13,6 @@ SCENARIO = ClosedLoop(
     setup=rover,
     simulator=lambda: in_pybullet(Withheld(ratio=0.95, track=1.35)),
     withheld={("wheel_radius_mismatch", None, "ratio"): 0.95, ("track_width", None, "scale"): 1.35},
-    reference=lambda: Gently(constant_yaw_rate(1.0, 0.2)),
+    reference=lambda: SmoothStart(constant_yaw_rate(1.0, 0.2)),
     training_motions=TRAINING_MOTIONS,
 )

@@ -25,7 +25,7 @@ def in_pybullet(withheld: Withheld) -> Sensed:
 
 
 @dataclass(frozen=True)
-class Late:
+class DelayedCommands:
     """A robot that hears its commands `delay` s late, over a slow radio link."""
 
     inner: Simulator
@@ -79,7 +79,7 @@ class _LatePlant:
 
 
 @dataclass(frozen=True)
-class Gently:
+class SmoothStart:
     """A motion whose clock starts slowly, within `ramp` s, so that a robot that stands can follow it from the start."""
 
     inner: Reference
@@ -91,15 +91,15 @@ class Gently:
         return self.inner.path(warped)
 
 
-def brisk_eight() -> Gently:
+def brisk_eight() -> SmoothStart:
     """The figure-eight in 12 s: fast enough for lags and wrong widths to show."""
-    return Gently(figure_eight(1.0, 12.0))
+    return SmoothStart(figure_eight(1.0, 12.0))
 
 
 # What the nominal controller drives for the log: turns, straights, both ways
 TRAINING_MOTIONS = (
     (brisk_eight, 24.0),
-    (lambda: Gently(route()), 24.0),
-    (lambda: Gently(spin_in_place()), 16.0),
-    (lambda: Gently(back_and_forth()), 16.0),
+    (lambda: SmoothStart(route()), 24.0),
+    (lambda: SmoothStart(spin_in_place()), 16.0),
+    (lambda: SmoothStart(back_and_forth()), 16.0),
 )

@@ -3,7 +3,7 @@
 from plants.wheeled.motions import route
 from plants.wheeled.twin import Withheld
 from scenarios.closed_loop.scenario import ClosedLoop
-from scenarios.robots import TRAINING_MOTIONS, Gently, Late, in_mujoco
+from scenarios.robots import TRAINING_MOTIONS, DelayedCommands, SmoothStart, in_mujoco
 from scenarios.rover import rover
 
 SCENARIO = ClosedLoop(
@@ -11,9 +11,9 @@ SCENARIO = ClosedLoop(
     summary="a route with soft limits in MuJoCo; withheld: late commands, track width",
     plant="diff_drive",
     setup=rover,
-    simulator=lambda: Late(in_mujoco(Withheld(track=1.2)), 0.15),
+    simulator=lambda: DelayedCommands(in_mujoco(Withheld(track=1.2)), 0.15),
     withheld={("command_delay", None, "delay"): 0.15, ("track_width", None, "scale"): 1.2},
-    reference=lambda: Gently(route()),
+    reference=lambda: SmoothStart(route()),
     limits=(("pose.y", -0.01, 0.81),),
     training_motions=TRAINING_MOTIONS,
 )

@@ -23,13 +23,13 @@ TO_LEARN = np.array([0.05, 0.02, 0.3])  # m/s, m/s, rad/s
 LIMIT = 3.0  # typical inputs: a velocity that feeds back cannot run away
 
 
-def teach(runs: tuple[Run, ...], effects: Values, seed: int) -> Residual:
+def train_network(runs: tuple[Run, ...], effects: Values, seed: int) -> Residual:
     """The paper's network, by its UKF, on top of the model with these effects."""
     task = Task(runs, (ROBOT,) * len(runs), NOISE, "real-to-dyn", effects)
     return train(task, LearnSettings(passes=2), np.random.default_rng(seed)).whole
 
 
-def untaught(seed: int, dt: float) -> Residual:
+def blank_network(seed: int, dt: float) -> Residual:
     """A network of zero output, as it is before any data."""
     net = Mlp(5)
     inputs = (*(f"previous.{n}" for n in BODY), "command.left", "command.right")
@@ -39,4 +39,4 @@ def untaught(seed: int, dt: float) -> Residual:
 
 def rover() -> RobotSetup:
     """The wheeled robot of the scenarios."""
-    return RobotSetup(ROBOT, NOISE, EstimatorSettings(), MpcSettings(), teach, untaught, OnlineSettings())
+    return RobotSetup(ROBOT, NOISE, EstimatorSettings(), MpcSettings(), train_network, blank_network, OnlineSettings())

@@ -3,7 +3,7 @@
 from plants.wheeled.motions import spin_in_place
 from plants.wheeled.twin import Withheld
 from scenarios.closed_loop.scenario import ClosedLoop
-from scenarios.robots import TRAINING_MOTIONS, Gently, in_pybullet
+from scenarios.robots import TRAINING_MOTIONS, SmoothStart, in_pybullet
 from scenarios.rover import rover
 
 SCENARIO = ClosedLoop(
@@ -13,6 +13,6 @@ SCENARIO = ClosedLoop(
     setup=rover,
     simulator=lambda: in_pybullet(Withheld(ratio=0.93, track=1.3)),
     withheld={("wheel_radius_mismatch", None, "ratio"): 0.93, ("track_width", None, "scale"): 1.3},
-    reference=lambda: Gently(spin_in_place()),
+    reference=lambda: SmoothStart(spin_in_place()),
     training_motions=TRAINING_MOTIONS,
 )

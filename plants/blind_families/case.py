@@ -14,7 +14,7 @@ from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.inseparable import may_be_withheld
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer, Planted
-from residual_mpc.effects.equivalents import twins_of
+from residual_mpc.effects.equivalents import inseparable_from
 
 STRONG = 7.0  # ratio to the noise floor of a usual strong effect
 SHOWN = (2.5, 18.0)  # least and most ratio of what is planted
@@ -158,7 +158,7 @@ def make(
         background=background,
         unknown=unknown,
         withheld=bench.effects if level.withheld else (),
-        twins=tuple(twins_of(p.effect, bench.traits) for _, _, p in planted),
+        twins=tuple(inseparable_from(p.effect, bench.traits) for _, _, p in planted),
         traits=bench.traits,
         notes={"ratio": bench.ratio(robot), **bench.notes},
     )

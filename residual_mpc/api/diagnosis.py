@@ -29,7 +29,7 @@ from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.models.model_file import Written
 from residual_mpc.models.robot_file import measured_over
 from residual_mpc.report import compose, diagnosis_lines, sentence
-from residual_mpc.report.collect import collect
+from residual_mpc.report.evidence.collect import collect
 from residual_mpc.report.words.rest import rest_sentence
 
 if TYPE_CHECKING:

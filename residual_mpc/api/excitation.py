@@ -87,7 +87,7 @@ def excite(
         for p in plan.played
         if not p.within
     )
-    return Excitation(plan.document, command_table([p.motion for p in plan.played], plan.bench.actuators), warnings)
+    return Excitation(plan.document, command_table([p.motion for p in plan.played], plan.setup.actuators), warnings)
 
 
 def _lines(result: Mapping[str, Any]) -> list[str]:

@@ -16,7 +16,7 @@ from residual_mpc.diagnosis.gap_figures import kept_back_of
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically, write_json
 from residual_mpc.learning.batch import checkpoint
-from residual_mpc.learning.batch.training import Learned, Report, Task, train
+from residual_mpc.learning.batch.training import Report, Task, TrainingResult, train
 from residual_mpc.learning.batch.window_updates import LearnSettings
 from residual_mpc.learning.network.residual import KEY, to_json
 from residual_mpc.learning.network.written import residual_in
@@ -151,7 +151,7 @@ def _task(
     return Task(runs.runs, runs.models, runs.noise, case, values, leaves_out, held, earlier, earlier_file, form)
 
 
-def _document(made: Learned, task: Task) -> dict[str, Any]:
+def _document(made: TrainingResult, task: Task) -> dict[str, Any]:
     """The `learn` object of the contract and more."""
     ms = made.update_ms
     channels = {
@@ -202,7 +202,7 @@ def _document(made: Learned, task: Task) -> dict[str, Any]:
     }
 
 
-def _model(made: Learned, task: Task, name: str) -> dict[str, Any]:
+def _model(made: TrainingResult, task: Task, name: str) -> dict[str, Any]:
     return {
         "schema": MODEL_SCHEMA,
         "robot": name,

@@ -19,9 +19,9 @@ from zlib import crc32
 import numpy as np
 
 from residual_mpc.blind.commanded_motion import CommandedMotion, read_commanded_motions
-from residual_mpc.blind.families import make_twin
-from residual_mpc.blind.processes.isolated import call_apart, program
-from residual_mpc.blind.processes.parallel import Progress, in_turn
+from residual_mpc.blind.families import make_hidden_robot
+from residual_mpc.blind.processes.isolated import program, run_isolated
+from residual_mpc.blind.processes.parallel import Progress, run_in_parallel
 from residual_mpc.blind.run import diagnose_case
 from residual_mpc.blind.seal import digest, read_sealed
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
@@ -58,7 +58,7 @@ class ExperimentSummary:
     seconds: float
 
 
-def carry_out(
+def run_experiments(
     folder: Path, answers: Path, results: Path, out: Path, settings: ExperimentSettings, progress: Progress
 ) -> ExperimentSummary:
     """One experiment for every case whose diagnosis in ``results`` leaves something open; a failing one fails alone.
@@ -74,7 +74,7 @@ def carry_out(
     todo = [entry for entry in suite.cases if not (out / entry.name / RECORD).exists()]
     begin = time.monotonic()
     calls = (delayed(_one)(suite, e, answers, results / e.name, (out / e.name).resolve(), settings) for e in todo)
-    in_turn(calls, [entry.name for entry in todo], progress, n_jobs=settings.jobs)
+    run_in_parallel(calls, [entry.name for entry in todo], progress, n_jobs=settings.jobs)
     status = [str(json.loads((out / e.name / RECORD).read_text())["status"]) for e in suite.cases]
     opened = [s for s in status if s != NOTHING]
     failed = sum(s != "done" for s in opened)
@@ -133,7 +133,7 @@ def _plan(case: Path, document: Path, place: Path, settings: ExperimentSettings)
     shutil.copyfile(document, place / "diagnosis.json")
     call = [*program(settings.planner, "excite"), "diagnosis.json", "--robot", "robot.toml"]
     call += ["--out", "next.csv", "--json", "--seed", str(settings.seed)]
-    ended = call_apart(call, place, settings.timeout)
+    ended = run_isolated(call, place, settings.timeout)
     if not ended.done:
         raise RuntimeError(f"excite: {ended.status}: {ended.complaint[-500:]}")
     plan: dict[str, Any] = json.loads(ended.said)["excite"]
@@ -150,7 +150,7 @@ def _played(
         raise BadInput("the answer is not the one that was committed to", entry.name, "Make the suite again")
     before = {p.name for p in runs.iterdir()}
     with tempfile.TemporaryDirectory(prefix="robot-") as place:
-        twin = make_twin(answer.family, answer.level, answer.seed, place)
+        twin = make_hidden_robot(answer.family, answer.level, answer.seed, place)
         if digest(Path(place) / "case") != sealed.data:
             raise BadInput("this version draws another robot for it", entry.name, "Make the suite again")
         for k, motion in enumerate(motions):

@@ -17,7 +17,7 @@ from residual_mpc.errors import BadInput
 GROUP = "residual_mpc.blind_families"
 
 
-class Twin(Protocol):
+class HiddenRobot(Protocol):
     """The robot of one case, drawn anew, that can be driven once more."""
 
     @property
@@ -36,7 +36,7 @@ class Family(Protocol):
 
     name: str
 
-    def draw_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Twin:
+    def draw_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> HiddenRobot:
         """``write_case``, with the robot that made the runs in place of its answer alone."""
         ...
 
@@ -91,7 +91,7 @@ def make_case(family: str, level: str, seed: int, folder: Path | str) -> Answer:
     return kind.write_case(recipe, seed, rng, case)
 
 
-def make_twin(family: str, level: str, seed: int, folder: Path | str) -> Twin:
+def make_hidden_robot(family: str, level: str, seed: int, folder: Path | str) -> HiddenRobot:
     """Write the case anew, and return its robot."""
     kind, recipe, rng, case = _prepared(family, level, seed, folder)
     return kind.draw_case(recipe, seed, rng, case)

@@ -10,7 +10,7 @@ import numpy as np
 
 from residual_mpc.blind.best_fit import with_best_fit
 from residual_mpc.blind.families import levels_of, load_family, load_level, make_case
-from residual_mpc.blind.processes.parallel import Progress, in_turn, silent
+from residual_mpc.blind.processes.parallel import Progress, run_in_parallel, silent
 from residual_mpc.blind.seal import Sealed, digest, read_sealed, seal, write_sealed
 from residual_mpc.blind.suite import FIRST_TEST_SEED, Entry, Suite, program_version, write_suite
 from residual_mpc.errors import BadInput
@@ -67,14 +67,14 @@ def _family(asked: str) -> str:
 
 
 @dataclass(frozen=True)
-class Made:
+class MadeSuite:
     """The suite, and the cases that could not be drawn, with why."""
 
     suite: Suite
     failed: tuple[tuple[str, str], ...]
 
 
-def make_suite(settings: MakeSettings, folder: Path, answers: Path, progress: Progress = silent) -> Made:
+def make_suite(settings: MakeSettings, folder: Path, answers: Path, progress: Progress = silent) -> MadeSuite:
     """Write the cases to ``folder``, the sealed answers to ``answers``; resume where a call stopped.
 
     Raises BadInput where a call that asked for other cases has begun a suite there.
@@ -90,14 +90,14 @@ def make_suite(settings: MakeSettings, folder: Path, answers: Path, progress: Pr
     }
     todo = [case for case in plan if case[0] not in found]
     calls = (delayed(_one)(*case, folder, answers) for case in todo)
-    outcomes = in_turn(calls, [name for name, *_ in todo], progress, n_jobs=settings.jobs)
+    outcomes = run_in_parallel(calls, [name for name, *_ in todo], progress, n_jobs=settings.jobs)
     found |= {case[0]: outcome for case, outcome in zip(todo, outcomes, strict=True)}
     entries = [found[name] for name, *_ in plan]
     failed = tuple((name, str(found[name])) for name, *_ in plan if isinstance(found[name], str))
     seeds = "test" if settings.first_seed >= FIRST_TEST_SEED else "development"
     suite = Suite(folder, seeds, program_version(), tuple(e for e in entries if isinstance(e, Entry)))
     write_suite(suite)
-    return Made(suite, failed)
+    return MadeSuite(suite, failed)
 
 
 def _plan(settings: MakeSettings) -> list[tuple[str, str, str, int]]:

@@ -14,8 +14,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from residual_mpc.blind.processes.isolated import call_apart, program
-from residual_mpc.blind.processes.parallel import Progress, in_turn, silent
+from residual_mpc.blind.processes.isolated import program, run_isolated
+from residual_mpc.blind.processes.parallel import Progress, run_in_parallel, silent
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
 from residual_mpc.errors import BadInput
 from residual_mpc.extras import extra
@@ -78,13 +78,13 @@ def _spread(
     ]  # fmt: skip
     if settings.engine == "processes":
         # each case is a process of its own already; threads only wait for them
-        return in_turn(calls, names, progress, n_jobs=settings.jobs, prefer="threads")
+        return run_in_parallel(calls, names, progress, n_jobs=settings.jobs, prefer="threads")
     with extra("dask"):
         from dask.distributed import Client, LocalCluster  # type: ignore[import-not-found, unused-ignore]
     workers = settings.jobs if settings.jobs > 0 else os.cpu_count()
     cluster = settings.address or LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
     with Client(cluster), parallel_config(backend="dask"):
-        return in_turn(calls, names, progress)
+        return run_in_parallel(calls, names, progress)
 
 
 def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], timeout: float) -> bool:
@@ -97,7 +97,7 @@ def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], ti
         for effect in entry.without:
             call += ["--without", effect]
         begin = time.monotonic()
-        ended = call_apart(call, work, timeout)
+        ended = run_isolated(call, work, timeout)
         status, seconds = ended.status, time.monotonic() - begin
         made = work / "out" / "diagnosis.json"
         if status == "done" and not made.exists():

@@ -32,7 +32,7 @@ def sweep(
     baselines: bool,
 ) -> None:
     """Make, diagnose and score a suite of development cases; a second call carries on."""
-    from residual_mpc.blind.experiment import ExperimentSettings, carry_out
+    from residual_mpc.blind.experiment import ExperimentSettings, run_experiments
     from residual_mpc.blind.families import family_names
     from residual_mpc.blind.levels import LEVELS
     from residual_mpc.blind.make import MakeSettings, make_suite
@@ -50,7 +50,7 @@ def sweep(
     with progress_bar() as progress:
         run_suite(out / "suite", results["diagnose"], RunSettings(jobs=jobs), progress)
     with progress_bar() as progress:
-        carry_out(
+        run_experiments(
             out / "suite", out / "answers", results["diagnose"], out / "experiments", ExperimentSettings(jobs=jobs),
             progress,
         )  # fmt: skip

@@ -121,12 +121,12 @@ def experiment(
 
     Only the robot itself is drawn from the answers. A second call carries on where the first one stopped.
     """
-    from residual_mpc.blind.experiment import ExperimentSettings, carry_out
+    from residual_mpc.blind.experiment import ExperimentSettings, run_experiments
     from residual_mpc.blind.make import default_answers
 
     settings = ExperimentSettings(command, planner, jobs, timeout, seed)
     with progress_bar() as progress:
-        summary = carry_out(suite, answers or default_answers(suite), results, out, settings, progress)
+        summary = run_experiments(suite, answers or default_answers(suite), results, out, settings, progress)
     if as_json:
         emit({"experiment": {"cases": summary.cases, "open": summary.open, "failed": summary.failed,
                              "resumed": summary.resumed, "seconds": summary.seconds}})  # fmt: skip

@@ -38,7 +38,7 @@ def init(
     """
     from residual_mpc.init.draft import draft
     from residual_mpc.init.draft_text import robot_file_text
-    from residual_mpc.init.mended_logs import write_mended
+    from residual_mpc.init.mended_logs import write_corrected_logs
     from residual_mpc.init.trial import try_robot
 
     if out.is_dir():
@@ -51,7 +51,7 @@ def init(
     trial = try_robot(text, out.parent, runs, drafted.mends)
     tables = list(runs)
     if mended is not None and drafted.mends:
-        write_mended(runs, drafted.mends, mended)
+        write_corrected_logs(runs, drafted.mends, mended)
         tables = [str(mended)]
     write_atomically(out, text)
     ready = not trial.errors and (not drafted.mends or mended is not None)

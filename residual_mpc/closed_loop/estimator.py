@@ -38,7 +38,7 @@ class EstimatorSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
+class StateBelief:
     """x (nx,) and P (nx, nx) at the time that the sensors speak of; sent: commands since then, oldest first; rejected:
     measurements refused in a row.
     """
@@ -64,17 +64,17 @@ class Filter:
     anew: tuple[int, ...] = ()  # places in x that begin at 0 at each measurement
     output: Buffered | None = None  # where the model tracks something else than its poses
 
-    def init(self, at: Mapping[str, float]) -> Belief:
+    def init(self, at: Mapping[str, float]) -> StateBelief:
         """At rest at a known pose, by channel."""
         P = np.zeros((self.model.nx, self.model.nx))
         P[self.poses, self.poses] = np.square(self.settings.noise)
-        return Belief(self.model.start(at), P, (), 0)
+        return StateBelief(self.model.start(at), P, (), 0)
 
     def with_parameters(self, p: np.ndarray) -> "Filter":
         """The same filter, its model with other numbers (np,)."""
         return replace(self, p=np.asarray(p, dtype=np.float64))
 
-    def step(self, belief: Belief, command: np.ndarray | None, reading: Reading) -> tuple[np.ndarray, Belief]:
+    def step(self, belief: StateBelief, command: np.ndarray | None, reading: Reading) -> tuple[np.ndarray, StateBelief]:
         """command (nu,): what was sent at the last sample, None at the first."""
         waiting = deque(belief.sent)
         x, P, rejected = belief.x, belief.P, belief.rejected
@@ -90,7 +90,7 @@ class Filter:
         now = x
         for u in waiting:
             now = self.drive(now, u)
-        return now, Belief(x, P, tuple(waiting), rejected)
+        return now, StateBelief(x, P, tuple(waiting), rejected)
 
     def drive(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """(nx,) the model's state a sample later."""

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.closed_loop.estimator import Filter
-from residual_mpc.closed_loop.stacks import Driven, stack_of
+from residual_mpc.closed_loop.stacks import WindowPrediction, stack_of
 from residual_mpc.learning.filter import ukf
+from residual_mpc.learning.filter.guarded_update import guarded_update
 from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Measurement
 from residual_mpc.learning.filter.window import Window
 
@@ -36,6 +37,8 @@ class OnlineSettings:
     memory: float = 0.7
     better: float = 0.8
 
+
+SHORTENED = FilterSettings(process=0.0)  # a shortened update keeps the covariance as it was
 
 Row = tuple[np.ndarray, np.ndarray, np.ndarray]  # belief (nx,), command (nu,), measured poses (ny,)
 
@@ -70,20 +73,20 @@ class OnlineLearner:
         if not info.used:
             return None
         sigma = np.sqrt(np.diag(measured.noise))
-        cost, share = self._cost(self._filter, rows, measured, sigma), 1.0
+        cost = self._cost(self._filter, rows, measured, sigma)
         blank = self._cost(self._filter.with_parameters(self._first), rows, measured, sigma)
         self._unseen = self._settings.memory * self._unseen + (1.0 - self._settings.memory) * np.array([blank, cost])
         good = bool(self._unseen[1] < self._settings.better * self._unseen[0])
-        for _ in range(self._settings.halvings + 1):
+
+        def accepts(theta: np.ndarray) -> bool:
+            moved = self._filter.with_parameters(self._parameters(theta))
+            return self._cost(moved, rows, measured, sigma) <= cost
+
+        self._belief, share = guarded_update(before, after, accepts, self._settings.halvings, SHORTENED)
+        if share > 0.0:
             theta = before.mean + share * (after.mean - before.mean)
-            filter_ = self._filter.with_parameters(self._parameters(theta))
-            if self._cost(filter_, rows, measured, sigma) <= cost:
-                # a shortened step has not used up what the window says, so that it keeps the covariance
-                self._belief = after if share == 1.0 else Belief(theta, before.covariance)
-                self._filter = filter_
-                self.updates += 1
-                break
-            share *= 0.5
+            self._filter = self._filter.with_parameters(self._parameters(theta))
+            self.updates += 1
         return self._filter.p if good else self._first
 
     @property
@@ -102,7 +105,7 @@ class OnlineLearner:
         p[len(p) - len(theta) :] = theta
         return p
 
-    def _driven(self, filter_: Filter, rows: Sequence[Row]) -> Driven:
+    def _driven(self, filter_: Filter, rows: Sequence[Row]) -> WindowPrediction:
         believed, commands = (np.array([row[i] for row in rows[:-1]]) for i in (0, 1))
         return self._stack.driven(filter_.drive, believed, commands)
 
@@ -114,7 +117,7 @@ class OnlineLearner:
         e = (measured.reference - at[1:].T.ravel()) / sigma
         return float(np.nansum(np.minimum(e * e, 3.0 * np.abs(e))))
 
-    def _window(self, rows: Sequence[Row], driven: Driven) -> tuple[Window, Measurement]:
+    def _window(self, rows: Sequence[Row], driven: WindowPrediction) -> tuple[Window, Measurement]:
         r, n, s = self._residual, self._settings.horizon, self._settings
         at = driven.positions
         scaled = r.scaled(driven.z)

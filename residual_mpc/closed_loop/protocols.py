@@ -46,7 +46,7 @@ class Reference(Protocol):
         ...
 
 
-class Info(Protocol):
+class ControllerInfo(Protocol):
     """What a controller says about one sample."""
 
     @property
@@ -68,7 +68,7 @@ class Controller(Protocol):
 
     def init(self) -> Any: ...
 
-    def step(self, state: Any, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, Any, Info]:
+    def step(self, state: Any, x: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, Any, ControllerInfo]:
         """Command (nu,) from the estimate x (nx,) and the reference at the next samples (horizon, ny)."""
         ...
 

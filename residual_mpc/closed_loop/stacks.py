@@ -14,7 +14,7 @@ Drive = Callable[[np.ndarray, np.ndarray], np.ndarray]  # x (nx,), u (nu,) -> x 
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class WindowPrediction:
     """A window of n steps as the model has it: z (n, inputs) what the network saw, physical units; positions
     (n + 1, 3) m, m, rad or m, from the window's beginning on.
     """
@@ -23,10 +23,10 @@ class Driven:
     positions: np.ndarray
 
 
-class Stack(Protocol):
+class OutputStack(Protocol):
     """Of a window of n steps, positions (n + 1, 3)."""
 
-    def driven(self, drive: Drive, believed: np.ndarray, commands: np.ndarray) -> Driven:
+    def driven(self, drive: Drive, believed: np.ndarray, commands: np.ndarray) -> WindowPrediction:
         """The window with the model's `drive`, from what was believed at its samples, (n, nx), and sent, (n, nu)."""
         ...
 
@@ -50,13 +50,13 @@ class BodyStack:
     model: Augmented
     residual: Residual
 
-    def driven(self, drive: Drive, believed: np.ndarray, commands: np.ndarray) -> Driven:
+    def driven(self, drive: Drive, believed: np.ndarray, commands: np.ndarray) -> WindowPrediction:
         states = [believed[0]]  # what is learned moves the state itself: one belief, and the model from there on
         for u in commands:
             states.append(drive(states[-1], u))
         x = np.array(states)
         last = [self.model.stepped.states.index(f"last.{o}") for o in self.residual.outputs]
-        return Driven(np.hstack([x[:-1, last], commands]), self.model.outputs(x))
+        return WindowPrediction(np.hstack([x[:-1, last], commands]), self.model.outputs(x))
 
     def measured(self, poses: np.ndarray, positions: np.ndarray) -> np.ndarray:
         y = poses.copy()
@@ -96,13 +96,13 @@ class TaskStack:
     model: Augmented
     residual: Residual
 
-    def driven(self, drive: Drive, believed: np.ndarray, commands: np.ndarray) -> Driven:
+    def driven(self, drive: Drive, believed: np.ndarray, commands: np.ndarray) -> WindowPrediction:
         after = np.array([drive(x, u) for x, u in zip(believed, commands, strict=True)])
         joints = [self.model.stepped.states.index(i.replace("velocity.", "position.")) for i in self.residual.inputs]
         before = self.model.outputs(believed)[:, :3]
         moved = np.cumsum(self.model.outputs(after)[:, :3] - before, axis=0)
         z = (after - believed)[:, joints] / self.model.build.dt
-        return Driven(z, before[0] + np.vstack([np.zeros(3), moved]))
+        return WindowPrediction(z, before[0] + np.vstack([np.zeros(3), moved]))
 
     def measured(self, poses: np.ndarray, positions: np.ndarray) -> np.ndarray:
         at = self.model.stepped.poses
@@ -117,7 +117,7 @@ class TaskStack:
         return np.kron(np.eye(3), np.ones((len(positions) - 1, 1)))
 
 
-def stack_of(model: Augmented) -> Stack:
+def stack_of(model: Augmented) -> OutputStack:
     """The one that belongs to the model's network. Raises BadInput where online learning has none."""
     residual = model.residual
     if residual is not None and residual.form == "body" and "pose.theta" in model.stepped.poses:

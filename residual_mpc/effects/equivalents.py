@@ -103,7 +103,7 @@ SUBSTITUTES: tuple[tuple[Effect, Effect], ...] = (
 UNMEASURED = frozenset(effect.name for effect in (BACKLASH, JOINT_COMPLIANCE, LINK_LENGTH))
 
 
-def twins_of(effect: str, traits: Collection[str]) -> tuple[str, ...]:
+def inseparable_from(effect: str, traits: Collection[str]) -> tuple[str, ...]:
     """Names of the effects that runs with these traits cannot part from an effect, sorted."""
     have = frozenset(traits)
     pairs = [(t.one.name, t.other.name) for t in TWINS if t.traits <= have]

@@ -11,9 +11,9 @@ from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
-from residual_mpc.experiment.bench import Bench, with_encoders
+from residual_mpc.experiment.drive_setup import DriveSetup, with_encoders
 from residual_mpc.experiment.motions import Motion, motions
-from residual_mpc.experiment.separate import Planned, Separation, allowed, driven, separation
+from residual_mpc.experiment.separate import Planned, Separation, separation, simulate_run, within_limits
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values
 
@@ -47,7 +47,7 @@ class Experiment:
 
 def choose(
     robot: Robot,
-    bench: Bench,
+    setup: DriveSetup,
     explanations: Sequence[Values],
     seconds: float,
     rng: np.random.Generator,
@@ -55,26 +55,26 @@ def choose(
 ) -> Experiment:
     """Try every motion in simulation; where none will do alone, with the wheels' encoders logged, or the motors off at
     times."""
-    tried = motions(bench, seconds, rng)
-    encoded, sensors = with_encoders(bench, robot)
-    switched = () if bench.switches else motions(replace(bench, switches=True), seconds, rng)[len(tried) :]
-    best = _of(_ranked(robot, bench, tried, explanations, rng, progress, 0.0, 0.6), (), False)
+    tried = motions(setup, seconds, rng)
+    encoded, sensors = with_encoders(setup, robot)
+    switched = () if setup.switches else motions(replace(setup, switches=True), seconds, rng)[len(tried) :]
+    best = _of(_ranked(robot, setup, tried, explanations, rng, progress, 0.0, 0.6), (), False)
     if not best.parts and sensors:
         found = _ranked(robot, encoded, tried, explanations, rng, progress, 0.6, 1.0)
         best = _clearly_better(best, _of(found, sensors, False))
     if not best.parts and switched:
-        found = _ranked(robot, bench, switched, explanations, rng, progress, 0.6, 1.0)
+        found = _ranked(robot, setup, switched, explanations, rng, progress, 0.6, 1.0)
         best = _clearly_better(best, _of(found, (), True))
     return best
 
 
 def protocol(
-    robot: Robot, bench: Bench, seconds: float, rng: np.random.Generator
+    robot: Robot, setup: DriveSetup, seconds: float, rng: np.random.Generator
 ) -> tuple[tuple[Planned, ...], tuple[NotTestable, ...]]:
     """Every motion once, for a robot without runs, and the effects that even these would not show."""
-    planned = [allowed(robot, bench, m, {}) for m in motions(bench, seconds, rng)]
-    runs = [driven(robot, bench, p.motion, {}, rng) for p in planned]
-    data = build_dataset(runs, [robot] * len(runs), dict(bench.sigma))
+    planned = [within_limits(robot, setup, m, {}) for m in motions(setup, seconds, rng)]
+    runs = [simulate_run(robot, setup, p.motion, {}, rng) for p in planned]
+    data = build_dataset(runs, [robot] * len(runs), dict(setup.sigma))
     problem = build_problem(data, build_space(data, ()), data.sigma)
     return tuple(planned), not_testable(problem, fit_all(problem, [{}])[0], ())
 
@@ -100,7 +100,7 @@ def _of(ranked: tuple[Separation, ...], sensors: tuple[str, ...], switches: bool
 
 def _ranked(
     robot: Robot,
-    bench: Bench,
+    setup: DriveSetup,
     tried: Sequence[Motion],
     explanations: Sequence[Values],
     rng: np.random.Generator,
@@ -111,5 +111,5 @@ def _ranked(
     found = []
     for k, motion in enumerate(tried):
         progress(motion.name, begin + (end - begin) * k / len(tried))
-        found.append(separation(robot, bench, motion, explanations, rng))
+        found.append(separation(robot, setup, motion, explanations, rng))
     return tuple(sorted(found, key=lambda s: -s.ratio))

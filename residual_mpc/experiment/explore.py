@@ -11,9 +11,9 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.where import regime_masks
-from residual_mpc.experiment.bench import Bench
+from residual_mpc.experiment.drive_setup import DriveSetup
 from residual_mpc.experiment.motions import motions
-from residual_mpc.experiment.separate import Planned, allowed, driven
+from residual_mpc.experiment.separate import Planned, simulate_run, within_limits
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values
 
@@ -33,7 +33,7 @@ class Explored:
 
 def explore(
     robot: Robot,
-    bench: Bench,
+    setup: DriveSetup,
     values: Values,
     regimes: Mapping[str, tuple[float, float]],
     seconds: float,
@@ -43,8 +43,8 @@ def explore(
 
     regimes: name -> (share of the time, lift of the gap) over the runs so far.
     """
-    planned = [allowed(robot, bench, m, values) for m in motions(bench, seconds, rng)]
-    spent = [_time_in(robot, bench, p, values, rng) for p in planned]
+    planned = [within_limits(robot, setup, m, values) for m in motions(setup, seconds, rng)]
+    spent = [_time_in(robot, setup, p, values, rng) for p in planned]
     tried = [
         Explored(p, _shows(s, regimes), tuple(n for n, f in s.items() if f > ENTERED and _seen(n, regimes) < UNSEEN))
         for p, s in zip(planned, spent, strict=True)
@@ -57,10 +57,10 @@ def explore(
 
 
 def _time_in(
-    robot: Robot, bench: Bench, planned: Planned, values: Values, rng: np.random.Generator
+    robot: Robot, setup: DriveSetup, planned: Planned, values: Values, rng: np.random.Generator
 ) -> dict[str, float]:
     """regime -> share of the motion's time."""
-    data = build_dataset([driven(robot, bench, planned.motion, values, rng)], [robot], dict(bench.sigma))
+    data = build_dataset([simulate_run(robot, setup, planned.motion, values, rng)], [robot], dict(setup.sigma))
     seen = np.isfinite(data.y).any(axis=2)
     return {name: float((mask & seen).sum() / max(seen.sum(), 1)) for name, mask in regime_masks(data).items()}
 

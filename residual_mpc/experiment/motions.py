@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.experiment.bench import Bench
+from residual_mpc.experiment.drive_setup import DriveSetup
 
 EASE = 0.5  # s of rest at both ends
 FULL = 0.9  # of the reach
@@ -21,13 +21,13 @@ class Motion:
     enabled: np.ndarray | None = None
 
 
-def motions(bench: Bench, seconds: float, rng: np.random.Generator) -> tuple[Motion, ...]:
+def motions(setup: DriveSetup, seconds: float, rng: np.random.Generator) -> tuple[Motion, ...]:
     """All motions for this robot, each `seconds` long."""
-    t = bench.period * np.arange(round(seconds / bench.period) + 1)
-    shapes = _wheels(t, rng) if bench.wheeled else _joints(t, len(bench.actuators), rng)
+    t = setup.period * np.arange(round(seconds / setup.period) + 1)
+    shapes = _wheels(t, rng) if setup.wheeled else _joints(t, len(setup.actuators), rng)
     calm = np.clip(np.minimum(t, t[-1] - t) / EASE - 0.2, 0.0, 1.0)[:, None]  # at rest at both ends
-    made = [Motion(n, t, bench.home + FULL * bench.reach * s * calm) for n, s in shapes.items()]
-    if bench.switches and not bench.wheeled:
+    made = [Motion(n, t, setup.home + FULL * setup.reach * s * calm) for n, s in shapes.items()]
+    if setup.switches and not setup.wheeled:
         off = ((t % OFF_EVERY) > OFF_EVERY - OFF)[:, None] & (t[:, None] < t[-1] - EASE)
         noisy = next(m for m in made if m.name == "multisine")
         on = np.where(off, 0.0, 1.0) * np.ones(noisy.command.shape)
@@ -35,9 +35,9 @@ def motions(bench: Bench, seconds: float, rng: np.random.Generator) -> tuple[Mot
     return tuple(made)
 
 
-def scaled(motion: Motion, bench: Bench, factor: float) -> Motion:
+def scaled(motion: Motion, setup: DriveSetup, factor: float) -> Motion:
     """The same motion, smaller about home."""
-    return Motion(motion.name, motion.t, bench.home + factor * (motion.command - bench.home), motion.enabled)
+    return Motion(motion.name, motion.t, setup.home + factor * (motion.command - setup.home), motion.enabled)
 
 
 def _wheels(t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:

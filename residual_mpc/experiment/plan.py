@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.experiment.bench import Bench, bench_of, bench_of_model
 from residual_mpc.experiment.choose import choose, protocol
+from residual_mpc.experiment.drive_setup import DriveSetup, setup_from_model, setup_from_runs
 from residual_mpc.experiment.explanations import explanations_of
 from residual_mpc.experiment.explore import explore, regimes_of
 from residual_mpc.experiment.separate import Planned
@@ -26,7 +26,7 @@ class Plan:
     as `excite --json` prints it."""
 
     purpose: str
-    bench: Bench
+    setup: DriveSetup
     played: tuple[Planned, ...]
     document: dict[str, Any]
 
@@ -42,24 +42,24 @@ def plan_next(
 ) -> Plan:
     """What a diagnosis leaves open decides: explanations that were not told apart, a gap that nothing explains, or
     nothing. Raises BadInput where the diagnosis cannot be read, or is of another robot."""
-    bench = bench_of(document, robot, where, limits)
+    setup = setup_from_runs(document, robot, where, limits)
     explanations = explanations_of(document, robot, where)
     if len(explanations) > 1:
-        found = choose(robot, bench, [e.values for e in explanations], seconds, rng, progress)
-        return Plan("tell apart", bench, tuple(s.planned for s in found.played), {
+        found = choose(robot, setup, [e.values for e in explanations], seconds, rng, progress)
+        return Plan("tell apart", setup, tuple(s.planned for s in found.played), {
             "purpose": "tell apart", "parts": [e.name for e in explanations],
             "motions": [_described(s.planned, s.ratio) for s in found.motions],
             "played": [s.planned.motion.name for s in found.played], "ratio": found.ratio,
             "told_apart": found.parts, "sensors": list(found.sensors), "switches": found.switches, "not_testable": [],
         })  # fmt: skip
     if document.get("verdict") not in ("unknown", "partial"):
-        return _protocol(robot, bench, seconds, rng)
+        return _protocol(robot, setup, seconds, rng)
     try:
         regimes = regimes_of(document["where"]["regimes"])
     except (KeyError, TypeError, AttributeError) as error:
         raise BadInput(f"where its gap lies cannot be read: {error!r}", where, "diagnose the runs anew") from error
-    explored = explore(robot, bench, explanations[0].values, regimes, seconds, rng)
-    return Plan("explore", bench, tuple(e.planned for e in explored), {
+    explored = explore(robot, setup, explanations[0].values, regimes, seconds, rng)
+    return Plan("explore", setup, tuple(e.planned for e in explored), {
         "purpose": "explore", "parts": [], "told_apart": None, "sensors": [], "switches": False, "not_testable": [],
         "motions": [{**_described(e.planned, None), "shows": e.shows, "unseen": list(e.unseen)} for e in explored],
     })  # fmt: skip
@@ -67,12 +67,12 @@ def plan_next(
 
 def plan_first(robot: Robot, limits: Limits, seconds: float, rng: np.random.Generator) -> Plan:
     """A protocol for a robot that has no runs yet."""
-    return _protocol(robot, bench_of_model(robot, limits), seconds, rng)
+    return _protocol(robot, setup_from_model(robot, limits), seconds, rng)
 
 
-def _protocol(robot: Robot, bench: Bench, seconds: float, rng: np.random.Generator) -> Plan:
-    played, hidden = protocol(robot, bench, seconds, rng)
-    return Plan("protocol", bench, played, {
+def _protocol(robot: Robot, setup: DriveSetup, seconds: float, rng: np.random.Generator) -> Plan:
+    played, hidden = protocol(robot, setup, seconds, rng)
+    return Plan("protocol", setup, played, {
         "purpose": "protocol", "parts": [], "motions": [_described(p, None) for p in played], "told_apart": None,
         "sensors": [], "switches": False,
         "not_testable": [{"effect": n.term.effect, "target": n.term.target} for n in hidden],

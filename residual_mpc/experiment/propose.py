@@ -44,7 +44,7 @@ def propose(
         return Proposal(said, None)  # a robot that cannot be planned for keeps the words
     if plan.purpose == "protocol":
         return Proposal(said, None)
-    table = command_table([p.motion for p in plan.played], plan.bench.actuators)
+    table = command_table([p.motion for p in plan.played], plan.setup.actuators)
     sensors = list(dict.fromkeys([*plan.document["sensors"], *wanted]))
     planned = {"what": _words(plan) + _besides(sensors), "commands": FILE, "sensors": sensors}
     return Proposal({**said, **planned, "told_apart": plan.document["told_apart"]}, table)

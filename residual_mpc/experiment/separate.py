@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.experiment.bench import Bench
+from residual_mpc.experiment.drive_setup import DriveSetup
 from residual_mpc.experiment.motions import Motion, scaled
 from residual_mpc.logs.run import Run
 from residual_mpc.models import optional
@@ -44,31 +44,31 @@ class Separation:
 
 
 def separation(
-    robot: Robot, bench: Bench, motion: Motion, explanations: Sequence[Values], rng: np.random.Generator
+    robot: Robot, setup: DriveSetup, motion: Motion, explanations: Sequence[Values], rng: np.random.Generator
 ) -> Separation:
     """explanations: two or more, of which one is true."""
-    planned = allowed(robot, bench, motion, explanations[0])
+    planned = within_limits(robot, setup, motion, explanations[0])
     losses = np.full((len(explanations), len(explanations)), np.inf)
     for i, true in enumerate(explanations):
         wrong = [k for k in range(len(explanations)) if k != i]
-        problem = _problem(robot, driven(robot, bench, planned.motion, true, rng), bench, explanations)
+        problem = _problem(robot, simulate_run(robot, setup, planned.motion, true, rng), setup, explanations)
         own, *others = fit_all(problem, [true, *(explanations[k] for k in wrong)])
-        losses[i, wrong] = [(other.cost - own.cost) / bench.dispersion for other in others]
+        losses[i, wrong] = [(other.cost - own.cost) / setup.dispersion for other in others]
     return Separation(planned, losses)
 
 
-def driven(robot: Robot, bench: Bench, motion: Motion, true: Values, rng: np.random.Generator) -> Run:
+def simulate_run(robot: Robot, setup: DriveSetup, motion: Motion, true: Values, rng: np.random.Generator) -> Run:
     """The run that such a robot would log, noise included."""
-    readings = _readings(robot, bench, motion, true)
-    noisy = {c: y + bench.sigma[c] * rng.standard_normal(len(y)) for c, y in readings.items()}
-    return Run(motion.name, motion.t, {**_commands(bench, motion), **noisy})
+    readings = _readings(robot, setup, motion, true)
+    noisy = {c: y + setup.sigma[c] * rng.standard_normal(len(y)) for c, y in readings.items()}
+    return Run(motion.name, motion.t, {**_commands(setup, motion), **noisy})
 
 
-def _readings(robot: Robot, bench: Bench, motion: Motion, values: Values) -> dict[str, np.ndarray]:
-    """channel -> (n,) what the sensors report under `values`, from rest at the bench's start; one long window."""
-    resting = {c: np.full(len(motion.t), bench.start.get(c, 0.0)) for c in bench.sigma}
-    run = Run(motion.name, motion.t, {**_commands(bench, motion), **resting})
-    whole = build_dataset([run], [robot], dict(bench.sigma), float(motion.t[-1]))
+def _readings(robot: Robot, setup: DriveSetup, motion: Motion, values: Values) -> dict[str, np.ndarray]:
+    """channel -> (n,) what the sensors report under `values`, from rest at the setup's start; one long window."""
+    resting = {c: np.full(len(motion.t), setup.start.get(c, 0.0)) for c in setup.sigma}
+    run = Run(motion.name, motion.t, {**_commands(setup, motion), **resting})
+    whole = build_dataset([run], [robot], dict(setup.sigma), float(motion.t[-1]))
     found = predict(whole, build_space(whole, (), _effects(values), ()).settings([values]))[0, 0]
     at = np.searchsorted(motion.t, whole.t[0] + 1e-9) - 1
     out = {}
@@ -80,15 +80,15 @@ def _readings(robot: Robot, bench: Bench, motion: Motion, values: Values) -> dic
     return out
 
 
-def _commands(bench: Bench, motion: Motion) -> dict[str, np.ndarray]:
-    columns = {f"command.{a}": motion.command[:, k] for k, a in enumerate(bench.actuators)}
+def _commands(setup: DriveSetup, motion: Motion) -> dict[str, np.ndarray]:
+    columns = {f"command.{a}": motion.command[:, k] for k, a in enumerate(setup.actuators)}
     if motion.enabled is not None:
-        columns |= {f"enabled.{a}": motion.enabled[:, k] for k, a in enumerate(bench.actuators)}
+        columns |= {f"enabled.{a}": motion.enabled[:, k] for k, a in enumerate(setup.actuators)}
     return columns
 
 
-def _problem(robot: Robot, run: Run, bench: Bench, explanations: Sequence[Values]) -> Problem:
-    data: Dataset = build_dataset([run], [robot], dict(bench.sigma))
+def _problem(robot: Robot, run: Run, setup: DriveSetup, explanations: Sequence[Values]) -> Problem:
+    data: Dataset = build_dataset([run], [robot], dict(setup.sigma))
     effects = tuple(dict.fromkeys(e for v in explanations for e in _effects(v)))
     return build_problem(data, build_space(data, (), effects, ()), data.sigma)
 
@@ -97,21 +97,21 @@ def _effects(values: Values) -> tuple[str, ...]:
     return tuple(dict.fromkeys(k.effect for k in values if k.effect != TUNE))
 
 
-def allowed(robot: Robot, bench: Bench, motion: Motion, values: Values) -> Planned:
+def within_limits(robot: Robot, setup: DriveSetup, motion: Motion, values: Values) -> Planned:
     """The motion, made smaller (at most TRIES times) until no joint is predicted to leave its range."""
     for _ in range(TRIES):
-        if _within(robot, bench, motion, values):
+        if _within(robot, setup, motion, values):
             return Planned(motion, True)
-        motion = scaled(motion, bench, SMALLER)
-    return Planned(motion, _within(robot, bench, motion, values))
+        motion = scaled(motion, setup, SMALLER)
+    return Planned(motion, _within(robot, setup, motion, values))
 
 
-def _within(robot: Robot, bench: Bench, motion: Motion, values: Values) -> bool:
+def _within(robot: Robot, setup: DriveSetup, motion: Motion, values: Values) -> bool:
     """Whether every joint whose position is logged is predicted to stay in the range that the model gives it."""
     limits = optional.limits(robot)
     if not limits:
         return True
-    seen = _readings(robot, bench, motion, values)
+    seen = _readings(robot, setup, motion, values)
     return all(
         low <= y.min() and y.max() <= high
         for joint, (low, high) in limits.items()

@@ -6,7 +6,7 @@ import numpy as np
 
 from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.errors import BadInput
-from residual_mpc.export.soften import softened
+from residual_mpc.export.soften import smoothed
 from residual_mpc.learning.forms.body import BODY, WORLD
 from residual_mpc.learning.network.mlp import Mlp
 from residual_mpc.learning.network.residual import Residual
@@ -47,7 +47,7 @@ def residual_delta(
     """
     scaled = [(v - m) / s for v, m, s in zip(z, residual.input_mean, residual.input_scale, strict=True)]
     if np.isfinite(residual.limit):
-        held = ops if smooth == 0.0 else softened(ops, smooth)
+        held = ops if smooth == 0.0 else smoothed(ops, smooth)
         scaled = [clip(held, v, -residual.limit, residual.limit) for v in scaled]
     out = network(ops, residual.net, theta, scaled, smooth)
     return [d * s for s, d in zip(residual.output_scale, out, strict=True)]

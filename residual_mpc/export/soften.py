@@ -6,7 +6,7 @@ from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.models.stepping import Kinks
 
 
-def softened(ops: Ops, width: float) -> Ops:
+def smoothed(ops: Ops, width: float) -> Ops:
     """The table with |x| as sqrt(x^2 + width^2) and what follows from it; width in the unit of the signal.
 
     |x| is at most `width` off, a minimum or maximum half of that, each at its kink; sgn(x) is x / |x|.
@@ -28,4 +28,4 @@ def kinks(ops: Ops, width: float) -> Kinks:
     """How signals see their kinks: exactly (width 0), or rounded by `width` command units."""
     if width == 0.0:
         return Kinks(ops, lambda scale: ops, 0.0)
-    return Kinks(ops, lambda scale: softened(ops, width * scale), width)
+    return Kinks(ops, lambda scale: smoothed(ops, width * scale), width)

@@ -10,17 +10,17 @@ import numpy as np
 
 from residual_mpc.errors import BadInput
 from residual_mpc.init.calibration.servos import find_gains, find_kinds
-from residual_mpc.init.calibration.signs import Turned, find_signs, true_values
-from residual_mpc.init.calibration.units import InUnit, find_units
-from residual_mpc.init.columns.evidence import Case, Roles, where_on
-from residual_mpc.init.columns.guess import Guess, Mend
+from residual_mpc.init.calibration.signs import SignAndZero, find_signs, true_values
+from residual_mpc.init.calibration.units import UnitGuess, find_units
+from residual_mpc.init.columns.evidence import ColumnEvidence, Roles, where_on
+from residual_mpc.init.columns.guess import Guess, LogCorrection
 from residual_mpc.init.columns.recording import Recording, read_recordings
 from residual_mpc.init.columns.signals import gather
 from residual_mpc.init.columns.time_column import find_clock
-from residual_mpc.init.columns.words import Words, read_words
+from residual_mpc.init.columns.words import ColumnName, read_words
 from residual_mpc.init.roles.planar_pose import find_pose, heading_in_degrees, pose_role
 from residual_mpc.init.roles.roles import find_roles
-from residual_mpc.init.run_settings import Setting, find_settings
+from residual_mpc.init.run_settings import RunSetting, find_settings
 from residual_mpc.logs.columns import group, is_measured
 from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.model_structure import ModelStructure, read_model_structure
@@ -60,9 +60,9 @@ class Draft:
     payload_site: str | None
     pose_body: str | None
     tunable: tuple[str, ...]
-    settings: tuple[Setting, ...]
+    settings: tuple[RunSetting, ...]
     guesses: tuple[Guess, ...]
-    mends: tuple[Mend, ...]
+    mends: tuple[LogCorrection, ...]
     unmatched: tuple[Unmatched, ...]
     missing: tuple[Unmatched, ...]
     notes: tuple[str, ...]
@@ -80,7 +80,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     signals = gather(recordings, clock)
     words = {name: read_words(name) for name in signals.names}
     pose, left = find_pose(words, signals) if structure.base is not None else (Roles({}), {})
-    case = Case(structure, signals, {n: w for n, w in words.items() if n not in pose.columns.values()})
+    case = ColumnEvidence(structure, signals, {n: w for n, w in words.items() if n not in pose.columns.values()})
     roles = _served(case, _shared_switch(case, find_roles(case))).plus(pose)
     _refuse_empty(roles, structure, recordings)
 
@@ -130,7 +130,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     )
 
 
-def _served(case: Case, roles: Roles) -> Roles:
+def _served(case: ColumnEvidence, roles: Roles) -> Roles:
     """Velocity actuators without a command column are driven by the velocity that was measured."""
     velocities = roles.of("velocity")
     lacking = [d for d in case.driven if d.kind == "velocity" and f"command.{d.name}" not in roles.columns]
@@ -140,7 +140,7 @@ def _served(case: Case, roles: Roles) -> Roles:
     return roles.plus(Roles(columns, tuple(Guess(name, c, why, 0.7) for name, c in columns.items())))
 
 
-def _shared_switch(case: Case, roles: Roles) -> Roles:
+def _shared_switch(case: ColumnEvidence, roles: Roles) -> Roles:
     """One switch in the table is the switch of all actuators."""
     switches = [
         n
@@ -183,11 +183,13 @@ def _log(roles: Roles, clock: str, recordings: Sequence[Recording]) -> dict[str,
     return {name: column for name, column in named.items() if name != column}
 
 
-def _mends(case: Case, roles: Roles, units: Mapping[str, InUnit], turned: Mapping[str, Turned]) -> list[Mend]:
+def _mends(
+    case: ColumnEvidence, roles: Roles, units: Mapping[str, UnitGuess], turned: Mapping[str, SignAndZero]
+) -> list[LogCorrection]:
     """Unit, sign and zero of each column, as one formula."""
     mends = []
     for column in dict.fromkeys(roles.columns.values()):
-        unit, turn = units.get(column), turned.get(column, Turned())
+        unit, turn = units.get(column), turned.get(column, SignAndZero())
         size = 1.0 if unit is None else unit.unit.size
         factor = turn.sign * size
         if factor == 1.0 and turn.offset == 0.0:
@@ -196,11 +198,11 @@ def _mends(case: Case, roles: Roles, units: Mapping[str, InUnit], turned: Mappin
         if unit is not None and size != 1.0:
             reasons.insert(0, f"it is in {unit.unit.name} ({unit.why})")
         sure = min(turn.sure, unit.sure if unit is not None and size != 1.0 else 1.0)
-        mends.append(Mend(column, factor, turn.offset, "; ".join(reasons), sure))
+        mends.append(LogCorrection(column, factor, turn.offset, "; ".join(reasons), sure))
     return mends
 
 
-def _unit_guesses(units: Mapping[str, InUnit]) -> list[Guess]:
+def _unit_guesses(units: Mapping[str, UnitGuess]) -> list[Guess]:
     return [Guess(f"unit of {column}", u.unit.name, u.why, u.sure, u.rivals) for column, u in units.items()]
 
 
@@ -234,7 +236,7 @@ def _run_guess(recordings: Sequence[Recording]) -> tuple[Guess, ...]:
     return (Guess("run", column, f"its name, and it tells {count} runs apart", 0.99 if column == "run" else 0.8),)
 
 
-def _no_pose(structure: ModelStructure, words: Mapping[str, Words]) -> dict[str, str]:
+def _no_pose(structure: ModelStructure, words: Mapping[str, ColumnName]) -> dict[str, str]:
     """Why columns that may be a pose are left by a model that cannot drive."""
     if structure.base is not None:
         return {}
@@ -243,7 +245,7 @@ def _no_pose(structure: ModelStructure, words: Mapping[str, Words]) -> dict[str,
 
 
 def _unmatched(
-    case: Case, roles: Roles, recordings: Sequence[Recording], left: Mapping[str, str]
+    case: ColumnEvidence, roles: Roles, recordings: Sequence[Recording], left: Mapping[str, str]
 ) -> tuple[Unmatched, ...]:
     used = set(roles.columns.values())
     texts = dict.fromkeys(t for r in recordings for t in r.texts if t != r.run_column)
@@ -253,7 +255,7 @@ def _unmatched(
     )
 
 
-def _why_left(case: Case, words: Words) -> str:
+def _why_left(case: ColumnEvidence, words: ColumnName) -> str:
     if not case.signals.moves(words.name):
         return "it never changes, and its name fits nothing that is left"
     if words.quantity == "effort":
@@ -265,7 +267,7 @@ def _why_left(case: Case, words: Words) -> str:
     return "neither its name nor its data fit a joint or an actuator that is left"
 
 
-def _missing(case: Case, roles: Roles) -> tuple[Unmatched, ...]:
+def _missing(case: ColumnEvidence, roles: Roles) -> tuple[Unmatched, ...]:
     """Commands without which `gap` refuses the runs, and joints that nothing measures."""
     missing = []
     joints = {j for g in ("position", "velocity") for j in roles.of(g)}

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.columns.guess import Mend
+from residual_mpc.init.columns.guess import LogCorrection
 from residual_mpc.init.columns.recording import dates_as_numbers
 from residual_mpc.logs.readers.cells import numbers_or_none
 from residual_mpc.logs.readers.find import find_tables, stem
 from residual_mpc.logs.readers.table import read_header, read_table
 
 
-def write_mended(paths: Sequence[str | Path], mends: Sequence[Mend], folder: Path) -> tuple[Path, ...]:
+def write_corrected_logs(paths: Sequence[str | Path], mends: Sequence[LogCorrection], folder: Path) -> tuple[Path, ...]:
     """The tables with their columns mended, as Parquet files of the same names; all else is kept.
 
     Raises BadInput where a file is there already, two tables have one name, or the folder cannot be written.
@@ -43,7 +43,7 @@ def write_mended(paths: Sequence[str | Path], mends: Sequence[Mend], folder: Pat
     return tuple(targets)
 
 
-def _mended(source: Path, mends: Sequence[Mend]) -> dict[str, Any]:
+def _mended(source: Path, mends: Sequence[LogCorrection]) -> dict[str, Any]:
     import pyarrow as pa
 
     header = read_header(source)

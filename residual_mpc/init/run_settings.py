@@ -15,7 +15,7 @@ MARKS = "_-./ "
 
 
 @dataclass(frozen=True)
-class Setting:
+class RunSetting:
     """One [[variant]]: runs is a glob pattern on their names."""
 
     runs: str
@@ -24,7 +24,7 @@ class Setting:
 
 def find_settings(
     model: Path, structure: ModelStructure, recordings: Sequence[Recording]
-) -> tuple[tuple[Setting, ...], tuple[Guess, ...]]:
+) -> tuple[tuple[RunSetting, ...], tuple[Guess, ...]]:
     """A variant for each model file beside `model` whose stem begins the names of runs, if `model`'s begins some too.
 
     Such files name the same joints and actuators, and every run is then of one of them.
@@ -41,7 +41,7 @@ def find_settings(
     settings, guesses = [], []
     for path, mine in begun.items():
         pattern = f"{path.stem}*"
-        settings.append(Setting(pattern, path))
+        settings.append(RunSetting(pattern, path))
         why = f"its name begins those of {len(mine)} of the runs, and it has the same joints and actuators"
         guesses.append(Guess(f"model of the runs {pattern}", path.name, why, 0.85))
     return tuple(settings), tuple(guesses)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.columns.guess import Mend
-from residual_mpc.init.mended_logs import write_mended
+from residual_mpc.init.columns.guess import LogCorrection
+from residual_mpc.init.mended_logs import write_corrected_logs
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.readers.read import read_runs
@@ -29,7 +29,7 @@ class Trial:
         return tuple(f for f in self.findings if f.severity == "error")
 
 
-def try_robot(text: str, folder: Path, paths: Sequence[str | Path], mends: Sequence[Mend]) -> Trial:
+def try_robot(text: str, folder: Path, paths: Sequence[str | Path], mends: Sequence[LogCorrection]) -> Trial:
     """Load a robot file that would lie in `folder`, and audit its runs with the mends made.
 
     Raises BadInput where the robot does not load, whatever the runs; what is wrong with the runs is a finding.
@@ -39,7 +39,7 @@ def try_robot(text: str, folder: Path, paths: Sequence[str | Path], mends: Seque
         robot = _load(text, here, folder)
         model = load_robot(robot)
         try:
-            tables = write_mended(paths, mends, Path(scratch)) if mends else paths
+            tables = write_corrected_logs(paths, mends, Path(scratch)) if mends else paths
             result = read_runs(tables, robot)
             check_columns(result.runs, [model] * len(result.runs))
         except BadInput as fault:

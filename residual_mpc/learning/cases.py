@@ -30,7 +30,7 @@ class Condition:
         return self.without > self.with_earlier
 
 
-def check_alike(earlier: Residual, blank: Residual, source: str) -> None:
+def check_compatible(earlier: Residual, blank: Residual, source: str) -> None:
     """Raises BadInput where a residual to begin from is not of the robot, form and step at hand."""
     for what, came, wanted in (
         ("takes", earlier.inputs, blank.inputs),
@@ -51,7 +51,7 @@ def check_alike(earlier: Residual, blank: Residual, source: str) -> None:
         )
 
 
-def plus(first: Residual, second: Residual) -> Residual:
+def add_residuals(first: Residual, second: Residual) -> Residual:
     """One residual that is the sum of two of the same form and depth: their networks side by side in a wider one.
 
     Exact where neither holds its inputs back; beyond, the first one's limit is that of both.
@@ -86,9 +86,9 @@ def plus(first: Residual, second: Residual) -> Residual:
     return replace(first, net=net, theta=theta, output_scale=scale)
 
 
-def total(residuals: Sequence[Residual]) -> Residual:
+def sum_residuals(residuals: Sequence[Residual]) -> Residual:
     """The sum of one or more residuals as one, of the robot and with the step of the last."""
     out = residuals[0]
     for r in residuals[1:]:
-        out = plus(out, r)
+        out = add_residuals(out, r)
     return replace(out, step=residuals[-1].step, robot=residuals[-1].robot)

@@ -1,9 +1,9 @@
 """Sections, figures and templates that become one self-contained HTML file."""
 
-from residual_mpc.report.evidence import Evidence, Panel, Windows
+from residual_mpc.report.evidence.evidence import Evidence, Panel, Windows
 from residual_mpc.report.report import compose, write_report
 from residual_mpc.report.terminal import diagnosis_lines, gap_lines
-from residual_mpc.report.wording import sentence
+from residual_mpc.report.words.summary import sentence
 
 __all__ = [
     "Evidence",

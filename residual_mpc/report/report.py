@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from residual_mpc.files import write_atomically
-from residual_mpc.report.evidence import Evidence
-from residual_mpc.report.section import Document, Maker, Section, render
+from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.sections.audit import audit
 from residual_mpc.report.sections.causes import causes
 from residual_mpc.report.sections.confounded import confounded
@@ -13,6 +12,7 @@ from residual_mpc.report.sections.gap import gap
 from residual_mpc.report.sections.left import left
 from residual_mpc.report.sections.next import next_experiment
 from residual_mpc.report.sections.not_testable import not_testable
+from residual_mpc.report.sections.section import Document, Maker, Section, render
 from residual_mpc.report.sections.traces import traces
 from residual_mpc.report.sections.verdict import verdict
 from residual_mpc.report.sections.where import where

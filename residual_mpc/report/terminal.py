@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import Any
 
-from residual_mpc.report.wording import sentence, surest_first, unseen
 from residual_mpc.report.words.effects import numbers_of
 from residual_mpc.report.words.gaps import few_windows, horizon_line, horizons_of, warnings
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
 from residual_mpc.report.words.rest import rest_sentence
+from residual_mpc.report.words.summary import sentence, surest_first, unseen
 
 Document = Mapping[str, Any]
 

@@ -16,12 +16,12 @@ from residual_mpc.export import Augmented, Build, augment
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.settings import Knob, Values
 from scenarios.closed_loop.robot_setup import RobotSetup
-from scenarios.closed_loop.scenario import ClosedLoop, beginning
-from scenarios.closed_loop.training_runs import Learned
+from scenarios.closed_loop.scenario import ClosedLoop, start_reading
+from scenarios.closed_loop.training_runs import TrainingOutcome
 
 
 def controllers(
-    scenario: ClosedLoop, setup: RobotSetup, learned: Learned, options: RunOptions
+    scenario: ClosedLoop, setup: RobotSetup, learned: TrainingOutcome, options: RunOptions
 ) -> dict[str, ControlStack]:
     """nominal, effects, network, augmented, online (with the MPC alone), oracle."""
     truth = {Knob(*where): value for where, value in scenario.withheld.items()}
@@ -34,7 +34,7 @@ def controllers(
     }
     out = {name: _stack(scenario, setup, *model, options) for name, model in models.items()}
     if options.controller == "mpc":
-        blank = _stack(scenario, setup, {}, setup.untaught(options.seed, scenario.dt), options)
+        blank = _stack(scenario, setup, {}, setup.blank_network(options.seed, scenario.dt), options)
         online = ControlStack(blank.estimator, blank.controller, lambda: OnlineLearner(blank.estimator, setup.online))
         out = {**{n: c for n, c in out.items() if n != "oracle"}, "online": online, "oracle": out["oracle"]}
     return out
@@ -60,4 +60,4 @@ def _controller(scenario: ClosedLoop, setup: RobotSetup, model: Augmented, optio
         return build_mpc(model, settings)
     samples = round(scenario.seconds / scenario.dt) + 1 + settings.horizon
     reference = scenario.reference()
-    return build_lqr(model, reference.path(scenario.dt * np.arange(samples)), settings, beginning(reference))
+    return build_lqr(model, reference.path(scenario.dt * np.arange(samples)), settings, start_reading(reference))

@@ -11,7 +11,7 @@ from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.files import write_atomically
 from scenarios.closed_loop.scenario import ClosedLoop
-from scenarios.closed_loop.training_runs import Learned
+from scenarios.closed_loop.training_runs import TrainingOutcome
 
 COLOURS = {
     "nominal": "#c0392b",
@@ -24,7 +24,7 @@ COLOURS = {
 
 
 def write(
-    out: Path, scenario: ClosedLoop, comparison: Comparison, learned: Learned, result: dict[str, Any]
+    out: Path, scenario: ClosedLoop, comparison: Comparison, learned: TrainingOutcome, result: dict[str, Any]
 ) -> list[str]:
     """Fill the folder; returns the names of the files."""
     out.mkdir(parents=True, exist_ok=True)

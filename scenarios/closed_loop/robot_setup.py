@@ -17,8 +17,8 @@ Teach = Callable[[tuple[Run, ...], Values, int], Residual]  # runs, effects unde
 @dataclass(frozen=True, eq=False)
 class RobotSetup:
     """robot: the nominal model. noise: what a robot file would say of the sensors, 1-sigma by channel. control:
-    weights, limits and horizon, equal for all controllers. untaught(seed, dt): a network of zero output, as before any
-    data.
+    weights, limits and horizon, equal for all controllers. blank_network(seed, dt): a network of zero output, as
+    before any data.
     """
 
     robot: Robot
@@ -26,5 +26,5 @@ class RobotSetup:
     estimator: EstimatorSettings
     control: MpcSettings
     teach: Teach
-    untaught: Callable[[int, float], Residual]
+    blank_network: Callable[[int, float], Residual]
     online: OnlineSettings

@@ -59,7 +59,7 @@ class ClosedLoop:
         rivals = controllers(self, setup, learned, options)
         comparison = compare(
             self.simulator(), rivals, reference, LoopSettings(self.seconds, self.dt), seeds_of(options),
-            self.limits, lambda stage, done: progress(stage, 0.45 + 0.5 * done), beginning(reference),
+            self.limits, lambda stage, done: progress(stage, 0.45 + 0.5 * done), start_reading(reference),
         )  # fmt: skip
         result = document(comparison, self.name, self.plant, np.random.default_rng(options.seed))
         result["controller"] = options.controller
@@ -75,7 +75,7 @@ class ClosedLoop:
         return replace(self, seconds=seconds)
 
 
-def beginning(reference: "Reference") -> "Reading | None":
+def start_reading(reference: "Reference") -> "Reading | None":
     """Where a robot begins; None: at the path's first pose."""
     begin = getattr(reference, "begin", None)
     return None if begin is None else begin()

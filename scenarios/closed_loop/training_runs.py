@@ -21,13 +21,13 @@ from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings, Values, assemble
 from scenarios.closed_loop.robot_setup import RobotSetup
-from scenarios.closed_loop.scenario import ClosedLoop, beginning
+from scenarios.closed_loop.scenario import ClosedLoop, start_reading
 
 PRACTICE_SEED = 7_000  # far from the seeds that are scored
 
 
 @dataclass(frozen=True, eq=False)
-class Learned:
+class TrainingOutcome:
     """made: their diagnosis; network: taught on the nominal model; rest: on the diagnosed one."""
 
     runs: tuple[Run, ...]
@@ -55,7 +55,9 @@ class Learned:
         return {"verdict": d.verdict, "before": d.gap.before, "after": d.gap.after, "shrink": shrink, "effects": named}
 
 
-def drive_training_runs(scenario: ClosedLoop, setup: RobotSetup, options: RunOptions, progress: Progress) -> Learned:
+def drive_training_runs(
+    scenario: ClosedLoop, setup: RobotSetup, options: RunOptions, progress: Progress
+) -> TrainingOutcome:
     """Drive every training motion once with the nominal MPC, diagnose the runs, teach the networks."""
     from controllers.mpc import build_mpc
 
@@ -67,7 +69,7 @@ def drive_training_runs(scenario: ClosedLoop, setup: RobotSetup, options: RunOpt
         reference = make()
         episode = run_closed_loop(
             scenario.simulator(), estimator, controller, reference, LoopSettings(seconds, scenario.dt),
-            np.random.default_rng((PRACTICE_SEED, options.seed, i)), f"practice_{i}", at=beginning(reference),
+            np.random.default_rng((PRACTICE_SEED, options.seed, i)), f"practice_{i}", at=start_reading(reference),
         )  # fmt: skip
         runs.append(episode.run())
     progress("practice: diagnosing the log", 0.1)
@@ -76,10 +78,10 @@ def drive_training_runs(scenario: ClosedLoop, setup: RobotSetup, options: RunOpt
     progress("practice: teaching the networks", 0.35)
     log = tuple(runs)
     on_top = setup.teach(log, made.diagnosis.values, options.seed)
-    return Learned(log, made, setup.teach(log, {}, options.seed), on_top)
+    return TrainingOutcome(log, made, setup.teach(log, {}, options.seed), on_top)
 
 
-def closed_loop_gap(episodes: Sequence[Episode], learned: Learned, setup: RobotSetup) -> dict[str, Any]:
+def closed_loop_gap(episodes: Sequence[Episode], learned: TrainingOutcome, setup: RobotSetup) -> dict[str, Any]:
     """The gap on what the effects' controller drove, before and after them, beside the shrink that was stated."""
     data = build_dataset([e.run() for e in episodes], [setup.robot] * len(episodes), setup.noise)
     scales, everything = measure_scales(data), np.ones(data.count, dtype=bool)

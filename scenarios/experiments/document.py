@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from residual_mpc.learning.h2 import H2, SPAN, summary
-from residual_mpc.learning.stream.samples import spikes
+from residual_mpc.learning.stream.samples import reference_outliers
 from scenarios.experiments.setting import SeedResult
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def of_form(results: Sequence[SeedResult], jumps: bool) -> dict[str, Any]:
     """What one form of the residual came to."""
     step = results[0].setting.samples.step
     norms = [x.streamed.h2 for x in results]
-    jump = [spikes(x.setting.samples)[: len(n)] & jumps for x, n in zip(results, norms, strict=True)]
+    jump = [reference_outliers(x.setting.samples)[: len(n)] & jumps for x, n in zip(results, norms, strict=True)]
     seen = [np.where(j, np.nan, n) for j, n in zip(jump, norms, strict=True)]
     h2, literal = (summary(mean_over_seeds(n), step) for n in (seen, norms))
     ms = np.concatenate([x.streamed.update_ms for x in results])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from residual_mpc.learning.h2 import running_mean
-from residual_mpc.learning.stream.samples import predict, rest
+from residual_mpc.learning.stream.samples import initial_memory, predict
 from scenarios.experiments.setting import SeedResult
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def draw(experiment: "Experiment", done: Mapping[str, Sequence[SeedResult]], pat
     result = done[first][0]
     s, v = result.setting.samples, result.streamed.velocity
     t = s.t[: len(v)] - s.t[0]
-    bare = predict((), s, rest(s)).velocity
+    bare = predict((), s, initial_memory(s)).velocity
     components = len(experiment.labels)
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     grid = figure.add_gridspec(components + 2, 2, height_ratios=[1.0] * components + [1.0, 1.4])

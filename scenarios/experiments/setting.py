@@ -7,8 +7,8 @@ import numpy as np
 
 from residual_mpc.learning.cases import Condition
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.learning.stream.samples import Samples, h2_norm, predict, rest
-from residual_mpc.learning.stream.updates import Streamed, StreamSettings, learn_stream
+from residual_mpc.learning.stream.samples import Samples, h2_norms, initial_memory, predict
+from residual_mpc.learning.stream.updates import StreamResult, StreamSettings, learn_stream
 
 Names = tuple[tuple[str, ...], tuple[str, ...]]  # of inputs and outputs
 ASKED = 10.0  # s of data on which the paper's condition is asked
@@ -35,7 +35,7 @@ class SeedResult:
     setting: Setting
     settings: StreamSettings
     condition: Condition | None
-    streamed: Streamed
+    streamed: StreamResult
     before: float
     after: float
 
@@ -54,5 +54,5 @@ def learn(setting: Setting, settings: StreamSettings, rng: np.random.Generator) 
 
 
 def _mean(residuals: Sequence[Residual], samples: Samples, settings: StreamSettings) -> float:
-    velocity = predict(residuals, samples, rest(samples), settings.low_pass).velocity
-    return float(np.nanmean(h2_norm(samples, velocity)))
+    velocity = predict(residuals, samples, initial_memory(samples), settings.low_pass).velocity
+    return float(np.nanmean(h2_norms(samples, velocity)))

@@ -14,7 +14,7 @@ from test_sweep import CANARY, STUB, small_case, stub
 from residual_mpc.blind import experiment as experiment_module
 from residual_mpc.blind import make as make_module
 from residual_mpc.blind.commanded_motion import read_commanded_motions
-from residual_mpc.blind.experiment import ExperimentSettings, carry_out
+from residual_mpc.blind.experiment import ExperimentSettings, run_experiments
 from residual_mpc.blind.make import MakeSettings, make_suite
 from residual_mpc.blind.records import Answer
 from residual_mpc.blind.run import RunSettings, run_suite
@@ -45,7 +45,7 @@ def settings(*told: str, jobs: int = 1) -> ExperimentSettings:
 
 
 def experiments(place: Path, *told: str):
-    return carry_out(
+    return run_experiments(
         place / "suite", place / "answers", place / "results", place / "out", settings(*told), lambda text, done: None
     )
 
@@ -53,7 +53,7 @@ def experiments(place: Path, *told: str):
 @pytest.fixture
 def suite(tmp_path, monkeypatch):
     monkeypatch.setattr(make_module, "make_case", small_case)
-    monkeypatch.setattr(experiment_module, "make_twin", stub_twin)
+    monkeypatch.setattr(experiment_module, "make_hidden_robot", stub_twin)
     make_suite(MakeSettings(("wheeled",), ("single",), cases=2, jobs=1), tmp_path / "suite", tmp_path / "answers")
     run_suite(tmp_path / "suite", tmp_path / "results", RunSettings(stub("unknown"), jobs=1))
     return tmp_path
@@ -91,14 +91,17 @@ def test_a_diagnosis_that_leaves_nothing_open_needs_no_experiment(suite):
 
 
 def test_a_robot_that_is_not_the_one_that_was_sealed_is_refused(suite, monkeypatch):
-    monkeypatch.setattr(experiment_module, "make_twin", lambda f, level, seed, to: stub_twin(f, level, seed + 1, to))
+    def other(family, level, seed, to):
+        return stub_twin(family, level, seed + 1, to)
+
+    monkeypatch.setattr(experiment_module, "make_hidden_robot", other)
     assert experiments(suite, "effects").failed == 2
     assert all("draws another robot" in r["status"] for r in records(suite))
 
 
 def test_failing_experiments_fail_alone(suite, monkeypatch):
     monkeypatch.setattr(
-        experiment_module, "make_twin", lambda *case: StubTwin(stub_twin(*case).answer, safe=case[2] != 0)
+        experiment_module, "make_hidden_robot", lambda *case: StubTwin(stub_twin(*case).answer, safe=case[2] != 0)
     )
     assert experiments(suite, "effects", "slope", "-").failed == 1
     assert sum("runs away" in r["status"] for r in records(suite)) == 1

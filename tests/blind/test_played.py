@@ -9,7 +9,7 @@ from plants.blind_families.arm.setting import draw_setting as draw_arm_setting
 from plants.blind_families.wheeled.family import WheeledBench
 from plants.blind_families.wheeled.setting import draw_setting
 from residual_mpc.blind.commanded_motion import CommandedMotion
-from residual_mpc.blind.families import make_case, make_twin
+from residual_mpc.blind.families import make_case, make_hidden_robot
 from residual_mpc.blind.levels import LEVELS
 from residual_mpc.blind.seal import digest
 
@@ -67,5 +67,5 @@ def test_an_arm_plays_commands_and_has_its_motors_off(tmp_path):
 
 def test_the_twin_of_a_case_is_the_robot_of_that_case(tmp_path):
     answer = make_case("wheeled", "none", 7, tmp_path / "a")
-    twin = make_twin("wheeled", "none", 7, tmp_path / "b")
+    twin = make_hidden_robot("wheeled", "none", 7, tmp_path / "b")
     assert twin.answer == answer and digest(tmp_path / "a" / "case") == digest(tmp_path / "b" / "case")

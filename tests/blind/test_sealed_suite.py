@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from residual_mpc.blind.experiment import ExperimentSettings, carry_out
+from residual_mpc.blind.experiment import ExperimentSettings, run_experiments
 from residual_mpc.blind.make import MakeSettings, make_suite
 from residual_mpc.blind.run import RunSettings, run_suite
 from residual_mpc.blind.score.score import score_suite
@@ -63,7 +63,7 @@ def test_the_proposed_experiment_settles_a_group(tmp_path):
     first, out = tmp_path / "first", tmp_path / "out"
     run_suite(tmp_path / "suite", first, RunSettings(jobs=1, timeout=900))
     quiet = ExperimentSettings(jobs=1, timeout=900)
-    summary = carry_out(tmp_path / "suite", tmp_path / "answers", first, out, quiet, lambda text, done: None)
+    summary = run_experiments(tmp_path / "suite", tmp_path / "answers", first, out, quiet, lambda text, done: None)
     assert (summary.open, summary.failed) == (1, 0)
     scores = score_suite(tmp_path / "suite", tmp_path / "answers", {"diagnose": first}, tmp_path / "ledger", out)
     assert scores.experiments is not None

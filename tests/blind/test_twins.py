@@ -1,14 +1,14 @@
 """The one list of effects that data cannot part."""
 
 from residual_mpc.blind.inseparable import may_be_withheld
-from residual_mpc.effects.equivalents import twins_of
+from residual_mpc.effects.equivalents import inseparable_from
 
 
 def test_twins_are_read_both_ways_and_depend_on_what_was_logged():
-    assert "sensor_delay" in twins_of("command_delay", ("wheeled", "no_encoders"))
-    assert "command_delay" in twins_of("sensor_delay", ("wheeled", "no_encoders"))
-    assert twins_of("command_delay", ("wheeled", "encoders")) == ()
-    assert twins_of("slope", ("wheeled", "straight", "no_encoders")) == (
+    assert "sensor_delay" in inseparable_from("command_delay", ("wheeled", "no_encoders"))
+    assert "command_delay" in inseparable_from("sensor_delay", ("wheeled", "no_encoders"))
+    assert inseparable_from("command_delay", ("wheeled", "encoders")) == ()
+    assert inseparable_from("slope", ("wheeled", "straight", "no_encoders")) == (
         "actuator_gain",
         "longitudinal_slip",
         "wheel_radius",

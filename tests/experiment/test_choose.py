@@ -7,14 +7,14 @@ import pytest
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.experiment import choose as choose_module
-from residual_mpc.experiment.bench import Bench
 from residual_mpc.experiment.choose import PARTS, choose
+from residual_mpc.experiment.drive_setup import DriveSetup
 from residual_mpc.experiment.separate import Planned, Separation
 
 ROBOT = DiffDrive("rover", 0.05, 0.2)
 ONE = np.ones(1)
-ARM = Bench(("j1",), -ONE, ONE, 0 * ONE, 0.02, {"position.j1": 1e-3}, {"position.j1": 0.0})
-ROVER = Bench(("left", "right"), -np.ones(2), np.ones(2), np.zeros(2), 0.02, {"pose.x": 1e-3}, {"pose.x": 0.0})
+ARM = DriveSetup(("j1",), -ONE, ONE, 0 * ONE, 0.02, {"position.j1": 1e-3}, {"position.j1": 0.0})
+ROVER = DriveSetup(("left", "right"), -np.ones(2), np.ones(2), np.zeros(2), 0.02, {"pose.x": 1e-3}, {"pose.x": 0.0})
 
 
 def chosen(bench, monkeypatch, ratio):

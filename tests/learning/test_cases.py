@@ -8,7 +8,7 @@ from contracts.cart_plant import Cart
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.errors import BadInput
-from residual_mpc.learning.cases import check_alike, plus, total
+from residual_mpc.learning.cases import add_residuals, check_compatible, sum_residuals
 from residual_mpc.learning.forms.registry import form_named
 from residual_mpc.learning.forms.residual_robot import ResidualRobot, with_residual
 from residual_mpc.learning.h2 import summary
@@ -113,11 +113,11 @@ def test_a_linear_body_residual_is_a_first_order_lag():
 def test_a_sum_of_residuals_is_one_residual():
     first, second = residual(ROVER, "body", 1), replace(residual(ROVER, "body", 2, (7, 4)), limit=np.inf)
     first = replace(first, limit=np.inf)
-    both = plus(first, second)
+    both = add_residuals(first, second)
     z = np.random.default_rng(0).standard_normal((50, 5))
     assert both.net.hidden == (17, 14)
     np.testing.assert_allclose(both(z), first(z) + second(z), atol=1e-12)
-    np.testing.assert_allclose(total((first, second, first))(z), 2 * first(z) + second(z), atol=1e-12)
+    np.testing.assert_allclose(sum_residuals((first, second, first))(z), 2 * first(z) + second(z), atol=1e-12)
 
 
 def test_residuals_of_another_robot_are_refused():
@@ -125,7 +125,7 @@ def test_residuals_of_another_robot_are_refused():
     with pytest.raises(BadInput, match="cart"):
         with_residual([ROVER], joint)
     with pytest.raises(BadInput, match="other.json"):
-        check_alike(joint, residual(ROVER, "body"), "other.json")
+        check_compatible(joint, residual(ROVER, "body"), "other.json")
 
 
 def test_h2_figures_of_a_norm_that_falls_to_a_level():

@@ -17,9 +17,9 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.learning.batch import checkpoint
-from residual_mpc.learning.batch.training import Learned, Task, train
+from residual_mpc.learning.batch.training import Task, TrainingResult, train
 from residual_mpc.learning.batch.window_linearisation import linearise_window
-from residual_mpc.learning.batch.window_updates import LearnSettings, begin
+from residual_mpc.learning.batch.window_updates import LearnSettings, build_training_problem
 from residual_mpc.learning.forms.registry import form_named
 from residual_mpc.learning.network.residual import to_json
 from residual_mpc.models.settings import Settings
@@ -40,7 +40,7 @@ def runs():
 
 
 @pytest.fixture(scope="module")
-def learned(runs) -> Learned:
+def learned(runs) -> TrainingResult:
     return train(task(runs), QUICK, np.random.default_rng(0))
 
 
@@ -105,7 +105,9 @@ def test_a_cost_stands_on_both_sides_of_its_channel(runs):
     made = []
     for costs in ((), (("pose.theta", 3.0),)):
         settings, rng = LearnSettings(costs=costs), np.random.default_rng(0)
-        problem, blank = begin(data, form_named("body"), 0.05, settings, Settings(1), (), seen, everything, rng)
+        problem, blank = build_training_problem(
+            data, form_named("body"), 0.05, settings, Settings(1), (), seen, everything, rng
+        )
         made.append(linearise_window(problem, blank, 2, 0.1 * blank.output_scale, np.zeros(len(data.channels))))
     plain, costly = made
     cost = np.where(plain.samples[1] == data.channels.index("pose.theta"), 3.0, 1.0)

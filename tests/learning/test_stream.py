@@ -9,7 +9,14 @@ from residual_mpc.learning.filter.kalman import FilterSettings
 from residual_mpc.learning.network import low_pass
 from residual_mpc.learning.network.mlp import Mlp, forward, initial_weights, input_slope
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.learning.stream.samples import Samples, growth, predict, response, rest, spikes
+from residual_mpc.learning.stream.samples import (
+    Samples,
+    feedback_growth,
+    initial_memory,
+    predict,
+    reference_outliers,
+    response,
+)
 from residual_mpc.learning.stream.updates import StreamSettings, learn_stream
 
 NAMES = (("a", "b", "c", "d"), ("v", "w"))
@@ -30,7 +37,7 @@ def samples(n: int = 400, fed_back: bool = False, seed: int = 1, noise: float = 
     z = rng.standard_normal((n, 4))
     model = 0.5 * z[:, 2:] + 1.0
     bare = Samples(0.05 * np.arange(n), z, model, np.zeros((n, 2)), 0.05, fed_back)
-    true = predict([residual(7)], bare, rest(bare)).velocity
+    true = predict([residual(7)], bare, initial_memory(bare)).velocity
     return replace(bare, reference=true + noise * rng.standard_normal((n, 2)))
 
 
@@ -43,7 +50,7 @@ def test_the_slope_by_the_inputs_is_the_central_difference():
 
 def test_the_filter_is_the_low_pass():
     s, r = samples(30), residual()
-    at = predict([r], s, rest(s), 0.2)
+    at = predict([r], s, initial_memory(s), 0.2)
     state = low_pass.init(2)
     for k in range(30):
         out, state = low_pass.step(state, r(s.z[k]), 0.05, 0.2)
@@ -55,7 +62,7 @@ def test_the_filter_is_the_low_pass():
 def test_the_response_is_what_a_pushed_output_does(fed_back, time_constant):
     s = samples(8, fed_back)
     r = residual()
-    at = predict([r], s, rest(s), time_constant)
+    at = predict([r], s, initial_memory(s), time_constant)
     through = response([r], s, at, time_constant)
     through = np.eye(16) if through is None else through
     h = 1e-6
@@ -65,7 +72,7 @@ def test_the_response_is_what_a_pushed_output_does(fed_back, time_constant):
             for sign in (1, -1):
                 bump = np.zeros(2)
                 bump[o] = sign * h
-                velocity, memory = [], rest(s)
+                velocity, memory = [], initial_memory(s)
                 for k in range(8):  # the equation written out, with one output pushed
                     z = s.z[k].copy()
                     if fed_back:
@@ -86,7 +93,7 @@ def test_a_planted_residual_is_learned(fed_back, method):
         samples(fed_back=fed_back), NAMES, "task", "toy", replace(QUICK, method=method), np.random.default_rng(0)
     )
     fresh = samples(100, fed_back, seed=9)
-    off = [np.linalg.norm(fresh.reference - predict(r, fresh, rest(fresh)).velocity, axis=1).mean()
+    off = [np.linalg.norm(fresh.reference - predict(r, fresh, initial_memory(fresh)).velocity, axis=1).mean()
            for r in ((), (done.residual,))]  # fmt: skip
     assert off[1] < 0.5 * off[0]
     assert done.h2[-100:].mean() < 0.5 * done.h2[:100].mean()
@@ -119,7 +126,7 @@ def test_a_cost_turns_the_learning_towards_its_component():
     errors = []
     for costs in ((10.0, 0.1), (0.1, 10.0)):
         done = learn_stream(s, NAMES, "task", "toy", replace(small, costs=costs), np.random.default_rng(0))
-        at = predict([done.residual], s, rest(s)).velocity
+        at = predict([done.residual], s, initial_memory(s)).velocity
         errors.append(np.abs(s.reference - at).mean(axis=0))
     assert errors[0][0] < errors[1][0] and errors[1][1] < errors[0][1]
 
@@ -131,7 +138,7 @@ def test_missing_samples_and_spikes_are_borne():
     y[rng.random(400) < 0.1] = np.nan
     y[rng.random(400) < 0.03] += 5.0
     done = learn_stream(replace(s, reference=y), NAMES, "task", "toy", QUICK, np.random.default_rng(0))
-    at = predict([done.residual], s, rest(s)).velocity
+    at = predict([done.residual], s, initial_memory(s)).velocity
     alone = np.abs(s.reference - s.model).mean()
     assert np.isfinite(done.residual.theta).all() and np.abs(s.reference - at).mean() < 0.7 * alone
 
@@ -142,7 +149,7 @@ def test_spikes_are_found_in_the_reference_alone():
     y = np.hstack([np.sin(0.3 * t), np.cos(0.3 * t)]) + 0.01 * np.random.default_rng(0).standard_normal((200, 2))
     y[[20, 90]] += 0.5
     y[150] = np.nan
-    assert np.flatnonzero(spikes(replace(s, reference=y))).tolist() == [20, 90]
+    assert np.flatnonzero(reference_outliers(replace(s, reference=y))).tolist() == [20, 90]
 
 
 def test_feedback_is_kept_from_running_away():
@@ -151,8 +158,8 @@ def test_feedback_is_kept_from_running_away():
     still = replace(s, z=np.ones_like(s.z), model=np.ones_like(s.model), reference=s.reference * 0.0 + 1.5)
     done = learn_stream(still, NAMES, "task", "toy", replace(QUICK, kalman=FilterSettings(1e-3)),
                         np.random.default_rng(0))  # fmt: skip
-    at = predict([done.residual], still, rest(still))
-    assert growth([done.residual], at.z, 2) <= 0.9 + 0.05
+    at = predict([done.residual], still, initial_memory(still))
+    assert feedback_growth([done.residual], at.z, 2) <= 0.9 + 0.05
     assert np.abs(at.velocity - 1.5)[-50:].max() < 0.1
 
 

@@ -7,7 +7,7 @@ import pytest
 from oracles import ukf_literal
 
 from residual_mpc.learning.filter import ekf, ukf
-from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Measurement, start
+from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Measurement, initial_belief
 from residual_mpc.learning.filter.sigma_points import SigmaWeights
 from residual_mpc.learning.filter.window import Window
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
@@ -135,7 +135,7 @@ def test_a_planted_network_is_learned():
     rng = np.random.default_rng(5)
     net = Mlp(5, (10, 10), 3)
     truth = initial_weights(net, rng) + 0.3 * rng.standard_normal(net.size)
-    belief = start(initial_weights(net, rng), 0.1)
+    belief = initial_belief(initial_weights(net, rng), 0.1)
     errors = []
     for _ in range(120):
         z = rng.standard_normal((20, 5))
@@ -153,7 +153,7 @@ def test_the_covariance_stays_positive_under_garbage(huber):
     """10^5 updates of a small net with inputs and references over 16 decades, missing and infinite ones among them."""
     rng = np.random.default_rng(6)
     net = Mlp(3, (4, 4), 2)
-    belief = start(initial_weights(net, rng), 0.1)
+    belief = initial_belief(initial_weights(net, rng), 0.1)
     settings = FilterSettings(1e-9, huber)
     used = 0
     for k in range(100_000):

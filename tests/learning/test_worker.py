@@ -10,9 +10,9 @@ import pytest
 
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.learning.stream.samples import Samples, predict, rest
+from residual_mpc.learning.stream.samples import Samples, initial_memory, predict
 from residual_mpc.learning.stream.settings import StreamSettings
-from residual_mpc.learning.stream.updates import begin, learn_stream
+from residual_mpc.learning.stream.updates import initial_state, learn_stream
 from residual_mpc.learning.stream.worker import Worker
 
 NAMES = (("a", "b", "c"), ("v", "w"))
@@ -31,7 +31,7 @@ def samples(n: int, seed: int, robot: int = 0) -> Samples:
 
 
 def error(residual: Residual, at: Samples) -> float:
-    return float(np.abs(at.reference - predict([residual], at, rest(at)).velocity).mean())
+    return float(np.abs(at.reference - predict([residual], at, initial_memory(at)).velocity).mean())
 
 
 def wait(true, seconds: float = 20.0) -> None:
@@ -53,7 +53,7 @@ def fed(worker: Worker, stream: Samples, updates: int) -> None:
 
 def test_a_worker_learns_beside_the_loop_and_through_its_death():
     head, stream, fresh = samples(20, 1), samples(20_000, 2), samples(200, 3)
-    learning = begin(head, NAMES, "task", "toy", QUICK, np.random.default_rng(0))
+    learning = initial_state(head, NAMES, "task", "toy", QUICK, np.random.default_rng(0))
     first = error(learning.residual, fresh)
     with Worker(learning, QUICK) as worker:
         assert np.array_equal(worker.newest().theta, learning.residual.theta)
@@ -75,7 +75,7 @@ def test_a_worker_learns_beside_the_loop_and_through_its_death():
 
 
 def test_windows_that_there_is_no_time_for_are_counted():
-    learning = begin(samples(20, 1), NAMES, "task", "toy", QUICK, np.random.default_rng(0))
+    learning = initial_state(samples(20, 1), NAMES, "task", "toy", QUICK, np.random.default_rng(0))
     with Worker(learning, QUICK) as worker:
         fed(worker, samples(20_000, 2), 1)
         before = worker.tally

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from fabricated_diagnosis import document, evidence
 
-from residual_mpc.report import Panel, Windows, collect
+from residual_mpc.report import Panel, Windows
+from residual_mpc.report.evidence import collect
+from residual_mpc.report.evidence.held_out import held_out
 from residual_mpc.report.figures import inline as inline_module
 from residual_mpc.report.figures.curve import curve
 from residual_mpc.report.figures.strips import PIECES, strips
 from residual_mpc.report.figures.traces import bridged, rms_error, traces
-from residual_mpc.report.held_out import held_out
 
 NAN = float("nan")
 

@@ -7,12 +7,12 @@ from fabricated_diagnosis import document
 
 from residual_mpc.effects.effect import STAGES
 from residual_mpc.effects.library import LIBRARY
-from residual_mpc.report.wording import sentence
 from residual_mpc.report.words.effects import name, remarks, sentence_of, stage
 from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import in_brackets, listed, measure, measure_interval, number, percent, spelled
 from residual_mpc.report.words.rest import hint_of, rest_sentence
+from residual_mpc.report.words.summary import sentence
 
 
 def plain(text):

@@ -20,9 +20,9 @@ from residual_mpc.closed_loop.stacks import stack_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.export import Build, augment
 from residual_mpc.models.settings import Knob
-from scenarios.arm import DT, ONLINE, arm_twin, circle_line, servo_arm, taught, untaught
+from scenarios.arm import DT, ONLINE, arm_twin, blank_network, circle_line, servo_arm, train_network
 from scenarios.closed_loop.controllers import _controller
-from scenarios.closed_loop.scenario import beginning
+from scenarios.closed_loop.scenario import start_reading
 
 NAMES = ("arm_circle_line", "arm_circle_z")
 
@@ -36,7 +36,7 @@ def drive(setup, simulator, effects, residual=None, seconds=2.0, learner=False, 
     online = OnlineLearner(estimator, ONLINE) if learner else None
     return run_closed_loop(
         simulator, estimator, controller, reference, LoopSettings(seconds, DT), np.random.default_rng(0), "episode",
-        online, beginning(reference),
+        online, start_reading(reference),
     )  # fmt: skip
 
 
@@ -83,7 +83,7 @@ def test_the_learner_learns_from_the_velocities_that_the_h2_norm_judges():
     """Each predicted from the joints at its own sample, eq. (fk_prop): a window is no rollout from its beginning, where
     joints that nothing corrects would go their own way.
     """
-    setup, blank = servo_arm(), untaught(0, DT)
+    setup, blank = servo_arm(), blank_network(0, DT)
     some = blank.with_theta(0.3 * np.random.default_rng(1).standard_normal(blank.net.size))
     model, bare = (augment(setup.robot, {}, r, Build(DT)) for r in (some, None))
     estimator = build_filter(model, setup.estimator, compile=False)
@@ -92,7 +92,7 @@ def test_the_learner_learns_from_the_velocities_that_the_h2_norm_judges():
         find_scenario("arm_circle_line").simulator(), estimator,
         build_mpc(model, replace(setup.control, compile=False)),
         circle_line(), LoopSettings(0.2, DT), np.random.default_rng(0), "episode",
-        lambda x, u, pose: rows.append((x, u)), beginning(circle_line()),
+        lambda x, u, pose: rows.append((x, u)), start_reading(circle_line()),
     )  # fmt: skip
     x, u = (np.array([row[i] for row in rows[:-1]]) for i in (0, 1))
     predicted = episode.predicted[:-1, :3]
@@ -112,13 +112,13 @@ def test_a_network_taught_in_task_space_predicts_better_and_online_it_learns_too
     s = find_scenario("arm_circle_line")
     setup, simulator = s.setup(), s.simulator()
     nominal = drive(setup, simulator, {}, seconds=8.5)
-    network = taught(setup.robot, (nominal.run(),), {}, untaught(0, DT), 0)
+    network = train_network(setup.robot, (nominal.run(),), {}, blank_network(0, DT), 0)
     assert np.abs(network(np.full(6, 0.2))).max() > 1e-4
     with_it = drive(setup, simulator, {}, network, seconds=4.0)
     still = h2_norm(nominal)
     assert np.mean(h2_norm(with_it)) < 0.25 * np.mean(still[:400])
     assert figures(with_it).tracking_rmse < 0.4 * figures(nominal).tracking_rmse
-    online = drive(setup, simulator, {}, untaught(0, DT), seconds=8.5, learner=True)
+    online = drive(setup, simulator, {}, blank_network(0, DT), seconds=8.5, learner=True)
     assert (online.believed[0] == nominal.believed[0]).all(), "the same seed begins alike"
     seconds = [np.mean(h2_norm(online)[k : k + 100]) / np.mean(still[k : k + 100]) for k in range(100, 800, 100)]
     assert max(seconds) < 0.6, "from its second second on, in every one"
@@ -138,7 +138,9 @@ def test_the_arms_controllers_are_compared_on_equal_terms(controller):
         control = _controller(s, setup, model, RunOptions(controller))
         rivals[name] = ControlStack(build_filter(model, setup.estimator), control)
     reference = s.reference()
-    comparison = compare(s.simulator(), rivals, reference, LoopSettings(s.seconds, DT), (0, 1), at=beginning(reference))
+    comparison = compare(
+        s.simulator(), rivals, reference, LoopSettings(s.seconds, DT), (0, 1), at=start_reading(reference)
+    )
     d = document(comparison, s.name, s.plant, np.random.default_rng(0))
     assert d["controllers"]["oracle"]["tracking_rmse"] < 0.3 * d["controllers"]["nominal"]["tracking_rmse"]
     assert d["controllers"]["oracle"]["failures"] == 0

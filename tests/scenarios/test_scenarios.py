@@ -11,7 +11,7 @@ import pytest
 from plants.simulator import Plant
 from residual_mpc.cli.main import main
 from residual_mpc.closed_loop.scenario import GROUP, RunOptions, find_scenario
-from scenarios.robots import Late
+from scenarios.robots import DelayedCommands
 
 NAMES = ("back_and_forth", "constant_yaw_rate", "figure_eight", "route", "spin")
 
@@ -79,7 +79,7 @@ def test_a_late_robot_hears_each_command_exactly_so_much_later():
         def start(self, rng, at) -> Plant:
             return inner  # type: ignore[return-value]
 
-    plant = Late(Fake(), 0.13).start(np.random.default_rng(0), {})  # type: ignore[arg-type]
+    plant = DelayedCommands(Fake(), 0.13).start(np.random.default_rng(0), {})  # type: ignore[arg-type]
     for k in range(1, 6):
         plant.step(np.array([float(k)]), 0.05)
     first = {value: t for t, value in reversed(inner.heard)}

@@ -22,7 +22,7 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THR
 
 
 @dataclass(frozen=True)
-class Ended:
+class ProcessResult:
     """How a process ended. status: "done", or why not; said: its stdout; complaint: its stderr."""
 
     status: str
@@ -45,7 +45,7 @@ def program(given: str, own: str) -> list[str]:
     return [str(Path(found).absolute()), *words[1:]]
 
 
-def call_apart(call: list[str], work: Path, timeout: float) -> Ended:
+def run_isolated(call: list[str], work: Path, timeout: float) -> ProcessResult:
     """Call a program from the folder ``work``; it and whatever it started are ended after ``timeout`` seconds."""
     environment = {k: os.environ[k] for k in _ENVIRONMENT if k in os.environ} | _ONE_THREAD
     try:
@@ -54,13 +54,13 @@ def call_apart(call: list[str], work: Path, timeout: float) -> Ended:
             text=True, errors="replace", start_new_session=True,
         )  # fmt: skip
     except OSError as error:
-        return Ended("not started", None, "", str(error))
+        return ProcessResult("not started", None, "", str(error))
     try:
         said, complaint = process.communicate(timeout=timeout)
     except subprocess.TimeoutExpired:
         _stop(process)
-        return Ended(f"over {timeout:g} s", None, "", "")
-    return Ended("done" if process.returncode == 0 else "failed", process.returncode, said, complaint)
+        return ProcessResult(f"over {timeout:g} s", None, "", "")
+    return ProcessResult("done" if process.returncode == 0 else "failed", process.returncode, said, complaint)
 
 
 def _stop(process: subprocess.Popen[str]) -> None:

@@ -12,7 +12,7 @@ def silent(text: str, done: float) -> None:
     """For who wants no progress."""
 
 
-def in_turn(calls: Iterable[Any], names: Sequence[str], progress: Progress, **parallel: Any) -> list[Any]:
+def run_in_parallel(calls: Iterable[Any], names: Sequence[str], progress: Progress, **parallel: Any) -> list[Any]:
     """The outcomes of joblib's delayed calls, in their order; parallel: how joblib's Parallel is to run them."""
     from joblib import Parallel
 

@@ -35,7 +35,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Experiments:
+class ExperimentScores:
     """Every figure of one sweep of experiments. groups_holding, rivals_holding: of these, where one of the members is
     really there. right_before, right_after: of the cases in which one was carried out; named_after: answers right as
     they stand, without exchanging members of groups; lacking: the same two where the library lacks the cause."""
@@ -70,7 +70,7 @@ class Experiments:
         }  # fmt: skip
 
 
-def score_experiments(answers: Mapping[str, Answer], results: Path, out: Path) -> Experiments:
+def score_experiments(answers: Mapping[str, Answer], results: Path, out: Path) -> ExperimentScores:
     """answers: by case; results: of the first diagnoses; out: of `blind experiment`."""
     questions: list[Question] = []
     right: list[tuple[bool, bool, bool, bool]] = []  # before, after, named after, whether the library lacks the cause
@@ -93,7 +93,7 @@ def score_experiments(answers: Mapping[str, Answer], results: Path, out: Path) -
                 holds = len(wrong) < len(members)
                 questions.append(Question(name, answer, members, confounded, holds, outcome, trouble))
     groups, rivals = ([q for q in questions if q.confounded is kind] for kind in (True, False))
-    return Experiments(
+    return ExperimentScores(
         questions=tuple(questions),
         groups=rate(q.outcome == RESOLVED for q in groups),
         groups_holding=rate(q.outcome == RESOLVED for q in groups if q.holds),

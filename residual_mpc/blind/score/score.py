@@ -10,7 +10,7 @@ from pathlib import Path
 
 from residual_mpc.blind.score.openings import Opening, read_openings, record_opening
 from residual_mpc.blind.score.outcome import outcome
-from residual_mpc.blind.score.resolved import Experiments, score_experiments
+from residual_mpc.blind.score.resolved import ExperimentScores, score_experiments
 from residual_mpc.blind.score.summary import Summary, summarise
 from residual_mpc.blind.seal import reveal
 from residual_mpc.blind.suite import Suite, program_version, read_suite
@@ -25,7 +25,7 @@ class Scores:
     summaries: tuple[Summary, ...]  # the product first, then the baselines
     openings: tuple[Opening, ...]
     version: str
-    experiments: Experiments | None = None  # of the first method, where they were carried out
+    experiments: ExperimentScores | None = None  # of the first method, where they were carried out
 
 
 def score_suite(

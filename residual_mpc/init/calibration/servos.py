@@ -8,9 +8,9 @@ from math import exp, log
 
 import numpy as np
 
-from residual_mpc.init.columns.evidence import Case, Driven, Roles
+from residual_mpc.init.columns.evidence import ColumnEvidence, JointDrive, Roles
 from residual_mpc.init.columns.guess import Guess
-from residual_mpc.init.columns.signals import Seen
+from residual_mpc.init.columns.signals import SignalMatch
 from residual_mpc.init.columns.words import Quantity
 from residual_mpc.logs.run import FloatArray
 from residual_mpc.models.actuators import Actuator
@@ -31,7 +31,7 @@ class Gains:
     guesses: tuple[Guess, ...]
 
 
-def find_kinds(case: Case, roles: Roles) -> tuple[dict[str, Quantity], tuple[Guess, ...]]:
+def find_kinds(case: ColumnEvidence, roles: Roles) -> tuple[dict[str, Quantity], tuple[Guess, ...]]:
     """By actuator that has a command: what the command is, "position", "velocity" or "effort"."""
     kinds: dict[str, Quantity] = {}
     guesses = []
@@ -52,7 +52,7 @@ def _word(kind: Quantity) -> str:
     return "motor" if kind == "effort" else str(kind)
 
 
-def _kind(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Quantity, str, float]:
+def _kind(case: ColumnEvidence, roles: Roles, column: str, driven: JointDrive) -> tuple[Quantity, str, float]:
     odds: dict[Quantity, float] = {"position": 0.5, "velocity": 0.0, "effort": 0.0}
     words = case.words[column]
     reasons: dict[Quantity, list[str]] = {kind: [] for kind in odds}
@@ -61,7 +61,7 @@ def _kind(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Quanti
         reasons[words.quantity].append(f"{column} is called one")
     position, velocity = (roles.of(g).get(driven.joint) for g in ("position", "velocity"))
     s = case.signals
-    seen: list[tuple[Quantity, str, Seen]] = []
+    seen: list[tuple[Quantity, str, SignalMatch]] = []
     if position and position != column:
         seen.append(("position", position, s.follows(column, position)))
         rate = s.follows(column, position, answer_rate=True, levels=True)
@@ -86,7 +86,10 @@ def _kind(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Quanti
 
 
 def find_gains(
-    case: Case, places: Mapping[str, FloatArray], sent: Mapping[str, FloatArray], kinds: Mapping[str, Quantity]
+    case: ColumnEvidence,
+    places: Mapping[str, FloatArray],
+    sent: Mapping[str, FloatArray],
+    kinds: Mapping[str, Quantity],
 ) -> Gains:
     """Gains by least squares on the model's inverse dynamics, the command a little late, with friction and a rotor's
     inertia beside them.
@@ -110,7 +113,7 @@ def find_gains(
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class JointMotion:
     """Samples of a motion: rows (m,) of the grid; q, v, torque (m, joints) with what the model needs for it."""
 
     rows: np.ndarray
@@ -121,7 +124,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Fit:
+class GainFit:
     """gain: on what the command asks beyond what is there. damping: kv of a position servo. explained: share of the
     torque's variance."""
 
@@ -130,7 +133,7 @@ class Fit:
     explained: float
 
 
-def motion_of(case: Case, places: Mapping[str, FloatArray]) -> Motion | None:
+def motion_of(case: ColumnEvidence, places: Mapping[str, FloatArray]) -> JointMotion | None:
     """The motion of the joints that are measured, the others at 0; None where the model has no torques for it.
 
     places: by joint, (n,) rad or m on the grid.
@@ -147,10 +150,10 @@ def motion_of(case: Case, places: Mapping[str, FloatArray]) -> Motion | None:
         return None
     rows = rows[np.linspace(0, len(rows) - 1, min(MOST, len(rows))).astype(int)]
     q, v, a = (x[rows] for x in states)
-    return Motion(rows, q, v, a, case.structure.torque(q, v, a))
+    return JointMotion(rows, q, v, a, case.structure.torque(q, v, a))
 
 
-def _smooth(case: Case, x: FloatArray, order: int) -> FloatArray:
+def _smooth(case: ColumnEvidence, x: FloatArray, order: int) -> FloatArray:
     """(n,) a signal or its derivative of an order, from local polynomials."""
     from scipy.signal import savgol_filter
 
@@ -158,7 +161,9 @@ def _smooth(case: Case, x: FloatArray, order: int) -> FloatArray:
     return np.asarray(savgol_filter(x, width, 3, deriv=order, delta=case.signals.dt, mode="nearest"))
 
 
-def fit_gain(case: Case, motion: Motion, driven: Driven, sent: FloatArray, kind: Quantity) -> Fit | None:
+def fit_gain(
+    case: ColumnEvidence, motion: JointMotion, driven: JointDrive, sent: FloatArray, kind: Quantity
+) -> GainFit | None:
     """Gain and damping by least squares, with friction and a rotor beside them, all not negative.
 
     sent: (n,) on the grid.
@@ -173,7 +178,7 @@ def fit_gain(case: Case, motion: Motion, driven: Driven, sent: FloatArray, kind:
     fastest = float(np.quantile(np.abs(v), 0.95)) or 1.0
     sent = _smooth(case, sent, 0)  # as the motion, so that steps are as blunt here as there
     own = [-np.tanh(v / (0.02 * fastest)), -a]  # dry friction, and the inertia of a rotor
-    best: Fit | None = None
+    best: GainFit | None = None
     for delay in DELAYS if kind != "effort" else DELAYS[:1]:
         rows = np.maximum(motion.rows - round(delay / case.signals.dt), 0)
         u = sent[rows]
@@ -187,12 +192,17 @@ def fit_gain(case: Case, motion: Motion, driven: Driven, sent: FloatArray, kind:
         theta = theta / scale
         explained = 1.0 - error**2 / float(torque[there] @ torque[there])
         if best is None or explained > best.explained + 0.005:
-            best = Fit(float(theta[0]), float(theta[1]) if kind == "position" else 0.0, explained)
+            best = GainFit(float(theta[0]), float(theta[1]) if kind == "position" else 0.0, explained)
     return best
 
 
 def _actuator(
-    driven: Driven, slides: bool, effort: float | None, kind: Quantity, fit: Fit | None, motion: Motion | None
+    driven: JointDrive,
+    slides: bool,
+    effort: float | None,
+    kind: Quantity,
+    fit: GainFit | None,
+    motion: JointMotion | None,
 ) -> tuple[Actuator, Sequence[Guess]]:
     where = f"actuator.{driven.name}"
     unit = "N/m" if slides else "N m/rad"

@@ -9,9 +9,9 @@ from math import pi
 import numpy as np
 
 from residual_mpc.init.calibration.servos import fit_gain, motion_of
-from residual_mpc.init.calibration.standstill import FEW, Rest, at_rest, flips, still
-from residual_mpc.init.calibration.units import InUnit
-from residual_mpc.init.columns.evidence import Case, Driven, Roles, answer
+from residual_mpc.init.calibration.standstill import FEW, StandstillSamples, at_rest, flips, still
+from residual_mpc.init.calibration.units import UnitGuess
+from residual_mpc.init.columns.evidence import ColumnEvidence, JointDrive, Roles, joint_response
 from residual_mpc.init.columns.guess import Guess
 from residual_mpc.init.columns.words import Quantity
 from residual_mpc.logs.run import FloatArray
@@ -23,7 +23,7 @@ QUARTER, NEAR = pi / 2.0, 0.15  # rad: zeros of two conventions lie quarter turn
 
 
 @dataclass(frozen=True)
-class Turned:
+class SignAndZero:
     """A column's sign and zero: true = sign * unit * raw + offset."""
 
     sign: int = 1
@@ -33,17 +33,17 @@ class Turned:
 
 
 def find_signs(
-    case: Case, roles: Roles, units: Mapping[str, InUnit], kinds: Mapping[str, Quantity]
-) -> tuple[dict[str, Turned], tuple[Guess, ...]]:
+    case: ColumnEvidence, roles: Roles, units: Mapping[str, UnitGuess], kinds: Mapping[str, Quantity]
+) -> tuple[dict[str, SignAndZero], tuple[Guess, ...]]:
     """By column, where it has to be turned or moved; and what is worth a word and stays as it is."""
-    turned: dict[str, Turned] = {}
+    turned: dict[str, SignAndZero] = {}
     guesses: list[Guess] = []
     for group in ("position", "command"):
         for column in roles.of(group).values():
             zero = _middle(case, column, units)
             if zero is not None:
                 turned[column] = zero
-    driven = [Driven(d.name, d.joint, kinds[d.name]) for d in case.driven if d.name in roles.of("command")]
+    driven = [JointDrive(d.name, d.joint, kinds[d.name]) for d in case.driven if d.name in roles.of("command")]
     against = {d.name: _turned_one(case, roles, d, turned) for d in driven if _against(case, roles, d)}
     turned |= {column: turn for found in against.values() for column, turn in found.items()}
     for d in (d for d in driven if d.kind == "position"):
@@ -57,39 +57,45 @@ def find_signs(
     return turned | _rates(case, roles, turned), tuple(guesses)
 
 
-def true_values(case: Case, column: str, units: Mapping[str, InUnit], turned: Mapping[str, Turned]) -> FloatArray:
+def true_values(
+    case: ColumnEvidence, column: str, units: Mapping[str, UnitGuess], turned: Mapping[str, SignAndZero]
+) -> FloatArray:
     """(n,) a column on the grid as it is understood."""
-    how = turned.get(column, Turned())
+    how = turned.get(column, SignAndZero())
     size = units[column].unit.size if column in units else 1.0
     return how.sign * size * case.signals.raw[column] + how.offset
 
 
-def _rest(case: Case, roles: Roles, units: Mapping[str, InUnit], turned: Mapping[str, Turned]) -> Rest:
+def _rest(
+    case: ColumnEvidence, roles: Roles, units: Mapping[str, UnitGuess], turned: Mapping[str, SignAndZero]
+) -> StandstillSamples:
     places = {j: true_values(case, c, units, turned) for j, c in roles.of("position").items()}
     sent = {a: true_values(case, c, units, turned) for a, c in roles.of("command").items()}
     return at_rest(case, places, sent)
 
 
-def _middle(case: Case, column: str, units: Mapping[str, InUnit]) -> Turned | None:
+def _middle(case: ColumnEvidence, column: str, units: Mapping[str, UnitGuess]) -> SignAndZero | None:
     """Encoder counts are commonly 0 at one end: the model's zero is then, at a guess, at the middle."""
     unit = units[column].unit
     x = case.signals.raw[column]
     if unit.counts < 2 or np.nanmin(x) < 0 or np.nanmax(x) >= unit.counts:
         return None
     why = f"counts run from 0 to {unit.counts - 1}, and zero is taken to be at the middle: nothing here tells"
-    return Turned(1, -pi, why, 0.5)
+    return SignAndZero(1, -pi, why, 0.5)
 
 
-def _against(case: Case, roles: Roles, driven: Driven) -> bool:
+def _against(case: ColumnEvidence, roles: Roles, driven: JointDrive) -> bool:
     column = roles.of("command")[driven.name]
-    seen, by = answer(case, roles, column, driven)
+    seen, by = joint_response(case, roles, column, driven)
     return by != column and seen.correlation < -CLEAR and seen.against < max(0.5, -seen.correlation - 0.3)
 
 
-def _turned_one(case: Case, roles: Roles, driven: Driven, so_far: Mapping[str, Turned]) -> dict[str, Turned]:
+def _turned_one(
+    case: ColumnEvidence, roles: Roles, driven: JointDrive, so_far: Mapping[str, SignAndZero]
+) -> dict[str, SignAndZero]:
     """The position turned, where the two move against each other and nothing tells which of them it is."""
     command, position = roles.of("command")[driven.name], roles.of("position").get(driven.joint)
-    seen, by = answer(case, roles, command, driven)
+    seen, by = joint_response(case, roles, command, driven)
     said = f"{by} moves against {command} (correlation {seen.correlation:.2f})"
     column = command if position in (None, command) else position
     assert column is not None
@@ -97,13 +103,13 @@ def _turned_one(case: Case, roles: Roles, driven: Driven, so_far: Mapping[str, T
 
 
 def _by_gravity(
-    case: Case,
+    case: ColumnEvidence,
     roles: Roles,
-    units: Mapping[str, InUnit],
-    driven: Sequence[Driven],
-    against: Mapping[str, Mapping[str, Turned]],
-    turned: Mapping[str, Turned],
-) -> dict[str, Turned]:
+    units: Mapping[str, UnitGuess],
+    driven: Sequence[JointDrive],
+    against: Mapping[str, Mapping[str, SignAndZero]],
+    turned: Mapping[str, SignAndZero],
+) -> dict[str, SignAndZero]:
     """What is turned, with gravity's word on it where it has one; `against`: by actuator, what was turned already."""
     out = dict(turned)
     rest = _rest(case, roles, units, turned)
@@ -120,7 +126,7 @@ def _by_gravity(
             continue
         both, neither = fits[-1, -1], fits[1, 1]
         if d.name in against:
-            seen, by = answer(case, roles, command, d)
+            seen, by = joint_response(case, roles, command, d)
             said = f"{by} moves against {command} (correlation {seen.correlation:.2f})"
             if both > CLEAR and both - neither > BETTER:  # with the position turned back, and the command turned
                 del out[position]
@@ -138,8 +144,12 @@ def _by_gravity(
 
 
 def _by_dynamics(
-    case: Case, roles: Roles, units: Mapping[str, InUnit], driven: Driven, turned: Mapping[str, Turned]
-) -> dict[str, Turned]:
+    case: ColumnEvidence,
+    roles: Roles,
+    units: Mapping[str, UnitGuess],
+    driven: JointDrive,
+    turned: Mapping[str, SignAndZero],
+) -> dict[str, SignAndZero]:
     """A torque that explains the motion, by the model's inverse dynamics, once it or the motion is turned."""
     command, position = roles.of("command")[driven.name], roles.of("position").get(driven.joint)
     if position is None:
@@ -166,14 +176,14 @@ def _by_dynamics(
     return found
 
 
-def _turn(so_far: Mapping[str, Turned], column: str, why: str, sure: float) -> Turned:
+def _turn(so_far: Mapping[str, SignAndZero], column: str, why: str, sure: float) -> SignAndZero:
     """The column turned about the zero that it has so far."""
-    before = so_far.get(column, Turned())
+    before = so_far.get(column, SignAndZero())
     reasons = f"{why}; {before.why}" if before.why else why
-    return Turned(-before.sign, -before.offset, reasons, min(sure, before.sure))
+    return SignAndZero(-before.sign, -before.offset, reasons, min(sure, before.sure))
 
 
-def _rates(case: Case, roles: Roles, turned: Mapping[str, Turned]) -> dict[str, Turned]:
+def _rates(case: ColumnEvidence, roles: Roles, turned: Mapping[str, SignAndZero]) -> dict[str, SignAndZero]:
     """Velocities that do not go like the rate of their position, once that is turned."""
     found = {}
     for joint, column in roles.of("velocity").items():
@@ -181,18 +191,22 @@ def _rates(case: Case, roles: Roles, turned: Mapping[str, Turned]) -> dict[str, 
         if position is None or column == roles.of("command").get(joint):
             continue
         seen = case.signals.follows(position, column, source_rate=True)
-        sign = turned.get(position, Turned()).sign
+        sign = turned.get(position, SignAndZero()).sign
         if seen.correlation * sign < -CLEAR:
             other = f"with {position} turned" if sign < 0 else "as it is"
-            found[column] = Turned(-1, 0.0, f"it has to go like the rate of {position}, {other}", 0.95)
+            found[column] = SignAndZero(-1, 0.0, f"it has to go like the rate of {position}, {other}", 0.95)
         elif sign < 0 and abs(seen.correlation) < CLEAR:
-            found[column] = Turned(-1, 0.0, f"{position} is turned", 0.6)
+            found[column] = SignAndZero(-1, 0.0, f"{position} is turned", 0.6)
     return found
 
 
 def _zero(
-    case: Case, roles: Roles, units: Mapping[str, InUnit], driven: Driven, turned: Mapping[str, Turned]
-) -> tuple[dict[str, Turned], tuple[Guess, ...]]:
+    case: ColumnEvidence,
+    roles: Roles,
+    units: Mapping[str, UnitGuess],
+    driven: JointDrive,
+    turned: Mapping[str, SignAndZero],
+) -> tuple[dict[str, SignAndZero], tuple[Guess, ...]]:
     """What a position stands off its command at rest."""
     command, position = roles.of("command")[driven.name], roles.of("position").get(driven.joint)
     if position is None or position == command or not case.signals.moves(position):
@@ -211,9 +225,11 @@ def _zero(
     quarters = round(offset / QUARTER)
     said = f"at rest it stands {offset:.3g} {unit} off {command} (half of the samples within {spread:.2g})"
     if unit == "rad" and quarters and abs(offset - quarters * QUARTER) < NEAR:
-        before = turned.get(position, Turned())
+        before = turned.get(position, SignAndZero())
         zero = before.offset - quarters * QUARTER
         reasons = f"{said}: {quarters} quarter turns between two zeros; which is the model's, nothing here tells"
-        return {position: Turned(before.sign, zero, f"{before.why}; {reasons}" if before.why else reasons, 0.6)}, ()
+        return {
+            position: SignAndZero(before.sign, zero, f"{before.why}; {reasons}" if before.why else reasons, 0.6)
+        }, ()
     why = f"{said}; left as it is, since sag, friction or a bias does this and the diagnosis tells them apart"
     return {}, (Guess(f"offset of {position}", f"{offset:.3g} {unit}", why, 0.7),)

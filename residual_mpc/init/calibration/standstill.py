@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.init.columns.evidence import Case, Driven
+from residual_mpc.init.columns.evidence import ColumnEvidence, JointDrive
 from residual_mpc.logs.run import FloatArray
 from residual_mpc.models.model_structure import Torque
 
@@ -20,7 +20,7 @@ MOST = 400  # samples at which the model's torque is asked for
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class StandstillSamples:
     """Samples at rest, in rad, m and the actuators' units, as the columns are understood so far.
 
     q: (n, joints), 0 where a joint is not measured. sent: by actuator, (n,).
@@ -33,7 +33,9 @@ class Rest:
         return len(self.q)
 
 
-def at_rest(case: Case, places: Mapping[str, FloatArray], sent: Mapping[str, FloatArray]) -> Rest:
+def at_rest(
+    case: ColumnEvidence, places: Mapping[str, FloatArray], sent: Mapping[str, FloatArray]
+) -> StandstillSamples:
     """The samples at which no measured joint moves and no command changes.
 
     places: by joint, (n,) rad or m on the grid. sent: by actuator, (n,), of any kind.
@@ -42,10 +44,10 @@ def at_rest(case: Case, places: Mapping[str, FloatArray], sent: Mapping[str, Flo
     if len(rows) > MOST:
         rows = rows[np.linspace(0, len(rows) - 1, MOST).astype(int)]
     q = np.stack([places[j.name][rows] if j.name in places else np.zeros(len(rows)) for j in case.structure.joints], 1)
-    return Rest(q, {name: x[rows] for name, x in sent.items()})
+    return StandstillSamples(q, {name: x[rows] for name, x in sent.items()})
 
 
-def still(case: Case, signals: Sequence[FloatArray]) -> np.ndarray:
+def still(case: ColumnEvidence, signals: Sequence[FloatArray]) -> np.ndarray:
     """(n,) bool: where none of the signals (n,) has moved for a while."""
     out = np.ones(len(case.signals.run), dtype=bool)
     width = max(2, round(QUIET / case.signals.dt))
@@ -54,7 +56,7 @@ def still(case: Case, signals: Sequence[FloatArray]) -> np.ndarray:
     return out
 
 
-def flips(torque: Torque, rest: Rest, joint: int, driven: Driven) -> dict[tuple[int, int], float]:
+def flips(torque: Torque, rest: StandstillSamples, joint: int, driven: JointDrive) -> dict[tuple[int, int], float]:
     """How well gravity explains what a position servo holds, if the position is taken with one sign and the command
     with another: (sign of the position, sign of the command) -> correlation of torque held with torque needed.
 

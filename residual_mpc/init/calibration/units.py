@@ -9,8 +9,8 @@ from math import log, pi
 
 import numpy as np
 
-from residual_mpc.init.columns.evidence import Case, Roles, answer
-from residual_mpc.init.columns.signals import Seen
+from residual_mpc.init.columns.evidence import ColumnEvidence, Roles, joint_response
+from residual_mpc.init.columns.signals import SignalMatch
 from residual_mpc.init.columns.words import Quantity
 
 RANGE, RANGE_SPREAD = 1.0, 1.5  # rad that a joint usually moves over, and the spread of its logarithm
@@ -67,7 +67,7 @@ TORQUES = (Unit("N m", 1.0, 0.0, frozenset()),)
 
 
 @dataclass(frozen=True)
-class InUnit:
+class UnitGuess:
     """A column's unit, why, how sure, and others that are plausible."""
 
     unit: Unit
@@ -84,14 +84,14 @@ class _Chain:
     slides: bool
     kind: Quantity
     columns: Mapping[str, str]  # "position", "velocity", "command" -> column
-    answer: Seen | None  # of what `kind` says, to the command
+    joint_response: SignalMatch | None  # of what `kind` says, to the command
     answering: str  # "position" or "velocity"
-    rate: Seen | None  # the velocity over the rate of the position
+    rate: SignalMatch | None  # the velocity over the rate of the position
 
 
-def find_units(case: Case, roles: Roles, kinds: Mapping[str, Quantity]) -> dict[str, InUnit]:
+def find_units(case: ColumnEvidence, roles: Roles, kinds: Mapping[str, Quantity]) -> dict[str, UnitGuess]:
     """The unit of every column that has a role, the likeliest together. kinds: by actuator, what its command is."""
-    found: dict[str, InUnit] = {}
+    found: dict[str, UnitGuess] = {}
     for slides in (False, True):
         chains = [c for c in _chains(case, roles, kinds) if c.slides == slides]
         if chains:
@@ -99,7 +99,7 @@ def find_units(case: Case, roles: Roles, kinds: Mapping[str, Quantity]) -> dict[
     return found
 
 
-def _chains(case: Case, roles: Roles, kinds: Mapping[str, Quantity]) -> list[_Chain]:
+def _chains(case: ColumnEvidence, roles: Roles, kinds: Mapping[str, Quantity]) -> list[_Chain]:
     groups = {g: roles.of(g) for g in ("position", "velocity", "command")}
     driven = {d.joint: d for d in case.driven if d.name in groups["command"]}
     chains = []
@@ -112,7 +112,7 @@ def _chains(case: Case, roles: Roles, kinds: Mapping[str, Quantity]) -> list[_Ch
             columns["command"] = groups["command"][d.name]
             kind = kinds[d.name]
             if kind in ("position", "velocity"):
-                of, by = answer(case, roles, columns["command"], type(d)(d.name, d.joint, kind))
+                of, by = joint_response(case, roles, columns["command"], type(d)(d.name, d.joint, kind))
                 seen = of if abs(of.correlation) > 0.7 and columns["command"] != by else None
                 answering = "velocity" if by == columns.get("velocity") else "position"
         rate = None
@@ -124,12 +124,12 @@ def _chains(case: Case, roles: Roles, kinds: Mapping[str, Quantity]) -> list[_Ch
     return chains
 
 
-def _solve(case: Case, chains: Sequence[_Chain]) -> dict[str, InUnit]:
+def _solve(case: ColumnEvidence, chains: Sequence[_Chain]) -> dict[str, UnitGuess]:
     """The three units, of positions, velocities and commands, that all joints share."""
     slides = chains[0].slides
     places, rates = (LENGTHS, RATES) if slides else (ANGLES, SPEEDS)
     commands: dict[Quantity, tuple[Unit, ...]] = {"position": places, "velocity": rates, "effort": TORQUES}
-    found: dict[str, InUnit] = {}
+    found: dict[str, UnitGuess] = {}
     for kind in dict.fromkeys(c.kind for c in chains):
         mine = [c for c in chains if c.kind == kind]
         sent = commands.get(kind, TORQUES)
@@ -159,21 +159,21 @@ def _alike(place: Unit, rate: Unit, sent: Unit, kind: Quantity) -> float:
     return odds + (1.5 if sent is (rate if kind == "velocity" else place) else 0.0)
 
 
-def _tells(case: Case, chain: _Chain, group: str) -> float:
+def _tells(case: ColumnEvidence, chain: _Chain, group: str) -> float:
     """How sure one can be at most of the unit of a column: of a torque, or of what never moves, hardly."""
     if group == "command" and chain.kind == "effort":
         return 0.5
     return 0.99 if any(case.signals.moves(column) for column in chain.columns.values()) else 0.6
 
 
-def _decided(unit: Unit, shares: Mapping[str, float], units: Sequence[Unit], why: str, at_most: float) -> InUnit:
+def _decided(unit: Unit, shares: Mapping[str, float], units: Sequence[Unit], why: str, at_most: float) -> UnitGuess:
     """The unit, unless it is not the log format's and doubtful: a column is then left as it is."""
     doubtful = unit.size != 1.0 and shares[unit.name] < SURE
     taken = units[0] if doubtful else unit  # the first is the log format's
     rivals = tuple(n for n, share in shares.items() if n != taken.name and share > RIVAL)
     likelier = f"left as it is, though {unit.name} is likelier ({shares[unit.name]:.0%}), for want of proof: {why}"
     reason = likelier if doubtful else why
-    return InUnit(taken, reason, round(min(at_most, shares[taken.name]), 2), rivals)
+    return UnitGuess(taken, reason, round(min(at_most, shares[taken.name]), 2), rivals)
 
 
 def _best(odds: np.ndarray, units: Sequence[Unit], unit: Unit) -> float:
@@ -189,7 +189,9 @@ def _shares(odds: np.ndarray, units: Sequence[Unit]) -> dict[str, float]:
     return shares
 
 
-def _odds(case: Case, chain: _Chain, places: Sequence[Unit], rates: Sequence[Unit], sent: Sequence[Unit]) -> np.ndarray:
+def _odds(
+    case: ColumnEvidence, chain: _Chain, places: Sequence[Unit], rates: Sequence[Unit], sent: Sequence[Unit]
+) -> np.ndarray:
     """(places * rates * sent,) log odds of three units by what one joint shows."""
     position, velocity, command = (chain.columns.get(g) for g in ("position", "velocity", "command"))
     odds = np.zeros((len(places), len(rates), len(sent)))
@@ -204,13 +206,13 @@ def _odds(case: Case, chain: _Chain, places: Sequence[Unit], rates: Sequence[Uni
     if chain.rate is not None:
         off = np.log(abs(chain.rate.slope) * rate[None, :] / place[:, None])
         odds -= 0.5 * (off / RATE_SPREAD)[:, :, None] ** 2
-    if chain.answer is not None:
+    if chain.joint_response is not None:
         size = rate[None, :, None] if chain.answering == "velocity" else place[:, None, None]
-        odds -= 0.5 * (np.log(abs(chain.answer.slope) * size / told[None, None, :]) / ANSWER_SPREAD) ** 2
+        odds -= 0.5 * (np.log(abs(chain.joint_response.slope) * size / told[None, None, :]) / ANSWER_SPREAD) ** 2
     return np.maximum(odds, -60.0).reshape(-1)
 
 
-def _alone(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
+def _alone(case: ColumnEvidence, chain: _Chain, column: str, unit: Unit) -> float:
     """How likely a place is in a unit, by its name and by where it goes."""
     x = case.signals.raw[column]
     x = x[np.isfinite(x)]
@@ -233,7 +235,7 @@ def _alone(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
     return odds
 
 
-def _speed(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
+def _speed(case: ColumnEvidence, chain: _Chain, column: str, unit: Unit) -> float:
     """How likely a speed is in a unit, by its name and its size."""
     x = np.abs(case.signals.raw[column])
     x = x[np.isfinite(x)]
@@ -244,11 +246,11 @@ def _speed(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
     return odds
 
 
-def _torque(case: Case, chain: _Chain, column: str, unit: Unit) -> float:
+def _torque(case: ColumnEvidence, chain: _Chain, column: str, unit: Unit) -> float:
     return _said(case, column, unit)
 
 
-def _said(case: Case, column: str, unit: Unit) -> float:
+def _said(case: ColumnEvidence, column: str, unit: Unit) -> float:
     words = case.words[column]
     odds = 0.0
     if words.unit is not None:
@@ -261,7 +263,7 @@ def _said(case: Case, column: str, unit: Unit) -> float:
     return odds
 
 
-def _why(case: Case, chain: _Chain, group: str, unit: Unit, apart: bool) -> str:
+def _why(case: ColumnEvidence, chain: _Chain, group: str, unit: Unit, apart: bool) -> str:
     column = chain.columns[group]
     reasons = []
     if case.words[column].unit in unit.words:
@@ -276,8 +278,8 @@ def _why(case: Case, chain: _Chain, group: str, unit: Unit, apart: bool) -> str:
             reasons[-1] += f"{size or ', the range'} is {limits[0] / unit.size:.4g} to {limits[1] / unit.size:.4g}"
     if group == "velocity" and chain.rate is not None:
         reasons.append(f"it is {abs(chain.rate.slope):.4g} times the rate of {chain.columns['position']}")
-    if group == "command" and chain.answer is not None:
-        reasons.append(f"the answer is {abs(chain.answer.slope):.4g} times it")
+    if group == "command" and chain.joint_response is not None:
+        reasons.append(f"the answer is {abs(chain.joint_response.slope):.4g} times it")
     if apart:
         reasons.append("unlike the other columns of its kind")
     if group == "command" and chain.kind == "effort":

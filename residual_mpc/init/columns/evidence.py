@@ -10,14 +10,14 @@ import numpy as np
 
 from residual_mpc.init.columns.guess import Guess
 from residual_mpc.init.columns.name_matching import Members, members_of
-from residual_mpc.init.columns.signals import NOTHING, Seen, Signals
-from residual_mpc.init.columns.words import Quantity, Words
+from residual_mpc.init.columns.signals import NOTHING, SignalMatch, Signals
+from residual_mpc.init.columns.words import ColumnName, Quantity
 from residual_mpc.logs.audit.facts import ActuatorFacts
 from residual_mpc.models.model_structure import ModelStructure
 
 
 @dataclass(frozen=True)
-class Driven:
+class JointDrive:
     """What drives a joint: an actuator of the model, or one that its file does not declare, whose kind is None."""
 
     name: str
@@ -26,18 +26,18 @@ class Driven:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class ColumnEvidence:
     """All that the columns are weighed by."""
 
     structure: ModelStructure
     signals: Signals
-    words: Mapping[str, Words]
+    words: Mapping[str, ColumnName]
 
     @cached_property
-    def driven(self) -> tuple[Driven, ...]:
+    def driven(self) -> tuple[JointDrive, ...]:
         if self.structure.actuators:
             return tuple(_driven(a) for a in self.structure.actuators)
-        return tuple(Driven(j.name, j.name, None) for j in self.structure.joints)
+        return tuple(JointDrive(j.name, j.name, None) for j in self.structure.joints)
 
     @cached_property
     def joints(self) -> Members:
@@ -73,7 +73,7 @@ class Roles:
         return Roles({**self.columns, **other.columns}, (*self.guesses, *other.guesses))
 
 
-def where_on(case: Case, roles: Roles) -> Case:
+def where_on(case: ColumnEvidence, roles: Roles) -> ColumnEvidence:
     """The case where every actuator is switched on: elsewhere no command is followed."""
     on = np.ones(len(case.signals.run), dtype=bool)
     for column in roles.of("enabled").values():
@@ -84,15 +84,15 @@ def where_on(case: Case, roles: Roles) -> Case:
     return replace(case, signals=Signals(case.signals.dt, raw, case.signals.run, case.signals.whole))
 
 
-def _driven(actuator: ActuatorFacts) -> Driven:
+def _driven(actuator: ActuatorFacts) -> JointDrive:
     kinds: Mapping[str, Quantity] = {"position": "position", "velocity": "velocity", "torque": "effort"}
-    return Driven(actuator.name, actuator.joint or actuator.name, kinds[actuator.kind])
+    return JointDrive(actuator.name, actuator.joint or actuator.name, kinds[actuator.kind])
 
 
-def answer(case: Case, roles: Roles, column: str, driven: Driven) -> tuple[Seen, str]:
+def joint_response(case: ColumnEvidence, roles: Roles, column: str, driven: JointDrive) -> tuple[SignalMatch, str]:
     """How the joint answers a column that may be its command, and the column by which it was seen."""
     position, velocity = (roles.of(g).get(driven.joint) for g in ("position", "velocity"))
-    seen: list[tuple[Seen, str]] = []
+    seen: list[tuple[SignalMatch, str]] = []
     s = case.signals
     if driven.kind in (None, "position") and position:
         seen.append((s.follows(column, position), position))

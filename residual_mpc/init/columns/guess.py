@@ -31,7 +31,7 @@ class Guess:
 
 
 @dataclass(frozen=True)
-class Mend:
+class LogCorrection:
     """What no robot file can say of a column, so that the log has to be written anew: new = factor * old + offset.
 
     Attributes:

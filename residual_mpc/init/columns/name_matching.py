@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from residual_mpc.init.columns.words import KNOWN, Words, core_of, likeness, tokens
+from residual_mpc.init.columns.words import KNOWN, ColumnName, core_of, likeness, tokens
 
 NAMED = 0.5  # likeness from which a name counts as said
 BY_NAME, BY_NUMBER, BY_ORDER = 4.0, 3.0, 0.4  # log odds
@@ -24,7 +24,7 @@ class Members:
     numbers: Mapping[str, int]
     order: Mapping[str, int]
 
-    def evidence(self, words: Words, member: int) -> tuple[float, str]:
+    def evidence(self, words: ColumnName, member: int) -> tuple[float, str]:
         """(log odds that the column is the member's, why)."""
         if len(self.aliases) == 1:
             return 1.0, "the robot has one such"
@@ -46,11 +46,11 @@ class Members:
         return stranger + (BY_ORDER if here else 0.0), "the order of the columns alone" if here else ""
 
 
-def members_of(aliases: Sequence[Sequence[str]], columns: Sequence[Words]) -> Members:
+def members_of(aliases: Sequence[Sequence[str]], columns: Sequence[ColumnName]) -> Members:
     """The members, and what the columns' numbers mean: they may count from 0, from 1, or as the names do."""
     own = [next((int(w) for w in core_of(each[0]) if w.isdigit()), None) for each in aliases]
     all_numbered = all(n is not None and core_of(each[0]) == (str(n),) for n, each in zip(own, aliases, strict=True))
-    groups: dict[tuple[object, ...], list[Words]] = {}
+    groups: dict[tuple[object, ...], list[ColumnName]] = {}
     for words in columns:
         groups.setdefault((words.commanded, words.measured, words.quantity), []).append(words)
     numbers: dict[str, int] = {}
@@ -69,7 +69,7 @@ def members_of(aliases: Sequence[Sequence[str]], columns: Sequence[Words]) -> Me
     return Members(tuple(tuple(each) for each in aliases), numbers, order)
 
 
-def _like(words: Words, alias: str) -> float:
+def _like(words: ColumnName, alias: str) -> float:
     core = core_of(alias)
     if set(core) <= KNOWN:  # an actuator called `servo`
         return 1.0 if set(tokens(alias)) <= set(words.every) else 0.0

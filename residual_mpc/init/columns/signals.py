@@ -21,7 +21,7 @@ STILL = 1e-9  # of a column's size: what moves less does not move
 
 
 @dataclass(frozen=True)
-class Seen:
+class SignalMatch:
     """How an answer follows a source.
 
     Attributes:
@@ -44,7 +44,7 @@ class Seen:
 
 
 CLEAR = 0.85  # correlation
-NOTHING = Seen(0.0, 0.0, 0.0)
+NOTHING = SignalMatch(0.0, 0.0, 0.0)
 MARGIN = 0.15  # correlation by which the other sign has to be ahead
 
 
@@ -84,14 +84,14 @@ class Signals:
 
     def follows(
         self, source: str, answer: str, source_rate: bool = False, answer_rate: bool = False, levels: bool = False
-    ) -> Seen:
+    ) -> SignalMatch:
         """How one column (or its rate) follows another (or its rate), over lags of up to REACH either way; about each
         run's mean (positions, whose zero may differ), or with `levels` about the mean of all runs (speeds)."""
         u, power_u = self._spectrum(source, source_rate, levels)
         y, power_y = self._spectrum(answer, answer_rate, levels)
         return self._seen(u, power_u, y, power_y)
 
-    def _seen(self, u: np.ndarray, power_u: float, y: np.ndarray, power_y: float) -> Seen:
+    def _seen(self, u: np.ndarray, power_u: float, y: np.ndarray, power_y: float) -> SignalMatch:
         if power_u <= 0.0 or power_y <= 0.0:
             return NOTHING
         most = max(1, round(REACH / self.dt))
@@ -111,7 +111,9 @@ class Signals:
             left, middle, right = sign * product[k - 1 : k + 2]
             bend = left - 2.0 * middle + right
             lag += 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-        return Seen(lag * self.dt, sign * min(1.0, sizes[sign]), float(product[k] / power_u), min(1.0, sizes[-sign]))
+        return SignalMatch(
+            lag * self.dt, sign * min(1.0, sizes[sign]), float(product[k] / power_u), min(1.0, sizes[-sign])
+        )
 
     def _spectrum(self, name: str, rate: bool, levels: bool) -> tuple[np.ndarray, float]:
         key = (name, rate, levels)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.columns.guess import Guess, Mend
+from residual_mpc.init.columns.guess import Guess, LogCorrection
 from residual_mpc.init.columns.recording import Recording
 from residual_mpc.init.columns.words import TIME_WORDS, tokens
 from residual_mpc.logs.clock import count_from_start
@@ -37,7 +37,7 @@ class Clock:
     column: str
     unit: float
     guesses: tuple[Guess, ...]
-    mends: tuple[Mend, ...]
+    mends: tuple[LogCorrection, ...]
 
 
 def find_clock(recordings: Sequence[Recording]) -> Clock:
@@ -64,12 +64,14 @@ def find_clock(recordings: Sequence[Recording]) -> Clock:
         Guess("t", best, why, 0.6 if rivals else 0.98 if _named(best) else 0.6, rivals),
         Guess(f"unit of {best}", unit, reason, sure),
     ]
-    mends: list[Mend] = []
+    mends: list[LogCorrection] = []
     if any(best in r.dates for r in recordings):
         why = "the log format wants numbers, in s, and these are dates (the factor is for ns since 1970)"
-        mends.append(Mend(best, 1e-9, 0.0, why, 1.0))
+        mends.append(LogCorrection(best, 1e-9, 0.0, why, 1.0))
     elif unit != "s" and not (unit == "ns" and _read_as_nanoseconds(best, recordings)):
-        mends.append(Mend(best, UNITS[unit], 0.0, f"the log format wants s, and these are {unit}: {reason}", sure))
+        mends.append(
+            LogCorrection(best, UNITS[unit], 0.0, f"the log format wants s, and these are {unit}: {reason}", sure)
+        )
     return Clock(best, UNITS[unit], tuple(guesses), tuple(mends))
 
 

@@ -57,7 +57,7 @@ KNOWN = COMMAND_WORDS | MEASURED_WORDS | set(QUANTITY_WORDS) | UNIT_WORDS | GENE
 
 
 @dataclass(frozen=True)
-class Words:
+class ColumnName:
     """Attributes:
     name: the column's.
     commanded: whether it says that it is a command. measured: that it is a measurement.
@@ -87,7 +87,7 @@ def tokens(name: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[a-z]+|\d+", spaced.lower()))
 
 
-def read_words(name: str) -> Words:
+def read_words(name: str) -> ColumnName:
     """The words of a column's name, sorted by what they say."""
     every = tuple(part for word in tokens(name) for part in _parts(word))
     quantities = [QUANTITY_WORDS[w] for w in every if w in QUANTITY_WORDS]
@@ -100,7 +100,7 @@ def read_words(name: str) -> Words:
     if quantity is None and quantities:
         quantity = quantities[-1]
     unit = next((w for w in every if w in UNIT_WORDS), None)
-    return Words(name, commanded, measured, quantity, unit, core(every), every)
+    return ColumnName(name, commanded, measured, quantity, unit, core(every), every)
 
 
 def core(every: Sequence[str]) -> tuple[str, ...]:
@@ -155,7 +155,7 @@ def _abbreviates(short: Sequence[str], long: Sequence[str]) -> bool:
     return all(any(len(a) >= 2 and (w.startswith(a) or a == w) for w in rest) for a in short)
 
 
-def called(words: Words, quantity: str) -> str:
+def called(words: ColumnName, quantity: str) -> str:
     """The words by which a column is called a quantity or a command, for a reason that is printed."""
     said: Sequence[str] = [
         w for w in words.every if QUANTITY_WORDS.get(w) == quantity or quantity == "command" and w in COMMAND_WORDS

@@ -9,17 +9,17 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from residual_mpc.init.columns.guess import Guess
-from residual_mpc.init.columns.words import Words
+from residual_mpc.init.columns.words import ColumnName
 
 ENOUGH = 2.0  # log odds from which a column is taken
 CLOSE = 1.0  # log odds within which another column is as plausible
 NEVER = -inf
 
 Odds = tuple[float, tuple[str, ...]]  # log odds that a column has a role, and the reasons
-Rule = Callable[[Words], Odds]
+Rule = Callable[[ColumnName], Odds]
 
 
-def assign(rules: Mapping[str, Rule], free: Iterable[Words]) -> tuple[Guess, ...]:
+def assign(rules: Mapping[str, Rule], free: Iterable[ColumnName]) -> tuple[Guess, ...]:
     """The choice of columns, among those that are free, whose log odds sum to the most; roles may stay empty."""
     words = tuple(free)
     if not rules or not words:

@@ -6,17 +6,17 @@ from functools import partial
 
 import numpy as np
 
-from residual_mpc.init.columns.evidence import Case, Driven, Roles, answer
+from residual_mpc.init.columns.evidence import ColumnEvidence, JointDrive, Roles, joint_response
 from residual_mpc.init.columns.signals import CLEAR, NOTHING
-from residual_mpc.init.columns.words import Words, called
+from residual_mpc.init.columns.words import ColumnName, called
 from residual_mpc.init.roles.assignment import NEVER, Odds, Rule
 
 
-def commands(case: Case, roles: Roles) -> dict[str, Rule]:
+def commands(case: ColumnEvidence, roles: Roles) -> dict[str, Rule]:
     return {f"command.{d.name}": partial(_command, case, roles, i, d) for i, d in enumerate(case.driven)}
 
 
-def _command(case: Case, roles: Roles, member: int, driven: Driven, words: Words) -> Odds:
+def _command(case: ColumnEvidence, roles: Roles, member: int, driven: JointDrive, words: ColumnName) -> Odds:
     if words.quantity in ("acceleration", "enabled", "other") or words.measured and not words.commanded:
         return NEVER, ()
     if not np.isfinite(case.signals.raw[words.name]).any():
@@ -31,7 +31,7 @@ def _command(case: Case, roles: Roles, member: int, driven: Driven, words: Words
         reasons.append(f"of the {driven.kind} that the actuator takes" if same else "")
     elif words.quantity is not None and not words.commanded:
         odds -= 1.0
-    seen, what = answer(case, roles, words.name, driven)
+    seen, what = joint_response(case, roles, words.name, driven)
     r = abs(seen.correlation)
     if r > 0.5:
         odds += 4.0 * r * r - (1.5 if seen.lag < -2.0 * case.signals.dt else 0.0)
@@ -43,11 +43,11 @@ def _command(case: Case, roles: Roles, member: int, driven: Driven, words: Words
     return odds, tuple(reasons)
 
 
-def switches(case: Case) -> dict[str, Rule]:
+def switches(case: ColumnEvidence) -> dict[str, Rule]:
     return {f"enabled.{d.name}": partial(_switch, case, i) for i, d in enumerate(case.driven)}
 
 
-def _switch(case: Case, member: int, words: Words) -> Odds:
+def _switch(case: ColumnEvidence, member: int, words: ColumnName) -> Odds:
     x = case.signals.raw[words.name]
     x = x[np.isfinite(x)]
     if words.quantity != "enabled" or not len(x) or np.isin(x, (0.0, 1.0)).mean() < 0.9:

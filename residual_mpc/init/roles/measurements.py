@@ -7,18 +7,18 @@ from functools import partial
 
 import numpy as np
 
-from residual_mpc.init.columns.evidence import Case, Roles
+from residual_mpc.init.columns.evidence import ColumnEvidence, Roles
 from residual_mpc.init.columns.signals import CLEAR, NOTHING, Signals
-from residual_mpc.init.columns.words import Words, called
+from residual_mpc.init.columns.words import ColumnName, called
 from residual_mpc.init.roles.assignment import NEVER, Odds, Rule
-from residual_mpc.init.roles.velocity_check import ALIKE, paced
+from residual_mpc.init.roles.velocity_check import ALIKE, velocity_columns
 from residual_mpc.logs.columns import PER_BODY, group
 from residual_mpc.models.model_structure import Joint
 
 DEGREES = 180.0 / np.pi
 
 
-def positions(case: Case) -> dict[str, Rule]:
+def positions(case: ColumnEvidence) -> dict[str, Rule]:
     nameless = any(not w.kind for w in case.words.values())
     leads = _leads(case) if nameless else {}
     return {
@@ -27,7 +27,7 @@ def positions(case: Case) -> dict[str, Rule]:
     }
 
 
-def _position(case: Case, leads: Mapping[str, float], member: int, joint: Joint, words: Words) -> Odds:
+def _position(case: ColumnEvidence, leads: Mapping[str, float], member: int, joint: Joint, words: ColumnName) -> Odds:
     if words.quantity not in (None, "position") or words.commanded and not words.measured:
         return NEVER, ()
     if group(words.name) in PER_BODY:
@@ -48,7 +48,7 @@ def _position(case: Case, leads: Mapping[str, float], member: int, joint: Joint,
     return odds + inside, (*reasons, said)
 
 
-def _leads(case: Case) -> dict[str, float]:
+def _leads(case: ColumnEvidence) -> dict[str, float]:
     """+1 for columns that come after another of which they are the answer, -1 for those that such an answer follows or
     that are the rate of another; only columns whose names say nothing."""
     s, out = case.signals, {}
@@ -74,7 +74,7 @@ def _leads(case: Case) -> dict[str, float]:
     return out
 
 
-def _inside(signals: Signals, words: Words, joint: Joint) -> tuple[float, str]:
+def _inside(signals: Signals, words: ColumnName, joint: Joint) -> tuple[float, str]:
     """Whether the column stays within the joint's range, in the unit that fits better."""
     if joint.limits is None or words.unit not in (None, "rad", "deg", "degree", "degrees", "m"):
         return 0.0, ""
@@ -89,16 +89,18 @@ def _inside(signals: Signals, words: Words, joint: Joint) -> tuple[float, str]:
     return (0.5, "within its range") if best > 0.98 else (-1.5 * (1.0 - best), "")
 
 
-def velocities(case: Case, roles: Roles) -> dict[str, Rule]:
+def velocities(case: ColumnEvidence, roles: Roles) -> dict[str, Rule]:
     found = roles.of("position")
-    unnamed = paced(case, found)
+    unnamed = velocity_columns(case, found)
     return {
         f"velocity.{joint.name}": partial(_velocity, case, unnamed, i, found.get(joint.name))
         for i, joint in enumerate(case.structure.joints)
     }
 
 
-def _velocity(case: Case, unnamed: frozenset[str], member: int, position: str | None, words: Words) -> Odds:
+def _velocity(
+    case: ColumnEvidence, unnamed: frozenset[str], member: int, position: str | None, words: ColumnName
+) -> Odds:
     if words.quantity not in (None, "velocity") or words.commanded and not words.measured:
         return NEVER, ()
     whose, why = case.joints.evidence(words, member)
@@ -117,11 +119,11 @@ def _velocity(case: Case, unnamed: frozenset[str], member: int, position: str | 
     return odds, tuple(reasons)
 
 
-def efforts(case: Case) -> dict[str, Rule]:
+def efforts(case: ColumnEvidence) -> dict[str, Rule]:
     return {f"effort.{j.name}": partial(_effort, case, i) for i, j in enumerate(case.structure.joints)}
 
 
-def _effort(case: Case, member: int, words: Words) -> Odds:
+def _effort(case: ColumnEvidence, member: int, words: ColumnName) -> Odds:
     # a current is no torque, though it may be proportional to one
     amps = {"current", "currents", "curr", "iq", "amps", "amp", "ampere", "amperes", "load"} & set(words.every)
     if words.quantity != "effort" or words.commanded or amps:

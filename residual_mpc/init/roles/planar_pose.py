@@ -8,9 +8,9 @@ from math import pi
 import numpy as np
 
 from residual_mpc.init.columns.evidence import Roles
-from residual_mpc.init.columns.guess import Guess, Mend
+from residual_mpc.init.columns.guess import Guess, LogCorrection
 from residual_mpc.init.columns.signals import Signals
-from residual_mpc.init.columns.words import Words
+from residual_mpc.init.columns.words import ColumnName
 
 PLACES = frozenset(
     "pose pos position odom odometry base robot world map amcl mocap vicon optitrack orientation link chassis body"
@@ -22,7 +22,7 @@ IN_ITS_FRAME = "is in the robot's own frame by ROS's convention; the log format 
 QUATERNION = "the log format wants the heading itself: with a quaternion it is 2 * atan2(z, w) on level ground"
 
 
-def find_pose(words: Mapping[str, Words], signals: Signals) -> tuple[Roles, dict[str, str]]:
+def find_pose(words: Mapping[str, ColumnName], signals: Signals) -> tuple[Roles, dict[str, str]]:
     """Roles of pose.* and twist.*, and why columns that look like them were left."""
     found: dict[str, list[tuple[float, str]]] = {}
     left: dict[str, str] = {}
@@ -42,7 +42,7 @@ def find_pose(words: Mapping[str, Words], signals: Signals) -> tuple[Roles, dict
     return Roles(columns, tuple(guesses)), left
 
 
-def heading_in_degrees(signals: Signals, roles: Roles) -> tuple[Mend, ...]:
+def heading_in_degrees(signals: Signals, roles: Roles) -> tuple[LogCorrection, ...]:
     """A heading that goes beyond a turn in radians and stays within one in degrees, or is called so."""
     column = roles.columns.get("pose.theta")
     if column is None:
@@ -52,16 +52,16 @@ def heading_in_degrees(signals: Signals, roles: Roles) -> tuple[Mend, ...]:
     largest, step = float(np.nanmax(np.abs(x))), float(np.nanmax(np.abs(np.diff(x[np.isfinite(x)]))))
     if said or 4.0 * pi < largest <= 400.0 and step > 0.0:
         why = f"a heading of {largest:.4g} is in degrees" + (", as the name says" if said else "")
-        return (Mend(column, pi / 180.0, 0.0, why, 0.98 if said else 0.8),)
+        return (LogCorrection(column, pi / 180.0, 0.0, why, 0.98 if said else 0.8),)
     return ()
 
 
-def pose_role(words: Words) -> str | None:
+def pose_role(words: ColumnName) -> str | None:
     """The role of pose.* or twist.* that a column's name is like, None where it is like none."""
     return _role(words)[0]
 
 
-def _role(words: Words) -> tuple[str | None, float, str]:
+def _role(words: ColumnName) -> tuple[str | None, float, str]:
     """(role or None, score, why the column is left although it looks like one)."""
     every = set(words.every)
     if words.commanded or words.quantity in ("other", "enabled", "effort", "acceleration"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from residual_mpc.init.columns.evidence import Case, Roles
+from residual_mpc.init.columns.evidence import ColumnEvidence, Roles
 from residual_mpc.init.columns.guess import Guess
 from residual_mpc.init.roles.assignment import Rule, assign
 from residual_mpc.init.roles.commands import commands, switches
@@ -14,7 +14,7 @@ from residual_mpc.init.roles.measurements import efforts, positions, velocities
 ORDER = 0.3  # how sure, where nothing but the order of the columns tells joints apart
 
 
-def find_roles(case: Case) -> Roles:
+def find_roles(case: ColumnEvidence) -> Roles:
     """Positions first, then what relates to them: velocities, commands, efforts, switches."""
     roles = _with(case, positions(case), Roles({}))
     roles = _with(case, velocities(case, roles), roles)
@@ -23,14 +23,14 @@ def find_roles(case: Case) -> Roles:
     return _no_surer(case, _with(case, switches(case), roles))
 
 
-def _with(case: Case, rules: Mapping[str, Rule], roles: Roles) -> Roles:
+def _with(case: ColumnEvidence, rules: Mapping[str, Rule], roles: Roles) -> Roles:
     """`roles`, and more among the columns that are free."""
     used = set(roles.columns.values())
     guesses = assign(rules, (w for n, w in case.words.items() if n not in used))
     return roles.plus(Roles({g.what: g.value for g in guesses}, guesses))
 
 
-def _no_surer(case: Case, roles: Roles) -> Roles:
+def _no_surer(case: ColumnEvidence, roles: Roles) -> Roles:
     """Joints told apart by the order of the columns alone are hardly told apart, nor is what goes with them."""
     joints = [j.name for j in case.structure.joints]
     driven = {d.name: d.joint for d in case.driven}

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from itertools import product
 
 from residual_mpc.init.calibration.units import ANGLES, LENGTHS, RATES, SPEEDS, Unit
-from residual_mpc.init.columns.evidence import Case
+from residual_mpc.init.columns.evidence import ColumnEvidence
 from residual_mpc.models.model_structure import Joint
 
 ALIKE = 0.9  # correlation of a velocity with the rate of its position
@@ -16,7 +16,7 @@ USUAL = 1.0  # prior of two units together from which they are looked for
 MOST = 2.0 / 3.0  # of the joints: who logs velocities logs them of nearly all, in one unit
 
 
-def paced(case: Case, positions: Mapping[str, str]) -> frozenset[str]:
+def velocity_columns(case: ColumnEvidence, positions: Mapping[str, str]) -> frozenset[str]:
     """The columns of unknown quantity that are velocities by their data.
 
     A torque goes like its joint's speed too where friction rules, and with luck about as many times as there are
@@ -34,7 +34,7 @@ def paced(case: Case, positions: Mapping[str, str]) -> frozenset[str]:
     return frozenset(c for joints in of.values() if len(joints) >= enough for mine in joints.values() for c in mine)
 
 
-def _rates(case: Case, joint: Joint, positions: Mapping[str, str]) -> list[tuple[str, float]]:
+def _rates(case: ColumnEvidence, joint: Joint, positions: Mapping[str, str]) -> list[tuple[str, float]]:
     """Columns that go like the rate of a joint's position, each with the ratio of units that explains its size."""
     member, position, taken = case.structure.joints.index(joint), positions[joint.name], set(positions.values())
     found = []
@@ -51,13 +51,13 @@ def _rates(case: Case, joint: Joint, positions: Mapping[str, str]) -> list[tuple
     return found
 
 
-def _ratios(case: Case, joint: Joint, position: str, column: str) -> set[float]:
+def _ratios(case: ColumnEvidence, joint: Joint, position: str, column: str) -> set[float]:
     """How many times the rate of a position a velocity may be, by the units that logs are usually in."""
     places, rates = (LENGTHS, RATES) if joint.slides else (ANGLES, SPEEDS)
     fitting = product(_possible(case, places, position), _possible(case, rates, column))
     return {round(p.size / r.size, 9) for p, r in fitting if p.prior + r.prior >= USUAL}
 
 
-def _possible(case: Case, units: tuple[Unit, ...], column: str) -> list[Unit]:
+def _possible(case: ColumnEvidence, units: tuple[Unit, ...], column: str) -> list[Unit]:
     """Whole numbers count, and only whole numbers do."""
     return [u for u in units if not u.counts or column in case.signals.whole]

@@ -45,7 +45,9 @@ def build_evaluation(
 ) -> Evaluation:  # fmt: skip
     """flagged: without the samples that a diagnosis leaves out; cleaned: without all that a jump spoils."""
     raw = build_dataset(runs, robots, noise, horizon)
-    seen = with_outliers_removed(raw, find_outliers(raw).flagged) if flagged else clean(raw) if cleaned else raw
+    seen = (
+        with_outliers_removed(raw, find_outliers(raw).flagged) if flagged else without_outliers(raw) if cleaned else raw
+    )
     return Evaluation(seen, measure_scales(raw), effects)
 
 
@@ -61,7 +63,7 @@ def overlapping(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:
     return mask
 
 
-def clean(data: Dataset) -> Dataset:
+def without_outliers(data: Dataset) -> Dataset:
     """Without the samples that jump away; a localisation jumps as a whole, its velocities with it."""
     found = find_outliers(data)
     if not found.count:
@@ -80,7 +82,9 @@ def clean(data: Dataset) -> Dataset:
     return with_outliers_removed(data, flagged)
 
 
-def set_aside(evaluation: Evaluation, error: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, tuple[KeptBack, ...]]:
+def choose_validation_windows(
+    evaluation: Evaluation, error: np.ndarray, held: np.ndarray
+) -> tuple[np.ndarray, tuple[KeptBack, ...]]:
     """Windows (W,) that choose the pass and the channels; none of them is learned from, none kept back. Where the runs
     are too short for that, the windows that are learned from choose."""
     rest = evaluation.data.take(~held)
@@ -91,7 +95,7 @@ def set_aside(evaluation: Evaluation, error: np.ndarray, held: np.ndarray) -> tu
     return (mask, kept) if mask.any() else (~held, ())
 
 
-def spared(
+def without_harmful_outputs(
     evaluation: Evaluation, form: Form, learned: Residual, windows: np.ndarray
 ) -> tuple[Residual, tuple[str, ...]]:
     """The residual with the outputs switched off that make a channel worse on these windows, and those channels."""

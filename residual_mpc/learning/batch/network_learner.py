@@ -8,10 +8,18 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.subsampling import shorten
 from residual_mpc.diagnosis.remainder.learning import Learner, Remainder, RidgeLearner
-from residual_mpc.learning.batch.evaluation import Evaluation, clean, spared
-from residual_mpc.learning.batch.window_updates import LearnSettings, begin, first_error, order_of, prior, run, step_of
+from residual_mpc.learning.batch.evaluation import Evaluation, without_harmful_outputs, without_outliers
+from residual_mpc.learning.batch.window_updates import (
+    LearnSettings,
+    build_training_problem,
+    first_error,
+    order_of,
+    prior_belief,
+    step_of,
+    update_over_windows,
+)
 from residual_mpc.learning.forms.form import Form
-from residual_mpc.learning.forms.registry import usual_form
+from residual_mpc.learning.forms.registry import default_form
 from residual_mpc.learning.network.residual import Residual
 
 FEWEST = 8  # windows to learn from
@@ -30,7 +38,7 @@ class NetworkLearner:
 
     def left(self, of: Remainder, rng: np.random.Generator) -> np.ndarray | None:
         """As `residual_mpc.diagnosis.remainder.learning.Learner`."""
-        form = usual_form(of.data.blocks[0].robot)
+        form = default_form(of.data.blocks[0].robot)
         with threadpool_limits(1):  # nets of this size lose by a second thread
             learned = self._learned(of, form, rng)
             return None if learned is None else _examined(of, form, learned)
@@ -42,10 +50,12 @@ class NetworkLearner:
         passes = min(settings.passes, self.updates // data.count)
         every = np.ones(data.count, dtype=bool)
         scaling = _evenly(every, self.scaling)
-        problem, blank = begin(data, form, step, settings, of.settings, (), scaling, ~of.scales.still, rng)
-        belief = prior(blank, settings)
+        problem, blank = build_training_problem(
+            data, form, step, settings, of.settings, (), scaling, ~of.scales.still, rng
+        )
+        belief = prior_belief(blank, settings)
         error = first_error(problem, every)
-        for progress in run(problem, blank, belief, error, order_of(every, passes, rng), settings):
+        for progress in update_over_windows(problem, blank, belief, error, order_of(every, passes, rng), settings):
             belief = progress.belief
         return blank.with_theta(belief.mean)
 
@@ -66,7 +76,7 @@ def _course_data(data: Dataset, form: Form, settings: LearnSettings) -> tuple[Da
     step = step_of(form, data.blocks[0].drive.dt, settings)
     count = min(settings.horizon, max(2, round(data.horizon / step)))
     part = count * step / data.horizon
-    data = clean(data)
+    data = without_outliers(data)
     return (shorten(data, part) if part < 1.0 - 1e-9 else data), replace(settings, horizon=count), step
 
 
@@ -75,7 +85,7 @@ def _examined(of: Remainder, form: Form, learned: Residual) -> np.ndarray:
     a channel worse on the windows that choose are switched off."""
     asked = of.choose | of.judge
     evaluation = Evaluation(of.data.take(asked), of.scales, of.settings)
-    learned, _ = spared(evaluation, form, learned, of.choose[asked])
+    learned, _ = without_harmful_outputs(evaluation, form, learned, of.choose[asked])
     left = np.full(of.error.shape, np.nan)
     left[asked] = evaluation.error(learned)
     return left

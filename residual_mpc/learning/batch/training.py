@@ -13,11 +13,27 @@ from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.batch import checkpoint as disk
-from residual_mpc.learning.batch.evaluation import Evaluation, build_evaluation, clean, overlapping, set_aside, spared
-from residual_mpc.learning.batch.window_linearisation import TrainingProblem, h2_of
-from residual_mpc.learning.batch.window_updates import LearnSettings, begin, first_error, order_of, prior, run, step_of
-from residual_mpc.learning.cases import Condition, check_alike, total
-from residual_mpc.learning.forms.registry import form_named, usual_form
+from residual_mpc.learning.batch.evaluation import (
+    Evaluation,
+    build_evaluation,
+    choose_validation_windows,
+    overlapping,
+    without_harmful_outputs,
+    without_outliers,
+)
+from residual_mpc.learning.batch.training_problem import TrainingProblem
+from residual_mpc.learning.batch.window_linearisation import h2_of
+from residual_mpc.learning.batch.window_updates import (
+    LearnSettings,
+    build_training_problem,
+    first_error,
+    order_of,
+    prior_belief,
+    step_of,
+    update_over_windows,
+)
+from residual_mpc.learning.cases import Condition, check_compatible, sum_residuals
+from residual_mpc.learning.forms.registry import default_form, form_named
 from residual_mpc.learning.h2 import H2, mean_of, summary
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
@@ -48,7 +64,7 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Learned:
+class TrainingResult:
     """learned: what this call learned; whole: with what it builds on, as one residual. condition: of model_constr, None
     where nothing came before; kept_earlier: whether it holds and the gap agrees. h2 over the updates; held_out_h2 and
     gaps before and after on what was kept back (None: nothing was). without_spikes: gaps before and after where the
@@ -85,7 +101,7 @@ def train(
     rng: np.random.Generator,
     report: Report = lambda update, of, seconds, h2: None,
     folder: Path | None = None,
-) -> Learned:
+) -> TrainingResult:
     """Learn; with a folder, checkpoints are kept in it, and one of this very call is taken up again.
 
     Raises BadInput where the runs hold too little to learn from, or the earlier residual is another robot's.
@@ -96,7 +112,7 @@ def train(
 
 def _train(
     task: Task, settings: LearnSettings, rng: np.random.Generator, report: Report, folder: Path | None
-) -> Learned:
+) -> TrainingResult:
     effects = assemble([task.values], {e.name: task.robots[0].slots(e.name) for e in LIBRARY})
     flagged = task.leaves_out_outliers
     seen = (task.runs, task.robots, task.noise, task.gap_horizon, effects, flagged)
@@ -108,12 +124,12 @@ def _train(
     if kept is None:
         kept = choose_held_out(evaluation.data, per_window(evaluation.data, evaluation.scales, base_error))
     held = held_out_mask(evaluation.data, kept)
-    aside, put_aside = set_aside(evaluation, base_error, held)
+    aside, put_aside = choose_validation_windows(evaluation, base_error, held)
 
-    form = form_named(task.form) if task.form else usual_form(task.robots[0])
+    form = form_named(task.form) if task.form else default_form(task.robots[0])
     grid = evaluation.data.blocks[0].drive.dt
     step = step_of(form, grid, settings)
-    data = clean(build_dataset(task.runs, task.robots, task.noise, settings.horizon * step))
+    data = without_outliers(build_dataset(task.runs, task.robots, task.noise, settings.horizon * step))
     train_windows = ~overlapping(data, (*kept, *put_aside))
     if train_windows.sum() < FEWEST:
         raise BadInput(
@@ -122,7 +138,9 @@ def _train(
             "runs",
             "record longer runs, or learn with a shorter --horizon or --step",
         )
-    problem, blank = begin(data, form, step, settings, effects, (), train_windows, ~evaluation.scales.still, rng)
+    problem, blank = build_training_problem(
+        data, form, step, settings, effects, (), train_windows, ~evaluation.scales.still, rng
+    )
     problem, condition = _earlier(task, evaluation, problem, blank, train_windows, ~held, rng)
     order = order_of(train_windows, settings.passes, rng)
 
@@ -130,16 +148,16 @@ def _train(
     passes = np.array([evaluation.gap(_whole(problem, blank), aside).total, *trail.pass_gap])
     chosen = int(np.nanargmin(passes))
     learned = blank if chosen == 0 else blank.with_theta(trail.pass_theta[chosen - 1])
-    whole, left_alone = spared(evaluation, form, _whole(problem, learned), aside)
+    whole, left_alone = without_harmful_outputs(evaluation, form, _whole(problem, learned), aside)
     worse: tuple[str, ...] = ()
     last = held if held.any() else ~held
     if held.any():
-        whole, worse = spared(evaluation, form, whole, held)
+        whole, worse = without_harmful_outputs(evaluation, form, whole, held)
     learned = learned.without(tuple(o for o, s in zip(whole.outputs, whole.output_scale, strict=True) if s == 0.0))
     before, after = final.gap(None, last), final.gap(whole, last)
     jumps = evaluation.data is not final.data and not np.array_equal(final.data.y, evaluation.data.y, equal_nan=True)
     spared_of_them = (evaluation.gap(None, last).total, evaluation.gap(whole, last).total) if jumps else None
-    return Learned(
+    return TrainingResult(
         learned,
         whole,
         condition,
@@ -161,7 +179,7 @@ def _train(
 
 
 def _whole(problem: TrainingProblem, learned: Residual) -> Residual:
-    return total((*problem.fixed, learned))
+    return sum_residuals((*problem.fixed, learned))
 
 
 def _earlier(
@@ -177,7 +195,7 @@ def _earlier(
     the gap on the windows `seen` falls with it: an H2 norm of noisy velocities may fall while positions get worse."""
     if task.earlier is None:
         return problem, None
-    check_alike(task.earlier, blank, task.earlier_file)
+    check_compatible(task.earlier, blank, task.earlier_file)
     some = np.flatnonzero(windows)
     some = np.sort(rng.permutation(some)[:100])
     norms = [np.concatenate([h2_of(problem, r, int(w)) for w in some]) for r in (blank, task.earlier)]
@@ -209,10 +227,12 @@ def _updates(
     if at is None:
         nothing = np.empty(0)
         error = first_error(problem, np.isin(np.arange(problem.data.count), order))
-        at = disk.Checkpoint(0, prior(blank, settings), error, nothing, nothing, nothing, np.empty((0, blank.net.size)))
+        at = disk.Checkpoint(
+            0, prior_belief(blank, settings), error, nothing, nothing, nothing, np.empty((0, blank.net.size))
+        )
     h2, ms = [at.h2], [at.update_ms]
     recent = list(at.h2[-500:])
-    for p in run(problem, blank, at.belief, at.error, order, settings, at.update):
+    for p in update_over_windows(problem, blank, at.belief, at.error, order, settings, at.update):
         h2.append(p.h2)
         ms.append(np.array([p.update_ms]))
         recent = [*recent, *p.h2][-max(1, round(10.0 / blank.step)) :]

@@ -6,18 +6,17 @@ in one replay; that keeps every effect of the base model, delays of the sensors 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.predict.problem import start_sigma
 from residual_mpc.diagnosis.predict.replay import earliest, predict
 from residual_mpc.learning.batch.reference_velocities import reference_velocities
+from residual_mpc.learning.batch.training_problem import TrainingProblem
 from residual_mpc.learning.filter.kalman import Measurement
 from residual_mpc.learning.filter.window import Window
-from residual_mpc.learning.filter.workspace import Workspace
-from residual_mpc.learning.forms.form import Delta, Form, Rolled, steps_of
+from residual_mpc.learning.forms.form import Delta, FormRollout, steps_of
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
@@ -43,24 +42,6 @@ class WindowLinearisation:
     error: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class TrainingProblem:
-    """What the linearisations of all windows share.
-
-    data: windows of N steps. settings: one row, the diagnosed effects. fixed: residuals that are not learned, summed.
-    doubt (W, M, C, k): how one sigma of each start coordinate moves the prediction. samples: at most so many of a
-    channel in a window. workspace: what the filter computes in.
-    """
-
-    data: Dataset
-    form: Form
-    settings: Settings
-    fixed: tuple[Residual, ...]
-    doubt: np.ndarray
-    used: np.ndarray  # (C,) bool: channels that are compared and move
-    cost: np.ndarray  # (C,) the paper's C: how much each channel's errors count, 1 as a rule
-    samples: int = 20
-    workspace: Workspace = field(default_factory=Workspace)
 
 
 def linearise_window(
@@ -72,7 +53,7 @@ def linearise_window(
     channel; it stands in C_v beside the sensor noise and the doubt about the start.
     """
     one = problem.data.take(np.arange(problem.data.count) == w)
-    count, rolled, predicted, readout = push_through(problem, learned, one, nudge)
+    count, rolled, predicted, readout = differentiate_rollout(problem, learned, one, nudge)
     y, t = one.y[0], one.t[0]
     keep = kept_samples(problem, y, t)
     m_index, c_index = np.nonzero(keep)
@@ -113,7 +94,7 @@ def cost_of(measured: Measurement, predicted: np.ndarray) -> float:
 
 def cost_under(problem: TrainingProblem, learned: Residual, w: int, given: WindowLinearisation) -> float:
     """The cost of a linearise_window's window rolled out anew under other weights."""
-    at = rolled_out(problem, learned, w)[1][given.samples]
+    at = roll_out(problem, learned, w)[1][given.samples]
     return cost_of(given.measured, given.weight * at)
 
 
@@ -128,9 +109,9 @@ def unexplained(t: np.ndarray, channel: np.ndarray, floor: np.ndarray, horizon: 
     return np.asarray(2.0 / horizon * together * size[:, None] * size[None, :])
 
 
-def push_through(
+def differentiate_rollout(
     problem: TrainingProblem, learned: Residual, one: Dataset, nudge: np.ndarray
-) -> tuple[int, Rolled, np.ndarray, np.ndarray]:
+) -> tuple[int, FormRollout, np.ndarray, np.ndarray]:
     """(steps N, what was rolled, predicted (M, C), its derivative (o * N, M, C) by each output at each step)."""
     (block,) = one.blocks
     extra = int(np.ceil(earliest(block, problem.settings).max() / block.drive.dt))
@@ -148,7 +129,7 @@ def push_through(
     return count, rolled[0], found[0], np.nan_to_num((found[1:] - found[0]) / size)
 
 
-def summed(residuals: Sequence[Residual]) -> Delta:
+def sum_of_outputs(residuals: Sequence[Residual]) -> Delta:
     """The sum of residuals of one form."""
 
     def delta(z: np.ndarray) -> np.ndarray:
@@ -171,7 +152,7 @@ def kept_samples(problem: TrainingProblem, y: np.ndarray, t: np.ndarray) -> np.n
     return keep
 
 
-def h2_norms(problem: TrainingProblem, one: Dataset, rolled: Rolled, step: float, count: int) -> np.ndarray:
+def h2_norms(problem: TrainingProblem, one: Dataset, rolled: FormRollout, step: float, count: int) -> np.ndarray:
     """(N,) the paper's H2 norm at each step: |x_ref - x_pred| over the velocities that the residual corrects."""
     outputs = problem.form.outputs(one.blocks[0].robot)
     late = 1.0 if problem.form.name == "joint" else 0.5  # a joint's velocity is that at the step's end
@@ -183,25 +164,14 @@ def h2_norms(problem: TrainingProblem, one: Dataset, rolled: Rolled, step: float
     return np.where(inside & np.isfinite(off).all(axis=1) & seen.any(), np.linalg.norm(off, axis=1), np.nan)
 
 
-def start_doubt(data: Dataset, settings: Settings) -> np.ndarray:
-    """(W, M, C, k): how one inflated standard deviation of each start coordinate moves the base's prediction."""
-    base = predict(data, settings)[0]
-    columns = [
-        np.nan_to_num(predict(data, settings, {channel: size})[0] - base)
-        for channel, size in start_sigma(data).items()
-        if size.any()
-    ]
-    return np.stack(columns, axis=-1) if columns else np.zeros((*base.shape, 1))
-
-
 def h2_of(problem: TrainingProblem, learned: Residual, w: int) -> np.ndarray:
     """(N,) H2 norms of window w under the residual as it is."""
-    rolled, _ = rolled_out(problem, learned, w)
+    rolled, _ = roll_out(problem, learned, w)
     one = problem.data.take(np.arange(problem.data.count) == w)
     return h2_norms(problem, one, rolled, learned.step, rolled.velocity.shape[1])
 
 
-def rolled_out(problem: TrainingProblem, learned: Residual, w: int) -> tuple[Rolled, np.ndarray]:
+def roll_out(problem: TrainingProblem, learned: Residual, w: int) -> tuple[FormRollout, np.ndarray]:
     """Window w under the residual as it is, and what it predicts of the samples (M, C)."""
     one = problem.data.take(np.arange(problem.data.count) == w)
     (block,) = one.blocks
@@ -212,12 +182,12 @@ def rolled_out(problem: TrainingProblem, learned: Residual, w: int) -> tuple[Rol
 
 def _recorded(
     problem: TrainingProblem, base: Robot, learned: Residual, push: np.ndarray | None
-) -> tuple[Robot, list[Rolled]]:
+) -> tuple[Robot, list[FormRollout]]:
     """The base with the residuals, pushed, and a list to which each of its replays adds what it rolled out.
 
     push (H, N, outputs): row h is for hypothesis h.
     """
-    delta, rolled = summed((*problem.fixed, learned)), list[Rolled]()
+    delta, rolled = sum_of_outputs((*problem.fixed, learned)), list[FormRollout]()
 
     def replay(
         start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]

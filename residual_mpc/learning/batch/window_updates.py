@@ -10,23 +10,23 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.errors import BadInput
+from residual_mpc.learning.batch.training_problem import TrainingProblem, start_doubt
 from residual_mpc.learning.batch.window_linearisation import (
-    TrainingProblem,
     WindowLinearisation,
     cost_under,
+    differentiate_rollout,
     linearise_window,
-    push_through,
-    start_doubt,
 )
 from residual_mpc.learning.filter import ekf, ukf
-from residual_mpc.learning.filter.kalman import Belief, FilterSettings, Info, predicted_covariance, start
+from residual_mpc.learning.filter.guarded_update import guarded_update
+from residual_mpc.learning.filter.kalman import Belief, FilterSettings, UpdateInfo, initial_belief
 from residual_mpc.learning.filter.workspace import Workspace
 from residual_mpc.learning.forms.form import Form
 from residual_mpc.learning.network.mlp import PAPER_HIDDEN, Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.settings import Settings
 
-HALVINGS = 4
+HALVINGS = 3  # of an update that makes its own window worse
 LIMIT = 6.0  # input scales
 LARGE = 400  # weights from which the exact Jacobian replaces the sigma points
 
@@ -76,7 +76,7 @@ class Progress:
     seconds: float
     h2: np.ndarray
     update_ms: float
-    info: Info
+    info: UpdateInfo
     belief: Belief
     error: np.ndarray
 
@@ -87,7 +87,7 @@ def step_of(form: Form, grid: float, settings: LearnSettings) -> float:
     return max(1, round(wanted / grid)) * grid
 
 
-def begin(
+def build_training_problem(
     data: Dataset, form: Form, step: float, settings: LearnSettings, effects: Settings,
     fixed: Sequence[Residual], scaling: np.ndarray, used: np.ndarray, rng: np.random.Generator,
 ) -> tuple[TrainingProblem, Residual]:  # fmt: skip
@@ -103,7 +103,7 @@ def begin(
     problem = TrainingProblem(
         data, form, effects, tuple(fixed), start_doubt(data, effects), used, cost, settings.horizon
     )
-    return problem, scaled(problem, blank, scaling, rng)
+    return problem, with_scales(problem, blank, scaling, rng)
 
 
 def costs_of(settings: LearnSettings, channels: Sequence[str]) -> np.ndarray:
@@ -118,7 +118,7 @@ def costs_of(settings: LearnSettings, channels: Sequence[str]) -> np.ndarray:
     return cost
 
 
-def scaled(
+def with_scales(
     problem: TrainingProblem, blank: Residual, scaling: np.ndarray, rng: np.random.Generator, few: int = 40
 ) -> Residual:
     """Input scales from the model's own motion; output scales: the size of the constant residual, window by window,
@@ -129,7 +129,7 @@ def scaled(
     nudge = np.full(len(blank.outputs), 1e-2)
     for w in at:
         one = problem.data.take(np.arange(problem.data.count) == w)
-        count, rolled, predicted, readout = push_through(problem, blank, one, nudge)
+        count, rolled, predicted, readout = differentiate_rollout(problem, blank, one, nudge)
         z.append(rolled.z[0])
         error = np.where(problem.used & np.isfinite(one.y[0]), one.y[0] - predicted, 0.0) / one.sigma
         through = np.where(np.isfinite(one.y[0]) & problem.used, readout / one.sigma, 0.0)
@@ -157,7 +157,7 @@ def order_of(seen: np.ndarray, passes: int, rng: np.random.Generator) -> np.ndar
     return np.concatenate([rng.permutation(rows) for _ in range(passes)])
 
 
-def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, Info]]:
+def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, UpdateInfo]]:
     """The update of the chosen filter; auto: the UKF while it costs a millisecond, the EKF for larger nets."""
     if method == "auto":
         method = "ukf" if size < LARGE else "ekf"
@@ -165,7 +165,7 @@ def filter_of(method: str, size: int) -> Callable[..., tuple[Belief, Info]]:
     return partial(ukf.update, workspace=workspace) if method == "ukf" else ekf.update
 
 
-def run(
+def update_over_windows(
     problem: TrainingProblem, learned: Residual, belief: Belief, error: np.ndarray, order: np.ndarray,
     settings: LearnSettings, first: int = 0,
 ) -> Iterator[Progress]:  # fmt: skip
@@ -183,7 +183,7 @@ def run(
         begun = perf_counter()
         moved, info = update(belief, given.window, given.measured, settings.kalman)
         took = 1e3 * (perf_counter() - begun)
-        belief = no_worse(problem, learned, w, given, belief, moved, settings)
+        belief = guarded_window_update(problem, learned, w, given, belief, moved, settings)
         error = error_of_late(error, given.error, settings.memory)
         seconds += given.seconds  # of data, passes counted anew
         yield Progress(k + 1, seconds, given.h2, took, info, belief, error)
@@ -209,7 +209,7 @@ def _mean_square(error: np.ndarray) -> float:
     return float(np.median(good**2) / 0.455) if len(good) else 0.0  # 0.455: a normal's median square
 
 
-def no_worse(
+def guarded_window_update(
     problem: TrainingProblem,
     learned: Residual,
     w: int,
@@ -218,22 +218,16 @@ def no_worse(
     after: Belief,
     settings: LearnSettings,
 ) -> Belief:
-    """The update, or the longest of its halvings that does not make its own window worse when that is rolled out anew.
+    """The update, shortened where it makes its own window worse when that is rolled out anew."""
 
-    A large innovation asks for weights at which the linear picture of the rollout is long wrong; a shortened step has
-    not used up what the window says, so that it keeps the covariance.
-    """
-    if given.cost <= settings.fair and cost_under(problem, learned.with_theta(after.mean), w, given) <= settings.fair:
+    def cost(theta: np.ndarray) -> float:
+        return cost_under(problem, learned.with_theta(theta), w, given)
+
+    if given.cost <= settings.fair and cost(after.mean) <= settings.fair:
         return after
-    share = 1.0
-    for _ in range(HALVINGS):
-        mean = before.mean + share * (after.mean - before.mean)
-        if cost_under(problem, learned.with_theta(mean), w, given) <= given.cost:
-            return after if share == 1.0 else Belief(mean, predicted_covariance(before, settings.kalman))
-        share *= 0.5
-    return Belief(before.mean, predicted_covariance(before, settings.kalman))
+    return guarded_update(before, after, lambda theta: cost(theta) <= given.cost, HALVINGS, settings.kalman)[0]
 
 
-def prior(learned: Residual, settings: LearnSettings) -> Belief:
+def prior_belief(learned: Residual, settings: LearnSettings) -> Belief:
     """The belief before any data."""
-    return start(learned.theta, settings.variance)
+    return initial_belief(learned.theta, settings.variance)

@@ -10,14 +10,14 @@ import numpy as np
 from residual_mpc.learning.filter.kalman import (
     Belief,
     FilterSettings,
-    Info,
     Measurement,
+    UpdateInfo,
     correct,
+    initial_belief,
     predicted_covariance,
-    start,
 )
 
-init = start
+init = initial_belief
 USUAL = FilterSettings()
 
 
@@ -31,7 +31,7 @@ class Differentiable(Protocol):
 
 def update(
     belief: Belief, window: Differentiable, measured: Measurement, settings: FilterSettings = USUAL
-) -> tuple[Belief, Info]:
+) -> tuple[Belief, UpdateInfo]:
     """One update over the horizon, as `residual_mpc.learning.filter.ukf.update`."""
     p = predicted_covariance(belief, settings)
     with np.errstate(over="ignore", invalid="ignore"):

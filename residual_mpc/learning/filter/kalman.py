@@ -54,7 +54,7 @@ class FilterSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Info:
+class UpdateInfo:
     """What one update did: innovation x_ref - x_pred (m,), NaN where missing; its variance (m,); how many samples were
     held back by the robust update; whether anything was used at all."""
 
@@ -64,7 +64,7 @@ class Info:
     used: bool
 
 
-def start(mean: np.ndarray, variance: float | np.ndarray) -> Belief:
+def initial_belief(mean: np.ndarray, variance: float | np.ndarray) -> Belief:
     """The belief before any data: weights `mean` (L,), independent, each with `variance`, a number or (L,).
 
     Raises ValueError for a variance that is not positive.
@@ -92,12 +92,12 @@ def factored(belief: Belief, settings: FilterSettings, out: np.ndarray | None = 
     p = predicted_covariance(belief, settings, out)
     factor, failed = dpotrf(p.T, lower=1, clean=1, overwrite_a=1)
     if failed:
-        belief = Belief(belief.mean, mended(belief.covariance))
+        belief = Belief(belief.mean, positive_definite(belief.covariance))
         factor = np.asfortranarray(np.linalg.cholesky(predicted_covariance(belief, settings)))
     return belief, factor
 
 
-def mended(p: np.ndarray) -> np.ndarray:
+def positive_definite(p: np.ndarray) -> np.ndarray:
     """p (L, L) itself where it is positive definite, else p with its lowest eigenvalues raised to what rounding is."""
     if not dpotrf(p.T, lower=1)[1]:
         return p
@@ -121,7 +121,7 @@ def correct(
     spread: np.ndarray,
     measured: Measurement,
     settings: FilterSettings,
-) -> tuple[Belief, Info]:
+) -> tuple[Belief, UpdateInfo]:
     """The Kalman correction of P + C_theta: predicted (m,), cross C_sz (L, m), spread S - C_v (m, m).
 
     Missing references drop out. `cross` is overwritten where it is stored by columns. What cannot be used (nothing
@@ -138,7 +138,7 @@ def correct(
     if noise.ndim == 1:
         own += noise
     if not len(e) or not np.isfinite(s).all():
-        return drifted(belief, settings), Info(innovation, np.full(innovation.shape, np.nan), 0, False)
+        return predicted_belief(belief, settings), UpdateInfo(innovation, np.full(innovation.shape, np.nan), 0, False)
     variance = np.full(innovation.shape, np.nan)
     variance[good] = own
     size = np.abs(e) / np.sqrt(own)
@@ -148,7 +148,7 @@ def correct(
         own[far] *= size[far] / settings.huber
     root, failed = dpotrf(s.T, lower=1, clean=1)
     if failed:
-        return drifted(belief, settings), Info(innovation, variance, 0, False)
+        return predicted_belief(belief, settings), UpdateInfo(innovation, variance, 0, False)
     # K = C_sz S^-1 (UKF a) is never formed: with S = R R' and V = C_sz R^-T, K S K' = V V' and K e = V (R^-1 e)
     v = dtrsm(1.0, root, cross, side=1, lower=1, trans_a=1, overwrite_b=1)  # (L, m)
     moved = belief.mean + v @ dtrsm(1.0, root, e, lower=1)  # eqs. (learning_law), (UKF)
@@ -157,12 +157,12 @@ def correct(
     # a downdate is off by up to L eps |P|: so much is given back, and P stays positive
     _diagonal(after)[:] += settings.process + ROUNDING * len(p) * (_diagonal(p).max() + settings.process)
     if own.max() > ILL * (noise if noise.ndim == 1 else np.diagonal(noise)).min():
-        after = mended(after)  # so little of P is left that rounding shows
+        after = positive_definite(after)  # so little of P is left that rounding shows
     if not (np.isfinite(moved).all() and _diagonal(after).min() > 0.0):
-        return drifted(belief, settings), Info(innovation, variance, 0, False)
-    return Belief(moved, after), Info(innovation, variance, held_back, True)
+        return predicted_belief(belief, settings), UpdateInfo(innovation, variance, 0, False)
+    return Belief(moved, after), UpdateInfo(innovation, variance, held_back, True)
 
 
-def drifted(belief: Belief, settings: FilterSettings) -> Belief:
+def predicted_belief(belief: Belief, settings: FilterSettings) -> Belief:
     """The belief after an update that nothing was learned from: the same weights, P + C_theta."""
     return Belief(belief.mean, predicted_covariance(belief, settings))

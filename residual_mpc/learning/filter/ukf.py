@@ -8,16 +8,16 @@ from scipy.linalg.blas import dtrmm
 from residual_mpc.learning.filter.kalman import (
     Belief,
     FilterSettings,
-    Info,
     Measurement,
+    UpdateInfo,
     correct,
     factored,
-    start,
+    initial_belief,
 )
 from residual_mpc.learning.filter.sigma_points import SigmaWeights
 from residual_mpc.learning.filter.workspace import Workspace
 
-init = start
+init = initial_belief
 USUAL = FilterSettings()
 NEAR = SigmaWeights()
 
@@ -39,7 +39,7 @@ def update(
     settings: FilterSettings = USUAL,
     weights: SigmaWeights = NEAR,
     workspace: Workspace | None = None,
-) -> tuple[Belief, Info]:
+) -> tuple[Belief, UpdateInfo]:
     """One update over the horizon: y_t = y_{t-N} + K (x_ref - x_pred), eq. (learning_law).
 
     workspace: memory to compute in; nothing of it is in the answer.

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.learning.forms.form import Delta, Rolled, steps_of
+from residual_mpc.learning.forms.form import Delta, FormRollout, steps_of
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.stepping import BODY
@@ -44,7 +44,7 @@ class BodyForm:
         settings: Settings,
         wanted: tuple[str, ...],
         push: np.ndarray | None = None,
-    ) -> Rolled:
+    ) -> FormRollout:
         sub, count = steps_of(step, drive)
         nodes, v, heading = _base(base, start, drive, settings, wanted)
         before = drive.lead // sub
@@ -67,7 +67,7 @@ class BodyForm:
             if k >= before:
                 z[:, k - before], change[:, k - before], velocity[:, k - before] = now, d, last
         held = np.repeat(change, sub, axis=1)[:, : drive.steps]
-        return Rolled(_moved(nodes, start, v + held, drive.dt, wanted), z, change, velocity)
+        return FormRollout(_moved(nodes, start, v + held, drive.dt, wanted), z, change, velocity)
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class PaperForm:
         settings: Settings,
         wanted: tuple[str, ...],
         push: np.ndarray | None = None,
-    ) -> Rolled:
+    ) -> FormRollout:
         sub, count = steps_of(step, drive)
         nodes, v, _ = _base(base, start, drive, settings, wanted)
         model, u = _means(v, sub, count), _means(drive.command[:, drive.lead :], sub, count)
@@ -114,7 +114,7 @@ class PaperForm:
             theta = theta + span * velocity[:, k, 2]
             body[:, k] = _turned(change[:, k], -(theta - 0.5 * span * velocity[:, k, 2]))
         held = np.repeat(body, sub, axis=1)[:, : drive.steps]
-        return Rolled(_moved(nodes, start, v + held, drive.dt, wanted), z, change, velocity)
+        return FormRollout(_moved(nodes, start, v + held, drive.dt, wanted), z, change, velocity)
 
 
 def _base(

@@ -13,7 +13,7 @@ Delta = Callable[[np.ndarray], np.ndarray]  # inputs z (B, inputs) -> residual (
 
 
 @dataclass(frozen=True, eq=False)
-class Rolled:
+class FormRollout:
     """B rows rolled out over N steps of the residual.
 
     nodes: wanted channels (B, K + 1). z (B, N, inputs) and delta (B, N, outputs): what went in and came out. velocity
@@ -54,7 +54,7 @@ class Form(Protocol):
         settings: Settings,
         wanted: tuple[str, ...],
         push: np.ndarray | None = None,
-    ) -> Rolled:
+    ) -> FormRollout:
         """As Robot.replay, with delta evaluated every `step` s and held. push (B, N, outputs) is added to delta."""
         ...
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.learning.forms.form import Delta, Rolled, steps_of
+from residual_mpc.learning.forms.form import Delta, FormRollout, steps_of
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
@@ -49,7 +49,7 @@ class JointForm:
         settings: Settings,
         wanted: tuple[str, ...],
         push: np.ndarray | None = None,
-    ) -> Rolled:
+    ) -> FormRollout:
         sub, count = steps_of(step, drive)
         states = base.states
         channels = tuple(c for s in states for c in (s.position, s.velocity) if c is not None)
@@ -85,7 +85,7 @@ class JointForm:
                     axis=1,
                 )
             )
-        return Rolled(
+        return FormRollout(
             {c: np.concatenate(p, axis=1) for c, p in parts.items()},
             np.stack(z, axis=1),
             np.stack(d, axis=1),

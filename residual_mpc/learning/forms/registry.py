@@ -15,6 +15,6 @@ def form_named(name: str) -> Form:
     return known[name]
 
 
-def usual_form(base: Robot) -> Form:
+def default_form(base: Robot) -> Form:
     """The body form for a robot that drives on a plane, else the joint form."""
     return form_named("body" if set(POSE) <= {s.position for s in base.states} else "joint")

@@ -73,7 +73,7 @@ class Prediction:
     before: tuple[Memory, ...]
 
 
-def rest(samples: Samples) -> Memory:
+def initial_memory(samples: Samples) -> Memory:
     """Before the first sample: the model's velocity, no correction."""
     return Memory(samples.model[0].copy(), np.zeros(samples.model.shape[1]))
 
@@ -125,7 +125,7 @@ def response(
     return out.reshape(o * n, o * n)
 
 
-def growth(residuals: Sequence[Residual], z: np.ndarray, outputs: int) -> float:
+def feedback_growth(residuals: Sequence[Residual], z: np.ndarray, outputs: int) -> float:
     """Largest factor at inputs z (n, inputs) by which a velocity that feeds back lives on from one sample to the next
     through the residuals: 1 or more runs away."""
     slope = sum((input_slope_of(r, z)[:, :, :outputs] for r in residuals), np.zeros((len(z), outputs, outputs)))
@@ -150,12 +150,12 @@ def input_slope_of(residual: Residual, z: np.ndarray) -> np.ndarray:
     return np.asarray(residual.output_scale[:, None] * slope * (inside / residual.input_scale)[:, None, :])
 
 
-def h2_norm(samples: Samples, velocity: np.ndarray) -> np.ndarray:
+def h2_norms(samples: Samples, velocity: np.ndarray) -> np.ndarray:
     """(n,) |x_ref - x_pred|, the paper's H2 norm at each sample; NaN where a component was not seen."""
     return np.asarray(np.linalg.norm(samples.reference - velocity, axis=1))
 
 
-def spikes(samples: Samples, far: float = 6.0) -> np.ndarray:
+def reference_outliers(samples: Samples, far: float = 6.0) -> np.ndarray:
     """(n,) bool: references more than `far` standard deviations from the median of the six samples about them.
 
     Found from the reference alone, whatever a model says.

@@ -11,12 +11,22 @@ import numpy as np
 
 from residual_mpc.learning.batch.window_linearisation import cost_of
 from residual_mpc.learning.filter import ekf, ukf
-from residual_mpc.learning.filter.kalman import Belief, Info, Measurement, predicted_covariance, start
+from residual_mpc.learning.filter.guarded_update import guarded_update
+from residual_mpc.learning.filter.kalman import Belief, Measurement, UpdateInfo, initial_belief
 from residual_mpc.learning.filter.window import Window
 from residual_mpc.learning.filter.workspace import Workspace
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.learning.stream.samples import Memory, Prediction, Samples, growth, h2_norm, predict, response, rest
+from residual_mpc.learning.stream.samples import (
+    Memory,
+    Prediction,
+    Samples,
+    feedback_growth,
+    h2_norms,
+    initial_memory,
+    predict,
+    response,
+)
 from residual_mpc.learning.stream.settings import StreamSettings
 
 LIMIT = 6.0  # input scales
@@ -28,7 +38,7 @@ NORMAL = 0.455  # median square of a normal number
 
 
 @dataclass(frozen=True, eq=False)
-class Past:
+class PastWindow:
     """A window that was learned from, the memory before it, and what the network saw (N, inputs)."""
 
     window: Samples
@@ -37,7 +47,7 @@ class Past:
 
 
 @dataclass(frozen=True, eq=False)
-class Learning:
+class LearnerState:
     """Between two updates. residual: with the weights at hand. fixed: what is not learned, added to it. tail: samples
     of the window that stay in the next one, and the memory before them. error (outputs,): mean square of late. past:
     what may be learned from again. surprised: windows in a row that were far worse than of late."""
@@ -48,7 +58,7 @@ class Learning:
     tail: Samples
     memory: Memory
     error: np.ndarray
-    past: tuple[Past, ...] = ()
+    past: tuple[PastWindow, ...] = ()
     updates: int = 0
     surprised: int = 0
     workspace: Workspace = field(default_factory=Workspace)
@@ -59,17 +69,17 @@ class Learning:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class StreamStep:
     """What one update saw: velocity (n, outputs) predicted of the new samples before it, h2 (n,) their H2 norms; ms of
     the filter; info None where it was left out."""
 
     velocity: np.ndarray
     h2: np.ndarray
     update_ms: float
-    info: Info | None
+    info: UpdateInfo | None
 
 
-def begin(
+def initial_state(
     seen: Samples,
     names: tuple[tuple[str, ...], tuple[str, ...]],
     form: str,
@@ -77,10 +87,10 @@ def begin(
     settings: StreamSettings,
     rng: np.random.Generator,
     fixed: Sequence[Residual] = (),
-) -> Learning:
+) -> LearnerState:
     """A residual of zero whose scales are those of the samples `seen`; names: of inputs and outputs."""
     o = seen.model.shape[1]
-    at = predict(tuple(fixed), seen, rest(seen))
+    at = predict(tuple(fixed), seen, initial_memory(seen))
     off = seen.reference - at.velocity
     size = np.sqrt(np.nanmedian(off**2, axis=0) / NORMAL)
     size = np.where(np.isfinite(size), size, 0.0)
@@ -92,17 +102,19 @@ def begin(
     net = Mlp(at.z.shape[1], settings.hidden, o)
     theta = initial_weights(net, rng)
     residual = Residual(net, theta, *names, mean, spread, size, form, seen.step, robot, LIMIT)
-    return Learning(
-        residual, tuple(fixed), start(theta, settings.variance), seen.take(slice(0, 0)), at.before[-1], size**2
+    return LearnerState(
+        residual, tuple(fixed), initial_belief(theta, settings.variance), seen.take(slice(0, 0)), at.before[-1], size**2
     )
 
 
-def step(settings: StreamSettings, learning: Learning, new: Samples, rng: np.random.Generator) -> tuple[Learning, Step]:
+def step(
+    settings: StreamSettings, learning: LearnerState, new: Samples, rng: np.random.Generator
+) -> tuple[LearnerState, StreamStep]:
     """Predict the new samples, then update over the last N. What was predicted had not been learned from."""
     window = learning.tail.then(new)
     at = predict(learning.all, window, learning.memory, settings.low_pass)
     n = len(new)
-    h2 = h2_norm(new, at.velocity[-n:])
+    h2 = h2_norms(new, at.velocity[-n:])
     now = _mean_square(learning.error, window.reference - at.velocity)
     error = learning.error + (np.minimum(now, 9.0 * learning.error) - learning.error) / settings.memory
     before = learning.error
@@ -110,19 +122,19 @@ def step(settings: StreamSettings, learning: Learning, new: Samples, rng: np.ran
     tail, memory = window.take(slice(len(window) - keep, None)), at.before[len(window) - keep]
     learning = replace(learning, tail=tail, memory=memory, error=error)
     if len(window) < settings.horizon:
-        return learning, Step(at.velocity[-n:], h2, 0.0, None)
+        return learning, StreamStep(at.velocity[-n:], h2, 0.0, None)
     learning = _surprised(settings, learning, float(np.mean(now / (before + TOLD * learning.residual.output_scale**2))))
     learning, info, ms = _learned(settings, learning, window, at.before[0])
     old = learning.past
     for k in rng.integers(len(old), size=min(settings.replays, len(old))) if old else ():
         learning, _, _ = _learned(settings, learning, old[k].window, old[k].memory)
-    learning = replace(learning, past=(*old, Past(window, at.before[0], at.z))[-settings.kept :])
-    return learning, Step(at.velocity[-n:], h2, ms, info)
+    learning = replace(learning, past=(*old, PastWindow(window, at.before[0], at.z))[-settings.kept :])
+    return learning, StreamStep(at.velocity[-n:], h2, ms, info)
 
 
 def _learned(
-    settings: StreamSettings, learning: Learning, window: Samples, memory: Memory
-) -> tuple[Learning, Info, float]:
+    settings: StreamSettings, learning: LearnerState, window: Samples, memory: Memory
+) -> tuple[LearnerState, UpdateInfo, float]:
     at = predict(learning.all, window, memory, settings.low_pass)
     belief, info, ms = _update(settings, learning, window, at, memory)
     residual = learning.residual.with_theta(belief.mean)
@@ -130,8 +142,8 @@ def _learned(
 
 
 def _update(
-    settings: StreamSettings, learning: Learning, window: Samples, at: Prediction, memory: Memory
-) -> tuple[Belief, Info, float]:
+    settings: StreamSettings, learning: LearnerState, window: Samples, at: Prediction, memory: Memory
+) -> tuple[Belief, UpdateInfo, float]:
     """The Kalman update over the window, halved while it makes the window itself worse."""
     r, o = learning.residual, window.model.shape[1]
     cost = np.repeat(np.ones(o) if settings.costs is None else np.array(settings.costs), len(window))
@@ -151,7 +163,7 @@ def _update(
     return _no_worse(settings, learning, window, at, memory, measured, stacked, cost, after), info, ms
 
 
-def _filter(settings: StreamSettings, learning: Learning) -> Callable[..., tuple[Belief, Info]]:
+def _filter(settings: StreamSettings, learning: LearnerState) -> Callable[..., tuple[Belief, UpdateInfo]]:
     if settings.method == "ekf":
         return lambda b, w, m: ekf.update(b, w, m, settings.kalman)
     return lambda b, w, m: ukf.update(b, w, m, settings.kalman, workspace=learning.workspace)
@@ -159,7 +171,7 @@ def _filter(settings: StreamSettings, learning: Learning) -> Callable[..., tuple
 
 def _no_worse(
     settings: StreamSettings,
-    learning: Learning,
+    learning: LearnerState,
     window: Samples,
     at: Prediction,
     memory: Memory,
@@ -168,23 +180,20 @@ def _no_worse(
     cost: np.ndarray,
     after: Belief,
 ) -> Belief:
-    """The update, or the longest of its halvings under which the window is explained no worse and what feeds back dies
-    away; motion that hardly changes would leave any feedback open."""
-    before = learning.belief
+    """The update, shortened until the window is explained no worse and what feeds back dies away; motion that hardly
+    changes would leave any feedback open."""
     good = np.isfinite(measured.reference)
     seen = Measurement(measured.reference[good], np.diag(measured.noise[good]))
     first = cost_of(seen, predicted[good])
     known = np.concatenate([p.z for p in learning.past[:: max(1, len(learning.past) // LOOKED_BACK)]] or [at.z])
-    share = 1.0
-    for _ in range(settings.halvings + 1):
-        mean = before.mean + share * (after.mean - before.mean)
-        tried = (*learning.fixed, learning.residual.with_theta(mean))
+
+    def accepts(theta: np.ndarray) -> bool:
+        tried = (*learning.fixed, learning.residual.with_theta(theta))
         velocity = predict(tried, window, memory, settings.low_pass).velocity
         fair = cost_of(seen, (cost * velocity.T.reshape(-1))[good]) <= first
-        if fair and (not window.fed_back or growth(tried, known, window.model.shape[1]) <= STABLE):
-            return after if share == 1.0 else Belief(mean, predicted_covariance(before, settings.kalman))
-        share *= 0.5
-    return Belief(before.mean, predicted_covariance(before, settings.kalman))
+        return fair and (not window.fed_back or feedback_growth(tried, known, window.model.shape[1]) <= STABLE)
+
+    return guarded_update(learning.belief, after, accepts, settings.halvings, settings.kalman)[0]
 
 
 def _mean_square(before: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -194,7 +203,7 @@ def _mean_square(before: np.ndarray, error: np.ndarray) -> np.ndarray:
         return np.where(seen, np.nanmedian(np.where(seen, error, 0.0) ** 2, axis=0) / NORMAL, before)
 
 
-def _surprised(settings: StreamSettings, learning: Learning, surprise: float) -> Learning:
+def _surprised(settings: StreamSettings, learning: LearnerState, surprise: float) -> LearnerState:
     """A robot that has changed: what was seen before is forgotten, and every weight may move again.
 
     surprise: a window's mean square error over that of late (and what is small in any case). One such window is a slip;
@@ -208,7 +217,7 @@ def _surprised(settings: StreamSettings, learning: Learning, surprise: float) ->
 
 
 @dataclass(frozen=True, eq=False)
-class Streamed:
+class StreamResult:
     """A whole stream gone through. residual: the last weights; fixed: what it was learned on top of; velocity (n,
     outputs) and h2 (n,): predicted at each sample before it was learned from; update_ms (k,) of the filter, each of
     the updates on new samples; updates: all of them."""
@@ -229,7 +238,7 @@ def learn_stream(
     settings: StreamSettings,
     rng: np.random.Generator,
     fixed: Sequence[Residual] = (),
-) -> Streamed:
+) -> StreamResult:
     """Sample after sample, as they would come in. Raises ValueError where they end before the first update."""
     at = max(2, round(settings.watch / samples.step))
     if len(samples) < at + settings.horizon:
@@ -238,9 +247,9 @@ def learn_stream(
             "record for longer"
         )
     head = samples.take(slice(0, at))
-    learning = begin(head, names, form, robot, settings, rng, fixed)
-    first = predict(learning.all, head, rest(head), settings.low_pass)
-    velocity, h2, ms = [first.velocity], [h2_norm(head, first.velocity)], []
+    learning = initial_state(head, names, form, robot, settings, rng, fixed)
+    first = predict(learning.all, head, initial_memory(head), settings.low_pass)
+    velocity, h2, ms = [first.velocity], [h2_norms(head, first.velocity)], []
     while at < len(samples):
         new = samples.take(slice(at, at + settings.new))
         learning, done = step(settings, learning, new, rng)
@@ -249,6 +258,6 @@ def learn_stream(
         if done.info is not None:
             ms.append(done.update_ms)
         at += settings.new
-    return Streamed(
+    return StreamResult(
         learning.residual, learning.fixed, np.concatenate(velocity), np.concatenate(h2), np.array(ms), learning.updates
     )

@@ -25,9 +25,9 @@ import numpy as np
 
 from residual_mpc.learning.filter.kalman import Belief
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.learning.stream.samples import Samples, rest
+from residual_mpc.learning.stream.samples import Samples, initial_memory
 from residual_mpc.learning.stream.settings import StreamSettings
-from residual_mpc.learning.stream.updates import Learning, step
+from residual_mpc.learning.stream.updates import LearnerState, step
 
 WINDOWS = 16  # that the ring holds
 FRUITLESS = 5  # deaths in a row without an update, after which no other worker is begun
@@ -47,7 +47,7 @@ class Shared:
 
 
 @dataclass(frozen=True)
-class Tally:
+class WorkerStatus:
     """updates made, windows that the worker had no time for, times that it was begun again, whether it runs now (False
     for good after FRUITLESS deaths in a row: something else is wrong)."""
 
@@ -60,7 +60,7 @@ class Tally:
 class Worker:
     """A leaf that owns the process. All methods return at once."""
 
-    def __init__(self, learning: Learning, settings: StreamSettings, nice: int = 5, seed: int = 0) -> None:
+    def __init__(self, learning: LearnerState, settings: StreamSettings, nice: int = 5, seed: int = 0) -> None:
         """nice: how much the loop goes before the worker where they share a core."""
         net = learning.residual.net
         width = 1 + net.inputs + 2 * net.outputs
@@ -91,8 +91,8 @@ class Worker:
         return self._learning.residual if mean is None else self._learning.residual.with_theta(mean)
 
     @property
-    def tally(self) -> Tally:
-        return Tally(int(self._counts[2]), int(self._counts[3]), self._restarts, self._process.is_alive())
+    def tally(self) -> WorkerStatus:
+        return WorkerStatus(int(self._counts[2]), int(self._counts[3]), self._restarts, self._process.is_alive())
 
     @property
     def pid(self) -> int:
@@ -130,7 +130,7 @@ class Worker:
             self._process = self._begun()
 
 
-def _work(shared: Shared, learning: Learning, settings: StreamSettings, nice: int, seed: int) -> None:
+def _work(shared: Shared, learning: LearnerState, settings: StreamSettings, nice: int, seed: int) -> None:
     """The process: take the newest window, update, write; until the parent is gone."""
     if hasattr(os, "nice"):
         os.nice(nice)
@@ -161,7 +161,7 @@ def _work(shared: Shared, learning: Learning, settings: StreamSettings, nice: in
             new = Samples(rows[:, 0], rows[:, 1 : 1 + i], rows[:, 1 + i : 1 + i + o], rows[:, 1 + i + o :],
                           learning.tail.step, learning.tail.fed_back)  # fmt: skip
             if ready > 1:  # what lies between is not known: begin the prediction anew
-                learning = replace(learning, tail=learning.tail.take(slice(0, 0)), memory=rest(new))
+                learning = replace(learning, tail=learning.tail.take(slice(0, 0)), memory=initial_memory(new))
             learning, done = step(settings, learning, new, rng)
             if done.info is not None:
                 slot = 1 - int(counts[1])

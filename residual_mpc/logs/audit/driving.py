@@ -7,7 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from residual_mpc.logs.audit.facts import RobotFacts
-from residual_mpc.logs.audit.follow import Follow, command_on_grid, follow, on_grid, position_on_grid, tame
+from residual_mpc.logs.audit.follow import (
+    Follow,
+    clipped_deviations,
+    command_on_grid,
+    follow,
+    on_grid,
+    position_on_grid,
+)
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import FloatArray, Run
 
@@ -43,7 +50,7 @@ def _turning(name: str, runs: Sequence[Run], dt: float) -> list[Finding]:
             yaw.append(np.gradient(position_on_grid(run, name, dt), dt))
         else:
             yaw.append(on_grid(run, run.columns[name], dt))
-    turns, yaw = tame(turns, each=False), tame(yaw, each=False)
+    turns, yaw = clipped_deviations(turns, each=False), clipped_deviations(yaw, each=False)
     seen = follow(turns, yaw, dt, REACH)
     if seen is None:
         return []

@@ -100,7 +100,7 @@ def enabled_on_grid(run: Run, actuator: str, dt: float) -> FloatArray:
     return np.nan_to_num(held(run, name), nan=1.0)[np.maximum(at, 0)]
 
 
-def tame(
+def clipped_deviations(
     signals: Sequence[FloatArray], weights: Sequence[FloatArray] | None = None, each: bool = True
 ) -> list[FloatArray]:
     """Signals about a mean, without their outermost hundredths, nought where the weight is.

@@ -9,12 +9,12 @@ import numpy as np
 from residual_mpc.logs.audit.facts import ActuatorFacts, RobotFacts
 from residual_mpc.logs.audit.follow import (
     Follow,
+    clipped_deviations,
     command_on_grid,
     enabled_on_grid,
     follow,
     on_grid,
     position_on_grid,
-    tame,
 )
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import FloatArray, Run
@@ -67,7 +67,7 @@ def _answers(actuator: ActuatorFacts, name: str, runs: Sequence[Run], dt: float)
         else:
             y = on_grid(run, y, dt)
         signals.append(y)
-    return tame(signals, _on(actuator, runs, dt), each=actuator.kind == "position")
+    return clipped_deviations(signals, _on(actuator, runs, dt), each=actuator.kind == "position")
 
 
 def _sources(actuator: ActuatorFacts, runs: Sequence[Run], dt: float) -> list[FloatArray]:
@@ -76,7 +76,7 @@ def _sources(actuator: ActuatorFacts, runs: Sequence[Run], dt: float) -> list[Fl
         command_on_grid(run, column, dt) if column in run.columns else on_grid(run, np.full(len(run.t), np.nan), dt)
         for run in runs
     ]
-    return tame(signals, _on(actuator, runs, dt), each=actuator.kind == "position")
+    return clipped_deviations(signals, _on(actuator, runs, dt), each=actuator.kind == "position")
 
 
 def _on(actuator: ActuatorFacts, runs: Sequence[Run], dt: float) -> list[FloatArray]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from residual_mpc.logs.audit.facts import RobotFacts
-from residual_mpc.logs.audit.follow import align, follow, on_grid, position_on_grid, tame
+from residual_mpc.logs.audit.follow import align, clipped_deviations, follow, on_grid, position_on_grid
 from residual_mpc.logs.columns import group, member
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import FloatArray, Run
@@ -41,8 +41,10 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
     if not moving:
         return []
     # both through the same filter, so that differentiated rounding does not drown the motion
-    rates = tame([_smooth(np.gradient(position_on_grid(run, rate_of, dt), dt)) for run in moving], each=False)
-    velocities = tame([_smooth(on_grid(run, run.columns[name], dt)) for run in moving], each=False)
+    rates = clipped_deviations(
+        [_smooth(np.gradient(position_on_grid(run, rate_of, dt), dt)) for run in moving], each=False
+    )
+    velocities = clipped_deviations([_smooth(on_grid(run, run.columns[name], dt)) for run in moving], each=False)
     seen = follow(rates, velocities, dt, REACH)
     if seen is None:
         return []

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.report.clock import offset_of
+from residual_mpc.report.evidence.clock import offset_of
 from residual_mpc.report.figures.inline import COLOURS, few_ticks, house_style, inline
 from residual_mpc.report.words.numbers import in_brackets, spelled
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from residual_mpc.report.evidence import Array, Windows
+from residual_mpc.report.evidence.evidence import Array, Windows
 
 PIECES = 160  # of a strip; more windows than this are pooled
 

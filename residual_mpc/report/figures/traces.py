@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from residual_mpc.report.evidence import Array, Panel
+from residual_mpc.report.evidence.evidence import Array, Panel
 from residual_mpc.report.figures.inline import COLOURS, few_ticks, house_style, inline
 from residual_mpc.report.words.numbers import measure, number, spelled
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from residual_mpc.report.evidence import Array
+from residual_mpc.report.evidence.evidence import Array
 from residual_mpc.report.figures.inline import COLOURS, house_style, inline
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """What the audit found in the logs before anything was fitted."""
 
-from residual_mpc.report.evidence import Evidence
-from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.sections.section import Document, Section, render
 
 ORDER = {"error": 0, "warning": 1, "info": 2}
 SHOWN = 12  # findings in the table; the rest fold away

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from residual_mpc.report.clock import since_start
-from residual_mpc.report.evidence import Evidence
-from residual_mpc.report.section import Document, Section, render
-from residual_mpc.report.wording import SURE, surest_first
+from residual_mpc.report.evidence.clock import since_start
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.effects import remarks
 from residual_mpc.report.words.groups import member_name
+from residual_mpc.report.words.summary import SURE, surest_first
 
 SHOWN = 10  # candidates in the table; the rest fold away
 RIVALS = 6  # alternatives listed; the document holds them all

@@ -1,7 +1,7 @@
 """Effects whose predictions on these runs cannot be told apart."""
 
-from residual_mpc.report.evidence import Evidence
-from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.groups import Member, effects_of, member_name
 
 

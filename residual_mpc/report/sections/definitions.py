@@ -1,7 +1,7 @@
 """What each figure of the report means."""
 
-from residual_mpc.report.evidence import Evidence
-from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.sections.section import Document, Section, render
 
 
 def definitions(document: Document, evidence: Evidence) -> Section:

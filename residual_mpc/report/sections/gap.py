@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from residual_mpc.report.clock import since_start
-from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.evidence.clock import since_start
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.evidence.held_out import held_out
 from residual_mpc.report.figures.windows import spread
-from residual_mpc.report.held_out import held_out
-from residual_mpc.report.section import Document, Section, render
 from residual_mpc.report.sections.horizons import channel_rows, horizon_rows, reference, scale
+from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.gaps import few_windows, horizons_of, seen_horizons, warnings
 from residual_mpc.report.words.numbers import listed, number
 

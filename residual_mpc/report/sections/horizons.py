@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from residual_mpc.report.section import Document
+from residual_mpc.report.sections.section import Document
 from residual_mpc.report.words.gaps import Gap, first_of, horizons_of, last_of, window_gaps
 from residual_mpc.report.words.numbers import number
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.figures.curve import curve
-from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.rest import component_name, form_of, hint_of, resemblance
 
 LEARNERS = {"ridge": "a ridge regression", "network": "a neural network"}

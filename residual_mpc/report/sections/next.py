@@ -1,7 +1,7 @@
 """The next experiment: the motion or the sensor that would settle what is open."""
 
-from residual_mpc.report.evidence import Evidence
-from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.sections.section import Document, Section, render
 
 
 def next_experiment(document: Document, evidence: Evidence) -> Section | None:

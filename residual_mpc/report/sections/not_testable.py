@@ -1,7 +1,7 @@
 """Effects that these runs can neither show nor exclude."""
 
-from residual_mpc.report.evidence import Evidence
-from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.sections.section import Document, Section, render
 
 
 def not_testable(document: Document, evidence: Evidence) -> Section | None:

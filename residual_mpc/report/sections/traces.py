@@ -1,9 +1,9 @@
 """What the robot did and what the model predicts, on held-out data."""
 
-from residual_mpc.report.clock import first_stamp, since_start
-from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.evidence.clock import first_stamp, since_start
+from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.figures import traces as figures
-from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.sections.section import Document, Section, render
 
 
 def traces(document: Document, evidence: Evidence) -> Section | None:

@@ -1,11 +1,11 @@
 """The verdict in one sentence, with the figures that carry it."""
 
-from residual_mpc.report.evidence import Evidence
-from residual_mpc.report.section import Document, Section, render
-from residual_mpc.report.wording import sentence, unseen
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.gaps import size
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.rest import rest_sentence
+from residual_mpc.report.words.summary import sentence, unseen
 
 TITLES = {
     "no_gap": "No gap",

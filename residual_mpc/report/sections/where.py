@@ -5,11 +5,11 @@ from functools import partial
 import numpy as np
 
 from residual_mpc.effects.effect import STAGES
-from residual_mpc.report.clock import first_stamp, since_start
-from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.evidence.clock import first_stamp, since_start
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.evidence.held_out import held_out
 from residual_mpc.report.figures.strips import strips
-from residual_mpc.report.held_out import held_out
-from residual_mpc.report.section import Document, Section, render
+from residual_mpc.report.sections.section import Document, Section, render
 
 RUNS = 24  # strips shown; runs with the largest gap come first
 MOMENTS = 8  # moments listed; the document holds them all

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from residual_mpc.report.evidence import Evidence
+from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.words import effects, numbers
 
 if TYPE_CHECKING:

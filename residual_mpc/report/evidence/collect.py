@@ -5,7 +5,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import gap_from_squares, window_squares
 from residual_mpc.diagnosis.results.records import DiagnosisResult
-from residual_mpc.report.evidence import Evidence, Panel, Windows
+from residual_mpc.report.evidence.evidence import Evidence, Panel, Windows
 
 PANELS = 6
 STRETCH = 8  # windows shown in one panel, at most

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual_mpc.report.evidence import Array, Evidence
+from residual_mpc.report.evidence.evidence import Array, Evidence
 
 FAR = 1e3  # times its span, beyond which a coordinate's own offset is taken out of its axis
 

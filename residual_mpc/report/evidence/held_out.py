@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from residual_mpc.report.evidence import Windows
+from residual_mpc.report.evidence.evidence import Windows
 
 
 def held_out(document: Mapping[str, Any], windows: Windows) -> NDArray[np.bool_]:

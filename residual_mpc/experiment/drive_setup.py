@@ -15,7 +15,7 @@ USUAL_NOISE = 2e-3  # rad, m: of a robot that has no runs yet
 
 
 @dataclass(frozen=True)
-class Bench:
+class DriveSetup:
     """low, high, home (nu,): limits of the commands and what leaves the robot where it is, in the order of actuators.
 
     period: s between rows. sigma: 1-sigma noise of each channel that is logged; start: where each begins. switches:
@@ -42,7 +42,9 @@ class Bench:
         return np.minimum(self.high - self.home, self.home - self.low)
 
 
-def bench_of(document: Mapping[str, Any], robot: Robot, where: str, limits: Mapping[str, tuple[float, float]]) -> Bench:
+def setup_from_runs(
+    document: Mapping[str, Any], robot: Robot, where: str, limits: Mapping[str, tuple[float, float]]
+) -> DriveSetup:
     """From a diagnosis.json, driven as far as its runs were, or as the limits of some actuators say.
 
     Raises BadInput where it does not say how the runs were made, and for an actuator that the robot lacks.
@@ -62,10 +64,10 @@ def bench_of(document: Mapping[str, Any], robot: Robot, where: str, limits: Mapp
         raise BadInput("its commands are not this robot's", where, "diagnose the runs anew")
     _check_actuators(robot, limits)
     low, high, home = _ranges(robot, {**known, **limits})
-    return Bench(robot.actuators, low, high, home, period, sigma, start, switches, dispersion)
+    return DriveSetup(robot.actuators, low, high, home, period, sigma, start, switches, dispersion)
 
 
-def bench_of_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> Bench:
+def setup_from_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> DriveSetup:
     """Of a robot without runs: limits by actuator, else those that its model states.
 
     Raises BadInput for an actuator with neither, and for one that the robot lacks.
@@ -84,15 +86,15 @@ def bench_of_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> B
     for joint, kind, at in zip(joints, robot.command_kinds, home, strict=True):
         if kind == "position" and f"position.{joint}" in start:
             start[f"position.{joint}"] = float(at)
-    return Bench(robot.actuators, low, high, home, USUAL_PERIOD, dict.fromkeys(start, USUAL_NOISE), start)
+    return DriveSetup(robot.actuators, low, high, home, USUAL_PERIOD, dict.fromkeys(start, USUAL_NOISE), start)
 
 
-def with_encoders(bench: Bench, robot: Robot) -> tuple[Bench, tuple[str, ...]]:
-    """The bench with the wheels' encoders logged as well, and their channels; none where they are, or do not exist."""
-    encoders = (f"velocity.{a}" for a in bench.actuators if bench.wheeled)
-    added = tuple(c for c in encoders if c in robot.channels and c not in bench.sigma)
-    noise = 0.02 * float(np.abs([bench.low, bench.high]).max())
-    return replace(bench, sigma={**bench.sigma, **dict.fromkeys(added, noise)}), added
+def with_encoders(setup: DriveSetup, robot: Robot) -> tuple[DriveSetup, tuple[str, ...]]:
+    """The setup with the wheels' encoders logged as well, and their channels; none where they are, or do not exist."""
+    encoders = (f"velocity.{a}" for a in setup.actuators if setup.wheeled)
+    added = tuple(c for c in encoders if c in robot.channels and c not in setup.sigma)
+    noise = 0.02 * float(np.abs([setup.low, setup.high]).max())
+    return replace(setup, sigma={**setup.sigma, **dict.fromkeys(added, noise)}), added
 
 
 def _check_actuators(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> None:

@@ -1,0 +1,1 @@
+"""What the report shows beside the diagnosis document, collected from a finished diagnosis."""
