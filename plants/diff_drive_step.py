@@ -85,7 +85,9 @@ class DriveStep:
         added = dict(correction(signals)) if correction is not None else {}
         unknown = set(added) - {*BODY, *WORLD}
         if unknown:
-            raise KeyError(f"a correction adds to {sorted(unknown)}; the differential drive has {(*BODY, *WORLD)}")
+            raise KeyError(
+                f"a correction may add only to {(*BODY, *WORLD)} of the differential drive, got {sorted(unknown)}"
+            )
         for name in self.options.disturbances:
             added[name] = added[name] + now[f"disturbance.{name}"] if name in added else now[f"disturbance.{name}"]
             new[f"disturbance.{name}"] = now[f"disturbance.{name}"]
@@ -175,15 +177,15 @@ def drive_step(
     Raises BadInput for settings of several rows, or a signal that the step does not have.
     """
     if settings.rows != 1:
-        raise BadInput(f"settings of {settings.rows} rows", name, "one step has one set of values")
+        raise BadInput(f"a step needs settings with one row, got {settings.rows}", name)
     unknown = {*options.remember, *options.disturbances} - {*BODY, *WORLD}
     if unknown:
         known = ", ".join((*BODY, *WORLD))
-        raise BadInput(f"no signal is called {', '.join(sorted(unknown))}", name, f"there are {known}")
+        raise BadInput(f"unknown signal {', '.join(sorted(unknown))}", name, f"the signals are {known}")
     numbers = [Number(TUNE, "", n, float(settings.tuned.get(n, np.array([v]))[0]), "m") for n, v in nominal.items()]
     yours = {e.name for e in PLUGGED}
     live = sorted((e for e in settings.effects if e not in SENSOR and e not in yours), key=ORDER.__getitem__)
-    left_out = tuple(f"{e}: an effect of your own is not part of this step" for e in settings.effects if e in yours)
+    left_out = tuple(f"{e}: a user-defined effect is not part of this step" for e in settings.effects if e in yours)
     for effect in live:
         for q in BY_NAME[effect].parameters:
             row = settings.effects[effect][q.name][0]

@@ -25,17 +25,19 @@ if TYPE_CHECKING:
 
 # what changes from step to step, or what a sensor reports
 NOT_HELD = {
-    "voltage_sag": "no actuator of MuJoCo weakens with time",
-    "dead_zone": "no actuator of MuJoCo ignores small commands",
-    "load_dependent_friction": "MuJoCo's dry friction does not change with the load",
-    **dict.fromkeys(ON_GEARS, "it takes a joint more behind the motor, which the stepped simulator has"),
-    **dict.fromkeys(ON_WHEELS, "wheels are bodies and shapes, which are not rewritten here"),
-    "sensor_delay": "what a sensor reports belongs to whoever reads it",
-    "sensor_bias": "what a sensor reports belongs to whoever reads it",
-    "sensor_mounting": "what a sensor reports belongs to whoever reads it",
-    "sensor_outliers": "what a sensor reports belongs to whoever reads it",
+    "voltage_sag": "MuJoCo has no actuator whose gain falls with time",
+    "dead_zone": "MuJoCo has no actuator with a dead zone",
+    "load_dependent_friction": "MuJoCo's dry friction does not depend on the load",
+    **dict.fromkeys(ON_GEARS, "it needs an additional joint behind the motor, which only the built-in simulator has"),
+    **dict.fromkeys(ON_WHEELS, "wheel bodies and shapes are not modified in the MJCF"),
+    "sensor_delay": "sensor effects are not part of the model",
+    "sensor_bias": "sensor effects are not part of the model",
+    "sensor_mounting": "sensor effects are not part of the model",
+    "sensor_outliers": "sensor effects are not part of the model",
 }
-LEVEL = "stribeck_friction: dry friction halfway between static and kinetic; MuJoCo's does not change with the speed"
+LEVEL = (
+    "stribeck_friction: constant dry friction midway between static and kinetic, since MuJoCo's has no speed dependence"
+)
 HELD_AS_NUMBERS = (  # fields of the compiled model -> where a specification keeps them
     "dof_damping", "dof_armature", "dof_frictionloss", "dof_solimp",
     "actuator_gainprm", "actuator_biasprm", "actuator_forcerange",
@@ -48,9 +50,11 @@ def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
     """See WritesMjcf. Raises BadInput for a robot that has no model file of its own or several settings, or where the
     effects change what an MJCF is not rewritten for here."""
     if robot.spec is None or robot.settings:
-        why = "its model has no file of its own" if robot.spec is None else "its variants are several models"
-        raise BadInput(f"{robot.name!r} is not written as an MJCF: {why}", "--to mjcf", "export each model file alone")
-    reasons = NOT_HELD | {e.name: "an effect of your own is an equation, which no MJCF holds" for e in PLUGGED}
+        why = "it has no model file of its own" if robot.spec is None else "its variants use several models"
+        raise BadInput(
+            f"{robot.name!r} cannot be exported as MJCF: {why}", "--to mjcf", "export each model file separately"
+        )
+    reasons = NOT_HELD | {e.name: "a user-defined effect cannot be expressed in MJCF" for e in PLUGGED}
     left_out = tuple(f"{e}: {reasons[e]}" for e in settings.effects if e in reasons)
     held = _with_level(Settings(1, {e: p for e, p in settings.effects.items() if e not in reasons}, settings.tuned))
     spec, plain = robot.spec.copy(), robot.model
@@ -136,8 +140,8 @@ def _write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
         if lag > 0:
             if actuator.dyntype != mujoco.mjtDyn.mjDYN_NONE:
                 raise BadInput(
-                    f"actuator {actuator.name!r} has dynamics of its own, and a lag besides", "--to mjcf",
-                    "use the simulator",
+                    f"actuator {actuator.name!r} already has dynamics, so a lag cannot be added", "--to mjcf",
+                    "use the built-in simulator",
                 )  # fmt: skip
             actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
             actuator.dynprm[0] = lag
