@@ -94,7 +94,7 @@ class AugmentedModel:
         elif to in TARGETS:
             document = write_model(self.augmented, to, where, np.random.default_rng(seed))
         else:
-            raise BadInput(f"there is no target {to!r}", "--to", f"give one of {', '.join((*TARGETS, 'mjcf'))}")
+            raise BadInput(f"unknown export format {to!r}", "--to", f"give one of {', '.join((*TARGETS, 'mjcf'))}")
         return {**document, "folder": str(where)}
 
     def mpc(self, horizon: int = 20, settings: Any = None) -> Any:
@@ -120,10 +120,10 @@ class AugmentedModel:
         numbers = [n for n in self.parameters if not n.startswith("theta.")]
         weights = len(self.parameters) - len(numbers)
         return [
-            f"{self.robot.name}, a step of {self.dt:g} s",
+            f"{self.robot.name}, time step {self.dt:g} s",
             f"  x: {', '.join(self.states)}",
             f"  u: {', '.join(self.commands)}",
-            f"  p: {', '.join(numbers)}" + (f", and {weights} weights of the network" if weights else ""),
+            f"  p: {', '.join(numbers)}" + (f", and {weights} network weights" if weights else ""),
         ]
 
     def __str__(self) -> str:
@@ -160,7 +160,9 @@ def augment(
     network = None if above is None else residual_in(above)
     if above is not None and below is not None and model_in(above)[1] != model_in(below)[1]:
         raise BadInput(
-            "the network was learned on other effects than these", above.where, "learn it with on=the diagnosis"
+            "the network was learned on other effects than those of the diagnosis",
+            above.where,
+            "learn it with on=diagnosis",
         )
     usual = float(getattr(robot.model, "period", USUAL_STEP)) if network is None else network.step
     build = Build(dt or usual, smooth, disturbances)
@@ -168,7 +170,11 @@ def augment(
     if below is not None:
         of, values, _ = model_in(below)
         if of != robot.name:
-            raise BadInput(f"it is a model of {of!r}, not of {robot.name!r}", below.where, "give its own robot file")
+            raise BadInput(
+                f"the model must be of {robot.name!r}, got one of {of!r}",
+                below.where,
+                "give the robot file of that model",
+            )
     return AugmentedModel(robot, augment_robot(robot.model, values, network, build), below)
 
 

@@ -60,4 +60,4 @@ def _words(plan: Plan) -> str:
 def _besides(sensors: Sequence[str]) -> str:
     if len(sensors) > LISTED:
         sensors = [*sensors[: LISTED - 1], "others"]
-    return f", and log {' and '.join(sensors)} besides" if sensors else ""
+    return f"; also log {' and '.join(sensors)}" if sensors else ""

@@ -183,9 +183,9 @@ def test_results_show_themselves(
 
 
 def test_faults_are_those_of_the_commands(folder: Path, robot: rm.NominalRobot, runs: rm.Runs) -> None:
-    with pytest.raises(rm.BadInput, match="there is no effect 'lag'"):
+    with pytest.raises(rm.BadInput, match="unknown effect 'lag'"):
         rm.diagnose(robot, runs, only=("lag",))
-    with pytest.raises(rm.BadInput, match="there is no run 'r9'"):
+    with pytest.raises(rm.BadInput, match="no run matches 'r9'"):
         rm.diagnose(robot, runs, held_out=("r9",))
     with pytest.raises(rm.BadInput):
         rm.load_robot(folder / "nothing.toml")

@@ -100,7 +100,7 @@ def test_where():
 def test_the_learned_residual():
     asked = "print('OFF', np.max(np.abs(correction - truth)), 'OF', np.max(np.abs(truth)))"
     text, pictures = executed("4_the_learned_residual", asked)
-    pattern = r"gap ([\d.]+) -> ([\d.]+) on runs kept back"
+    pattern = r"gap ([\d.]+) -> ([\d.]+) on held-out runs"
     before, after = re.findall(pattern, text)[0]
     assert float(after) < 0.7 * float(before), "what the diagnosis may not name is left to the network"
     assert number(r"OFF ([\d.]+)", text) < 0.4 * number(r"OF ([\d.]+)", text), "it learned the hidden geometry"
