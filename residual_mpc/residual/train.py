@@ -117,10 +117,10 @@ def _train(
     train_windows = ~overlapping(data, (*kept, *put_aside))
     if train_windows.sum() < FEWEST:
         raise BadInput(
-            f"{int(train_windows.sum())} windows of {settings.horizon * step:.3g} s are left to learn from, "
-            f"{FEWEST} or more are needed",
+            f"at least {FEWEST} windows of {settings.horizon * step:.3g} s are needed for training, "
+            f"got {int(train_windows.sum())}",
             "runs",
-            "record longer runs, or learn with a shorter --horizon or --step",
+            "record longer runs, or learn with a shorter --step",
         )
     course, blank = begin(data, form, step, settings, effects, (), train_windows, ~exam.scales.still, rng)
     course, condition = _earlier(task, exam, course, blank, train_windows, ~held, rng)
