@@ -6,7 +6,7 @@ from scenarios.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="arm_circle_z",
-    summary="SCALER arm, circle up and down, in PyBullet; withheld: late commands",
+    summary="SCALER arm, circle up and down, in PyBullet; withheld: command delay",
     plant="scaler_arm",
     kit=stiff_arm,
     simulator=lambda: arm_twin("pybullet", Withheld(delay=0.04)),

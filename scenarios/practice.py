@@ -63,17 +63,17 @@ def practise(scenario: ClosedLoop, kit: Kit, options: RunOptions, progress: Prog
     estimator, controller = build_filter(model, kit.estimator), build_mpc(model, kit.control)
     runs = []
     for i, (make, seconds) in enumerate(scenario.practice):
-        progress("practice: driving with the nominal model", 0.1 * i / len(scenario.practice))
+        progress("recording: driving with the nominal model", 0.1 * i / len(scenario.practice))
         reference = make()
         episode = run_closed_loop(
             scenario.simulator(), estimator, controller, reference, LoopSettings(seconds, scenario.dt),
             np.random.default_rng((PRACTICE_SEED, options.seed, i)), f"practice_{i}", at=beginning(reference),
         )  # fmt: skip
         runs.append(episode.run())
-    progress("practice: diagnosing the log", 0.1)
+    progress("diagnosing the log", 0.1)
     robots = [kit.robot] * len(runs)
     made = diagnose(runs, robots, dict(kit.noise), (), Options(), np.random.default_rng(options.seed))
-    progress("practice: teaching the networks", 0.35)
+    progress("training the networks", 0.35)
     log = tuple(runs)
     on_top = kit.teach(log, made.diagnosis.values, options.seed)
     return Learned(log, made, kit.teach(log, {}, options.seed), on_top)

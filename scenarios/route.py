@@ -8,7 +8,7 @@ from scenarios.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="route",
-    summary="a route with soft limits in MuJoCo; withheld: late commands, track width",
+    summary="a route with soft limits in MuJoCo; withheld: command delay, track width",
     plant="diff_drive",
     kit=rover,
     simulator=lambda: Late(in_mujoco(Withheld(track=1.2)), 0.15),

@@ -51,7 +51,7 @@ class ClosedLoop:
         from scenarios.practice import closed_loop_gap, practise
         from scenarios.results import write
 
-        progress("practice: driving with the nominal model", 0.0)
+        progress("recording: driving with the nominal model", 0.0)
         kit, reference = self.kit(), self.reference()
         learned = practise(self, kit, options, progress)
         progress("building the controllers", 0.4)

@@ -35,9 +35,9 @@ class RunSettings:
 
     def __post_init__(self) -> None:
         if self.timeout <= 0:
-            raise BadInput(f"the time limit is {self.timeout} s", "--timeout", "Give seconds above 0")
+            raise BadInput(f"must be > 0 s, got {self.timeout}", "--timeout")
         if self.engine not in ENGINES:
-            raise BadInput(f"no engine is called {self.engine!r}", "--engine", f"Known engines: {', '.join(ENGINES)}")
+            raise BadInput(f"unknown engine {self.engine!r}", "--engine", f"Known engines: {', '.join(ENGINES)}")
 
 
 @dataclass(frozen=True)
@@ -82,9 +82,9 @@ def _spread(
         from dask.distributed import Client, LocalCluster  # type: ignore[import-not-found, unused-ignore]
     except ImportError:
         raise BadInput(
-            "the engine dask is not installed",
+            "Dask is not installed",
             "--engine",
-            "Install it with `pip install 'residual-mpc[dask]'`",
+            "install it with: pip install 'residual-mpc[dask]'",
         ) from None
     workers = settings.jobs if settings.jobs > 0 else os.cpu_count()
     cluster = settings.address or LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
