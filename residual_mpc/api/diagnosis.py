@@ -96,7 +96,8 @@ class Diagnosis:
         return "\n".join(self.lines())
 
     def _repr_html_(self) -> str:
-        return page(self.lines(), self.to_frame())
+        frame = self.to_frame()
+        return page(self.lines(), frame.assign(unit=frame["unit"].replace("1", "")))
 
 
 def diagnose(

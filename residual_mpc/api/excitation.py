@@ -94,7 +94,7 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
     if result["purpose"] == "explore":
         best, _, *elsewhere = result["motions"]
         return [
-            "no effect in the library explains the gap: drive the motion that shows it most, twice",
+            "no effect in the library explains the gap: run the motion that shows it most, twice",
             f"  {best['name']}: the gap is expected to grow {best['shows']:.2g} times as fast as in the runs so far",
             *(
                 f"  then {m['name']}: covers states that the runs hardly visited ({', '.join(m['unseen'])})"
@@ -112,7 +112,7 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
         out.append(f"  also log: {', '.join(result['sensors'])}; motions alone are not enough")
     if result["switches"]:
         out.append("  switch the motors off at times (enabled.*); motions alone are not enough")
-    out.append(f"  drive: {', then '.join(result['played'])}")
+    out.append(f"  motions: {', then '.join(result['played'])}")
     for m in result["motions"]:
         out.append(f"    {m['name']}: expected likelihood ratio in favour of the true cause {m['ratio']:.3g}")
     if not result["told_apart"]:

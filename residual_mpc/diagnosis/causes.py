@@ -27,7 +27,7 @@ MOST_PARTIAL = 0.87  # factor where something is left that these sensors can tel
 SHADOW = 0.15  # of the probability that is lost for each factor e by which more is left than the sensors can tell
 LEAST_SURE = 0.5  # factor that stays however much is left
 DOUBTFUL = 0.75  # factor on an effect's probability below which the other numbers' intervals do without it too
-AT_BOUND, RESTING = "rests on the bound of what is tried", 0.5  # and the factor on the probability of such an effect
+AT_BOUND, RESTING = "at the bound of its search range", 0.5  # and the factor on the probability of such an effect
 APART = 2.5  # half-widths beyond which an interval is that wide since two fits end apart
 
 
@@ -117,7 +117,7 @@ def _note(held: bool, apart: bool) -> str:
     if held:
         return AT_BOUND
     if apart:
-        return "two fits from different starts end apart and are equally good"
+        return "two fits from different starts differ and are equally good"
     return ""
 
 

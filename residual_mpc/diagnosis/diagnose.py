@@ -55,13 +55,13 @@ def diagnose(
     Raises BadInput where nothing can be compared.
     """
     with threadpool_limits(1, "blas"):  # matrices of this size lose by a second thread
-        progress("cutting the runs into windows", 0.02)
+        progress("splitting the runs into windows", 0.02)
         ready = prepare(runs, robots, noise, tunable, options, rng)
         progress("searching for effects", 0.1)
         searched = _search(ready, options, rng, progress)
         progress("fitting on all windows", 0.75)
         explained = refine(ready, searched, options, rng)
-        progress("opening the held-out windows", 0.85)
+        progress("evaluating on the held-out windows", 0.85)
         return open_held_out(explained, ready.longer, options, rng, learners, progress, answered)
 
 
@@ -82,13 +82,13 @@ def _search(ready: Prepared, options: Options, rng: np.random.Generator, progres
             if sharpens:
                 windows.append((data, scales))
             continue
-        progress(f"searching over {data.horizon:g} s", 0.5)
+        progress(f"searching over windows of {data.horizon:g} s", 0.5)
         more = _on(ready, data, scales, found, options, rng, lambda text, done: None)
         if more.steps:
             found, windows = more, [(data, scales)]
         elif sharpens:
             windows.append((data, scales))
-    progress("comparing with rival explanations", 0.6)
+    progress("comparing with alternative explanations", 0.6)
     rivalry = find_rivals(found)
     everywhere = ready.fitting.take(evenly(ready.fitting, options.final_steps))
     better = holds_elsewhere(rivalry, Replays(everywhere, ready.space), ready.scales)

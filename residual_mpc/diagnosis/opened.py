@@ -77,9 +77,9 @@ def open_held_out(
     supports = support_of(of, longer, found.looks) if helps else {}
     lacking = without_doubtful(of, doubts(supports, None), options.final_steps) if helps else {}
     answered(_diagnosis(found, achieved, supports, lacking, Extras()))
-    progress("describing the remaining error", 0.9)
+    progress("analysing the remaining error", 0.9)
     learned, rest = _left(found, found.verdict[0], options, rng, learners)
-    progress("sharing the gap among the stages", 0.94)
+    progress("attributing the gap to the stages", 0.94)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
     final = of.final if helps else None
     steps, stages = staged(of.after_data, of.scales, of.space, final, gaps, options.final_steps // 2)

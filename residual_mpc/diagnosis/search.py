@@ -113,7 +113,7 @@ def search(
             forward, settings, steps = unmarginalised, settings.without_tolerances(), steps + more
     last = beam[0]
     if steps and len(last.terms) <= TOGETHER:
-        report("fitting without each effect in turn", 1.0)
+        report("testing each effect by removing it", 1.0)
         last = prune(forward.at(last), ruler, last, base, noise, blocks, settings, thorough=True)
     here = judge(carrying(problem, last.values), last, noise, scales)
     current, base = refit(here, [last, base])
@@ -151,7 +151,7 @@ class Forward:
             here = judge(problem, beam[0], self.noise, ruler.scales)
             beam = refit(here, beam[:1]) + refit(here, beam[1:], ROUGH)  # from the others one only looks on
             named = len(beam[0].terms)
-            text = f"{named} effect{'' if named == 1 else 's'} named; looking for the next"
+            text = f"searching ({named} effect{'' if named == 1 else 's'} so far)"
             self.report(text, named / settings.largest)
             children = additions(here, beam, blocks, settings)
             if named == 0 and children and self._leaves_much(beam[0], children[0]):

@@ -122,7 +122,7 @@ def test_a_gap_that_nothing_explains_is_looked_at_twice_and_elsewhere(
     name = first["name"].replace(" ", "_")
     assert len(driven_as) == 3 and driven_as[name] == driven_as[name + "_again"]
     assert call(*words) == 0
-    assert "drive the motion that shows it most, twice" in capsys.readouterr().out
+    assert "run the motion that shows it most, twice" in capsys.readouterr().out
 
 
 def test_a_sensor_is_asked_for_where_no_motion_will_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -206,9 +206,9 @@ def spoilt(content: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda d: d.update(d.pop("model")), "schema is 'residual-mpc/model/1', a diagnosis ("),
-        (lambda d: d.update(schema="somebody/diagnosis/7"), "schema is 'somebody/diagnosis/7'"),
-        (lambda d: d.pop("schema"), "schema is None"),
+        (lambda d: d.update(d.pop("model")), "schema must be 'residual-mpc/diagnosis/1', got 'residual-mpc/model/1'"),
+        (lambda d: d.update(schema="somebody/diagnosis/7"), "got 'somebody/diagnosis/7'"),
+        (lambda d: d.pop("schema"), "got None"),
         (lambda d: d.pop("setup"), "does not record how its runs were driven"),
         (lambda d: d["setup"].pop("period"), "how the runs were driven cannot be read"),
         (lambda d: d.update(setup=7), "how the runs were driven cannot be read"),
