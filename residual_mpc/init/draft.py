@@ -257,7 +257,7 @@ def _why_left(case: Case, words: Words) -> str:
     if not case.signals.moves(words.name):
         return "it never changes, and its name matches nothing that is still missing"
     if words.quantity == "effort":
-        return "a current or a torque, which is not used"
+        return "a current or a torque, which is not compared"
     if words.quantity in ("other", "acceleration"):
         return "its name indicates a quantity outside the log format"
     if group(words.name) is not None:

@@ -292,7 +292,7 @@ def _remarks(run: Run, piece: _Piece, layout: Layout) -> list[Finding]:
         if name in piece.left_out:
             message = f"unknown column {name!r} was dropped to save memory"
         else:
-            message = f"unknown column {name!r} is kept but not used"
+            message = f"unknown column {name!r} is kept but not compared"
         remarks.append(Finding("info", "unknown column", run.name, name, None, message, _near(name)))
     return remarks
 
