@@ -26,11 +26,11 @@ from residual_mpc.learning.batch.network_learner import LEARNERS
 SIZES = (1, 2, 4)  # times the runs
 STAGES = ("read and audit", "windows", "search", "rivals", "fit and forecast", "judge", "report")
 BEGINS = {  # what `diagnose` reports as it goes -> the stage that begins there
-    "cutting the runs into windows": "windows",
+    "splitting the runs into windows": "windows",
     "searching for effects": "search",
-    "comparing with rival explanations": "rivals",
+    "comparing with alternative explanations": "rivals",
     "fitting on all windows": "fit and forecast",
-    "opening the held-out windows": "judge",
+    "evaluating on the held-out windows": "judge",
 }
 ROBOTS = {
     "wheeled": ("wheeled", "double", 0, None),

@@ -215,17 +215,17 @@ def build_mpc(model: Augmented, settings: MpcSettings) -> Mpc:
     at = model.stepped
     ny, n, nu = len(at.tracked), settings.horizon, model.nu
     if len(settings.weights.error) != ny:
-        came = f"{len(settings.weights.error)} weights came for {ny} poses"
-        raise BadInput(came, model.robot.name, f"give one each for {', '.join(at.tracked)}")
+        what = f"weights.error must have {ny} entries, got {len(settings.weights.error)}"
+        raise BadInput(what, model.robot.name, f"give one each for {', '.join(at.tracked)}")
     for soft in settings.limits.soft:
         if soft.channel not in (*at.tracked, *at.states):
             known = ", ".join(dict.fromkeys((*at.tracked, *at.poses)))
-            raise BadInput(f"a soft limit on {soft.channel!r}", model.robot.name, f"name one of {known}")
+            raise BadInput(f"a soft limit must be on one of {known}, got {soft.channel!r}", model.robot.name)
     try:
         low, high = settings.limits.box(nu)
     except ValueError as error:
         raise BadInput(
-            f"limits for other than {nu} commands: {error}", model.robot.name, "give one, or one each"
+            f"limits must be one number or one for each of {nu} commands: {error}", model.robot.name
         ) from None
     stage = np.diag(1.0 / np.array(settings.weights.error))
     end = np.linalg.cholesky(terminal_cost(model, settings.weights, settings.cruise)).T

@@ -28,7 +28,7 @@ def dlqr(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np
         raise BadInput(
             f"the Riccati equation has no stabilising solution: {error}",
             "linearisation",
-            "linearise about a motion: a robot that stands cannot move sideways",
+            "linearise about a motion: a robot at rest cannot move sideways",
         ) from error
     if not np.isfinite(P).all():
         raise BadInput("the Riccati equation has no finite solution", "linearisation", "linearise about a motion")

@@ -24,7 +24,7 @@ class Weights:
 
     def __post_init__(self) -> None:
         if not all(np.isfinite(v) and v > 0 for v in (*self.error, self.command, self.change)):
-            raise ValueError(f"every weight has to be positive: {self}")
+            raise ValueError(f"weights must be > 0, got {self}")
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Soft:
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper or self.price < 0 or self.square <= 0:
-            raise ValueError(f"lower has to be below upper, prices positive: {self}")
+            raise ValueError(f"lower must be below upper, price >= 0 and square > 0, got {self}")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Limits:
     def __post_init__(self) -> None:
         low, high = np.asarray(self.lower, dtype=np.float64), np.asarray(self.upper, dtype=np.float64)
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all() and self.rate > 0):
-            raise ValueError(f"limits have to be finite, lower below upper, the rate positive: {self}")
+            raise ValueError(f"limits must be finite with lower below upper and rate > 0, got {self}")
 
     def box(self, nu: int) -> tuple[np.ndarray, np.ndarray]:
         """(nu,) lower and (nu,) upper. Raises ValueError where as many limits came as there are no commands."""
@@ -84,4 +84,4 @@ class MpcSettings:
 
     def __post_init__(self) -> None:
         if self.horizon < 2 or min(self.iterations, self.first) < 1 or not min(self.budget, self.cruise) > 0:
-            raise ValueError("horizon has to be 2 or more, iterations 1 or more, budget and cruise positive")
+            raise ValueError("horizon must be >= 2, iterations and first >= 1, budget and cruise > 0")

@@ -125,10 +125,12 @@ def build(robot: RobotFile) -> DiffDrive:
     for name, value in parameters.items():
         if name not in ("wheel_radius", "track_width"):
             raise BadInput(
-                f"unknown parameter {name!r}", robot.name, "diff_drive knows wheel_radius (m) and track_width (m)"
+                f"unknown parameter {name!r}",
+                robot.name,
+                "the parameters of diff_drive are wheel_radius (m) and track_width (m)",
             )
         if not (np.isfinite(value) and value > 0):
-            raise BadInput(f"parameter {name} is {value}", robot.name, "give a positive length in metres")
+            raise BadInput(f"parameter {name} must be a positive length in metres, got {value}", robot.name)
     if robot.parameters and len(robot.parameters) < 2:
         missing = ({"wheel_radius", "track_width"} - set(robot.parameters)).pop()
         raise BadInput(f"parameter {missing} is missing", robot.name, f"add {missing} in metres under [parameters]")

@@ -77,7 +77,9 @@ class DriveStep:
         added = dict(correction(signals)) if correction is not None else {}
         unknown = set(added) - {*BODY, *WORLD}
         if unknown:
-            raise KeyError(f"a correction adds to {sorted(unknown)}; the differential drive has {(*BODY, *WORLD)}")
+            raise KeyError(
+                f"a correction may add only to {(*BODY, *WORLD)} of the differential drive, got {sorted(unknown)}"
+            )
         for name in self.options.disturbances:
             added[name] = added[name] + now[f"disturbance.{name}"] if name in added else now[f"disturbance.{name}"]
             new[f"disturbance.{name}"] = now[f"disturbance.{name}"]
@@ -137,11 +139,11 @@ def drive_step(
     Raises BadInput for settings of several rows, or a signal that the step does not have.
     """
     if settings.rows != 1:
-        raise BadInput(f"settings of {settings.rows} rows", name, "one step has one set of values")
+        raise BadInput(f"a step needs settings with one row, got {settings.rows}", name)
     unknown = {*options.remember, *options.disturbances} - {*BODY, *WORLD}
     if unknown:
         known = ", ".join((*BODY, *WORLD))
-        raise BadInput(f"no signal is called {', '.join(sorted(unknown))}", name, f"there are {known}")
+        raise BadInput(f"unknown signal {', '.join(sorted(unknown))}", name, f"the signals are {known}")
     numbers = [Number(TUNE, "", n, float(settings.tuned.get(n, np.array([v]))[0]), "m") for n, v in nominal.items()]
     live = sorted((e for e in settings.effects if BY_NAME[e].place in HOSTED), key=ORDER.__getitem__)
     for effect in live:

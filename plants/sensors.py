@@ -27,11 +27,13 @@ class Sensor:
     def __post_init__(self) -> None:
         sizes = (*self.sigma.values(), self.period, self.spikes, *(self.spike or {}).values())
         if not all(np.isfinite(s) and s >= 0 for s in sizes) or not 0 <= self.loss < 1:
-            raise BadInput(f"{self} holds a size that is negative or no number", "sensor", "sizes are 0 or more")
+            raise BadInput(f"sizes must be finite and >= 0, loss in [0, 1), got {self}", "sensor")
         if set(self.spike or {}) - set(self.sigma):
-            raise BadInput(f"{self} has spikes on channels without a sigma", "sensor", "name their sigma, 0 for none")
+            raise BadInput(
+                f"channels with outliers must have a sigma, got {self}", "sensor", "set their sigma, 0 for none"
+            )
         if self.spikes and not self.spike:
-            raise BadInput("a rate of spikes without their size", "sensor", "say how far a spike is off, by channel")
+            raise BadInput("a rate of outliers needs their size", "sensor", "set `spike` for each channel")
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,8 @@ class Sensed:
         unknown = sorted(set(wanted) - set(self.inner.channels))
         if unknown or len(set(wanted)) != len(wanted):
             raise BadInput(
-                f"sensors report {wanted}", self.inner.name, f"each of {', '.join(self.inner.channels)} at most once"
+                f"sensors must report each of {', '.join(self.inner.channels)} at most once, got {wanted}",
+                self.inner.name,
             )
 
     @property

@@ -85,7 +85,7 @@ class Recording:
     def __post_init__(self) -> None:
         if not (self.period > 0 and np.isfinite(self.seconds) and self.seconds >= self.period):
             raise BadInput(
-                f"a run of {self.seconds} s with a row every {self.period} s", "recording", "give at least two rows"
+                f"a run must have at least two rows, got {self.seconds} s with a row every {self.period} s", "recording"
             )
 
     @property

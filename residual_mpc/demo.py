@@ -47,12 +47,12 @@ def demo(family: str, level: str, seed: int | None, out: Path | None) -> None:
     case = draw(family, level, seed, out)
     place = case.sealed.parent.parent
     click.echo(f"A robot and its model, drawn with --family {family} --level {level} --seed {case.seed}")
-    click.echo(f"  what its user has:  {case.folder}")
-    click.echo(f"  what is hidden:     {case.sealed}")
-    click.echo(f"  sealed as SHA-256   {case.commitment}\n")
+    click.echo(f"  visible to the user: {case.folder}")
+    click.echo(f"  hidden:              {case.sealed}")
+    click.echo(f"  sealed by SHA-256:   {case.commitment}\n")
     found = diagnose(case, place)
     answer = open_seal(case)
-    click.echo("\nThe seal is opened: the answer is the one committed to, and the runs are untouched.")
+    click.echo("\nThe seal is opened: the answer matches its commitment, and the runs are unchanged.")
     for line in comparison(answer, found):
         click.echo(f"  {line}")
     click.echo(f"\nThe report: {found.with_name('report.html')}")
@@ -67,7 +67,7 @@ def draw(family: str, level: str, seed: int | None, out: Path | None) -> Case:
     from residual_mpc.errors import BadInput
 
     if seed is not None and not 0 <= seed < FIRST_TEST_SEED:
-        raise BadInput(f"the seed is {seed}", "--seed", f"seeds for looking are 0 to {FIRST_TEST_SEED - 1}")
+        raise BadInput(f"must be from 0 to {FIRST_TEST_SEED - 1} (development seeds), got {seed}", "--seed")
     fresh = np.random.default_rng().integers(FIRST_TEST_SEED, size=TRIES)  # a demo that is different each time
     why = ""
     for number in [int(s) for s in fresh] if seed is None else [seed]:
@@ -79,7 +79,7 @@ def draw(family: str, level: str, seed: int | None, out: Path | None) -> Case:
             sealed = place / "answer" / f"{entry.name}.json"
             return Case(number, made.suite.case(entry), sealed, entry.commitment, entry.without)
         why = made.failed[0][1]
-    raise BadInput(f"no robot could be drawn: {why}", "--seed", "choose another seed, or leave it out")
+    raise BadInput(f"no robot could be drawn: {why}", "--seed", "choose another seed, or omit it")
 
 
 def diagnose(case: Case, place: Path) -> Path:
@@ -113,9 +113,9 @@ def comparison(answer: Answer, diagnosis: Path) -> list[str]:
     claim = read_claim(diagnosis)
     result = match(answer, claim)
     lines = [f"hidden: {_planted(p, answer, claim)}" for p in answer.effects]
-    lines += [f"hidden, and in no library: {cause}" for cause in answer.unknown]
+    lines += [f"hidden, not in the library: {cause}" for cause in answer.unknown]
     if answer.background:
-        lines.append(f"faint beside it: {', '.join(p.effect for p in answer.background)}")
+        lines.append(f"faint in addition: {', '.join(p.effect for p in answer.background)}")
     if not answer.effects and not answer.unknown:
         lines.append("hidden: nothing")
     said = ", ".join(_named(*name) for name in claim.named)

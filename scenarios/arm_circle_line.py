@@ -6,7 +6,7 @@ from scenarios.closed_loop.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="arm_circle_line",
-    summary="SCALER arm, circle with a line, in MuJoCo; withheld: payload, weak and rubbing servos",
+    summary="SCALER arm, circle with a line, in MuJoCo; withheld: payload, servo gain and friction",
     plant="scaler_arm",
     setup=servo_arm,
     simulator=lambda: arm_twin("mujoco", Withheld(payload=0.12, gain=0.6, friction=0.4)),

@@ -6,7 +6,7 @@ from scenarios.closed_loop.scenario import ClosedLoop
 
 SCENARIO = ClosedLoop(
     name="arm_circle_z",
-    summary="SCALER arm, circle up and down, in PyBullet; withheld: late commands",
+    summary="SCALER arm, circle up and down, in PyBullet; withheld: command delay",
     plant="scaler_arm",
     setup=stiff_arm,
     simulator=lambda: arm_twin("pybullet", Withheld(delay=0.04)),

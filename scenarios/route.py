@@ -8,7 +8,7 @@ from scenarios.rover import rover
 
 SCENARIO = ClosedLoop(
     name="route",
-    summary="a route with soft limits in MuJoCo; withheld: late commands, track width",
+    summary="a route with soft limits in MuJoCo; withheld: command delay, track width",
     plant="diff_drive",
     setup=rover,
     simulator=lambda: DelayedCommands(in_mujoco(Withheld(track=1.2)), 0.15),

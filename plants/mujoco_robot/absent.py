@@ -42,8 +42,8 @@ def leave_out_absent(spec: "mujoco.MjSpec", path: str) -> str | None:
     if not names:
         return None
     some = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-    left_out = f"{len(shapes)} shape{'s' * (len(shapes) != 1)} left out, whose contacts are not simulated"
-    return f"{len(names)} of its files are not there ({some}): {left_out}"
+    left_out = f"{len(shapes)} shape{'s' * (len(shapes) != 1)} removed and ignored in contacts"
+    return f"{len(names)} of its files are missing ({some}): {left_out}"
 
 
 def _place(asset: "mujoco.MjsMesh", folder: str, spec: "mujoco.MjSpec", path: str) -> Path | None:
@@ -108,9 +108,9 @@ def _refuse_massive(geom: "mujoco.MjsGeom", spec: "mujoco.MjSpec", meshes: list,
         return
     files = [Path(m.file).name for m in meshes if (m.name or Path(m.file).stem) == geom.meshname]
     raise BadInput(
-        f"body {body.name!r} takes its mass from {', '.join(files) or geom.hfieldname}, which is not there",
+        f"body {body.name!r} takes its mass from {', '.join(files) or geom.hfieldname}, which is missing",
         path,
-        'put the file where the model names it, or give the body an <inertial> and leave inertiafromgeom at "auto"',
+        'put the file where the model expects it, or give the body an <inertial> and set inertiafromgeom to "auto"',
     )
 
 

@@ -80,14 +80,15 @@ def find_base(model: "mujoco.MjModel", pose_body: str | None, path: str) -> Base
             raise BadInput(
                 f"body {named[0]} has a free joint",
                 path,
-                f'for a robot that drives, say pose_body = "{named[0]}" in the robot file; else fix it to the world',
+                f'for a mobile robot, set pose_body = "{named[0]}" in the robot file; else fix the body to the world',
             )
         return None
     if len(free) != 1 or named[0] != pose_body:
         raise BadInput(
-            f"pose_body is {pose_body!r}, and the bodies with a free joint are: {', '.join(named) or 'none'}",
+            f"pose_body must be the only body with a free joint, got {pose_body!r}; "
+            f"bodies with a free joint: {', '.join(named) or 'none'}",
             path,
-            "give the robot's chassis, and nothing else, a <freejoint/>",
+            "give a <freejoint/> to the robot's chassis and to no other body",
         )
     data = _at_rest(model, int(model.jnt_dofadr[free[0]]), pose_body, path)
     q, v = int(model.jnt_qposadr[free[0]]), int(model.jnt_dofadr[free[0]])
@@ -118,9 +119,9 @@ def _at_rest(model: "mujoco.MjModel", v: int, name: str, path: str) -> "mujoco.M
     speed = float(np.abs(data.qvel[v : v + 6]).max())
     if not np.isfinite(speed) or speed > AT_REST:
         raise BadInput(
-            f"left alone, {name} still moves at {speed:.3g} m/s or rad/s after {SETTLING} s",
+            f"without commands, {name} still moves at {speed:.3g} m/s or rad/s after {SETTLING} s",
             path,
-            "give the model a ground (a plane), and put the robot on it, standing",
+            "add a ground plane to the model, and place the robot at rest on it",
         )
     return data
 

@@ -37,12 +37,14 @@ def build(robot: RobotFile) -> "MujocoRobot":
     from plants.mujoco_robot.robot import MujocoRobot
 
     if robot.model is None:
-        raise BadInput("no model is named", robot.name, 'add model = "my_robot.xml" (MJCF or URDF) to the robot file')
+        raise BadInput(
+            "key 'model' is missing", robot.name, 'add model = "my_robot.xml" (MJCF or URDF) to the robot file'
+        )
     if robot.parameters and robot.plant == "mujoco":
         raise BadInput(
-            f"[parameters] came with {', '.join(robot.parameters)}, which a MuJoCo model does not read",
+            f"a MuJoCo model does not read [parameters], got {', '.join(robot.parameters)}",
             robot.name,
-            "change the numbers in the model file, or name them under tunable to have them fitted",
+            "change the values in the model file, or list them under tunable to have them fitted",
         )
     spec, model, held = compile_model(str(robot.model), robot.actuators)
     base = find_base(model, robot.pose_body, str(robot.model))
@@ -71,12 +73,12 @@ def compile_model(
         model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
-        raise BadInput(f"MuJoCo does not compile this model: {reason}", path, "mend the model file") from error
+        raise BadInput(f"MuJoCo does not compile this model: {reason}", path, "fix the model file") from error
     if absent:
         _say(f"{path}: {absent}")
     if held:
         names = ", ".join(repr(name) for name in held)
-        _say(f"{path}: {names} act{'s' * (len(held) == 1)} on no joint: held where the model rests, not commanded")
+        _say(f"{path}: {names} act{'s' * (len(held) == 1)} on no joint: held at rest, not commanded")
     return spec, prepared(model), held
 
 
@@ -94,12 +96,12 @@ def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) ->
     taken = [actuator.name for actuator in spec.actuators]
     if taken:
         raise BadInput(
-            f"the model has actuators of its own ({', '.join(taken)})", path, "leave the tables [actuator.*] out"
+            f"the model has actuators of its own ({', '.join(taken)})", path, "remove the tables [actuator.*]"
         )
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for name, given in actuators.items():
         if name not in joints:
-            raise BadInput(f"[actuator.{name}] names no joint of the model", path, did_you_mean(name, joints))
+            raise BadInput(f"[actuator.{name}] does not match any joint of the model", path, did_you_mean(name, joints))
         added = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         added.gear[0] = given.gear
         if given.kind == "position":
@@ -147,18 +149,18 @@ def refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
             raise BadInput(
                 f"joint {model.joint(j).name!r} is a ball joint",
                 path,
-                "hinge and slide joints are supported, and a driving robot's free joint",
+                "only hinge and slide joints are supported, and the free joint of a mobile robot",
             )
     for i in range(model.nu):
         if int(model.actuator_trntype[i]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             raise BadInput(
                 f"actuator {model.actuator(i).name!r} does not act on a joint",
                 path,
-                "give it joint=... as its transmission",
+                "set joint=... as its transmission",
             )
         if int(model.jnt_type[model.actuator_trnid[i, 0]]) == int(mujoco.mjtJoint.mjJNT_FREE):
             raise BadInput(
-                f"actuator {model.actuator(i).name!r} acts on a free joint", path, "drive hinge and slide joints alone"
+                f"actuator {model.actuator(i).name!r} acts on a free joint", path, "drive only hinge and slide joints"
             )
     for kind, numbers in (("joint", hinges_and_slides(model)), ("actuator", np.arange(model.nu))):
         access = getattr(model, kind)
@@ -177,7 +179,7 @@ def _payload_site(model: "mujoco.MjModel", robot: RobotFile) -> tuple[int, np.nd
         if site < 0:
             known = ", ".join(model.site(i).name for i in range(model.nsite)) or "none"
             raise BadInput(
-                f"payload_site {robot.payload_site!r} is no site of the model", robot.name, f"its sites are: {known}"
+                f"payload_site {robot.payload_site!r} is not a site of the model", robot.name, f"its sites are: {known}"
             )
         return int(model.site_bodyid[site]), model.site_pos[site].copy()
     body = model.nbody - 1

@@ -46,11 +46,11 @@ class CorrectedMujoco:
 
         silence_mujoco()
         if settings.rows != 1 or rows < 1:
-            raise ValueError(f"{settings.rows} rows of settings (wanted: 1) for {rows} simulations (1 or more)")
+            raise ValueError(f"settings must have one row and rows must be >= 1, got {settings.rows} and {rows}")
         whole = round(period / robot.step)
         if whole < 1 or abs(whole * robot.step - period) > 1e-9 * period + 1e-12:
             raise ValueError(
-                f"a period of {period:g} s is no whole number of the model's steps of {robot.step:g} s: give a multiple"
+                f"the period must be a multiple of the model's time step {robot.step:g} s, got {period:g} s"
             )
         self._settings = settings.take(np.zeros(rows, dtype=int))
         self._dt, dt = robot.step, robot.step  # of the robot as it was, where motors and links are told apart
@@ -118,7 +118,9 @@ class CorrectedMujoco:
         given = {c: np.broadcast_to(np.asarray(x, dtype=float), self.rows) for c, x in (start or {}).items()}
         unknown = sorted(set(given) - set(robot.channels))
         if unknown:
-            raise ValueError(f"a start names {', '.join(unknown)}; the channels are {', '.join(robot.channels)}")
+            raise ValueError(
+                f"unknown channels in the start: {', '.join(unknown)}; the channels are {', '.join(robot.channels)}"
+            )
         b.reset()
         q, v = b.bind("qpos"), b.bind("qvel")
         write_start(robot, q, v, {**self._truth(), **given})
@@ -212,9 +214,9 @@ class CorrectedMujoco:
         given = np.asarray(command, dtype=float)
         nu = self.robot.model.nu
         if given.shape not in ((nu,), (self.rows, nu)):
-            raise ValueError(f"a command of shape {given.shape}; wanted ({nu},) or ({self.rows}, {nu})")
+            raise ValueError(f"a command must have shape ({nu},) or ({self.rows}, {nu}), got {given.shape}")
         if not np.isfinite(given).all():
-            raise ValueError("a command is not finite")
+            raise ValueError("commands must be finite")
         return np.broadcast_to(given, (self.rows, nu))
 
     def _truth(self) -> dict[str, np.ndarray]:

@@ -125,9 +125,9 @@ def find_loops(model: "mujoco.MjModel", path: str) -> SolvedLoops | None:
     left, _ = constraint(alone, mujoco.MjData(alone), rest[0])
     if np.abs(left).max() > CLOSES_AT_REST:
         raise BadInput(
-            f"the closed loops are open by {np.abs(left).max():.3g} m or rad with every motor at its reference",
+            f"the closed loops have gaps of {np.abs(left).max():.3g} m or rad with every motor at its reference",
             path,
-            "draw the model with its loops closed",
+            "change the model so that its loops are closed in the reference pose",
         )
     return SolvedLoops(alone, names, places, dofs, given, rest[0])
 

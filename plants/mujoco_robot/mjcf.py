@@ -35,8 +35,10 @@ def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
     """See WritesMjcf. Raises BadInput for a robot that has no model file of its own or several settings, or where the
     effects change what an MJCF is not rewritten for here."""
     if robot.spec is None or robot.settings:
-        why = "its model has no file of its own" if robot.spec is None else "its variants are several models"
-        raise BadInput(f"{robot.name!r} is not written as an MJCF: {why}", "--to mjcf", "export each model file alone")
+        why = "it has no model file of its own" if robot.spec is None else "its variants use several models"
+        raise BadInput(
+            f"{robot.name!r} cannot be exported as MJCF: {why}", "--to mjcf", "export each model file separately"
+        )
     reasons = {e: _not_held(BY_NAME[e]) for e in settings.effects}
     left_out = tuple(f"{e}: {why}" for e, why in reasons.items() if why)
     held = _settled(Settings(1, {e: p for e, p in settings.effects.items() if not reasons[e]}, settings.tuned))
@@ -56,7 +58,7 @@ def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
 
 def _not_held(effect: Effect) -> str:
     """Why an MJCF does not hold the effect; empty where it does."""
-    return "an effect of your own is an equation, which no MJCF holds" if effect.own else effect.not_in_mjcf
+    return "a user-defined effect cannot be expressed in MJCF" if effect.own else effect.not_in_mjcf
 
 
 def _settled(settings: Settings) -> Settings:
@@ -130,8 +132,8 @@ def _write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
         if lag > 0:
             if actuator.dyntype != mujoco.mjtDyn.mjDYN_NONE:
                 raise BadInput(
-                    f"actuator {actuator.name!r} has dynamics of its own, and a lag besides", "--to mjcf",
-                    "use the simulator",
+                    f"actuator {actuator.name!r} already has dynamics, so a lag cannot be added", "--to mjcf",
+                    "use the built-in simulator",
                 )  # fmt: skip
             actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
             actuator.dynprm[0] = lag

@@ -26,7 +26,7 @@ def model_structure(path: Path) -> ModelStructure:
     refuse_unsupported(model, str(path))
     numbers = hinges_and_slides(model).tolist()
     if not numbers:
-        raise BadInput("the model has no hinge and no slide joint", str(path), "give the model of a robot that moves")
+        raise BadInput("the model has no hinge or slide joint", str(path), "give a model with moving joints")
     free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_FREE)]
     return ModelStructure(
         "mujoco",

@@ -85,4 +85,4 @@ def _smooth(part: np.ndarray) -> np.ndarray:
 
 def _positive(what: str, *sizes: float) -> None:
     if not all(np.isfinite(s) and s > 0 for s in sizes):
-        raise BadInput(f"{what} of {sizes} came", "motion", "sizes and times are positive numbers")
+        raise BadInput(f"{what} must be positive, got {sizes}", "motion")

@@ -30,10 +30,12 @@ ENGINES: dict[str, Simulator] = {"mujoco": MujocoArm(), "pybullet": PybulletArm(
 @click.option("--engine", type=click.Choice(list(ENGINES)), default="pybullet", show_default=True)
 @click.option("--motion", type=click.Choice(list(MOTIONS)), default="circle_with_line", show_default=True)
 @click.option("--seconds", type=click.FloatRange(0.1, 3600.0), default=60.0, show_default=True)
-@click.option("--period", type=click.FloatRange(0.001, 1.0), default=0.01, show_default=True, help="s, a row.")
-@click.option("--twin", "real", is_flag=True, help="The real robot's stand-in, with effects that are withheld.")
-@click.option("--draw", is_flag=True, help="Draw the withheld effects from the seed; else they are always the same.")
-@click.option("--truth", "truth_file", type=click.Path(path_type=Path), help="Where to write what was withheld.")
+@click.option(
+    "--period", type=click.FloatRange(0.001, 1.0), default=0.01, show_default=True, help="Sampling period in seconds."
+)
+@click.option("--twin", "real", is_flag=True, help="Simulate the stand-in for the real robot, with withheld effects.")
+@click.option("--draw", is_flag=True, help="Draw the withheld effects from the seed instead of using fixed ones.")
+@click.option("--truth", "truth_file", type=click.Path(path_type=Path), help="File for the withheld effects.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 def main(
     out: Path,
@@ -47,7 +49,7 @@ def main(
     seed: int,
 ) -> None:
     if truth_file is not None and truth_file.resolve().parent == out.resolve().parent:
-        raise click.UsageError("--truth lies beside the run: what is withheld belongs elsewhere")
+        raise click.UsageError("--truth must not be in the folder of the run")
     rng = np.random.default_rng(seed)
     withheld = draw_withheld(rng) if draw else TYPICAL
     simulator: Simulator = twin(engine, withheld) if real else Sensed(ENGINES[engine], (ENCODERS,))

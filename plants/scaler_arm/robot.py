@@ -68,8 +68,8 @@ def with_servo(arm: Arm, robot: RobotFile) -> Arm:
     """The arm with the servo figures of the file's [parameters]."""
     for name, value in robot.parameters.items():
         if name not in SERVO:
-            remedy = f"scaler_arm knows {', '.join(SERVO)}, of every servo alike"
+            remedy = f"the parameters of scaler_arm are {', '.join(SERVO)}, the same for every servo"
             raise BadInput(f"unknown parameter {name!r}", robot.name, remedy)
         if not (np.isfinite(value) and value > 0):
-            raise BadInput(f"parameter {name} is {value}", robot.name, "give a positive number in SI units")
+            raise BadInput(f"parameter {name} must be a positive number in SI units, got {value}", robot.name)
     return replace(arm, servo=replace(arm.servo, **robot.parameters))

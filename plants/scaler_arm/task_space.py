@@ -40,7 +40,7 @@ def task_samples(columns: Mapping[str, np.ndarray], t: np.ndarray, source: str, 
     """
     steps = np.diff(t)
     if len(t) < 2 or np.ptp(steps) > 1e-6:
-        raise BadInput("the stamps are not evenly spaced", "task space", "resample the run to a constant rate")
+        raise BadInput("the time stamps are not evenly spaced", "task space", "resample the run to a constant rate")
     dt = float(steps[0])
     measured = _stack(columns, "position")
     if source == POSITION:
@@ -49,7 +49,7 @@ def task_samples(columns: Mapping[str, np.ndarray], t: np.ndarray, source: str, 
         command = _stack(columns, "command")
         q, rates = command[:-1], np.diff(command, axis=0) / dt
     else:
-        raise BadInput(f"source {source!r} came", "task space", f"take {POSITION!r} or {COMMAND!r}")
+        raise BadInput(f"source must be {POSITION!r} or {COMMAND!r}, got {source!r}", "task space")
     tool, _ = forward_kinematics(measured, arm)
     return TaskSamples(np.asarray(t[1:]), rates, velocity(q, rates, dt, arm), np.diff(tool, axis=0) / dt)
 
@@ -58,5 +58,5 @@ def _stack(columns: Mapping[str, np.ndarray], kind: str) -> np.ndarray:
     """(n, 6)."""
     missing = [f"{kind}.{m}" for m in MOTORS if f"{kind}.{m}" not in columns]
     if missing:
-        raise BadInput(f"column {missing[0]} is missing", "task space", "log it, or name it under [log]")
+        raise BadInput(f"column {missing[0]} is missing", "task space", "log it, or map it under [log]")
     return np.stack([np.asarray(columns[f"{kind}.{m}"], dtype=np.float64) for m in MOTORS], axis=-1)

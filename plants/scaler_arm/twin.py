@@ -46,7 +46,7 @@ def twin(engine: str, withheld: Withheld = TYPICAL, sensors: tuple[Sensor, ...] 
     arm = really(SCALER, withheld)
     engines: dict[str, Simulator] = {"mujoco": MujocoArm(arm), "pybullet": PybulletArm(arm)}
     if engine not in engines:
-        raise BadInput(f"engine {engine!r} came", "twin", f"there are: {', '.join(engines)}")
+        raise BadInput(f"engine must be one of {', '.join(engines)}, got {engine!r}", "twin")
     return Sensed(Twin(engines[engine], withheld), sensors)
 
 

@@ -27,7 +27,7 @@ class Withheld:
 
     def __post_init__(self) -> None:
         if not (self.delay >= 0 and self.payload >= 0 and self.gain > 0 and self.friction >= 0 and self.counts >= 0):
-            raise BadInput(f"{self} came", "withheld effects", "sizes are 0 or more, a gain is more than 0")
+            raise BadInput(f"gain must be > 0 and the other sizes >= 0, got {self}", "withheld effects")
 
 
 TYPICAL = Withheld(

@@ -34,7 +34,9 @@ class WheeledDrive:
         """Raises BadInput for a channel that this robot does not have."""
         unknown = sorted(set(at) - set(CHANNELS))
         if unknown:
-            raise BadInput(f"no start from {', '.join(unknown)}", self.name, f"it has {', '.join(CHANNELS)}")
+            raise BadInput(
+                f"unknown channels in the start: {', '.join(unknown)}", self.name, f"use {', '.join(CHANNELS)}"
+            )
         engine = self.engine(self.geometry, self.step)
         engine.place(motion_of(at))
         return _DrivePlant(engine, self.geometry, self.slips.draw(rng, FOREVER), self.slips.grip, self.step)
@@ -67,7 +69,7 @@ class _DrivePlant:
     def step(self, command: np.ndarray, dt: float) -> None:
         u = np.asarray(command, dtype=np.float64)
         if u.shape != (2,) or not np.isfinite(u).all():
-            raise BadInput(f"command {command}", "two-wheeled robot", "give two finite wheel speeds in rad/s")
+            raise BadInput(f"a command must be two finite wheel speeds in rad/s, got {command}", "two-wheeled robot")
         n = max(1, int(np.ceil(dt / self._step - 1e-9)))
         h = dt / n
         begin = self._time

@@ -25,11 +25,13 @@ NAMES = tuple(m.name for m in MOTIONS)
 @click.command(help=__doc__)
 @click.argument("out", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--engine", type=click.Choice(list(ENGINES)), default="mujoco", show_default=True)
-@click.option("--motion", "motions", type=click.Choice(NAMES), multiple=True, help="Repeatable; all where absent.")
+@click.option("--motion", "motions", type=click.Choice(NAMES), multiple=True, help="Motion; repeatable  [default: all]")
 @click.option("--seconds", type=click.FloatRange(0.5, 3600.0), default=60.0, show_default=True)
-@click.option("--period", type=click.FloatRange(0.002, 1.0), default=FRAME, help="s, a row  [default: 1/30]")
-@click.option("--twin", "real", is_flag=True, help="The real robot's stand-in, with effects that are withheld.")
-@click.option("--truth", "truth_file", type=click.Path(path_type=Path), help="Where to write what was withheld.")
+@click.option(
+    "--period", type=click.FloatRange(0.002, 1.0), default=FRAME, help="Sampling period in seconds  [default: 1/30]"
+)
+@click.option("--twin", "real", is_flag=True, help="Simulate the stand-in for the real robot, with withheld effects.")
+@click.option("--truth", "truth_file", type=click.Path(path_type=Path), help="File for the withheld effects.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 def main(
     out: Path,
@@ -45,7 +47,7 @@ def main(
     withheld = draw_withheld(robot_rng)
     simulator: Sensed = twin(ENGINES[engine], withheld) if real else noisy(ENGINES[engine])
     if truth_file is not None and truth_file.resolve().is_relative_to(out.resolve()):
-        raise click.UsageError("--truth lies among the runs: what is withheld belongs elsewhere")
+        raise click.UsageError("--truth must not be in the folder of the runs")
     for motion, rng in zip(MOTIONS, runs_rng.spawn(len(MOTIONS)), strict=True):
         if motions and motion.name not in motions:
             continue

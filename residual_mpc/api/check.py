@@ -71,7 +71,7 @@ class Check:
         out = [*_run_lines(self.runs), *_finding_lines(self.findings)]
         if self.usable:
             warned = sum(f.severity == "warning" for f in self.findings)
-            out.append("usable" if not warned else f"usable, with {count(warned, 'warning')} to look at first")
+            out.append("usable" if not warned else f"usable, with {count(warned, 'warning')} to review")
         return out
 
     def __str__(self) -> str:
@@ -180,21 +180,21 @@ def _run_lines(described: Sequence[dict[str, Any]]) -> list[str]:
     out = []
     for (commands, enabled, channels, compared, unused), runs in shapes.items():
         total = sum(d["seconds"] for d in runs)
-        out.append(f"{count(len(runs), 'run')}, {total:.4g} s in all")
+        out.append(f"{count(len(runs), 'run')}, {total:.4g} s in total")
         for d in runs if len(runs) <= LISTED else runs[:FEW]:
             size = f"{d['seconds']:8.2f} s  {d['samples']:7d} samples  {d['rate']:7.1f} Hz"
             out.append(f"  {d['run']:<28} {size}")
         if len(runs) > LISTED:
             rates = [d["rate"] for d in runs]
             rest = len(runs) - FEW
-            out.append(f"  and {rest} more; the table rates run from {min(rates):.1f} to {max(rates):.1f} Hz")
+            out.append(f"  and {rest} more; sampling rates from {min(rates):.1f} to {max(rates):.1f} Hz")
         other = [c for c in channels if c not in compared]
         for label, names in (
             ("commands", commands),
             ("motor switches", enabled),
             ("compared", compared),
             ("also measured", other),
-            ("beside these", unused),
+            ("not in the model", unused),
         ):
             if names:
                 out.append(f"  {label}: {', '.join(names)}")

@@ -97,7 +97,8 @@ class Diagnosis:
         return "\n".join(self.lines())
 
     def _repr_html_(self) -> str:
-        return page(self.lines(), self.to_frame())
+        frame = self.to_frame()
+        return page(self.lines(), frame.assign(unit=frame["unit"].replace("1", "")))
 
 
 def diagnose(
@@ -152,7 +153,7 @@ def diagnose(
     document["next_experiment"] = proposal.next_experiment
     found = Diagnosis(robot, document, made, proposal.table)
     if folder is not None:
-        progress("drawing the report", 0.98)
+        progress("writing the report", 0.98)
         found.save(folder)
     return found
 
@@ -195,7 +196,7 @@ def _effects(names: Iterable[str], option: str) -> tuple[str, ...]:
     names = tuple(names)
     for name in names:
         if name not in BY_NAME:
-            raise BadInput(f"there is no effect {name!r}", option, did_you_mean(name, BY_NAME))
+            raise BadInput(f"unknown effect {name!r}", option, did_you_mean(name, BY_NAME))
     return names
 
 
@@ -205,6 +206,6 @@ def _kept(given: Sequence[str], names: Sequence[str]) -> tuple[KeptBack, ...]:
     for text in given:
         found = [n for n in names if any(n == t or fnmatchcase(n, t) for t in (text, Path(text).stem))]
         if not found:
-            raise BadInput(f"there is no run {text!r}", "--held-out", f"the runs are {', '.join(names[:12])}")
+            raise BadInput(f"no run matches {text!r}", "--held-out", f"the runs are {', '.join(names[:12])}")
         out += [KeptBack(n) for n in found]
     return tuple(dict.fromkeys(out))

@@ -7,8 +7,8 @@ from residual_mpc.files import write_atomically, write_json
 
 ANSWER, MODEL, REPORT, COMMANDS = "diagnosis.json", "model.json", "report.html", "next.csv"
 UNFINISHED = (
-    "Written before the remaining error was described and the report drawn: the diagnosis was still running, or was "
-    "stopped."
+    "Written before the remaining error was described and the report was written: the diagnosis was still running, "
+    "or was stopped."
 )
 
 

@@ -82,8 +82,8 @@ def excite(
         source = written(diagnosis)
         plan = plan_next(diagnosis_in(source), robot.model, source.where, within, seconds, rng, progress)
     warnings = tuple(
-        f"{p.motion.name}: a joint is predicted to leave its range, however small the motion; narrow it with --limit, "
-        "or watch over it"
+        f"{p.motion.name}: a joint is predicted to leave its range even for a small motion; reduce the command range "
+        "with --limit, or supervise the robot"
         for p in plan.played
         if not p.within
     )
@@ -94,24 +94,30 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
     if result["purpose"] == "explore":
         best, _, *elsewhere = result["motions"]
         return [
-            "nothing in the library explains the gap: drive the motion that shows it most, twice",
+            "no effect in the library explains the gap: run the motion that shows it most, twice",
             f"  {best['name']}: the gap is expected to grow {best['shows']:.2g} times as fast as in the runs so far",
-            *(f"  then {m['name']}: goes where the runs hardly were ({', '.join(m['unseen'])})" for m in elsewhere),
+            *(
+                f"  then {m['name']}: covers states that the runs hardly visited ({', '.join(m['unseen'])})"
+                for m in elsewhere
+            ),
         ]
     if not result["parts"]:
         hidden = sorted({n["effect"] for n in result["not_testable"]})
         return [
             f"{len(result['motions'])} motions: {', '.join(m['name'] for m in result['motions'])}",
-            *([f"  not even these would show: {', '.join(hidden)}"] if hidden else []),
+            *([f"  these motions cannot reveal: {', '.join(hidden)}"] if hidden else []),
         ]
-    out = [f"to tell apart: {', '.join(result['parts'])}"]
+    out = [f"to separate: {', '.join(result['parts'])}"]
     if result["sensors"]:
-        out.append(f"  log besides: {', '.join(result['sensors'])}; no motion alone will do")
+        out.append(f"  also log: {', '.join(result['sensors'])}; motions alone are not enough")
     if result["switches"]:
-        out.append("  switch the motors off at times (enabled.*); no motion alone will do")
-    out.append(f"  drive: {', then '.join(result['played'])}")
+        out.append("  switch the motors off at times (enabled.*); motions alone are not enough")
+    out.append(f"  motions: {', then '.join(result['played'])}")
     for m in result["motions"]:
-        out.append(f"    {m['name']}: the wrong one is expected to lose by a likelihood ratio of {m['ratio']:.3g}")
+        out.append(f"    {m['name']}: expected likelihood ratio in favour of the true cause {m['ratio']:.3g}")
     if not result["told_apart"]:
-        out.append(f"  none is expected to part them beyond doubt ({PARTS:g}): another sensor or a known load may")
+        out.append(
+            f"  no motion is expected to separate them reliably (likelihood ratio {PARTS:g}); "
+            "another sensor or a known load may"
+        )
     return out

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 CASES = ("sim-to-dyn", "real-to-dyn", "real-to-sim")
 NOTE = (
-    "A network without memory cannot learn what depends on more than the present motion and command: dead time, play, "
-    "slow drift and sensor effects. A diagnosis names these: learn on top of it with --on."
+    "A memoryless network cannot learn effects that depend on more than the current motion and command: dead time, "
+    "backlash, slow drift and sensor effects. A diagnosis identifies these: learn on top of it with --on."
 )
 
 
@@ -134,7 +134,7 @@ def _task(
     robot: NominalRobot, runs: Runs, case: str, on: Source | None, warm_start: Source | None, form: str | None
 ) -> Task:
     if case not in CASES:
-        raise BadInput(f"there is no case {case!r}", "--case", f"give one of {', '.join(CASES)}")
+        raise BadInput(f"unknown case {case!r}", "--case", f"give one of {', '.join(CASES)}")
     values: Values = {}
     leaves_out, held = False, None
     if on is not None:
@@ -147,7 +147,7 @@ def _task(
         before = written(warm_start)
         earlier, earlier_file = residual_in(before, last=case == "real-to-sim"), before.where
         if earlier is None:
-            raise BadInput("it holds no learned residual", before.where, "give a model.json that learn wrote")
+            raise BadInput("it contains no learned residual", before.where, "give a model.json written by learn")
     return Task(runs.runs, runs.models, runs.noise, case, values, leaves_out, held, earlier, earlier_file, form)
 
 
@@ -222,7 +222,7 @@ def _lines(d: dict[str, Any]) -> list[str]:
     h2 = {k: "-" if v is None else f"{v:.3g}" for k, v in d["h2_norm"].items()}
     out.append(f"  H2 norm {h2['first']} -> {h2['last']}; held out {h2['held_out_before']} -> {h2['held_out_after']}")
     done = d["converged_after"]
-    out.append("  the H2 norm did not fall" if done is None else f"  converged after {done:.0f} s of data")
+    out.append("  the H2 norm did not decrease" if done is None else f"  converged after {done:.0f} s of data")
     if d["condition"]:
         c = d["condition"]
         said = "is kept" if c["holds"] else "is set to zero"
@@ -231,7 +231,7 @@ def _lines(d: dict[str, Any]) -> list[str]:
             "without"
         )
     if d["left_alone"]:
-        out.append(f"  got worse on windows set aside, left alone: {', '.join(d['left_alone'])}")
+        out.append(f"  not corrected, since worse on validation windows: {', '.join(d['left_alone'])}")
     if d["worse_on_held_out"]:
-        out.append(f"  got worse on held-out runs, left alone: {', '.join(d['worse_on_held_out'])}")
+        out.append(f"  not corrected, since worse on held-out runs: {', '.join(d['worse_on_held_out'])}")
     return [*out, f"  {d['note']}"]

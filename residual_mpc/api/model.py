@@ -108,7 +108,7 @@ class AugmentedModel:
         elif to in TARGETS:
             document = write_model(self.augmented, to, where, np.random.default_rng(seed))
         else:
-            raise BadInput(f"there is no target {to!r}", "--to", f"give one of {', '.join((*TARGETS, 'mjcf'))}")
+            raise BadInput(f"unknown export format {to!r}", "--to", f"give one of {', '.join((*TARGETS, 'mjcf'))}")
         return {**document, "folder": str(where)}
 
     def mpc(self, horizon: int = 20, settings: Any = None) -> Any:
@@ -163,10 +163,10 @@ class AugmentedModel:
         numbers = [n for n in names if not n.startswith("theta.")]
         weights = len(names) - len(numbers)
         return [
-            f"{self.robot.name}, a step of {self.dt:g} s",
+            f"{self.robot.name}, time step {self.dt:g} s",
             f"  x: {', '.join(self.states)}",
             f"  u: {', '.join(self.commands)}",
-            f"  p: {', '.join(numbers)}" + (f", and {weights} weights of the network" if weights else ""),
+            f"  p: {', '.join(numbers)}" + (f", and {weights} network weights" if weights else ""),
         ]
 
     def __str__(self) -> str:
@@ -205,12 +205,16 @@ def augment(
         _check_robot(source, robot)
     network = None if above is None else residual_in(above)
     if above is not None and network is None:
-        raise BadInput("it holds no network", above.where, "give the model.json of `learn`, or leave the residual out")
+        raise BadInput(
+            "it contains no network", above.where, "give the model.json of `learn`, or leave the residual out"
+        )
     if above is None and below is not None and residual_in(below) is not None:
-        raise BadInput("it holds a network", below.where, "give it as the residual: augment(robot, residual=...)")
+        raise BadInput("it contains a network", below.where, "give it as the residual: augment(robot, residual=...)")
     if above is not None and below is not None and model_in(above)[1] != model_in(below)[1]:
         raise BadInput(
-            "the network was learned on other effects than these", above.where, "learn it with on=the diagnosis"
+            "the network was learned on other effects than those of the diagnosis",
+            above.where,
+            "learn it with on=diagnosis",
         )
     usual = optional.period(robot.model) if network is None else network.step
     source = _source(robot, above or below, network is not None)
@@ -220,7 +224,9 @@ def augment(
 
 def _check_robot(source: Written | None, robot: NominalRobot) -> None:
     if source is not None and (of := model_in(source)[0]) != robot.name:
-        raise BadInput(f"it is a model of {of!r}, not of {robot.name!r}", source.where, "give its own robot file")
+        raise BadInput(
+            f"the model must be of {robot.name!r}, got one of {of!r}", source.where, "give the robot file of that model"
+        )
 
 
 def _source(robot: NominalRobot, given: Written | None, learned: bool) -> Written:

@@ -28,7 +28,7 @@ class NominalRobot:
         return [
             f"{self.name} ({self.file.plant})",
             f"  commands: {', '.join(f'{a} ({k})' for a, k in zip(model.actuators, model.command_kinds, strict=True))}",
-            f"  can be measured: {', '.join(model.channels)}",
+            f"  channels: {', '.join(model.channels)}",
         ]
 
     def __str__(self) -> str:

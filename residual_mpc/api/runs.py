@@ -66,7 +66,7 @@ class Runs:
         """The runs in words."""
         seconds = [float(run.t[-1] - run.t[0]) for run in self.runs]
         return [
-            f"{count(len(self.runs), 'run')}, {sum(seconds):.4g} s in all",
+            f"{count(len(self.runs), 'run')}, {sum(seconds):.4g} s in total",
             *(f"  {r.name:<28} {s:8.2f} s  {len(r.t):7d} samples" for r, s in zip(self.runs, seconds, strict=True)),
         ]
 

@@ -47,7 +47,7 @@ def read_commanded_motions(path: Path, sensors: Sequence[str] = ()) -> tuple[Com
         motions = [_commanded_motion(name, {str(c): rows[c].to_numpy() for c in rows}) for name, rows in named]
     except (OSError, ValueError, KeyError) as error:
         raise BadInput(
-            f"this is no file of commands ({error})", str(path), "Let `residual-mpc excite` write one"
+            f"not a valid command file ({error})", str(path), "write one with `residual-mpc excite`"
         ) from None
     return tuple(replace(m, sensors=tuple(sensors)) for m in motions)
 
@@ -62,6 +62,6 @@ def _commanded_motion(name: str, columns: Mapping[str, Array]) -> CommandedMotio
 def _in_order(columns: Mapping[str, Array], actuators: Sequence[str]) -> Array:
     if set(columns) != set(actuators):
         raise BadInput(
-            f"commands for {', '.join(columns)} came", "commands", f"The actuators are {', '.join(actuators)}"
+            f"the commands must be for the actuators {', '.join(actuators)}, got {', '.join(columns)}", "commands"
         )
     return np.stack([columns[a] for a in actuators], axis=1)

@@ -44,7 +44,7 @@ class ExperimentSettings:
 
     def __post_init__(self) -> None:
         if self.timeout <= 0:
-            raise BadInput(f"the time limit is {self.timeout} s", "--timeout", "Give seconds above 0")
+            raise BadInput(f"must be > 0 s, got {self.timeout}", "--timeout")
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def run_experiments(
 
     suite = read_suite(folder)
     if not results.is_dir():
-        raise BadInput("no diagnoses here", str(results), "Run `residual-mpc blind run` first")
+        raise BadInput("this folder contains no diagnoses", str(results), "run `residual-mpc blind run` first")
     out.mkdir(parents=True, exist_ok=True)
     todo = [entry for entry in suite.cases if not (out / entry.name / RECORD).exists()]
     begin = time.monotonic()
@@ -147,14 +147,14 @@ def _played(
     sealed = read_sealed(answers / f"{entry.name}.json")
     answer = sealed.answer
     if sealed.commitment != entry.commitment:
-        raise BadInput("the answer is not the one that was committed to", entry.name, "Make the suite again")
+        raise BadInput("the answer does not match its commitment", entry.name, "make the suite again")
     before = {p.name for p in runs.iterdir()}
     with tempfile.TemporaryDirectory(prefix="robot-") as place:
         twin = make_hidden_robot(answer.family, answer.level, answer.seed, place)
         if digest(Path(place) / "case") != sealed.data:
-            raise BadInput("this version draws another robot for it", entry.name, "Make the suite again")
+            raise BadInput("this version draws a different robot for this case", entry.name, "make the suite again")
         for k, motion in enumerate(motions):
             rng = np.random.default_rng([seed, k, crc32(sealed.data.encode())])
             if not twin.play(motion, rng, f"next{k + 1}", runs):
-                raise RuntimeError(f"the robot runs away under {motion.name or 'the commands'}")
+                raise RuntimeError(f"the simulated robot diverges under {motion.name or 'the commands'}")
     return sorted({p.name for p in runs.iterdir()} - before)

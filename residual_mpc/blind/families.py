@@ -66,8 +66,8 @@ def load_family(name: str) -> Family:
         if point.name == name:
             family: Family = point.load()
             return family
-    known = ", ".join(family_names()) or "none is installed"
-    raise BadInput(f"no family of blind cases is called {name!r}", "blind", f"Known families: {known}")
+    known = ", ".join(family_names()) or "none installed"
+    raise BadInput(f"unknown family {name!r}", "--family", f"known families: {known}")
 
 
 def levels_of(family: Family) -> tuple[str, ...]:
@@ -78,7 +78,7 @@ def levels_of(family: Family) -> tuple[str, ...]:
 def load_level(name: str) -> Level:
     """The level called ``name``; ``BadInput`` where there is none."""
     if name not in LEVELS:
-        raise BadInput(f"no level is called {name!r}", "blind", f"Known levels: {', '.join(LEVELS)}")
+        raise BadInput(f"unknown level {name!r}", "--level", f"known levels: {', '.join(LEVELS)}")
     return LEVELS[name]
 
 
@@ -103,7 +103,7 @@ def _prepared(
     case, recipe, kind = Path(folder) / "case", load_level(level), load_family(family)
     if level not in levels_of(kind):
         drawn = ", ".join(levels_of(kind))
-        raise BadInput(f"family {family} draws no case of level {level!r}", "blind", f"Its levels: {drawn}")
+        raise BadInput(f"family {family} has no level {level!r}", "--level", f"its levels: {drawn}")
     case.mkdir(parents=True, exist_ok=True)
     # the names of family and level enter the stream, so that equal seeds share nothing across them
     key = [seed, crc32(family.encode()), crc32(level.encode())]

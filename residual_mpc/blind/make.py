@@ -30,13 +30,13 @@ class MakeSettings:
     def __post_init__(self) -> None:
         counts = [self.count(name) for name in self.families]
         if min(self.cases, *counts) < 1:
-            raise BadInput(f"{min(self.cases, *counts)} cases were asked for", "--cases", "Ask for 1 or more")
+            raise BadInput(f"must be >= 1, got {min(self.cases, *counts)}", "--cases")
         last = self.first_seed + max(counts) - 1
         if self.first_seed < 0 or (self.first_seed < FIRST_TEST_SEED <= last):
             raise BadInput(
-                f"seeds {self.first_seed} to {last} mix development and test",
+                f"seeds must be all development or all test seeds, got {self.first_seed} to {last}",
                 "--seed",
-                f"Development seeds are 0 to {FIRST_TEST_SEED - 1}, test seeds come after",
+                f"development seeds are 0 to {FIRST_TEST_SEED - 1}, test seeds start at {FIRST_TEST_SEED}",
             )
         for name in self.families:
             load_family(_family(name))
@@ -44,9 +44,9 @@ class MakeSettings:
             load_level(name)
         if not any(self.drawn(name) for name in self.families):
             raise BadInput(
-                f"no case at level {', '.join(self.levels)} is drawn by {', '.join(self.families)}",
+                f"level {', '.join(self.levels)} does not exist in family {', '.join(self.families)}",
                 "--level",
-                "Ask for a level that one of the families has",
+                "choose a level that one of the families has",
             )
 
     def drawn(self, family: str) -> tuple[str, ...]:
@@ -58,7 +58,7 @@ class MakeSettings:
         """Cases of ``family``, as it was asked for, at each level."""
         _, given, number = family.partition("=")
         if given and not number.isdecimal():
-            raise BadInput(f"{family!r} came, a family or family=number was wanted", "--family", "Write arm or arm=6")
+            raise BadInput(f"must be FAMILY or FAMILY=NUMBER such as arm=6, got {family!r}", "--family")
         return int(number) if given else self.cases
 
 
@@ -146,9 +146,9 @@ def _kept(name: str, job: tuple[object, ...], folder: Path, answers: Path) -> En
     answer = sealed.answer
     if (answer.family, answer.level, answer.seed) != job:
         raise BadInput(
-            "a suite of other families, levels, seeds or numbers was begun here",
+            "this folder contains a suite with other families, levels, seeds or numbers",
             str(folder),
-            "Repeat the call that began it, or give a folder of its own",
+            "repeat the command that started it, or give another folder",
         )
     if not case.is_dir() or digest(case) != sealed.data:
         return None
@@ -158,7 +158,7 @@ def _kept(name: str, job: tuple[object, ...], folder: Path, answers: Path) -> En
 def _apart(folder: Path, answers: Path) -> None:
     inner, outer = answers.resolve(), folder.resolve()
     if inner == outer or outer in inner.parents:
-        raise BadInput("the answers would lie inside the suite", str(answers), "Keep them in a folder of their own")
+        raise BadInput("the answers must not be inside the suite", str(answers), "give another folder")
 
 
 def default_answers(folder: Path) -> Path:

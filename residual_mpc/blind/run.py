@@ -36,9 +36,9 @@ class RunSettings:
 
     def __post_init__(self) -> None:
         if self.timeout <= 0:
-            raise BadInput(f"the time limit is {self.timeout} s", "--timeout", "Give seconds above 0")
+            raise BadInput(f"must be > 0 s, got {self.timeout}", "--timeout")
         if self.engine not in ENGINES:
-            raise BadInput(f"no engine is called {self.engine!r}", "--engine", f"Known engines: {', '.join(ENGINES)}")
+            raise BadInput(f"unknown engine {self.engine!r}", "--engine", f"Known engines: {', '.join(ENGINES)}")
 
 
 @dataclass(frozen=True)

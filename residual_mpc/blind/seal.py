@@ -61,16 +61,18 @@ def read_sealed(path: Path) -> Sealed:
         document: dict[str, Any] = json.loads(path.read_text())
         return Sealed(answer_from(document["answer"]), str(document["data"]), str(document["salt"]))
     except FileNotFoundError:
-        raise BadInput("the answer is missing", str(path), "Pass the folder that `blind make` kept apart") from None
+        raise BadInput(
+            "the answer is missing", str(path), "give the folder of answers that `blind make` wrote"
+        ) from None
     except (ValueError, KeyError, TypeError) as error:
-        raise BadInput(f"this is no sealed answer ({error!r})", str(path), "Make the suite again") from None
+        raise BadInput(f"not a sealed answer ({error!r})", str(path), "make the suite again") from None
 
 
 def reveal(path: Path, commitment: str, case: Path) -> Answer:
     """The answer in ``path``, if it is the one committed to and the data are untouched; else ``BadInput``."""
     sealed = read_sealed(path)
     if sealed.commitment != commitment:
-        raise BadInput("the answer is not the one that was committed to", str(path), "Make the suite again")
+        raise BadInput("the answer does not match its commitment", str(path), "make the suite again")
     if digest(case) != sealed.data:
-        raise BadInput("the case's files changed since they were sealed", str(case), "Make the suite again")
+        raise BadInput("the files of this case have changed since they were sealed", str(case), "make the suite again")
     return sealed.answer

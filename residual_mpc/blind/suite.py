@@ -57,15 +57,15 @@ def write_suite(suite: Suite) -> None:
 def read_suite(folder: Path) -> Suite:
     """The suite in ``folder``; ``BadInput`` where there is none."""
     path = folder / "suite.json"
-    remedy = "Make one with `residual-mpc blind make --out FOLDER`"
+    remedy = "make one with `residual-mpc blind make --out FOLDER`"
     try:
         document = json.loads(path.read_text())
         cases = tuple(Entry(c["name"], c["family"], c["commitment"], tuple(c["without"])) for c in document["cases"])
         suite = Suite(folder, document["seeds"], document["version"], cases)
     except FileNotFoundError:
-        raise BadInput("no suite of blind cases here", str(folder), remedy) from None
+        raise BadInput("this folder contains no suite of blind cases", str(folder), remedy) from None
     except (ValueError, KeyError, TypeError) as error:
-        raise BadInput(f"this is no suite of blind cases ({error!r})", str(path), remedy) from None
+        raise BadInput(f"not a suite of blind cases ({error!r})", str(path), remedy) from None
     for entry in suite.cases:
         if not suite.case(entry).is_dir():
             raise BadInput("a case of the suite is missing", str(suite.case(entry)), remedy)

@@ -16,7 +16,7 @@ BASELINES = ("single", "all_at_once", "sparse")
 
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("build/blind"), show_default=True)
-@click.option("--cases", type=int, default=3, show_default=True, help="Of each family at each level.")
+@click.option("--cases", type=int, default=3, show_default=True, help="Number of cases per family and level.")
 @click.option("--family", "families", multiple=True)
 @click.option("--level", "levels", multiple=True)
 @click.option("--seed", type=int, default=0, show_default=True)

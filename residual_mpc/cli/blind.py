@@ -15,17 +15,17 @@ _folder = click.Path(path_type=Path, file_okay=False)
 
 @click.group()
 def blind() -> None:
-    """Sealed benchmark cases, diagnoses made without their answers, and the scores."""
+    """Make sealed benchmark cases, diagnose them without their answers, and score the diagnoses."""
 
 
 @blind.command()
 @click.option("--out", type=_folder, required=True, help="Folder for the cases.")
 @click.option("--answers", type=_folder, help="Folder for the sealed answers, outside --out  [default: OUT-answers]")
-@click.option("--family", "families", multiple=True, help="A family, or family=cases; repeat for more  [default: all]")
-@click.option("--level", "levels", multiple=True, help="A level; repeat for more  [default: all]")
-@click.option("--cases", type=int, default=5, show_default=True, help="Cases of each family at each level.")
-@click.option("--seed", type=int, default=0, show_default=True, help="First seed; 100000 and up are test seeds.")
-@click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1 for all cores.")
+@click.option("--family", "families", multiple=True, help="Family, or family=cases; repeatable  [default: all]")
+@click.option("--level", "levels", multiple=True, help="Level; repeatable  [default: all]")
+@click.option("--cases", type=int, default=5, show_default=True, help="Number of cases per family and level.")
+@click.option("--seed", type=int, default=0, show_default=True, help="First seed; seeds from 100000 are test seeds.")
+@click.option("--jobs", type=int, default=-1, show_default=True, help="Parallel processes; -1 for all cores.")
 @json_option
 def make(
     out: Path,
@@ -37,7 +37,7 @@ def make(
     jobs: int,
     as_json: bool,
 ) -> None:
-    """Draw cases and seal their answers. A second call carries on where the first one stopped."""
+    """Draw cases and seal their answers. If interrupted, the same command resumes."""
     from residual_mpc.blind.families import family_names
     from residual_mpc.blind.levels import LEVELS
     from residual_mpc.blind.make import MakeSettings, default_answers, make_suite
@@ -52,7 +52,7 @@ def make(
         emit({"make": {"cases": len(made.suite.cases), "failed": len(made.failed), "suite": str(out),
                        "answers": str(kept), "seeds": made.suite.seeds}})  # fmt: skip
         return
-    click.echo(f"{len(made.suite.cases)} cases in {out}, their answers sealed in {kept}")
+    click.echo(f"{len(made.suite.cases)} cases in {out}, sealed answers in {kept}")
 
 
 @blind.command()
@@ -60,10 +60,10 @@ def make(
 @click.option("--out", type=_folder, required=True, help="Folder for the diagnoses.")
 @click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`.")
 @click.option("--jobs", type=int, default=-1, show_default=True, help="Cases at once; -1 for all cores.")
-@click.option("--timeout", type=float, default=600.0, show_default=True, help="Seconds a case may take.")
-@click.option("--engine", default="processes", show_default=True, help="processes, or dask for many machines.")
-@click.option("--address", default="", help="Of a running Dask scheduler  [default: a local cluster]")
-@click.option("--seed", type=int, default=0, show_default=True, help="Handed to every diagnosis.")
+@click.option("--timeout", type=float, default=600.0, show_default=True, help="Time limit per case in seconds.")
+@click.option("--engine", default="processes", show_default=True, help="processes, or dask for several machines.")
+@click.option("--address", default="", help="Address of a running Dask scheduler  [default: a local cluster]")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of every diagnosis.")
 @json_option
 def run(
     suite: Path,
@@ -76,9 +76,9 @@ def run(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Diagnose every case of SUITE in a process and a folder of its own, without its answer.
+    """Diagnose every case of SUITE without its answer, each in its own process and folder.
 
-    A second call diagnoses only what is missing.
+    If interrupted, the same command diagnoses only the missing cases.
     """
     from residual_mpc.blind.run import RunSettings, run_suite
 
@@ -90,7 +90,7 @@ def run(
         return
     click.echo(
         f"{summary.diagnosed} of {summary.cases} cases diagnosed in {summary.seconds:.0f} s, "
-        f"{summary.failed} failed, {summary.resumed} were there already"
+        f"{summary.failed} failed, {summary.resumed} already done"
     )
 
 
@@ -100,10 +100,16 @@ def run(
 @click.option("--out", type=_folder, required=True, help="Folder for the experiments.")
 @click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
 @click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`.")
-@click.option("--planner", default="", help="Its planner: a program that takes the options of `excite`.")
+@click.option("--planner", default="", help="The method's planner: a program that takes the options of `excite`.")
 @click.option("--jobs", type=int, default=-1, show_default=True, help="Cases at once; -1 for all cores.")
-@click.option("--timeout", type=float, default=600.0, show_default=True, help="Seconds to plan, and to diagnose.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the plans, the noise and the diagnoses.")
+@click.option(
+    "--timeout",
+    type=float,
+    default=600.0,
+    show_default=True,
+    help="Time limit in seconds, for planning and for diagnosing.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the plans, the noise and the diagnoses.")
 @json_option
 def experiment(
     suite: Path,
@@ -117,9 +123,9 @@ def experiment(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Carry out the experiment that each diagnosis of SUITE proposes on the hidden robot, and diagnose anew.
+    """Run the experiment that each diagnosis of SUITE proposes on the hidden robot, and repeat the diagnosis.
 
-    Only the robot itself is drawn from the answers. A second call carries on where the first one stopped.
+    The answers are used only to simulate the robot. If interrupted, the same command resumes.
     """
     from residual_mpc.blind.experiment import ExperimentSettings, run_experiments
     from residual_mpc.blind.make import default_answers
@@ -132,19 +138,23 @@ def experiment(
                              "resumed": summary.resumed, "seconds": summary.seconds}})  # fmt: skip
         return
     click.echo(
-        f"{summary.open} of {summary.cases} diagnoses left something open; {summary.open - summary.failed} experiments "
-        f"carried out in {summary.seconds:.0f} s, {summary.failed} failed"
+        f"{summary.open} of {summary.cases} diagnoses left something open; ran "
+        f"{summary.open - summary.failed} experiments in {summary.seconds:.0f} s, {summary.failed} failed"
     )
 
 
 @blind.command()
 @click.argument("suite", type=_folder)
-@click.option("--results", "given", multiple=True, required=True, help="FOLDER of `blind run`, or NAME=FOLDER; repeat.")
+@click.option(
+    "--results", "given", multiple=True, required=True, help="FOLDER of `blind run`, or NAME=FOLDER; repeatable."
+)
 @click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
-@click.option("--experiments", type=_folder, help="Folder of `blind experiment`: how much it settled.")
-@click.option("--out", type=_folder, help="Folder for score.json and the page blind.html.")
+@click.option(
+    "--experiments", type=_folder, help="Folder of `blind experiment`, to score what the experiments resolved."
+)
+@click.option("--out", type=_folder, help="Folder for score.json and blind.html.")
 @click.option("--ledger", type=click.Path(path_type=Path, dir_okay=False),
-              help="File that counts the openings of test seeds  [default: beside the answers]")  # fmt: skip
+              help="File that records each opening of test seeds  [default: beside the answers]")  # fmt: skip
 @click.option("--seed", type=int, default=0, hidden=True)
 @json_option
 def score(
@@ -157,7 +167,7 @@ def score(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Reveal the answers of SUITE and score methods against them; the first one is reported."""
+    """Open the answers of SUITE and score the methods against them; the report is about the first method."""
     from residual_mpc.blind.make import default_answers
     from residual_mpc.blind.score.score import score_suite
 
@@ -195,7 +205,7 @@ def _methods(given: tuple[str, ...]) -> dict[str, Path]:
         name, equals, folder = text.partition("=")
         name, folder = (name, folder) if equals else ("diagnose", text)
         if not name or not folder or name in methods:
-            raise BadInput(f"{text!r} names no method of its own", "--results", "Give NAME=FOLDER, each name once")
+            raise BadInput(f"must be NAME=FOLDER with a different name for each method, got {text!r}", "--results")
         methods[name] = Path(folder)
     return methods
 
@@ -205,7 +215,7 @@ def _methods(given: tuple[str, ...]) -> dict[str, Path]:
 @robot_option
 @runs_argument
 @click.option("--out", type=_folder, required=True, help="Folder for diagnosis.json.")
-@click.option("--without", multiple=True, metavar="EFFECT", help="Leave this effect out; repeat for more.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Exclude this effect; repeatable.")
 @click.option("--seed", type=int, default=0, hidden=True)
 @json_option
 def baseline(
@@ -217,7 +227,7 @@ def baseline(
     seed: int,
     as_json: bool,
 ) -> None:
-    """A simple method to compare with, behind the options of `diagnose`: for `blind run --command`."""
+    """Run a baseline method with the options of `diagnose`, for use in `blind run --command`."""
     from importlib import import_module
 
     from residual_mpc.blind.baselines.problem import build_baseline_problem, document_of, write_document

@@ -12,9 +12,9 @@ from residual_mpc.errors import BadInput
 @json_option
 @seed_option
 def check(robot: str, runs: tuple[str, ...], as_json: bool, seed: int) -> None:
-    """Audit the runs against the robot and each other, and say what to mend before anything is fitted.
+    """Audit the runs against the robot and each other, and report what to fix before fitting.
 
-    Exit status 2 where the runs cannot be used as they are.
+    The exit status is 2 if the runs cannot be used as they are.
     """
     from residual_mpc.api.check import check as check_runs
     from residual_mpc.api.robot import load_robot
@@ -30,7 +30,7 @@ def check(robot: str, runs: tuple[str, ...], as_json: bool, seed: int) -> None:
         first = found.errors[0]
         where = ", ".join(x for x in (first.run, first.column) if x)
         raise BadInput(
-            f"{count(len(found.errors), 'error')} to mend before these can be used; the first: {first.message}",
+            f"{count(len(found.errors), 'error')} to fix before these runs can be used; the first: {first.message}",
             where,
             first.remedy,
         )

@@ -20,11 +20,9 @@ ROBOT = "Robot file, MJCF file, or a built-in robot's name (a URDF has no actuat
 robot_option = click.option("--robot", "robot", required=True, metavar="R", help=f"{ROBOT}.")
 runs_argument = click.argument("runs", nargs=-1, required=True, metavar="RUN...")
 json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print the result as JSON on stdout, and nothing else there."
+    "--json", "as_json", is_flag=True, help="Print the result as JSON on stdout and nothing else there."
 )
-seed_option = click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of everything random."
-)
+seed_option = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed.")
 
 
 def out_option(holds: str) -> Callable[[Command], Command]:
@@ -35,7 +33,7 @@ def out_option(holds: str) -> Callable[[Command], Command]:
 
 def _a_number(context: click.Context, option: click.Parameter, value: float) -> float:
     if value != value:  # NaN, which no range excludes
-        raise click.BadParameter("nan is no length of a window.", context, option)
+        raise click.BadParameter("must be a number, got nan.", context, option)
     return value
 
 
@@ -45,7 +43,7 @@ horizon_option = click.option(
     callback=_a_number,
     default=1.0,
     show_default=True,
-    help="Length of a window, s.",
+    help="Prediction horizon in seconds.",
 )
 
 
@@ -70,7 +68,9 @@ def show_findings(findings: "Sequence[Finding]") -> None:
             click.echo(f"{f.severity}: {where}: {f.message}. {f.remedy}".replace("..", "."), err=True)
     noted = sum(f.severity == "info" for f in findings)
     if noted:
-        click.echo(f"note: {noted} more remark{'s' if noted > 1 else ''}; `residual-mpc check` lists them", err=True)
+        click.echo(
+            f"note: {noted} more remark{'s' if noted > 1 else ''}; run `residual-mpc check` to list them", err=True
+        )
 
 
 def emit(document: dict[str, Any]) -> None:
@@ -84,7 +84,7 @@ def writable_folder(folder: Path) -> None:
 
     there = next(p for p in (folder, *folder.absolute().parents) if os.path.exists(p))
     if not there.is_dir():
-        came = "is a file" if there == folder else f"{there} is a file"
+        came = "must be a folder, got a file" if there == folder else f"{there} must be a folder, got a file"
         raise BadInput(came, str(folder), "name a folder with --out")
     if not os.access(there, os.W_OK | os.X_OK):
-        raise BadInput(f"{there} may not be written", str(folder), "choose another folder with --out")
+        raise BadInput(f"no permission to write to {there}", str(folder), "choose another folder with --out")

@@ -25,16 +25,14 @@ from residual_mpc.cli.progress import progress_bar
 @runs_argument
 @out_option("diagnosis.json, report.html, model.json")
 @click.option(
-    "--only", multiple=True, metavar="EFFECT", help="Consider only these effects; comma-separated or repeated."
+    "--only", multiple=True, metavar="EFFECT", help="Consider only these effects; comma-separated, repeatable."
 )
-@click.option(
-    "--without", multiple=True, metavar="EFFECT", help="Leave these effects out; comma-separated or repeated."
-)
+@click.option("--without", multiple=True, metavar="EFFECT", help="Exclude these effects; comma-separated, repeatable.")
 @click.option(
     "--held-out",
     multiple=True,
     metavar="RUN",
-    help="Runs to hold out of every fit (file or run name); may be repeated.",
+    help="Run to hold out of every fit (file or run name); repeatable.",
 )
 @horizon_option
 @json_option
@@ -50,7 +48,7 @@ def diagnose(
     as_json: bool,
     seed: int,
 ) -> None:
-    """Find where the gap lies, which unmodelled effects cause it, and by how much it shrinks once they are modelled."""
+    """Find where the gap lies, which unmodelled effects cause it, and how far it shrinks once they are modelled."""
     writable_folder(out)
     nominal, logged = read(robot, runs)
 
@@ -70,8 +68,8 @@ def diagnose(
     following = document["next_experiment"]
     if following:
         click.echo(f"  next experiment: {following['what']}")
-        planned = out / following["commands"] if following["commands"] else f"plan them with: {following['excite']}"
-        click.echo(f"  its commands: {planned}")
+        planned = out / following["commands"] if following["commands"] else f"plan with: {following['excite']}"
+        click.echo(f"  commands: {planned}")
     click.echo(f"  report: {out / 'report.html'}")
 
 

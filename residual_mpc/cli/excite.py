@@ -16,9 +16,9 @@ def _limits(context: click.Context, option: click.Parameter, given: tuple[str, .
         try:
             out[name] = (float(low), float(high))
         except ValueError:
-            raise click.BadParameter(f"{text!r} is not ACTUATOR=LOW:HIGH.", context, option) from None
+            raise click.BadParameter(f"must be ACTUATOR=LOW:HIGH, got {text!r}.", context, option) from None
         if not out[name][0] < out[name][1]:
-            raise click.BadParameter(f"{text!r}: the lower end comes first.", context, option)
+            raise click.BadParameter(f"the lower limit must be below the upper limit, got {text!r}.", context, option)
     return out
 
 
@@ -26,11 +26,17 @@ def _limits(context: click.Context, option: click.Parameter, given: tuple[str, .
 @click.argument("diagnosis", required=False, type=click.Path(path_type=Path))
 @robot_option
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="CSV file of the commands.")
-@click.option("--seconds", type=click.FloatRange(4.0, 120.0), default=20.0, show_default=True, help="Of a motion.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(4.0, 120.0),
+    default=20.0,
+    show_default=True,
+    help="Duration of each motion in seconds.",
+)
 @click.option(
     "--limit", "limits", multiple=True, callback=_limits, metavar="ACTUATOR=LOW:HIGH",
-    help="How far an actuator may be driven; by default as far as in the runs that were diagnosed, else what the model "
-    "states. May be repeated.",
+    help="Command range of an actuator; repeatable. Defaults to the range in the diagnosed runs, or to the model's "
+    "limits without a diagnosis.",
 )  # fmt: skip
 @json_option
 @seed_option
@@ -43,12 +49,14 @@ def excite(
     as_json: bool,
     seed: int,
 ) -> None:
-    """Plan the next runs. With a DIAGNOSIS whose causes the runs could not tell apart: the motion that parts them best,
-    tried in simulation. With one whose gap nothing explains: the motion that shows it most, twice, and the one that
-    goes where no run has been. Without one: a first protocol for a robot that has no runs yet.
+    """Plan the next runs.
 
-    The commands stay within the limits, and the model's joints within theirs (where no smaller motion will do, a
-    warning says so); nothing here knows of tables and walls.
+    If the DIAGNOSIS left several causes indistinguishable, plans the motion that separates them best in simulation. If
+    it left the gap unexplained, plans the motion that shows the gap most, twice, and the motion that covers states
+    no run has visited. Without a DIAGNOSIS, plans a first set of motions for a robot that has no runs yet.
+
+    The commands stay within the limits, and the model's joints within their ranges; a warning names any motion for
+    which this is impossible. Obstacles around the robot are not considered.
     """
     from residual_mpc.api.excitation import excite as plan_motions
     from residual_mpc.api.robot import load_robot
@@ -57,7 +65,7 @@ def excite(
     with progress_bar() as progress:
         plan = plan_motions(nominal, diagnosis, seconds=seconds, limits=limits, seed=seed, progress=progress)
     if diagnosis is not None and plan.document["purpose"] == "protocol":
-        click.echo("nothing is confounded in this diagnosis: a protocol for further runs", err=True)
+        click.echo("this diagnosis left nothing to tell apart: planning a general set of motions", err=True)
     for warning in plan.warnings:
         click.echo(f"warning: {warning}", err=True)
     plan.save(out)

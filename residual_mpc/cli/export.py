@@ -9,24 +9,24 @@ from residual_mpc.cli.common import ROBOT, emit, json_option, seed_option, writa
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--to", required=True, type=click.Choice(["casadi", "c", "jax", "onnx", "mjcf"]), help="What to write.")
-@click.option("--robot", metavar="R", help=f"{ROBOT}; by default the one that FILE names.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the files; by default beside FILE.")
+@click.option("--to", required=True, type=click.Choice(["casadi", "c", "jax", "onnx", "mjcf"]), help="Export format.")
+@click.option("--robot", metavar="R", help=f"{ROBOT}; defaults to the one named in FILE.")
+@click.option("--out", type=click.Path(path_type=Path), help="Output folder; defaults to a folder beside FILE.")
 @click.option(
     "--dt", type=click.FloatRange(1e-4, 1.0),
-    help="Sample time of the step, s; by default that at which the network was learned; without one the robot's own "
-    "period between commands, else 0.05.",
+    help="Sample time in seconds; defaults to the network's, without a network to the robot's command period, else "
+    "0.05.",
 )  # fmt: skip
 @click.option(
     "--smooth", type=click.FloatRange(0.0, 1.0), default=0.0, show_default=True,
-    help="Width of rounded kinks, for solvers that converge; 0 is exact.",
+    help="Width over which kinks are rounded, for gradient-based solvers; 0 is exact.",
 )  # fmt: skip
 @json_option
 @seed_option
 def export(
     file: Path, to: str, robot: str | None, out: Path | None, dt: float | None, smooth: float, as_json: bool, seed: int
 ) -> None:
-    """Hand on the augmented model of FILE (model.json or diagnosis.json); says how far it lies from its source."""
+    """Export the augmented model in FILE (model.json or diagnosis.json) and report its difference from the source."""
     from residual_mpc.api.model import augment
     from residual_mpc.api.robot import load_robot
     from residual_mpc.export.source import robot_beside
@@ -40,7 +40,7 @@ def export(
     learned = file if residual_in(source) is not None else None
     result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed)
     if to == "mjcf" and nominal.file.variants:
-        click.echo(f"note: the model is {nominal.file.model}, without what the file's variants change", err=True)
+        click.echo(f"note: the model is {nominal.file.model}; the variants in the robot file are ignored", err=True)
     if as_json:
         emit(result)
         return
@@ -52,5 +52,4 @@ def export(
     apart = result["largest_difference"]
     click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g}")
     if "from_all_effects" in apart and (result["approximated"] or result["left_out"]):
-        click.echo(f"  from all that was diagnosed: {apart['from_all_effects']:.2g}")
-
+        click.echo(f"  from the model with all diagnosed effects: {apart['from_all_effects']:.2g}")

@@ -13,12 +13,12 @@ from residual_mpc.cli.common import emit, horizon_option, json_option, read, rob
 @click.option(
     "--model",
     type=click.Path(path_type=Path),
-    help="A diagnosis.json or model.json to measure beside the nominal model.",
+    help="Also measure the model in this diagnosis.json or model.json.",
 )
 @click.option(
     "--held-out-of",
     type=click.Path(path_type=Path),
-    help="Measure only on the runs or blocks that this diagnosis.json held out.",
+    help="Measure only on the runs or blocks held out in this diagnosis.json.",
 )
 @horizon_option
 @json_option
@@ -32,9 +32,10 @@ def gap(
     as_json: bool,
     seed: int,
 ) -> None:
-    """Measure how much of the motion the nominal model misses within a horizon.
+    """Measure the gap: the prediction error over the horizon, relative to the motion.
 
-    0.10 means that in one second the model misses a tenth of the motion; a model that stands still scores about 1.
+    With the default horizon, 0.10 means that the model misses a tenth of the motion in one second. A model that
+    predicts no motion scores about 1.
     """
     nominal, logged = read(robot, runs)
 

@@ -20,21 +20,21 @@ ROBOT = "robot.toml"
 @click.argument("model")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...")
 @click.option("--out", type=click.Path(path_type=Path), default=Path(ROBOT), show_default=True, help="Robot file.")
-@click.option("--force", is_flag=True, help="Overwrite the robot file if it is there.")
+@click.option("--force", is_flag=True, help="Overwrite an existing robot file.")
 @click.option(
     "--mended",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Also write the runs with their units, signs and zeros put right, for what no robot file can say.",
+    help="Also write the runs with corrected units, signs and zeros, which a robot file cannot express.",
 )
 @json_option
 @seed_option
 def init(
     model: str, runs: tuple[str, ...], out: Path, force: bool, mended: Path | None, as_json: bool, seed: int
 ) -> None:
-    """Write a robot file for an MJCF or URDF file and a log, guessing the names, and say what was guessed.
+    """Draft a robot file from an MJCF or URDF model and a log, matching columns to joints, and list every guess.
 
-    RUN... are files, folders or patterns, CSV or Parquet, with columns of any name.
+    RUN... are files, folders or glob patterns; their columns may have any name.
     """
     from residual_mpc.init.draft import draft
     from residual_mpc.init.draft_text import robot_file_text
@@ -44,8 +44,8 @@ def init(
     if out.is_dir():
         out = out / ROBOT
     if out.exists() and not force:
-        remedy = "overwrite it with --force, or name another with --out"
-        raise BadInput("there is such a file already", str(out), remedy)
+        remedy = "overwrite it with --force, or choose another with --out"
+        raise BadInput("this file already exists", str(out), remedy)
     drafted = draft(Path(model), runs)
     text = robot_file_text(drafted, out.parent)
     trial = try_robot(text, out.parent, runs, drafted.mends)
@@ -72,11 +72,11 @@ def _say(drafted: "Draft") -> None:
     for guess in drafted.guesses:
         click.echo(f"guess: {guess}", err=True)
     for item in drafted.missing:
-        click.echo(f"without a column: {item.name}: {item.why}", err=True)
+        click.echo(f"no column found: {item.name}: {item.why}", err=True)
     for item in drafted.unmatched:
-        click.echo(f"not used: {item.name}: {item.why}", err=True)
+        click.echo(f"unused: {item.name}: {item.why}", err=True)
     for mend in drafted.mends:
-        click.echo(f"to mend in the log: {mend}", err=True)
+        click.echo(f"to correct in the log: {mend}", err=True)
 
 
 def _command(words: list[str]) -> str:
@@ -94,18 +94,18 @@ def _report(drafted: "Draft", trial: "Trial", out: Path, following: str, mended:
     count = f"{len(drafted.guesses)} guesses, {_of(rivals)}"
     click.echo(f"{out}: {count}")
     if mended is not None:
-        click.echo(f"{mended}: the runs, mended" if drafted.mends else "nothing to mend: --mended wrote nothing")
+        click.echo(f"{mended}: the corrected runs" if drafted.mends else "nothing to correct: --mended wrote no files")
     if trial.errors:
-        click.echo(f"the runs cannot be used yet: {len(trial.errors)} to mend, listed above")
+        click.echo(f"the runs cannot be used yet: fix the {len(trial.errors)} errors listed above")
     elif drafted.mends and mended is None:
-        click.echo(f"usable once {len(drafted.mends)} columns of the log are mended")
+        click.echo(f"usable once {len(drafted.mends)} columns of the log are corrected")
     else:
         click.echo("usable")
     click.echo(f"next: {following}")
 
 
 def _of(rivals: int) -> str:
-    return "each without a rival" if not rivals else f"{rivals} of them with a rival about as plausible"
+    return "none ambiguous" if not rivals else f"{rivals} of them with an alternative about as plausible"
 
 
 def _document(drafted: "Draft", trial: "Trial", out: Path, following: str, ready: bool) -> dict[str, Any]:

@@ -28,22 +28,32 @@ from residual_mpc.errors import BadInput
     type=click.Choice(["sim-to-dyn", "real-to-dyn", "real-to-sim"]),
     default="real-to-dyn",
     show_default=True,
-    help="Which model learns from which: the runs are the simulator's or the robot's, R the dynamic model or the "
-    "simulator.",
-)
-@click.option("--on", type=click.Path(path_type=Path), help="Learn on top of this diagnosis.json (or model.json).")
-@click.option(
-    "--warm-start", type=click.Path(path_type=Path), help="The model.json of the case before, to build its residual on."
+    help="SOURCE-to-MODEL: whether the runs come from the simulator or the real robot, and whether R is the dynamic "
+    "model or the simulator.",
 )
 @click.option(
-    "--form", type=click.Choice(["body", "paper", "joint"]), help="Which velocities are corrected, from what."
+    "--on",
+    type=click.Path(path_type=Path),
+    help="Learn the residual of the model in this diagnosis.json or model.json.",
 )
-@click.option("--hidden", default="10,10", show_default=True, help="Nodes of the hidden layers.")
+@click.option(
+    "--warm-start",
+    type=click.Path(path_type=Path),
+    help="Start from the residual in the model.json of the previous case.",
+)
+@click.option(
+    "--form",
+    type=click.Choice(["body", "paper", "joint"]),
+    help="Which velocities the residual corrects, and its inputs.",
+)
+@click.option("--hidden", default="10,10", show_default=True, help="Sizes of the hidden layers.")
 @click.option("--method", type=click.Choice(["auto", "ukf", "ekf"]), default="auto", show_default=True)
-@click.option("--passes", type=click.IntRange(1, 100), default=5, show_default=True, help="Times through the data.")
-@click.option("--step", type=click.FloatRange(0.001, 1.0), help="Step of the residual, s.")
+@click.option("--passes", type=click.IntRange(1, 100), default=5, show_default=True, help="Passes through the data.")
+@click.option("--step", type=click.FloatRange(0.001, 1.0), help="Time step of the residual in seconds.")
 @click.option(
-    "--weights", metavar="CHANNEL=C,...", help="The paper's costs: how much a channel's errors count, as pose.theta=2."
+    "--weights",
+    metavar="CHANNEL=C,...",
+    help="Weights of the channels' errors (the paper's costs), such as pose.theta=2.",
 )
 @json_option
 @seed_option
@@ -63,9 +73,9 @@ def learn(
     as_json: bool,
     seed: int,
 ) -> None:
-    """Train the residual network of a robot on runs with a Kalman filter, and measure it on held-out runs.
+    """Train the residual network of a robot on runs with a Kalman filter and evaluate it on held-out runs.
 
-    Killed at any moment and called again, it goes on from its last checkpoint to the same weights.
+    If interrupted, the same command resumes from the last checkpoint and arrives at the same weights.
     """
     writable_folder(out)
     layers, costs = _layers(hidden), _costs(weights)
@@ -90,7 +100,7 @@ def _layers(text: str) -> tuple[int, ...]:
     except ValueError:
         out = ()
     if not out or min(out) < 1 or max(out) > 200:
-        raise BadInput(f"{text!r} came, layer sizes such as 10,10 were wanted", "--hidden")
+        raise BadInput(f"must be layer sizes from 1 to 200 such as 10,10, got {text!r}", "--hidden")
     return out
 
 
@@ -102,7 +112,7 @@ def _costs(text: str | None) -> dict[str, float]:
             out[channel.strip()] = float(value)
         except ValueError:
             raise BadInput(
-                f"{part!r} came, a channel and its cost such as pose.theta=2 were wanted", "--weights"
+                f"must be a channel and its weight such as pose.theta=2, got {part!r}", "--weights"
             ) from None
     return out
 

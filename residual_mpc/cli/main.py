@@ -12,19 +12,19 @@ class _Lazy(click.Group):
     """Commands by name, imported when they are called, so that --help answers at once."""
 
     commands_in = {
-        "check": ("residual_mpc.cli.check", "check", "Audit the runs and say what to mend before anything is fitted."),
-        "init": ("residual_mpc.cli.init", "init", "Write a robot file for a model and a log; every guess is said."),
+        "check": ("residual_mpc.cli.check", "check", "Audit the runs and report what to fix before fitting."),
+        "init": ("residual_mpc.cli.init", "init", "Draft a robot file from a model and a log, listing every guess."),
         "gap": ("residual_mpc.cli.gap", "gap", "Measure the gap between the model and the runs."),
         "diagnose": (
             "residual_mpc.cli.diagnose",
             "diagnose",
-            "Where the gap lies, what causes it, how far it shrinks.",
+            "Find where the gap lies, what causes it and how far it shrinks.",
         ),
-        "excite": ("residual_mpc.cli.excite", "excite", "Which motion to drive next, as a command file."),
+        "excite": ("residual_mpc.cli.excite", "excite", "Plan the next motions and write them to a command file."),
         "learn": ("residual_mpc.cli.learn", "learn", "Train the residual network on runs with a Kalman filter."),
-        "export": ("residual_mpc.cli.export", "export", "Hand the augmented model on: CasADi, C, JAX, ONNX, MJCF."),
-        "run": ("residual_mpc.cli.run", "run", "A closed-loop scenario: nominal against augmented controller."),
-        "blind": ("residual_mpc.cli.blind", "blind", "Sealed benchmark cases: make, run, score."),
+        "export": ("residual_mpc.cli.export", "export", "Export the augmented model to CasADi, C, JAX, ONNX or MJCF."),
+        "run": ("residual_mpc.cli.run", "run", "Run a closed-loop scenario: nominal vs. augmented controller."),
+        "blind": ("residual_mpc.cli.blind", "blind", "Make, run and score sealed benchmark cases."),
     }
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -47,7 +47,7 @@ class _Lazy(click.Group):
 @click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="residual-mpc")
 def cli() -> None:
-    """Why the robot and its model disagree: which unmodelled effect, and how far the gap shrinks once it is added."""
+    """Find out why a robot and its model disagree: which unmodelled effects cause the gap, and how far it shrinks."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

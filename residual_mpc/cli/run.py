@@ -12,24 +12,26 @@ from residual_mpc.cli.progress import progress_bar
 @click.command()
 @click.argument("scenario", required=False)
 @click.option(
-    "--controller", type=click.Choice(["mpc", "lqr"]), default="mpc", show_default=True, help="What drives the robot."
+    "--controller", type=click.Choice(["mpc", "lqr"]), default="mpc", show_default=True, help="Controller type."
 )
-@click.option("--seeds", type=click.IntRange(1, 1000), default=10, show_default=True, help="How many plants.")
+@click.option("--seeds", type=click.IntRange(1, 1000), default=10, show_default=True, help="Number of plants to draw.")
 @click.option(
     "--budget", type=click.FloatRange(min=0.0, min_open=True), metavar="S",
-    help="Seconds an MPC may take a sample before it sends the plan at hand; then results depend on the machine. "
-    "Without it late samples are only counted.",
+    help="Time limit of the MPC per sample in seconds, after which it applies its current plan; results then depend on "
+    "the machine. Without a limit, late samples are only counted.",
 )  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for episodes (as runs), diagnosis and picture.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for the episodes (as runs), the diagnosis and the figure."
+)
 @json_option
 @seed_option
 def run(
     scenario: str | None, controller: str, seeds: int, budget: float | None, out: Path | None, as_json: bool, seed: int
 ) -> None:
-    """Drive a closed-loop SCENARIO: nominal against augmented controllers, on equal terms. Without a name: the list.
+    """Run a closed-loop SCENARIO that compares the nominal and the augmented controllers; without a name, list them.
 
-    Takes some minutes with ten seeds: the nominal controller drives a log, the log is diagnosed, and every controller
-    drives every seed.
+    The nominal controller first records a log, the log is diagnosed, and then every controller drives every seed. With
+    ten seeds this takes some minutes.
     """
     from residual_mpc.closed_loop.scenario import RunOptions, find_scenario, scenario_names
 

@@ -34,7 +34,7 @@ class EstimatorSettings:
 
     def __post_init__(self) -> None:
         if min(*self.noise, *self.drift, *self.disturbance, self.gate) <= 0 or self.stubborn < 1:
-            raise ValueError(f"every setting of the estimator has to be positive: {self}")
+            raise ValueError(f"every setting of the estimator must be > 0, got {self}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,14 +153,19 @@ def build_filter(model: Augmented, settings: EstimatorSettings, compile: bool = 
     """Raises ValueError where the settings do not fit the model's poses."""
     states, poses = model.stepped.states, model.stepped.poses
     if len(settings.noise) != len(poses) or len(settings.drift) != len(poses):
-        raise ValueError(f"{len(settings.noise)} noises and {len(settings.drift)} drifts came for {len(poses)} poses")
+        raise ValueError(
+            f"noise and drift must have {len(poses)} entries, one per pose, "
+            f"got {len(settings.noise)} and {len(settings.drift)}"
+        )
     where = np.array([states.index(c) for c in poses])
     q = np.zeros(model.nx)
     q[where] = np.square(settings.drift) * model.build.dt
     unknown = [i for i, s in enumerate(states) if s.startswith("disturbance.")]
     if unknown:
         if len(settings.disturbance) != len(unknown):
-            raise ValueError(f"{len(settings.disturbance)} disturbances came for {len(unknown)} of the model")
+            raise ValueError(
+                f"disturbance must have {len(unknown)} entries for this model, got {len(settings.disturbance)}"
+            )
         q[unknown] = np.square(settings.disturbance) * model.build.dt
     c = casadi_model(model)
     stage = compiled(c.stage, compiler() if compile else None)

@@ -55,5 +55,5 @@ def find_scenario(name: str) -> Scenario:
             found: Scenario = entry.load()
             return found
     close = get_close_matches(name, scenario_names(), 1)
-    hint = f"did you mean {close[0]}?" if close else "`residual-mpc run` lists them"
-    raise BadInput(f"no scenario is called {name!r}", "", hint)
+    hint = f"did you mean {close[0]}?" if close else "run `residual-mpc run` to list the scenarios"
+    raise BadInput(f"unknown scenario {name!r}", "", hint)

@@ -125,7 +125,7 @@ def stack_of(model: Augmented) -> OutputStack:
     if residual is not None and residual.form == "task" and len(model.stepped.outputs) >= 3:
         return TaskStack(model, residual)
     raise BadInput(
-        "online learning needs a model with a network of the body form, or of the task form on an arm",
+        "online learning needs a network of form body, or of form task on an arm",
         model.robot.name,
-        "augment the model with a Residual of such a form, its weights at their start",
+        "augment the model with an untrained Residual of such a form",
     )

@@ -56,9 +56,9 @@ def gap_figures(
     residual = None if model is None else residual_in(model)
     if residual is not None and model is not None and residual.robot != robots[0].name:
         raise BadInput(
-            f"its residual was learned on {residual.robot}, and this is {robots[0].name}",
+            f"its residual must be of {robots[0].name}, got one of {residual.robot}",
             model.where,
-            "give the robot file that it was learned with",
+            "give the robot file that was used for learning",
         )
     noise = noise_over(robot_file, [run.name for run in runs])
     learned = None if residual is None or model is None else (residual, model.where)
@@ -165,7 +165,7 @@ def held_out_mask_of(written: Written, data: Any) -> np.ndarray:
     """(W,) the windows that a diagnosis kept back; all of them where only its held-out runs are given."""
     kept = _kept(written)
     if not kept:
-        raise BadInput("the diagnosis kept nothing back", written.where, "leave --held-out-of away")
+        raise BadInput("the diagnosis held nothing out", written.where, "omit --held-out-of")
     names = {data.runs[i].name for i in np.unique(data.run)}
     if {k.run for k in kept} >= names and all(k.start is None for k in kept):
         return np.ones(data.count, dtype=bool)
@@ -182,7 +182,7 @@ def kept_back_of(written: Written, names: set[str]) -> tuple[KeptBack, ...] | No
 def _kept(written: Written) -> list[KeptBack]:
     held_out = written.content.get("held_out", [])
     if not isinstance(held_out, list):
-        raise BadInput(f"held_out is {held_out!r}", written.where, "wanted a list, as diagnose writes it")
+        raise BadInput(f"held_out must be a list, got {held_out!r}", written.where)
     return [_kept_back(item, written.where) for item in held_out]
 
 
@@ -192,4 +192,6 @@ def _kept_back(item: Any, where: str) -> KeptBack:
     try:
         return KeptBack(str(item["run"]), float(item["from"]), float(item["to"]))
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise BadInput(f"held_out holds {item!r}", where, 'wanted a run\'s name or {"run", "from", "to"}') from error
+        raise BadInput(
+            f'items of held_out must be run names or {{"run", "from", "to"}}, got {item!r}', where
+        ) from error

@@ -161,7 +161,7 @@ VOLTAGE_SAG = Effect(
     unseen="the runs are too short for the supply to weaken",
     imitates=frozenset({"time"}),
     phrase=Phrase("the gain of {who} falls by {rate} per second", shares=("rate",)),
-    not_in_mjcf="no actuator of MuJoCo weakens with time",
+    not_in_mjcf="MuJoCo has no actuator whose gain falls with time",
 )
 
 BACKLASH = Effect(
@@ -186,7 +186,7 @@ BACKLASH = Effect(
     stalls=("gap",),
     unseen="the motion hardly reverses",
     phrase=Phrase("{who} has {gap} of play", "every gear", "the gear of {}"),
-    not_in_mjcf="it takes a joint more behind the motor, which the stepped simulator has",
+    not_in_mjcf="it needs an additional joint behind the motor, which only the built-in simulator has",
 )
 
 EFFECTS = (ACTUATOR_LAG, ACTUATOR_GAIN, SATURATION, VOLTAGE_SAG, BACKLASH)

@@ -99,7 +99,7 @@ STRIBECK = Effect(
     stalls=("static", "kinetic"),
     unseen="no slow motion in which the friction would rise",
     phrase=Phrase("the friction of {who} differs from the model by {static} near standstill and {kinetic} at speed"),
-    in_mjcf="dry friction halfway between static and kinetic; MuJoCo's does not change with the speed",
+    in_mjcf="constant dry friction midway between static and kinetic, since MuJoCo's has no speed dependence",
     settled=lambda p: 0.5 * (p["static"] + p["kinetic"]),
 )
 
@@ -116,7 +116,7 @@ LOAD_FRICTION = Effect(
     unseen="the torque hardly varies",
     imitates=frozenset({"position"}),
     phrase=Phrase("friction in {who} takes {coefficient} of the transmitted torque", shares=("coefficient",)),
-    not_in_mjcf="MuJoCo's dry friction does not change with the load",
+    not_in_mjcf="MuJoCo's dry friction does not depend on the load",
 )
 
 PAYLOAD = Effect(
@@ -187,7 +187,7 @@ JOINT_COMPLIANCE = Effect(
     site="spring",
     unseen="the torque that the gear carries hardly varies",
     phrase=Phrase("{who} is elastic, with a stiffness of {stiffness}", "every gear", "the gear of {}"),
-    not_in_mjcf="it takes a joint more behind the motor, which the stepped simulator has",
+    not_in_mjcf="it needs an additional joint behind the motor, which only the built-in simulator has",
 )
 
 LINK_LENGTH = Effect(

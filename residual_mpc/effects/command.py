@@ -124,7 +124,7 @@ DEAD_ZONE = Effect(
     phrase=Phrase(
         "{who} ignores commands smaller than {width}", by_unit={"rad": POSITION_ERRORS, "m": POSITION_ERRORS}
     ),
-    not_in_mjcf="no actuator of MuJoCo ignores small commands",
+    not_in_mjcf="MuJoCo has no actuator with a dead zone",
 )
 
 EFFECTS = (COMMAND_DELAY, DEAD_ZONE)

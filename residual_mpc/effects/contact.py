@@ -39,7 +39,7 @@ WHEEL_RADIUS = Effect(
     imitates=frozenset({"time", "speed"}),
     interchangeable="rim speed",
     phrase=Phrase("the effective wheel radius is {scale} of the modelled one", shares=("scale",)),
-    not_in_mjcf="wheels are bodies and shapes, which are not rewritten here",
+    not_in_mjcf="wheel bodies and shapes are not modified in the MJCF",
 )
 
 WHEEL_RADIUS_MISMATCH = Effect(
@@ -52,7 +52,7 @@ WHEEL_RADIUS_MISMATCH = Effect(
     site="rolling",
     interchangeable="rim speed",
     phrase=Phrase("the radius of the right wheel is {ratio} of that of the left wheel", shares=("ratio",)),
-    not_in_mjcf="wheels are bodies and shapes, which are not rewritten here",
+    not_in_mjcf="wheel bodies and shapes are not modified in the MJCF",
 )
 
 TRACK_WIDTH = Effect(
@@ -65,7 +65,7 @@ TRACK_WIDTH = Effect(
     site="rolling",
     unseen="the robot hardly turns",
     phrase=Phrase("the robot turns as if its track were {scale} times as wide"),
-    not_in_mjcf="wheels are bodies and shapes, which are not rewritten here",
+    not_in_mjcf="wheel bodies and shapes are not modified in the MJCF",
 )
 
 LATERAL_SLIP = Effect(

@@ -6,7 +6,7 @@ from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Phrase
 
-READ_ELSEWHERE = "what a sensor reports belongs to whoever reads it"
+READ_ELSEWHERE = "sensor effects are not part of the model"
 
 
 def mounted(ops: Ops, p: Values, x: Array, y: Array, theta: Array) -> tuple[Array, Array]:

@@ -51,17 +51,17 @@ def setup_from_runs(
     """
     made = document.get("setup")
     if not made:
-        raise BadInput("it does not say how its runs were driven", where, "diagnose the runs anew")
+        raise BadInput("this diagnosis does not record how its runs were driven", where, "diagnose the runs again")
     try:
         known = {a: (float(b["low"]), float(b["high"])) for a, b in made["commands"].items()}
         sigma, start = ({c: float(v) for c, v in made[key].items()} for key in ("sigma", "start"))
         period, switches, dispersion = float(made["period"]), bool(made["switches"]), float(made["dispersion"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(
-            f"how its runs were driven cannot be read: {error!r}", where, "diagnose the runs anew"
+            f"its record of how the runs were driven cannot be read: {error!r}", where, "diagnose the runs again"
         ) from error
     if set(known) != set(robot.actuators):
-        raise BadInput("its commands are not this robot's", where, "diagnose the runs anew")
+        raise BadInput("its commands are not those of this robot", where, "diagnose the runs again")
     _check_actuators(robot, limits)
     low, high, home = _ranges(robot, {**known, **limits})
     return DriveSetup(robot.actuators, low, high, home, period, sigma, start, switches, dispersion)
@@ -76,8 +76,8 @@ def setup_from_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) ->
     missing = [a for a in robot.actuators if a not in known]
     if missing:
         raise BadInput(
-            f"nothing says how far {', '.join(missing)} may be driven", robot.name,
-            "say it with " + " ".join(f"--limit {a}=LOW:HIGH" for a in missing),
+            f"no command limits are known for {', '.join(missing)}", robot.name,
+            "set them with " + " ".join(f"--limit {a}=LOW:HIGH" for a in missing),
         )  # fmt: skip
     _check_actuators(robot, limits)
     low, high, home = _ranges(robot, known)
@@ -100,7 +100,9 @@ def with_encoders(setup: DriveSetup, robot: Robot) -> tuple[DriveSetup, tuple[st
 def _check_actuators(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> None:
     for actuator in limits:
         if actuator not in robot.actuators:
-            raise BadInput(f"no actuator is called {actuator!r}", "--limit", f"they are {', '.join(robot.actuators)}")
+            raise BadInput(
+                f"unknown actuator {actuator!r}", "--limit", f"the actuators are {', '.join(robot.actuators)}"
+            )
 
 
 def _ranges(robot: Robot, known: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

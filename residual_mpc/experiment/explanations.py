@@ -30,9 +30,11 @@ def explanations_of(document: Mapping[str, Any], robot: Robot, where: str) -> tu
         rows += [(a["effects"], a["values"]) for a in document.get("alternatives", ())]
         found = tuple(Explanation(_named(effects), values_of(values)) for effects, values in rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise BadInput(f"its explanations cannot be read: {error!r}", where, "diagnose the runs anew") from error
+        raise BadInput(f"its explanations cannot be read: {error!r}", where, "diagnose the runs again") from error
     if of != robot.name:
-        raise BadInput(f"it is a diagnosis of {of!r}, not of {robot.name!r}", where, "give --robot its own robot")
+        raise BadInput(
+            f"the diagnosis must be of {robot.name!r}, got one of {of!r}", where, "name its robot with --robot"
+        )
     for explanation in found:
         check_fits(explanation.values, robot, of, where)
     return found

@@ -31,7 +31,7 @@ def motions(setup: DriveSetup, seconds: float, rng: np.random.Generator) -> tupl
         off = ((t % OFF_EVERY) > OFF_EVERY - OFF)[:, None] & (t[:, None] < t[-1] - EASE)
         noisy = next(m for m in made if m.name == "multisine")
         on = np.where(off, 0.0, 1.0) * np.ones(noisy.command.shape)
-        made.append(Motion("multisine, motors off at times", t, noisy.command, on))
+        made.append(Motion("multisine with motors off at times", t, noisy.command, on))
     return tuple(made)
 
 
@@ -53,7 +53,7 @@ def _wheels(t: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
         "straight both ways at two headings": straight,
         "steps of both wheels": _steps(t, 2, rng),
         "multisines of both wheels": _multisine(t, 2, rng),
-        "both signs of speed times a multisine of turning": _fit(np.stack([speed - turn, speed + turn], 1)),
+        "forward and reverse with multisine turning": _fit(np.stack([speed - turn, speed + turn], 1)),
         "arcs at varying speed": np.stack([0.5 + 0.5 * slow, 0.2 + 0.4 * slow], 1),
     }
 

@@ -57,7 +57,7 @@ def plan_next(
     try:
         regimes = regimes_of(document["where"]["regimes"])
     except (KeyError, TypeError, AttributeError) as error:
-        raise BadInput(f"where its gap lies cannot be read: {error!r}", where, "diagnose the runs anew") from error
+        raise BadInput(f"its list of regimes cannot be read: {error!r}", where, "diagnose the runs again") from error
     explored = explore(robot, setup, explanations[0].values, regimes, seconds, rng)
     return Plan("explore", setup, tuple(e.planned for e in explored), {
         "purpose": "explore", "parts": [], "told_apart": None, "sensors": [], "switches": False, "not_testable": [],

@@ -52,12 +52,13 @@ def propose(
 
 def _words(plan: Plan) -> str:
     names = [p.motion.name for p in plan.played]
+    verb = "drive" if plan.setup.wheeled else "command the motion"
     if plan.purpose == "explore":
-        return f"drive {names[0]} twice" + "".join(f", then {n}" for n in names[2:])
-    return f"drive {', then '.join(names)}"
+        return f"{verb} {names[0]} twice" + "".join(f", then {n}" for n in names[2:])
+    return f"{verb} {', then '.join(names)}"
 
 
 def _besides(sensors: Sequence[str]) -> str:
     if len(sensors) > LISTED:
         sensors = [*sensors[: LISTED - 1], "others"]
-    return f", and log {' and '.join(sensors)} besides" if sensors else ""
+    return f"; also log {' and '.join(sensors)}" if sensors else ""

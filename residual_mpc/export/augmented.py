@@ -36,7 +36,7 @@ class Build:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt) and self.dt > 0 and np.isfinite(self.smooth) and self.smooth >= 0):
-            raise ValueError(f"dt {self.dt} s has to be positive, smooth {self.smooth} zero or more")
+            raise ValueError(f"dt must be > 0 and smooth >= 0, got {self.dt} s and {self.smooth}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,11 @@ def settings_from(written: Written, robot: Robot) -> Settings:
     """
     name, values, _ = model_in(written)
     if name != robot.name:
-        raise BadInput(f"it is a model of {name!r}, not of {robot.name!r}", written.where, "give its own robot file")
+        raise BadInput(
+            f"the model must be of {robot.name!r}, got one of {name!r}",
+            written.where,
+            "give the robot file of that model",
+        )
     return _settings(robot, values, name, written.where)
 
 
@@ -152,7 +156,7 @@ def _settings(robot: Robot, values: Values, of: str, where: str) -> Settings:
 def _build(robot: Robot, settings: Settings, residual: Residual | None, build: Build) -> Augmented:
     if not isinstance(robot, Stepping):
         raise BadInput(
-            f"the plant of {robot.name!r} has no symbolic step: an engine alone knows how it moves",
+            f"the plant of {robot.name!r} has no symbolic step, since its dynamics are computed by a physics engine",
             robot.name,
             "implement residual_mpc.models.stepping.Stepping for it, as plants/diff_drive.py and "
             "plants/scaler_arm/dynamics/step.py do",

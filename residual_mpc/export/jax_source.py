@@ -99,5 +99,7 @@ def _line(f: Any, k: int) -> str:
         ca.OP_IF_ELSE_ZERO: f"jnp.where({a} != 0.0, {b}, 0.0)",
     }
     if op not in patterns:
-        raise BadInput(f"operation {op} of CasADi has no counterpart here", "export", "export to casadi or c instead")
+        raise BadInput(
+            f"CasADi operation {op} is not supported in the JAX export", "export", "export to casadi or c instead"
+        )
     return f"w{o[0]} = {patterns[op]}"

@@ -71,18 +71,18 @@ def reads(residual: Residual) -> tuple[str, ...]:
     """
     if residual.form not in ADDS_TO:
         raise BadInput(
-            f"a residual of the form {residual.form!r} cannot be exported as a step",
+            f"a residual of form {residual.form!r} cannot be exported as a step",
             residual.robot,
-            f"forms that can: {', '.join(ADDS_TO)}; learn it again in one of these",
+            f"learn it again in one of the forms {', '.join(ADDS_TO)}",
         )
     if residual.form == "task":  # eq. (fk_prop): the joints' rates alone
         return residual.inputs
     last, commands = residual.inputs[:3], residual.inputs[3:]
     if len(last) < 3 or not commands or not all(c.startswith("command.") for c in commands):
         raise BadInput(
-            f"inputs {', '.join(residual.inputs)} came; three velocities and the commands were wanted",
+            f"inputs must be three velocities and the commands, got {', '.join(residual.inputs)}",
             residual.robot,
-            "write it anew with learn",
+            "learn it again with `residual-mpc learn`",
         )
     return (*(f"{READS[residual.form]}.{s}" for s in ADDS_TO[residual.form]), *commands)
 

@@ -74,7 +74,7 @@ def from_onnx(path: Path) -> tuple[Mlp, np.ndarray]:
     try:
         graph = onnx.load(str(path)).graph
     except Exception as error:  # protobuf raises its own errors for what is no ONNX
-        raise BadInput(f"it cannot be read as ONNX: {error}", str(path), "give a file that onnx.save wrote") from error
+        raise BadInput(f"cannot be read as ONNX: {error}", str(path), "give a file written by onnx.save") from error
     tensors = {t.name: numpy_helper.to_array(t).astype(np.float64) for t in graph.initializer}
     weights: list[tuple[np.ndarray, np.ndarray]] = []
     slopes: list[float] = []
@@ -82,7 +82,7 @@ def from_onnx(path: Path) -> tuple[Mlp, np.ndarray]:
     for node in graph.node:
         attributes = {a.name: onnx.helper.get_attribute_value(a) for a in node.attribute}
         if not node.input or node.input[0] != at:
-            raise _foreign(path, f"node {node.name or node.op_type} does not continue the chain")
+            raise _foreign(path, f"node {node.name or node.op_type} outside the chain")
         if node.op_type == "Gemm" and len(node.input) == 3 and len(slopes) == len(weights):
             if {attributes.get("alpha", 1.0), attributes.get("beta", 1.0)} != {1.0} or attributes.get("transA", 0):
                 raise _foreign(path, "Gemm with alpha, beta or transA")
@@ -91,10 +91,10 @@ def from_onnx(path: Path) -> tuple[Mlp, np.ndarray]:
         elif node.op_type == "LeakyRelu" and len(slopes) == len(weights) - 1:
             slopes.append(float(np.float32(attributes.get("alpha", 0.01))))
         else:
-            raise _foreign(path, f"a node {node.op_type} at place {len(weights) + len(slopes)}")
+            raise _foreign(path, f"a {node.op_type} node at position {len(weights) + len(slopes)}")
         at = node.output[0]
     if len(weights) < 2 or len(slopes) != len(weights) - 1 or len(set(slopes)) != 1:
-        raise _foreign(path, f"{len(weights)} Gemm and {len(slopes)} LeakyRelu of slopes {sorted(set(slopes))}")
+        raise _foreign(path, f"{len(weights)} Gemm and {len(slopes)} LeakyRelu nodes with slopes {sorted(set(slopes))}")
     hidden = tuple(len(b) for _, b in weights[:-1])
     # an attribute is a 32-bit float: 0.01 comes back as 0.00999999978
     net = Mlp(weights[0][0].shape[1], hidden, len(weights[-1][1]), round(slopes[0], 7))
@@ -103,9 +103,9 @@ def from_onnx(path: Path) -> tuple[Mlp, np.ndarray]:
 
 def _foreign(path: Path, what: str) -> BadInput:
     return BadInput(
-        f"{what} came; Gemm, LeakyRelu, ..., Gemm in a chain was wanted",
+        f"must be a chain Gemm, LeakyRelu, ..., Gemm with one slope, got {what}",
         str(path),
-        "export linear layers with one LeakyReLU slope between them, scaling left outside",
+        "export linear layers with one LeakyReLU slope between them, without scaling layers",
     )
 
 

@@ -41,9 +41,15 @@ def corrected_simulator(model: Path, robot: str | None = None, rows: int = 1, pe
     if isinstance(nominal, Stepping) and (residual is not None or not isinstance(nominal, Simulating)):
         return SteppedSimulator(augmented_from(source, nominal, Build(at)), rows)
     if not isinstance(nominal, Simulating):
-        raise BadInput(f"{nominal.name!r} cannot be stepped", str(model), "see docs/guide/your-own-model.md")
+        raise BadInput(
+            f"{nominal.name!r} cannot be simulated step by step", str(model), "see docs/guide/your-own-model.md"
+        )
     if residual is not None:
-        raise BadInput("a network on an engine is replayed, not stepped", str(model), "take the diagnosis below it")
+        raise BadInput(
+            "a network on top of a physics engine cannot be simulated step by step",
+            str(model),
+            "use the diagnosis that it was learned on",
+        )
     settings = settings_from(source, nominal)
     try:
         return nominal.simulator(settings, rows, at)
@@ -77,10 +83,12 @@ class SteppedSimulator:
     ) -> dict[str, np.ndarray]:
         """As Simulator.reset; a start names poses alone, and the robot stands: `command` is not taken."""
         if command is not None:
-            raise ValueError("a stepped model begins at rest, and remembers no command before")
+            raise ValueError("a stepped model starts at rest and has no command history: omit `command`")
         unknown = sorted(set(start or {}) - set(self.channels))
         if unknown:
-            raise ValueError(f"a start names {', '.join(unknown)}; the channels are {', '.join(self.channels)}")
+            raise ValueError(
+                f"unknown channels in the start: {', '.join(unknown)}; the channels are {', '.join(self.channels)}"
+            )
         chosen = np.ones(self.rows, dtype=bool) if where is None else np.broadcast_to(where, self.rows)
         given = {c: np.broadcast_to(np.asarray(v, dtype=float), self.rows) for c, v in (start or {}).items()}
         before = self._sensors.save() if where is not None else ()
@@ -95,7 +103,9 @@ class SteppedSimulator:
         given = np.asarray(command, dtype=float)
         nu = self.model.nu
         if given.shape not in ((nu,), (self.rows, nu)) or not np.isfinite(given).all():
-            raise ValueError(f"a command of shape {given.shape}; wanted finite ({nu},) or ({self.rows}, {nu})")
+            raise ValueError(
+                f"a command must be finite and of shape ({nu},) or ({self.rows}, {nu}), got shape {given.shape}"
+            )
         self._x = self.model.numpy_step(self._x, np.broadcast_to(given, (self.rows, nu)))
         self._sensors.push(self._truth())
         return self._sensors.read()

@@ -20,4 +20,6 @@ def robot_beside(document: Mapping[str, object], file: Path) -> str:
     name = str(model.get("robot", ""))
     if name in {e.name for e in entry_points(group=GROUP)}:
         return name
-    raise BadInput(f"it is of the robot {name!r}, whose file is not known", str(file), "name it with --robot")
+    raise BadInput(
+        f"it is a model of {name!r}, whose robot file was not found", str(file), "name the file with --robot"
+    )

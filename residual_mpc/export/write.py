@@ -50,18 +50,18 @@ def write_mjcf(written: Written, robot: Robot, folder: Path) -> dict[str, Any]:
     settings = settings_from(written, robot)
     if not isinstance(robot, WritesMjcf):
         raise BadInput(
-            f"the step of {robot.name!r} is no rigid-body model, so that no MJCF can hold its effects", "--to mjcf",
+            f"{robot.name!r} is not a rigid-body model and cannot be exported as MJCF", "--to mjcf",
             "export to casadi, c or jax",
         )  # fmt: skip
     if residual_in(written) is not None:
-        raise BadInput("an MJCF holds no network", written.where, "export the diagnosis that it was learned on")
+        raise BadInput("an MJCF cannot contain a network", written.where, "export the diagnosis that it was learned on")
     made = robot.to_mjcf(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "model.xml", made.text)
     document = {
         "to": "mjcf",
         "robot": robot.name,
-        "files": {"model.xml": "the model with the effects that MuJoCo can hold"},
+        "files": {"model.xml": "the model with the effects that MuJoCo can express"},
         "approximated": list(made.approximated),
         "left_out": list(made.left_out),
         "largest_difference": {
@@ -110,7 +110,7 @@ def _casadi(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, s
         "stage.casadi": "(x, u, p) -> x_next, A = dx_next/dx, B = dx_next/du",
     }
     if c.output is not None:
-        files["output.casadi"] = "x -> y, C = dy/dx: what a controller tracks"
+        files["output.casadi"] = "x -> y, C = dy/dx: the output that a controller tracks"
     return files, _mapped(loaded, c.p0)
 
 
@@ -127,8 +127,8 @@ def _c(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], 
     generator.generate(f"{folder}/")
     # where no compiler is found the functions behind the source are compared, and the file says so
     files = {
-        "model.c": "functions step and stage (and output, where the robot tracks a task) in C, no library but libm"
-        + ("" if compiler() else "; not compiled here, for no compiler was found"),
+        "model.c": "C functions step and stage (and output, if the robot tracks a task), which need only libm"
+        + ("" if compiler() else "; not compiled, since no C compiler was found"),
         "model.h": "their declarations",
     }
     return files, _mapped(compiled(c.f, compiler()), c.p0)
@@ -152,7 +152,7 @@ def _jax(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str]
         finally:
             jax.config.update("jax_enable_x64", before)
 
-    return {"model_jax.py": "step(x, u, p), to be jitted, mapped and differentiated"}, step
+    return {"model_jax.py": "step(x, u, p), for jit, vmap and grad"}, step
 
 
 def _import_jax() -> tuple[Any, Any]:
@@ -166,14 +166,14 @@ def _onnx(model: Augmented, folder: Path) -> dict[str, Any]:
     from residual_mpc.export.onnx_network import to_onnx
 
     if model.residual is None:
-        raise BadInput("the model holds no network", "--to onnx", "learn one with `residual-mpc learn`")
+        raise BadInput("the model contains no network", "--to onnx", "learn one with `residual-mpc learn`")
     apart = to_onnx(model.residual, folder / "residual.onnx")
     document = {
         "to": "onnx",
         "robot": model.robot.name,
         "inputs": list(model.residual.inputs),
         "outputs": list(model.residual.outputs),
-        "files": {"residual.onnx": "the network alone: z -> delta, physical units"},
+        "files": {"residual.onnx": "only the network: z -> delta, in physical units"},
         "largest_difference": {"network": apart, "largest": apart, "points": 500},
     }
     write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")

@@ -135,7 +135,7 @@ def _served(case: ColumnEvidence, roles: Roles) -> Roles:
     velocities = roles.of("velocity")
     lacking = [d for d in case.driven if d.kind == "velocity" and f"command.{d.name}" not in roles.columns]
     lacking = [d for d in lacking if d.joint in velocities]
-    why = "there is no command for it; the measured velocity drives the model, and is not compared"
+    why = "it has no command; the measured velocity drives the model and is not compared"
     columns = {f"command.{d.name}": velocities[d.joint] for d in lacking}
     return roles.plus(Roles(columns, tuple(Guess(name, c, why, 0.7) for name, c in columns.items())))
 
@@ -169,9 +169,9 @@ def _refuse_empty(roles: Roles, structure: ModelStructure, recordings: Sequence[
     for what, names in wanted.items():
         if not there[what]:
             raise BadInput(
-                f"no column fits a {what} of {', '.join(names[:10])}; the columns are {listed}",
+                f"no column matches a {what} of {', '.join(names[:10])}; the columns are {listed}",
                 str(recordings[0].source),
-                "log what was sent and what was measured, or write the robot file by hand with a [log] table",
+                "log both commands and measurements, or write the robot file by hand with a [log] table",
             )
 
 
@@ -210,21 +210,21 @@ def _payload_site(structure: ModelStructure) -> tuple[str | None, tuple[Guess, .
     for tool in TOOLS:
         for site in reversed(structure.sites):
             if tool in read_words(site).every:
-                return site, (Guess("payload_site", site, "its name is that of a tool", 0.7),)
+                return site, (Guess("payload_site", site, "its name suggests a tool", 0.7),)
     return None, ()
 
 
 def _base_guess(structure: ModelStructure) -> tuple[Guess, ...]:
     if structure.base is None:
         return ()
-    return (Guess("pose_body", structure.base, "it has the free joint", 0.95),)
+    return (Guess("pose_body", structure.base, "this body has the free joint", 0.95),)
 
 
 def _tunable_guess(tunable: Sequence[str]) -> tuple[Guess, ...]:
     if not tunable:
         return ()
     names = ", ".join(f"actuator.*.{name}" for name in tunable)
-    why = "the gains below are guesses: free in every hypothesis until you know better"
+    why = "the gains below are guesses, so every fit may adjust them until you know the true values"
     return (Guess("tunable", names, why, 0.6),)
 
 
@@ -233,14 +233,14 @@ def _run_guess(recordings: Sequence[Recording]) -> tuple[Guess, ...]:
     if column is None:
         return ()
     count = sum(r.run_column is not None for r in recordings)
-    return (Guess("run", column, f"its name, and it tells {count} runs apart", 0.99 if column == "run" else 0.8),)
+    return (Guess("run", column, f"its name, and it distinguishes {count} runs", 0.99 if column == "run" else 0.8),)
 
 
 def _no_pose(structure: ModelStructure, words: Mapping[str, ColumnName]) -> dict[str, str]:
     """Why columns that may be a pose are left by a model that cannot drive."""
     if structure.base is not None:
         return {}
-    why = "it may be {}, and the model is fixed to the world: give its chassis a <freejoint/> and the world a ground"
+    why = "it may be {}, but the model is fixed to the world: give its chassis a <freejoint/> and the world a ground"
     return {name: why.format(role) for name, w in words.items() if (role := pose_role(w)) is not None}
 
 
@@ -251,20 +251,20 @@ def _unmatched(
     texts = dict.fromkeys(t for r in recordings for t in r.texts if t != r.run_column)
     return (
         *(Unmatched(n, left.get(n) or _why_left(case, w)) for n, w in case.words.items() if n not in used),
-        *(Unmatched(n, "it holds no numbers") for n in texts),
+        *(Unmatched(n, "the column is not numeric") for n in texts),
     )
 
 
 def _why_left(case: ColumnEvidence, words: ColumnName) -> str:
     if not case.signals.moves(words.name):
-        return "it never changes, and its name fits nothing that is left"
+        return "it never changes, and its name matches nothing that is still missing"
     if words.quantity == "effort":
-        return "a current or a torque; nothing depends on efforts yet"
+        return "a current or a torque, which is not compared"
     if words.quantity in ("other", "acceleration"):
-        return "its name is that of a quantity which the log format does not have"
+        return "its name indicates a quantity outside the log format"
     if group(words.name) is not None:
         return "the model has no such joint or actuator"
-    return "neither its name nor its data fit a joint or an actuator that is left"
+    return "neither its name nor its data match a joint or actuator that is still missing"
 
 
 def _missing(case: ColumnEvidence, roles: Roles) -> tuple[Unmatched, ...]:
@@ -275,11 +275,11 @@ def _missing(case: ColumnEvidence, roles: Roles) -> tuple[Unmatched, ...]:
         if f"command.{d.name}" in roles.columns:
             continue
         if d.kind is not None:
-            why = "no column fits, and every actuator of the model needs one: log it, or take it out of the model"
+            why = "no column matches, but every actuator needs a command: log it, or remove the actuator from the model"
         else:
-            why = f"no column fits: the joint {d.name} is taken to swing freely"
+            why = f"no column matches; joint {d.name} is assumed to be passive"
         missing.append(Unmatched(f"command.{d.name}", why))
     for j in case.structure.joints:
         if j.name not in joints:
-            missing.append(Unmatched(f"position.{j.name}", "no column fits: it starts each window at 0"))
+            missing.append(Unmatched(f"position.{j.name}", "no column matches; it starts each window at 0"))
     return tuple(missing)

@@ -18,9 +18,9 @@ WIDTH = 118
 
 def robot_file_text(draft: Draft, folder: Path) -> str:
     """The TOML of a draft, for a file in `folder`."""
-    lines = ["# Drafted by `residual-mpc init`: everything here is a guess, with its reason and how sure it is."]
+    lines = ["# Drafted by `residual-mpc init`: every entry is a guess, with its confidence and the reason."]
     if draft.mends:
-        lines.append("# What no robot file can say, so that the log has to be written so (`--mended DIR` does it):")
+        lines.append("# Corrections that must be made in the log (`--mended DIR` writes corrected copies):")
         lines += [line for mend in draft.mends for line in _comment(str(mend), "#   ")]
     guesses = {g.what: g for g in draft.guesses}
     said: set[str] = set()
@@ -50,9 +50,9 @@ def robot_file_text(draft: Draft, folder: Path) -> str:
         lines += [*why(what), f"model = {_text(_relative(setting.model, folder))}"]
     rest = [g for g in draft.guesses if g.what not in said]
     if rest:
-        lines += ["", "# Guessed besides, where the columns bear the log format's names or nothing is to be written:"]
+        lines += ["", "# Other guesses, which need no entry in this file:"]
         lines += [line for g in rest for line in _comment(str(g), "#   ")]
-    for title, items in (("Without a column:", draft.missing), ("Columns that are not used:", draft.unmatched)):
+    for title, items in (("No column found for:", draft.missing), ("Unused columns:", draft.unmatched)):
         if items:
             lines += ["", f"# {title}"]
             lines += [line for item in items for line in _comment(f"{item.name}: {item.why}", "#   ")]

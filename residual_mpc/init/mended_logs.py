@@ -27,9 +27,9 @@ def write_corrected_logs(paths: Sequence[str | Path], mends: Sequence[LogCorrect
     targets = [folder / f"{stem(source)}.parquet" for source in sources]
     for target in targets:
         if target.exists():
-            raise BadInput("there is such a file already", str(target), "name an empty folder with --mended")
+            raise BadInput("this file already exists", str(target), "choose an empty folder with --mended")
         if targets.count(target) > 1:
-            raise BadInput(f"two tables are called {target.stem}", str(folder), "rename one of them")
+            raise BadInput(f"two tables are named {target.stem}", str(folder), "rename one of them")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as scratch:  # all of them or none
@@ -39,7 +39,7 @@ def write_corrected_logs(paths: Sequence[str | Path], mends: Sequence[LogCorrect
             for part, target in zip(parts, targets, strict=True):
                 part.replace(target)
     except OSError as fault:
-        raise BadInput(f"it cannot be written ({fault.strerror})", str(folder), "choose another folder") from fault
+        raise BadInput(f"cannot be written ({fault.strerror})", str(folder), "choose another folder") from fault
     return tuple(targets)
 
 

@@ -42,7 +42,7 @@ def find_settings(
     for path, mine in begun.items():
         pattern = f"{path.stem}*"
         settings.append(RunSetting(pattern, path))
-        why = f"its name begins those of {len(mine)} of the runs, and it has the same joints and actuators"
+        why = f"the names of {len(mine)} runs begin with its name, and it has the same joints and actuators"
         guesses.append(Guess(f"model of the runs {pattern}", path.name, why, 0.85))
     return tuple(settings), tuple(guesses)
 

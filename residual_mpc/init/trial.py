@@ -52,7 +52,7 @@ def try_robot(text: str, folder: Path, paths: Sequence[str | Path], mends: Seque
 def _load(text: str, here: Path | None, folder: Path) -> RobotFile:
     """The robot file read as if it lay in `folder`, which may not be there yet."""
     if here is None:
-        raise BadInput("there is no such folder", str(folder), "make it, or choose another with --out")
+        raise BadInput("folder not found", str(folder), "create it, or choose another with --out")
     try:
         with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=here, suffix=".toml", delete=False) as part:
             part.write(text)

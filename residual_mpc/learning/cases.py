@@ -33,21 +33,21 @@ class Condition:
 def check_compatible(earlier: Residual, blank: Residual, source: str) -> None:
     """Raises BadInput where a residual to begin from is not of the robot, form and step at hand."""
     for what, came, wanted in (
-        ("takes", earlier.inputs, blank.inputs),
-        ("corrects", earlier.outputs, blank.outputs),
+        ("inputs", earlier.inputs, blank.inputs),
+        ("outputs", earlier.outputs, blank.outputs),
     ):
         if came != wanted:
             raise BadInput(
-                f"its residual {what} {', '.join(came)}; this robot's has {', '.join(wanted)}",
+                f"the {what} of its residual must be {', '.join(wanted)}, got {', '.join(came)}",
                 source,
-                f"it was learned on {earlier.robot}: begin from a residual of this robot, or without --warm-start",
+                f"it was learned on {earlier.robot}: start from a residual of this robot, or without --warm-start",
             )
     if earlier.form != blank.form or abs(earlier.step - blank.step) > ALIKE * blank.step:
         raise BadInput(
-            f"its residual has form {earlier.form} and step {earlier.step:g} s; {blank.form} and {blank.step:g} s "
-            "are learned here",
+            f"its residual must have form {blank.form} and step {blank.step:g} s, "
+            f"got {earlier.form} and {earlier.step:g} s",
             source,
-            "learn both with the same --form and --step",
+            "learn both residuals with the same --form and --step",
         )
 
 
@@ -57,7 +57,7 @@ def add_residuals(first: Residual, second: Residual) -> Residual:
     Exact where neither holds its inputs back; beyond, the first one's limit is that of both.
     """
     if len(first.net.hidden) != len(second.net.hidden) or first.net.slope != second.net.slope:
-        raise ValueError(f"{first.net} and {second.net} came: only nets of one depth and slope stand side by side")
+        raise ValueError(f"networks must have equal depth and slope, got {first.net} and {second.net}")
     net = Mlp(
         first.net.inputs,
         tuple(a + b for a, b in zip(first.net.hidden, second.net.hidden, strict=True)),

@@ -40,10 +40,10 @@ class Run:
     def __post_init__(self) -> None:
         n = len(self.t)
         if n < 2 or not np.all(np.isfinite(self.t)) or not np.all(np.diff(self.t) > 0.0):
-            raise ValueError(f"run {self.name}: t has to hold two or more finite, strictly increasing stamps")
+            raise ValueError(f"run {self.name}: t must hold at least two finite, strictly increasing time stamps")
         for name, values in {**self.columns, **self.extra_columns}.items():
             if values.shape != (n,):
-                raise ValueError(f"run {self.name}: {name} has shape {values.shape}, {(n,)} was wanted")
+                raise ValueError(f"run {self.name}: {name} must have shape {(n,)}, got {values.shape}")
 
     @property
     def actuators(self) -> tuple[str, ...]:

@@ -43,11 +43,11 @@ def read_actuators(tables: Mapping[str, object], where: str) -> dict[str, Actuat
 
 def _actuator(table: object, where: str) -> Actuator:
     if not isinstance(table, Mapping):
-        raise BadInput(f"{table!r} came, a table was wanted", where, 'such as kind = "position" and kp = 20.0')
+        raise BadInput(f"must be a table, got {table!r}", where, 'write for example kind = "position" and kp = 20.0')
     kinds = get_args(Kind)
     kind = table.get("kind")
     if kind not in kinds:
-        raise BadInput(f"kind = {kind!r} came, one of {', '.join(kinds)} was wanted", where, 'write kind = "position"')
+        raise BadInput(f"kind must be one of {', '.join(kinds)}, got {kind!r}", where, 'write kind = "position"')
     numbers = [f.name for f in fields(Actuator) if f.name != "kind"]
     for key, value in table.items():
         if key == "kind":
@@ -55,8 +55,8 @@ def _actuator(table: object, where: str) -> Actuator:
         if key not in numbers:
             raise BadInput(f"unknown key {key!r}", where, did_you_mean(key, ["kind", *numbers]))
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < 1e300:
-            raise BadInput(f"{key} = {value!r} came, a number that is not negative was wanted", where)
+            raise BadInput(f"{key} must be a number >= 0, got {value!r}", where)
     needed = NEEDED.get(str(kind))
     if needed is not None and not table.get(needed):
-        raise BadInput(f"a {kind} actuator without {needed} does nothing", where, f"add a line such as {needed} = 20.0")
+        raise BadInput(f"a {kind} actuator needs {needed} > 0", where, f"add a line such as {needed} = 20.0")
     return Actuator(cast(Kind, kind), **{key: float(value) for key, value in table.items() if key != "kind"})

@@ -67,17 +67,17 @@ def check_robot(robot: Robot, rng: np.random.Generator, size: float = 0.3) -> No
 
 def check_names(robot: Robot) -> None:
     """Names are distinct texts of the run log's format, and belong together."""
-    demand(isinstance(robot.name, str) and robot.name != "", "a robot has a name", repr(robot.name), "a text")
+    demand(isinstance(robot.name, str) and robot.name != "", "a robot has a name", repr(robot.name), "a string")
     for label, names in (("actuators", robot.actuators), ("channels", robot.channels)):
         texts = isinstance(names, tuple) and bool(names) and all(isinstance(n, str) and n for n in names)
-        demand(texts, f"{label} is a tuple of names", repr(names), "at least one text")
+        demand(texts, f"{label} is a tuple of names", repr(names), "at least one string")
         demand(len(set(names)) == len(names), f"{label} are distinct", names, "each name once")
     kinds, count = robot.command_kinds, len(robot.actuators)
     right = len(kinds) == count and set(kinds) <= set(KINDS)
-    demand(right, "command_kinds has one kind an actuator", kinds, f"{count} of {KINDS}")
+    demand(right, "command_kinds has one kind per actuator", kinds, f"{count} of {KINDS}")
     for channel in robot.channels:
         here = is_measured(channel)
-        demand(here, "channels are names of the run log", repr(channel), "position.<joint> or the like")
+        demand(here, "channels are names of the run log", repr(channel), "position.<joint> or similar")
     for state in robot.states:
         for source in (state.position, state.velocity):
             here = source is None or source in robot.channels
@@ -92,7 +92,7 @@ def check_slots(robot: Robot) -> None:
         slots = robot.slots(effect.name)
         names = isinstance(slots, tuple) and all(isinstance(s, str) for s in slots)
         distinct = names and len(set(slots)) == len(slots)
-        demand(distinct, f"slots of {effect.name} are distinct names", repr(slots), "a tuple of texts")
+        demand(distinct, f"slots of {effect.name} are distinct names", repr(slots), "a tuple of strings")
         targets = (None, *slots) if slots else ()
         for p, slot in itertools.product(effect.parameters, targets):
             low, high = robot.bounds(effect.name, p.name, slot)
@@ -103,22 +103,22 @@ def check_slots(robot: Robot) -> None:
         for slot in (None, *slots):
             value = robot.reference(kind, slot)
             positive = bool(np.isfinite(value) and value > 0)
-            demand(positive, f"reference {kind!r} of {slot} is a typical size", value, "a positive number")
+            demand(positive, f"reference {kind!r} of {slot} is a typical magnitude", value, "a positive number")
     for name, value in robot.nominal().items():
-        demand(bool(np.isfinite(value)), f"nominal parameter {name} is a number", value, "a finite one")
+        demand(bool(np.isfinite(value)), f"nominal parameter {name} is a number", value, "a finite number")
 
 
 def check_replay(predicted: Predicted, case: _Case) -> None:
     """Every wanted channel is there, (rows, steps + 1) float64 and finite, and begins at the start state."""
     shape = (len(case.drive.clock), case.drive.steps + 1)
     for channel in case.wanted:
-        demand(channel in predicted, "replay predicts what is wanted", f"no {channel}", channel)
+        demand(channel in predicted, "replay predicts every requested channel", f"no {channel}", channel)
         y = predicted[channel]
         came = f"{y.shape} {y.dtype}"
         right = y.shape == shape and y.dtype == np.float64
         demand(right, f"{channel} is (rows, steps + 1)", came, f"{shape} float64")
         finite = bool(np.isfinite(y).all())
-        demand(finite, f"{channel} is finite", "NaN or infinity", "a number at every node (or another size)")
+        demand(finite, f"{channel} is finite", "NaN or infinity", "a finite number at every node (or a smaller `size`)")
         start = case.start.get(channel, y[:, 0])
         demand(np.array_equal(y[:, 0], start), f"{channel} begins at the start state", y[:, 0], start)
 
@@ -146,7 +146,7 @@ def _same(law: str, came: Predicted, wanted: Predicted, rows: slice = slice(None
     for channel, y in wanted.items():
         off = float(np.max(np.abs(came[channel][rows] - y[rows])))
         same = np.array_equal(came[channel][rows], y[rows])
-        demand(same, law, f"{channel} off by up to {off:.3g}", "the same bits")
+        demand(same, law, f"{channel} off by up to {off:.3g}", "identical values")
 
 
 def _check_repeats(case: _Case) -> None:
@@ -155,8 +155,8 @@ def _check_repeats(case: _Case) -> None:
     before = [x.copy() for x in given]
     first = {c: y.copy() for c, y in case.replay(Settings(ROWS)).items()}
     kept = all(np.array_equal(a, b) for a, b in zip(before, given, strict=True))
-    demand(kept, "replay leaves its arguments alone", "a change to one of them", "the old values")
-    _same("the same replay gives the same numbers", case.replay(Settings(ROWS)), first)
+    demand(kept, "replay leaves its arguments alone", "modified arguments", "unchanged arguments")
+    _same("the same replay gives the same values", case.replay(Settings(ROWS)), first)
 
 
 def _check_rows_alone(case: _Case) -> None:
@@ -171,7 +171,7 @@ def _check_rows_alone(case: _Case) -> None:
             off = np.abs(alone[channel][0] - y[row])
             same = bool((off <= ALONE * (1.0 + np.abs(y[row]))).all())
             came = f"{channel} off by up to {off.max():.3g}"
-            demand(same, "a row alone is the row in a batch", came, "the same numbers")
+            demand(same, "a row alone is the same as in a batch", came, "the same values")
 
 
 def _check_enabled(case: _Case) -> None:
@@ -213,7 +213,7 @@ def _check_null(case: _Case, effect: Effect) -> None:
     for p, values in beside.items():
         values[:-1] = null[p][:-1]
     mixed = case.replay(Settings(ROWS, {effect.name: beside}))
-    _same(f"{law}, beside a row where it acts", mixed, nominal, slice(0, ROWS - 1))
+    _same(f"{law}, next to a row where it acts", mixed, nominal, slice(0, ROWS - 1))
 
 
 def _check_acts(case: _Case, effect: Effect) -> None:
@@ -224,4 +224,4 @@ def _check_acts(case: _Case, effect: Effect) -> None:
         if any(not np.array_equal(moved[c], y) for c, y in nominal.items()):
             return
     came = "the nominal prediction at every probe"
-    raise ContractBroken(f"{effect.name} acts on a robot that has slots for it", came, "a difference")
+    raise ContractBroken(f"{effect.name} changes the prediction of a robot that has slots for it", came, "a difference")

@@ -17,7 +17,7 @@ class ContractBroken(Exception):
         self.wanted = wanted
 
     def __str__(self) -> str:
-        return f"{self.law}: {self.came} came, {self.wanted} was wanted"
+        return f"{self.law}: expected {self.wanted}, got {self.came}"
 
 
 def demand(holds: bool, law: str, came: object, wanted: object) -> None:

@@ -39,9 +39,9 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
         for actuator in optional.held(robot):
             if f"command.{actuator}" in run.columns:
                 raise BadInput(
-                    f"column command.{actuator} came for an actuator that acts on no joint",
+                    f"column command.{actuator} is for an actuator that acts on no joint",
                     f"{run.source}, run {run.name}",
-                    "give the actuator joint=... as its transmission, or leave the column out to have it held",
+                    "set joint=... as the actuator's transmission, or remove the column to keep the actuator fixed",
                 )
         for actuator in robot.actuators:
             if f"command.{actuator}" not in run.columns:
@@ -49,11 +49,11 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
                 raise BadInput(
                     f"column command.{actuator} is missing",
                     f"{run.source}, run {run.name}",
-                    f"{did_you_mean('command.' + actuator, there)}; name it under [log] in the robot file",
+                    f"{did_you_mean('command.' + actuator, there)}; map it under [log] in the robot file",
                 )
         if not any(c in robot.channels for c in run.measured):
             raise BadInput(
-                "no measured column fits the robot",
+                "the robot's model predicts none of the measured columns",
                 f"{run.source}, run {run.name}",
-                f"wanted at least one of {', '.join(robot.channels[:8])}; name yours under [log] in the robot file",
+                f"it predicts {', '.join(robot.channels[:8])}; map your columns under [log] in the robot file",
             )

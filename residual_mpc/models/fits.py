@@ -15,7 +15,7 @@ def check_fits(values: Values, robot: Robot, of: str, where: str) -> None:
             raise BadInput(
                 f"{robot.name} lacks {lacking}",
                 where,
-                f"the model was made for {of}: give the robot file that it was diagnosed with",
+                f"the model is of {of}: give the robot file that was used for its diagnosis",
             )
 
 

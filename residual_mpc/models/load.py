@@ -23,7 +23,7 @@ def load_robot(robot: RobotFile) -> Robot:
     except BadInput:
         raise
     except Exception as error:  # a user's factory may raise anything; it is their input
-        raise BadInput(f"plant {robot.plant!r} failed: {error!r}", robot.source, "mend the factory") from error
+        raise BadInput(f"plant {robot.plant!r} failed: {error!r}", robot.source, "fix the factory") from error
     missing = [n for n in REQUIRED if not hasattr(model, n)]
     if missing:
         raise BadInput(
@@ -42,15 +42,17 @@ def _factory(robot: RobotFile) -> Callable[[RobotFile], Robot]:
     module, colon, name = robot.plant.partition(":")
     if not colon:
         raise BadInput(
-            f"no plant is called {robot.plant!r}",
+            f"unknown plant {robot.plant!r}",
             robot.source,
-            f"known: {', '.join(sorted(known))}; your own joins as package.module:factory",
+            f"known plants: {', '.join(sorted(known))}; name your own as package.module:factory",
         )
     try:
         found = getattr(importlib.import_module(module), name, None)
     except Exception as error:  # importing a user's module runs their code
-        raise BadInput(f"module {module!r} does not import: {error!r}", robot.source, "mend or install it") from error
+        raise BadInput(f"module {module!r} cannot be imported: {error!r}", robot.source, "fix or install it") from error
     if not callable(found):
-        raise BadInput(f"{module!r} has no factory {name!r}", robot.source, "name a function that takes the robot file")
+        raise BadInput(
+            f"module {module!r} has no factory {name!r}", robot.source, "name a function that takes the robot file"
+        )
     factory: Callable[[RobotFile], Robot] = found
     return factory

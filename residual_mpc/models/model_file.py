@@ -27,11 +27,11 @@ def read_written(path: Path) -> Written:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInput(f"cannot be read: {error.strerror}", str(path), "name an existing file") from error
+        raise BadInput(f"cannot be read: {error.strerror}", str(path), "give an existing file") from error
     except ValueError as error:
-        raise BadInput(f"is no JSON: {error}", str(path), "give a diagnosis.json or model.json") from error
+        raise BadInput(f"not valid JSON: {error}", str(path), "give a diagnosis.json or model.json") from error
     if not isinstance(content, dict):
-        raise BadInput("is no JSON object", str(path), "give a diagnosis.json or model.json")
+        raise BadInput("must be a JSON object", str(path), "give a diagnosis.json or model.json")
     return Written(content, str(path))
 
 
@@ -43,7 +43,9 @@ def model_in(written: Written) -> tuple[str, Values, bool]:
         return str(model["robot"]), values, bool(model.get("leaves_out_outliers", False))
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(
-            f"the model's values cannot be read: {error!r}", written.where, "write it anew with diagnose"
+            f"the model's values cannot be read: {error!r}",
+            written.where,
+            "write it again with `residual-mpc diagnose`",
         ) from error
 
 
@@ -51,9 +53,9 @@ def diagnosis_in(written: Written) -> Mapping[str, Any]:
     """The content. Raises BadInput where it is no diagnosis."""
     if written.content.get("schema") != DIAGNOSIS_SCHEMA:
         raise BadInput(
-            f"schema is {written.content.get('schema')!r}, a diagnosis ({DIAGNOSIS_SCHEMA}) was wanted",
+            f"schema must be {DIAGNOSIS_SCHEMA!r}, got {written.content.get('schema')!r}",
             written.where,
-            "give the diagnosis.json that diagnose wrote",
+            "give a diagnosis.json written by `residual-mpc diagnose`",
         )
     return written.content
 
@@ -63,7 +65,7 @@ def values_of(rows: Sequence[Mapping[str, Any]]) -> Values:
     values = {Knob(v["effect"], v["target"], v["parameter"]): float(v["value"]) for v in rows}
     for knob, value in values.items():
         if not math.isfinite(value):
-            raise ValueError(f"{knob.parameter} of {knob.effect} is {value}")
+            raise ValueError(f"{knob.parameter} of {knob.effect} must be finite, got {value}")
     return values
 
 
@@ -73,7 +75,7 @@ def model_content(written: Written) -> Mapping[str, Any]:
     model = content.get("model") if content.get("schema") == DIAGNOSIS_SCHEMA else content
     if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
         raise BadInput(
-            f"schema is {content.get('schema')!r}" + (", without a model" if model is not content else ""),
+            "it contains no model" if model is not content else f"unknown schema {content.get('schema')!r}",
             written.where,
             f"give a diagnosis.json ({DIAGNOSIS_SCHEMA}) or a model.json ({MODEL_SCHEMA})",
         )

@@ -60,10 +60,10 @@ def read_model_structure(path: Path) -> ModelStructure:
     Raises BadInput where there is no such file, no plant reads it, or it does not compile.
     """
     if not path.is_file():
-        came = "a folder came, a model file was wanted" if path.is_dir() else "there is no such model"
+        came = "must be a model file, got a folder" if path.is_dir() else "model file not found"
         raise BadInput(came, str(path), "give an MJCF or URDF file")
     readers = {e.name: e for e in entry_points(group=GROUP)}
     if not readers:
-        raise BadInput("no plant that reads models is installed", str(path), "install residual-mpc again")
+        raise BadInput("no installed plant reads model files", str(path), "reinstall residual-mpc")
     reader: Callable[[Path], ModelStructure] = readers[min(readers)].load()
     return reader(path)

@@ -44,7 +44,7 @@ def _check_joints(robot: Robot) -> None:
 
 def _check_names(member: str, names: object) -> None:
     texts = isinstance(names, tuple) and all(isinstance(n, str) and n for n in names)
-    demand(texts, f"{member} is a tuple of names", repr(names), "a tuple of texts")
+    demand(texts, f"{member} is a tuple of names", repr(names), "a tuple of strings")
 
 
 def _check_ranges(member: str, ranges: object, known: tuple[str, ...]) -> None:
@@ -63,7 +63,7 @@ def _check_rest(robot: Robot) -> None:
     demand(isinstance(rest, Mapping), "rest is a mapping", repr(rest), "position channel -> number")
     for channel, value in rest.items():
         demand(channel in positions, "rest is by position channel", repr(channel), f"one of {positions}")
-        demand(_is_number(value), f"rest of {channel} is a number", repr(value), "a finite one")
+        demand(_is_number(value), f"rest of {channel} is a number", repr(value), "a finite number")
 
 
 def _check_step(robot: Robot, stepping: Stepping, dt: float) -> None:

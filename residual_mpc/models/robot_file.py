@@ -102,7 +102,7 @@ def read_robot_file(path_or_name: str | Path) -> RobotFile:
     variants = tuple(_variant(table, number, path.parent, where) for number, table in tables)
     if "plant" not in values:
         raise BadInput(
-            "the key 'plant' is missing; the name of a plant was wanted",
+            "key 'plant' is missing",
             where,
             'add a line such as plant = "diff_drive" or plant = "mujoco" above the first [table]',
         )
@@ -145,11 +145,11 @@ def measured_over(robot: RobotFile, run_names: Sequence[str]) -> tuple[str, ...]
 
 def _named(text: str, path: Path) -> RobotFile:
     if not text.strip():
-        raise BadInput("an empty robot came; a robot file or a robot's name was wanted")
+        raise BadInput("--robot must be a robot file or the name of a built-in robot, got an empty string")
     if path.is_dir() and (path / "robot.toml").is_file():
-        raise BadInput("a folder came, a robot file was wanted", text, f"give {path / 'robot.toml'}")
+        raise BadInput("must be a robot file, got a folder", text, f"give {path / 'robot.toml'}")
     if path.suffix in (".toml", *MODELS) or len(path.parts) > 1:
-        raise BadInput("there is no such robot file", text, "check the path, or name a built-in robot")
+        raise BadInput("robot file not found", text, "check the path, or give the name of a built-in robot")
     return RobotFile(name=text, plant=text)
 
 
@@ -158,17 +158,19 @@ def _document(path: Path) -> dict[str, object]:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         raise BadInput(
-            f"byte {fault.start} is not UTF-8; a TOML text file was wanted", str(path), "save it as UTF-8"
+            f"must be a TOML file in UTF-8, got an invalid byte at position {fault.start}",
+            str(path),
+            "save it as UTF-8",
         ) from fault
     except OSError as fault:
-        raise BadInput(f"it cannot be read ({fault.strerror})", str(path)) from fault
+        raise BadInput(f"cannot be read ({fault.strerror})", str(path)) from fault
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as fault:
         raise BadInput(
-            f"this is not valid TOML: {fault}",
+            f"not valid TOML: {fault}",
             str(path),
-            'texts need quotes, numbers none, and names with dots quotes too: "pose.x" = 0.002',
+            'put strings and names with dots in quotes, but not numbers: "pose.x" = 0.002',
         ) from fault
 
 
@@ -187,7 +189,7 @@ def _fields(document: Mapping[str, object], folder: Path, where: str) -> dict[st
 def _variants(document: Mapping[str, object], where: str) -> list[Mapping[str, object]]:
     variants = document.get("variant", [])
     if not isinstance(variants, list) or not all(isinstance(v, dict) for v in variants):
-        raise _wrong(variants, "tables headed [[variant]]", "variant", where)
+        raise _wrong(variants, "a list of [[variant]] tables", "variant", where)
     return variants
 
 
@@ -195,24 +197,24 @@ def _variant(table: Mapping[str, object], number: int, folder: Path, where: str)
     where = f"{where}, [[variant]] {number}"
     if "runs" not in table:
         raise BadInput(
-            "the key 'runs' is missing; a pattern for the runs' names was wanted",
+            "key 'runs' is missing; it must be a pattern for the names of the runs",
             where,
             'add a line such as runs = "loaded_*"',
         )
     if "variant" in table:
-        raise BadInput("a [[variant]] within a [[variant]] came", where, "write one after the other")
+        raise BadInput("a [[variant]] must not contain another", where, "write one after the other")
     return Variant(_text(table["runs"], "runs", where, folder), _fields(table, folder, where))
 
 
 def _wrong(value: object, wanted: str, key: str, where: str, remedy: str = "") -> BadInput:
     text = repr(value)
     text = text[:80] + "..." if len(text) > 80 else text
-    return BadInput(f"{key} = {text} came, {wanted} was wanted", where, remedy)
+    return BadInput(f"{key} must be {wanted}, got {text}", where, remedy)
 
 
 def _text(value: object, key: str, where: str, _: Path) -> str:
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
-        raise _wrong(value, "a text", key, where, f'write {key} = "..."')
+        raise _wrong(value, "a string", key, where, f'write {key} = "..."')
     return value
 
 
@@ -224,7 +226,7 @@ def _path(value: object, key: str, where: str, folder: Path) -> Path:
         found = False
     if not found:
         raise BadInput(
-            f"{key} = {value!r}: there is no file {path}",
+            f"{key} = {value!r}: file {path} not found",
             where,
             f"paths are relative to the robot file's folder, {folder.resolve()}",
         )
@@ -239,14 +241,14 @@ def _side(value: object, key: str, where: str, _: Path) -> Side:
 
 def _texts(value: object, key: str, where: str, folder: Path) -> tuple[str, ...]:
     if not isinstance(value, list):
-        raise _wrong(value, "a list of texts", key, where, f'write {key} = ["..."]')
+        raise _wrong(value, "a list of strings", key, where, f'write {key} = ["..."]')
     return tuple(_text(item, f"an item of {key}", where, folder) for item in value)
 
 
 def _entries(value: object, key: str, where: str) -> dict[str, object]:
     """The entries of a table; `pose.x = 1`, which is a table within a table in TOML, is meant as "pose.x"."""
     if not isinstance(value, dict):
-        raise _wrong(value, f"a table headed [{key}]", key, where)
+        raise _wrong(value, f"a table [{key}]", key, where)
     flat: dict[str, object] = {}
     for name, item in value.items():
         leaves = {name: item}
@@ -254,7 +256,7 @@ def _entries(value: object, key: str, where: str) -> dict[str, object]:
             leaves = {f"{name}.{inner}": leaf for inner, leaf in _entries(item, key, where).items()}
         for full, leaf in leaves.items():
             if full in flat:
-                raise BadInput(f"{full!r} stands twice in [{key}]", where, "remove one of the two")
+                raise BadInput(f"{full!r} appears twice in [{key}]", where, "remove one of the two")
             flat[full] = leaf
     return flat
 
@@ -276,18 +278,18 @@ def _noise(value: object, key: str, where: str, _: Path) -> dict[str, float]:
     sigmas: dict[str, float] = {}
     for name, item in _entries(value, key, where).items():
         if not is_measured(name):
-            wanted = "the name of a measured channel, such as position.<joint> or pose.theta"
-            raise BadInput(f"{name!r} in [{key}] came, {wanted} was wanted", where, _misplaced(name))
+            wanted = "names of measured channels, such as position.<joint> or pose.theta"
+            raise BadInput(f"names in [{key}] must be {wanted}, got {name!r}", where, _misplaced(name))
         sigmas[name] = _number(item, f"{key}.{name}", where)
         if sigmas[name] <= 0.0:
-            remedy = "leave the line out to have the noise estimated from the runs"
+            remedy = "remove the line to have the noise estimated from the runs"
             raise _wrong(item, "a positive 1-sigma noise", f"{key}.{name}", where, remedy)
     return sigmas
 
 
 def _actuators(value: object, key: str, where: str, _: Path) -> dict[str, Actuator]:
     if not isinstance(value, dict):
-        raise _wrong(value, "tables headed [actuator.<joint>]", key, where)
+        raise _wrong(value, "a set of tables [actuator.<joint>]", key, where)
     return read_actuators(value, where)
 
 
@@ -296,7 +298,7 @@ def _log(value: object, key: str, where: str, folder: Path) -> dict[str, str]:
     for name, item in _entries(value, key, where).items():
         if group(name) is None and name not in SPECIAL:
             remedy = _misplaced(name) or _log_remedy(name)
-            raise BadInput(f"{name!r} in [{key}] is no name of the log format", where, remedy)
+            raise BadInput(f"{name!r} in [{key}] is not a name of the log format", where, remedy)
         columns[name] = _text(item, f"{key}.{name}", where, folder)
     return columns
 
@@ -306,13 +308,13 @@ def _log_remedy(name: str) -> str:
     if head in ("pose", "twist"):
         return did_you_mean(name, [f"{head}.{axis}" for axis in PLANAR])
     if not tail:
-        return "names are t, run, command.<actuator>, position.<joint>, velocity.<joint>, pose.x and the like"
+        return "names are t, run, command.<actuator>, position.<joint>, velocity.<joint>, pose.x and so on"
     return did_you_mean(head, GROUPS)
 
 
 def _misplaced(name: str) -> str:
     """In TOML a key below a [table] header belongs to that table, which is easily forgotten."""
-    return f"if the robot's key {name!r} is meant, move it above the first [table]" if name in READERS else ""
+    return f"if this is the robot's key {name!r}, move it above the first [table]" if name in READERS else ""
 
 
 READERS: Mapping[str, Callable[[object, str, str, Path], object]] = {

@@ -78,11 +78,14 @@ class Stepped:
 
     def __post_init__(self) -> None:
         if not (len(self.states) == len(self.units) == len(self.rest)):
-            raise ValueError(f"{len(self.states)} states, {len(self.units)} units, {len(self.rest)} values at rest")
+            raise ValueError(
+                f"{len(self.states)} states must come with as many units and values at rest, "
+                f"got {len(self.units)} and {len(self.rest)}"
+            )
         if len(set(self.states)) < len(self.states) or not set(self.poses) <= set(self.states):
-            raise ValueError(f"states have to be distinct and hold {self.poses}: {self.states}")
+            raise ValueError(f"states must be distinct and contain {self.poses}, got {self.states}")
         if len(self.outputs) != len(self.output_units) or bool(self.outputs) != (self.output is not None):
-            raise ValueError(f"outputs {self.outputs} need {len(self.outputs)} units and one function")
+            raise ValueError(f"outputs {self.outputs} must come with {len(self.outputs)} units and one function")
 
     @property
     def tracked(self) -> tuple[str, ...]:
@@ -111,7 +114,7 @@ class StepOptions:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt) and self.dt > 0):
-            raise ValueError(f"a step of {self.dt} s")
+            raise ValueError(f"dt must be finite and > 0, got {self.dt} s")
 
 
 @runtime_checkable

@@ -38,12 +38,12 @@ def gap_lines(gap: Document) -> list[str]:
     lines = [horizon_line({**first, "windows": gap["windows"]}, other)]
     for name, c in gap["channels"].items():
         arrow = "" if c["model"] is None else f" -> {number(c['model'])}"
-        lines.append(f"  {name:<24} {number(c['nominal'])}{arrow}  (noise floor {number(c['noise_floor'], 2)})")
+        lines.append(f"  {name:<24} {number(c['nominal'])}{arrow}  (noise floor {number(c['noise_floor'])})")
     lines += [horizon_line(one, other) for one in longer]
     lines += _reference(gap)
     lines += _doubts(gap, other)
     if gap["still"]:
-        lines.append(f"left out because they hardly moved: {', '.join(gap['still'])}")
+        lines.append(f"left out since they hardly move: {', '.join(gap['still'])}")
     if gap["skipped"]:
         lines.append(f"{count(gap['skipped'], 'window')} skipped: no sample within 0.25 s of the start")
     return [plain(line) for line in lines]
@@ -51,7 +51,7 @@ def gap_lines(gap: Document) -> list[str]:
 
 def _reference(gap: Document) -> list[str]:
     constant = gap.get("constant_velocity")
-    return [] if constant is None else [f"gap of a forecast of constant velocity: {number(constant)}"]
+    return [] if constant is None else [f"gap of a constant-velocity forecast: {number(constant)}"]
 
 
 def _doubts(gap: Document, explained: bool) -> list[str]:

@@ -93,8 +93,8 @@ def _picture(path: Path, scenario: ClosedLoop, comparison: Comparison) -> None:
         norm.plot(t, np.mean([h2_over_time(x)[1] for x in episodes], axis=0), color=colour, lw=1.0)
     plane.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=f"{scenario.name}, first seed")
     plane.legend(fontsize=7)
-    error.set(xlabel="t, s", ylabel="distance from the path, mm", title="tracking, mean over seeds")
-    norm.set(xlabel="t, s", ylabel="H2 norm of the prediction", title="model, mean of 10 s")
+    error.set(xlabel="t, s", ylabel="distance from the path (mm)", title="tracking, mean over seeds")
+    norm.set(xlabel="t, s", ylabel="H2 norm of the prediction", title="model, mean over 10 s")
     for axes in (error, norm):
         axes.set_ylim(bottom=0)
     figure.savefig(path, dpi=110)

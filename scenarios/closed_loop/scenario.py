@@ -52,7 +52,7 @@ class ClosedLoop:
         from scenarios.closed_loop.results import write
         from scenarios.closed_loop.training_runs import closed_loop_gap, drive_training_runs
 
-        progress("practice: driving with the nominal model", 0.0)
+        progress("recording: driving with the nominal model", 0.0)
         setup, reference = self.setup(), self.reference()
         learned = drive_training_runs(self, setup, options, progress)
         progress("building the controllers", 0.4)

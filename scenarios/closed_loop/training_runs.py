@@ -65,17 +65,17 @@ def drive_training_runs(
     estimator, controller = build_filter(model, setup.estimator), build_mpc(model, setup.control)
     runs = []
     for i, (make, seconds) in enumerate(scenario.training_motions):
-        progress("practice: driving with the nominal model", 0.1 * i / len(scenario.training_motions))
+        progress("recording: driving with the nominal model", 0.1 * i / len(scenario.training_motions))
         reference = make()
         episode = run_closed_loop(
             scenario.simulator(), estimator, controller, reference, LoopSettings(seconds, scenario.dt),
             np.random.default_rng((PRACTICE_SEED, options.seed, i)), f"practice_{i}", at=start_reading(reference),
         )  # fmt: skip
         runs.append(episode.run())
-    progress("practice: diagnosing the log", 0.1)
+    progress("diagnosing the log", 0.1)
     robots = [setup.robot] * len(runs)
     made = diagnose(runs, robots, dict(setup.noise), (), Options(), np.random.default_rng(options.seed))
-    progress("practice: teaching the networks", 0.35)
+    progress("training the networks", 0.35)
     log = tuple(runs)
     on_top = setup.teach(log, made.diagnosis.values, options.seed)
     return TrainingOutcome(log, made, setup.teach(log, {}, options.seed), on_top)

@@ -253,9 +253,9 @@ def test_checks_and_reading_tell_the_variants_of_a_robot_apart(folder: Path) -> 
 
 
 def test_faults_are_those_of_the_commands(folder: Path, robot: rm.NominalRobot, runs: rm.Runs) -> None:
-    with pytest.raises(rm.BadInput, match="there is no effect 'lag'"):
+    with pytest.raises(rm.BadInput, match="unknown effect 'lag'"):
         rm.diagnose(robot, runs, only=("lag",))
-    with pytest.raises(rm.BadInput, match="there is no run 'r9'"):
+    with pytest.raises(rm.BadInput, match="no run matches 'r9'"):
         rm.diagnose(robot, runs, held_out=("r9",))
     with pytest.raises(rm.BadInput):
         rm.load_robot(folder / "nothing.toml")

@@ -96,7 +96,7 @@ def test_a_robot_that_is_not_the_one_that_was_sealed_is_refused(suite, monkeypat
 
     monkeypatch.setattr(experiment_module, "make_hidden_robot", other)
     assert experiments(suite, "effects").failed == 2
-    assert all("draws another robot" in r["status"] for r in records(suite))
+    assert all("draws a different robot" in r["status"] for r in records(suite))
 
 
 def test_failing_experiments_fail_alone(suite, monkeypatch):
@@ -104,7 +104,7 @@ def test_failing_experiments_fail_alone(suite, monkeypatch):
         experiment_module, "make_hidden_robot", lambda *case: StubTwin(stub_twin(*case).answer, safe=case[2] != 0)
     )
     assert experiments(suite, "effects", "slope", "-").failed == 1
-    assert sum("runs away" in r["status"] for r in records(suite)) == 1
+    assert sum("diverges" in r["status"] for r in records(suite)) == 1
     for record in (suite / "out").glob("*/experiment.json"):
         record.unlink()
     assert experiments(suite, "crash").failed == 2
@@ -124,7 +124,7 @@ def test_the_command_line_carries_out_and_scores(suite):
     found = json.loads(done.stdout)["score"]["experiments"]
     assert found["groups"]["count"] == 0
     assert (found["right_before"]["value"], found["right_after"]["value"]) == (0.0, 1.0)
-    assert "What the proposed experiments settled" in (suite / "page" / "blind.html").read_text()
+    assert "Results of the proposed experiments" in (suite / "page" / "blind.html").read_text()
 
 
 RADIUS, GAIN, LAG = (("wheel_radius", None), ("actuator_gain", None), ("actuator_lag", None))
@@ -194,9 +194,9 @@ def test_commands_are_read_as_excite_writes_them(tmp_path):
     first, second = read_commanded_motions(path, ["effort.j1"])
     assert (first.name, second.name, first.sensors) == ("a", "b", ("effort.j1",))
     assert first.table(["j1"]).tolist() == [[1.0], [2.0]] and first.on(["j1"]).tolist() == [[1.0], [0.0]]
-    with pytest.raises(BadInput, match="The actuators are j2"):
+    with pytest.raises(BadInput, match="actuators j2, got"):
         first.table(["j2"])
     for text in ("", "a,b\n1,2\n", "t,command.j1\n0,x\n"):
         path.write_text(text)
-        with pytest.raises(BadInput, match="no file of commands"):
+        with pytest.raises(BadInput, match="not a valid command file"):
             read_commanded_motions(path)

@@ -83,16 +83,16 @@ def test_runs_that_cannot_be_read(
     ("text", "said"),
     [
         ("name = ", "not valid TOML"),
-        ('plant = "hovercraft"', "no plant is called 'hovercraft'"),
-        ('plant = "nowhere.at_all:make"', "does not import"),
+        ('plant = "hovercraft"', "unknown plant 'hovercraft'"),
+        ('plant = "nowhere.at_all:make"', "cannot be imported"),
         ('plant = "json:nothing"', "has no factory"),
         ('plant = "json:loads"', "failed"),
         ('plant = "builtins:repr"', "without actuators"),
         ('name = "x"', "'plant' is missing"),
         (ROBOT.replace("0.16", "-0.16"), "positive length"),
-        ('plant = "mujoco"\nmodel = "gone.xml"', "there is no file"),
+        ('plant = "mujoco"\nmodel = "gone.xml"', "not found"),
         ('plant = "mujoco"\nmodel = "broken.xml"', "does not compile"),
-        ('plant = "mujoco"', "no model is named"),
+        ('plant = "mujoco"', "key 'model' is missing"),
     ],
 )
 def test_robot_files_that_are_no_robot(folder: Path, capsys: pytest.CaptureFixture[str], text: str, said: str) -> None:

@@ -61,4 +61,4 @@ def test_faults_of_one_kind_share_a_line(folder: Path, capsys: pytest.CaptureFix
     for name in ("twin1.csv", "twin2.csv"):
         (folder / name).write_text((folder / "text.csv").read_text())
     status, out, _ = check(folder, capsys, "twin1.csv", "twin2.csv")
-    assert status == 2 and out.count("a number was wanted") == 1 and "and 1 more" in out
+    assert status == 2 and out.count("must be a number") == 1 and "and 1 more" in out

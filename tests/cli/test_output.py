@@ -136,7 +136,7 @@ def test_the_gap_of_a_model_that_diverges_comes_with_words() -> None:
     }  # fmt: skip
     said = gap_lines(gap)
     assert said[0] == "gap at 1 s: 4080 (noise floor 0.1), 3 windows"
-    assert "This model predicts worse than a forecast of constant velocity (0.4)" in said[3]
+    assert "This model predicts worse than a constant-velocity forecast (0.4)" in said[3]
     assert "diverges to 4080 times the motion itself" in said[4]
     assert said[-1] == "1 window skipped: no sample within 0.25 s of the start"
 
@@ -147,8 +147,8 @@ def test_every_horizon_has_a_line() -> None:
     far = {**one, "horizon": 5.0, "held_out": False, "windows": 4}
     assert gap_lines({**one, "horizons": [one, far]}) == [
         "gap at 1 s: 0.12 -> 0.03 (noise floor 0.02), 24 windows",
-        "gap at 5 s: 0.12 -> 0.03 (noise floor 0.02), 4 windows, seen by the fit",
-        "A few windows dominate the gap at 1 s: half of the windows are below 0.001, the largest is at 0.3.",
+        "gap at 5 s: 0.12 -> 0.03 (noise floor 0.02), 4 windows, not held out",
+        "A few windows dominate the gap at 1 s: the median over the windows is 0.001, the maximum 0.3.",
     ]
 
 
@@ -162,9 +162,9 @@ def test_a_diagnosis_in_lines() -> None:
         "shrink": {"expected": 0.85, "expected_ci95": [0.8, 0.9], "value": 0.86, "ci95": [0.83, 0.89]},
     }  # fmt: skip
     assert diagnosis_lines(document) == [
-        "The left wheel delivers 90 % of its modelled output; modelling that removes 86 % of the gap on held-out runs.",
+        "The left wheel delivers 90 % of its modelled output; modelling this removes 86 % of the gap on held-out runs.",
         "  gap at 1 s: 0.2 -> 0.03 (noise floor 0.02)",
-        "  gap of a forecast of constant velocity: 0.4",
+        "  gap of a constant-velocity forecast: 0.4",
         "  shrink expected 85 % (80 % to 90 %), achieved 86 % on held-out runs",
         "  actuator_gain [left]: gain = 0.900 (0.880 to 0.920) (at its bound), probability 0.97 (rests on a bound)",
     ]

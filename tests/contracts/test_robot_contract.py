@@ -121,19 +121,19 @@ BREACHES: dict[str, tuple[dict[str, Any], str]] = {
     "step": ({"step": -0.1}, "step is a time"),
     "slots": ({"slots": lambda effect: ["motor"]}, "slots of command_delay"),
     "bounds": ({"bounds": lambda effect, parameter, slot: (2.0, 3.0)}, "leave room around its null value"),
-    "reference": ({"reference": lambda kind, slot: 0.0}, "a typical size"),
+    "reference": ({"reference": lambda kind, slot: 0.0}, "a typical magnitude"),
     "nominal": ({"nominal": lambda: {"time_constant": float("nan")}}, "is a number"),
-    "output": ({"replay": without_outputs}, "no output.motor came"),
+    "output": ({"replay": without_outputs}, "got no output.motor"),
     "shape": ({"replay": replay_with(lambda s, d, e, w: {c: np.zeros(7) for c in w})}, "is (rows, steps + 1)"),
     "start": ({"replay": replay_with(lambda s, d, e, w: {c: np.zeros((3, d.steps + 1)) for c in w})}, "begins at"),
     "finite": ({"replay": off_by(lambda s, d, e: np.nan)}, "is finite"),
     "dice": ({"replay": off_by(lambda s, d, e: dice.standard_normal())}, "the same replay gives the same"),
     "spoils": ({"replay": spoiling}, "leaves its arguments alone"),
-    "batch": ({"replay": off_by(lambda s, d, e: float(len(d.clock)))}, "a row alone is the row in a batch"),
+    "batch": ({"replay": off_by(lambda s, d, e: float(len(d.clock)))}, "a row alone is the same as in a batch"),
     "enabled": ({"replay": off_by(lambda s, d, e: 0.0 if d.enabled is None else 1e-12)}, "`enabled` of 1"),
     "tuned": ({"replay": off_by(lambda s, d, e: 1e-12 if e.tuned else 0.0)}, "at its nominal value 0.1"),
     "null": ({"replay": off_by(lambda s, d, e: 1e-12 if e.effects else 0.0)}, "command_delay at null"),
-    "idle": ({"slots": lambda effect: ("motor",) if effect == "saturation" else ()}, "saturation acts on"),
+    "idle": ({"slots": lambda effect: ("motor",) if effect == "saturation" else ()}, "saturation changes the"),
 }
 
 
@@ -243,4 +243,4 @@ def test_a_breach_is_named(rng: np.random.Generator, breach: str) -> None:
     robot: Robot = Faulty(replace(CART, **fields), changed=methods)
     with pytest.raises(ContractBroken) as broken:
         check_robot(robot, rng)
-    assert said in str(broken.value) and " was wanted" in str(broken.value)
+    assert said in str(broken.value) and ": expected " in str(broken.value)

@@ -162,9 +162,9 @@ def test_one_iteration_is_near_the_converged_solution():
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(BadInput, match="6 poses"):
+    with pytest.raises(BadInput, match="weights.error must have 6 entries"):
         build_mpc(arm(), MpcSettings())
-    with pytest.raises(BadInput, match="limits for other than 6"):
+    with pytest.raises(BadInput, match="one for each of 6 commands"):
         build_mpc(arm(), replace(FAST, limits=Limits((-1.0, -1.0), (1.0, 1.0))))
     with pytest.raises(BadInput, match="soft limit"):
         build_mpc(arm(), replace(FAST, limits=replace(CONTROL.limits, soft=(Soft("pose.x", 0.0, 1.0),))))

@@ -158,7 +158,7 @@ def test_a_number_at_the_end_of_what_is_tried_is_said_to_be_there() -> None:
     made = diagnose(runs, [ROVER], {}, (), Options(only=("actuator_gain",)), np.random.default_rng(0))
     (cause,) = made.diagnosis.causes
     assert cause.parameters[0].value == pytest.approx(5.0)
-    assert any("gain of actuator_gain rests on the end of what is tried, 5" in n for n in made.diagnosis.notes)
+    assert any("gain of actuator_gain is at the bound of its search range, 5" in n for n in made.diagnosis.notes)
 
 
 def test_what_cannot_be_told_apart_shares_a_probability() -> None:

@@ -26,7 +26,7 @@ TRACK = {"track_width": {"scale": 1.25}}
 
 def test_effects_of_commands_and_actuators_are_ruled_out() -> None:
     why = not_commanded(ROVER, ("left", "right"))
-    assert set(why.values()) == {"the measured speeds drive the model: nothing is commanded in these runs"}
+    assert set(why.values()) == {"the measured speeds drive the model: these runs have no commands"}
     assert {Term("command_delay", t) for t in (None, "left", "right")} <= set(why)
     assert {BY_NAME[t.effect].stage for t in why} == {"command", "actuator"}
     space = build_space(build_dataset([rover_run("one", TRACK)], [ROVER], SIGMA, 1.0), (), because=why)
@@ -45,7 +45,7 @@ def test_an_actuator_that_is_commanded_keeps_its_effects() -> None:
 def test_play_is_named_by_the_joint_that_the_actuator_drives(tmp_path: Path) -> None:
     arm = robot_of(tmp_path, arm_xml(SERVOS.replace('name="j1" joint', 'name="motor" joint')))
     why = not_commanded(arm, ("motor",))
-    assert why[Term("backlash", "j1")] == "the measured positions drive the model: nothing is commanded in these runs"
+    assert why[Term("backlash", "j1")] == "the measured positions drive the model: these runs have no commands"
     assert Term("backlash", "j2") not in why and Term("joint_compliance", "j1") not in why
 
 

@@ -95,7 +95,7 @@ def test_motors_that_warm_up_are_found_in_the_time() -> None:
     rest = described(lambda t, angle, speed: np.full(2, 1.0 - 0.2 * np.exp(-t / 5.0)))
     assert rest.depends[0].kind in ("time", "work") and rest.depends[0].form == "speed"
     assert rest.depends[0].curve.y[0] == pytest.approx(-0.2, abs=0.05)
-    assert "warms up" in sentence(rest)
+    assert "warm-up" in sentence(rest)
 
 
 def test_motors_that_the_heat_weakens_are_found_in_the_logged_temperature() -> None:
@@ -115,13 +115,13 @@ def test_turning_that_is_weak_to_one_side_is_found_in_the_turning_rate() -> None
 
     rest = described(weak)
     assert rest.depends[0].kind == "turning" and rest.components[0].name == "yaw"
-    assert "weaker to one side" in sentence(rest)
+    assert "an asymmetry between the two directions" in sentence(rest)
 
 
 def test_gusts_depend_on_nothing_that_was_logged() -> None:
     rest = described(lambda t, angle, speed: np.ones(2), gust=0.5)
     assert rest.components[0].name == "yaw" and rest.components[0].share > 0.8
-    assert not rest.depends and "depends on nothing that was logged" in sentence(rest)
+    assert not rest.depends and "depends on no logged quantity" in sentence(rest)
 
 
 def test_the_way_travelled_does_not_hang_on_where_the_robot_starts() -> None:

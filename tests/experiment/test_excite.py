@@ -122,7 +122,7 @@ def test_a_gap_that_nothing_explains_is_looked_at_twice_and_elsewhere(
     name = first["name"].replace(" ", "_")
     assert len(driven_as) == 3 and driven_as[name] == driven_as[name + "_again"]
     assert call(*words) == 0
-    assert "drive the motion that shows it most, twice" in capsys.readouterr().out
+    assert "run the motion that shows it most, twice" in capsys.readouterr().out
 
 
 def test_a_sensor_is_asked_for_where_no_motion_will_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -174,11 +174,11 @@ def test_a_motion_that_no_size_makes_safe_is_marked(tmp_path: Path, capsys: pyte
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((), "nothing says how far left, right may be driven"),
-        (("--limit", "left=-1:1", "--limit", "arm=0:1"), "nothing says how far right may be driven"),
-        (("--limit", "left=1:-1"), "the lower end comes first"),
-        (("--limit", "left=-1:1", "--limit", "right=-1:1", "--limit", "arm=0:1"), "no actuator is called 'arm'"),
-        (("--limit", "left"), "is not ACTUATOR=LOW:HIGH"),
+        ((), "no command limits are known for left, right"),
+        (("--limit", "left=-1:1", "--limit", "arm=0:1"), "no command limits are known for right"),
+        (("--limit", "left=1:-1"), "the lower limit must be below"),
+        (("--limit", "left=-1:1", "--limit", "right=-1:1", "--limit", "arm=0:1"), "unknown actuator 'arm'"),
+        (("--limit", "left"), "must be ACTUATOR=LOW:HIGH"),
     ],
 )
 def test_what_cannot_be_planned(
@@ -196,7 +196,7 @@ def test_a_diagnosis_of_another_robot_is_refused(
     (tmp_path / "robot.toml").write_text(ARM)
     diagnosis = confounded / "out" / "diagnosis.json"
     assert call("excite", diagnosis, "--robot", tmp_path / "robot.toml", "--out", tmp_path / "x.csv") == 2
-    assert "its commands are not this robot's" in capsys.readouterr().err
+    assert "its commands are not those of this robot" in capsys.readouterr().err
 
 
 def spoilt(content: dict[str, Any]) -> None:
@@ -206,14 +206,14 @@ def spoilt(content: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda d: d.update(d.pop("model")), "schema is 'residual-mpc/model/1', a diagnosis ("),
-        (lambda d: d.update(schema="somebody/diagnosis/7"), "schema is 'somebody/diagnosis/7'"),
-        (lambda d: d.pop("schema"), "schema is None"),
-        (lambda d: d.pop("setup"), "does not say how its runs were driven"),
-        (lambda d: d["setup"].pop("period"), "how its runs were driven cannot be read"),
-        (lambda d: d.update(setup=7), "how its runs were driven cannot be read"),
-        (lambda d: d["setup"]["commands"].pop("left"), "its commands are not this robot's"),
-        (lambda d: d.update(robot="digger"), "a diagnosis of 'digger', not of"),
+        (lambda d: d.update(d.pop("model")), "schema must be 'residual-mpc/diagnosis/1', got 'residual-mpc/model/1'"),
+        (lambda d: d.update(schema="somebody/diagnosis/7"), "got 'somebody/diagnosis/7'"),
+        (lambda d: d.pop("schema"), "got None"),
+        (lambda d: d.pop("setup"), "does not record how its runs were driven"),
+        (lambda d: d["setup"].pop("period"), "how the runs were driven cannot be read"),
+        (lambda d: d.update(setup=7), "how the runs were driven cannot be read"),
+        (lambda d: d["setup"]["commands"].pop("left"), "its commands are not those of this robot"),
+        (lambda d: d.update(robot="digger"), "must be of 'rover', got one of 'digger'"),
         (lambda d: d.pop("explanation"), "its explanations cannot be read"),
         (lambda d: d.pop("model"), "its explanations cannot be read"),
         (lambda d: d.update(alternatives=[7]), "its explanations cannot be read"),

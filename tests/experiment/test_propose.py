@@ -66,4 +66,4 @@ def test_the_sensor_stands_in_the_proposal():
     said = {"parts": [], "what": "drive it twice", "commands": None}
     made = module.propose({"next_experiment": said, "remainder": depends("work")}, robot, "residual-mpc excite", 0)
     assert made.next_experiment["sensors"] == list(HOT)
-    assert made.next_experiment["what"] == f"drive it twice, and log {' and '.join(HOT)} besides"
+    assert made.next_experiment["what"] == f"drive it twice; also log {' and '.join(HOT)}"

@@ -160,5 +160,5 @@ def test_what_cannot_be_exported_is_refused_with_the_reason():
         augment(Closed(), {}, None, Build(DT))  # type: ignore[arg-type]
     with pytest.raises(BadInput, match="lacks"):
         augment(ROBOT, {Knob("command_delay", "rear", "delay"): 0.1}, None, Build(DT))
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(ValueError, match="must be > 0"):
         Build(0.0)

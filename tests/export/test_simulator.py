@@ -162,7 +162,7 @@ def test_an_mjcf_says_what_it_leaves_out(tmp_path: Path, capsys: pytest.CaptureF
     for effect in ("voltage_sag", "dead_zone", "load_dependent_friction"):
         assert f"left out: {effect}" in said.err
     assert "approximated: stribeck_friction" in said.err
-    assert "largest difference" in said.out and "from all that was diagnosed" in said.out
+    assert "largest difference" in said.out and "from the model with all diagnosed effects" in said.out
     apart = json.loads((tmp_path / "out" / "export.json").read_text())["largest_difference"]
     assert apart["largest"] < 0.02  # a lag is one filter of MuJoCo's, within half a step
     assert apart["from_all_effects"] > 2 * apart["largest"]
@@ -190,7 +190,7 @@ def test_the_rover_is_stepped_by_its_equation(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("period", "words"), [(0.0203, "no whole number of the model's steps"), (0.02, "of 'arm', not of 'leg'")]
+    ("period", "words"), [(0.0203, "multiple of the model's time step"), (0.02, "of 'leg', got one of 'arm'")]
 )
 def test_what_cannot_be_stepped_is_refused(tmp_path: Path, period: float, words: str) -> None:
     path = written(tmp_path, {})

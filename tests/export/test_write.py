@@ -107,7 +107,7 @@ def test_the_network_goes_out_to_onnx_and_back(tmp_path):
 
 
 def test_what_cannot_be_written_is_refused_with_the_reason(tmp_path):
-    with pytest.raises(BadInput, match="no network"):
+    with pytest.raises(BadInput, match="contains no network"):
         write_model(model("none"), "onnx", tmp_path, np.random.default_rng(0))
 
 

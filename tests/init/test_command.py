@@ -62,7 +62,7 @@ def test_json_is_one_object(folder: Path, tmp_path: Path, capsys: pytest.Capture
 def test_mended_runs_are_usable(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, mended = tmp_path / "arm.toml", tmp_path / "mended"
     _, said, guesses = call(capsys, "init", folder / "arm.xml", folder / "strange.csv", "--out", out)
-    assert "to mend in the log: write the column stamp_ms as 0.001 * stamp_ms" in guesses and "--mended" in said
+    assert "to correct in the log: write the column stamp_ms as 0.001 * stamp_ms" in guesses and "--mended" in said
     assert "0.001 * stamp_ms" in out.read_text()
     words = ("init", folder / "arm.xml", folder / "strange.csv", "--out", out, "--force", "--mended", mended)
     assert call(capsys, *words)[0] == 0
@@ -83,13 +83,13 @@ def test_a_robot_file_is_not_overwritten_unasked(
 @pytest.mark.parametrize(
     ("model", "run", "said"),
     [
-        ("absent.xml", "log.csv", "no such model"),
+        ("absent.xml", "log.csv", "model file not found"),
         ("log.csv", "log.csv", "does not compile"),
         ("broken.xml", "log.csv", "does not compile"),
-        ("arm.xml", "absent.csv", "no such file"),
-        ("arm.xml", "short.csv", "one sample"),
-        ("arm.xml", "timeless.csv", "can be the time"),
-        ("arm.xml", "else.csv", "no column fits a command of shoulder, elbow"),
+        ("arm.xml", "absent.csv", "file not found"),
+        ("arm.xml", "short.csv", "at least two samples, got one"),
+        ("arm.xml", "timeless.csv", "no time column was found"),
+        ("arm.xml", "else.csv", "no column matches a command of shoulder, elbow"),
         ("arm.xml", "arm.xml", ""),
     ],
 )
@@ -104,7 +104,7 @@ def test_what_cannot_be_used_is_one_message_and_nothing_written(
 def test_a_folder_that_is_not_there(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("init", folder / "arm.xml", folder / "log.csv", "--out", tmp_path / "new" / "robot.toml")
     status, _, err = call(capsys, *words)
-    assert status == 2 and "no such folder" in err and list(tmp_path.iterdir()) == []
+    assert status == 2 and "folder not found" in err and list(tmp_path.iterdir()) == []
 
 
 def test_a_data_set_of_lerobot(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -125,7 +125,7 @@ def test_a_data_set_of_lerobot(folder: Path, tmp_path: Path, capsys: pytest.Capt
     out = tmp_path / "arm.toml"
     status, said, guesses = call(capsys, "init", folder / "arm.xml", data / "file-000.parquet", "--out", out)
     assert status == 0 and said.rstrip().splitlines()[-2] == "usable"
-    assert "note: list columns are read one element at a time" in guesses
+    assert "note: list columns are split into their elements" in guesses
     assert '"command.elbow" = "action.elbow.pos"' in out.read_text()
     assert '"velocity.elbow" = "observation.state.elbow.vel"' in out.read_text()
     assert call(capsys, "check", "--robot", out, data / "file-000.parquet")[0] == 0

@@ -136,7 +136,7 @@ def test_a_turned_sensor_is_turned_back_with_its_rate(model: Path, recorded: pd.
     found = drafted(model, table)
     turned = {m.column for m in found.mends}
     assert turned == {"position.elbow", "velocity.elbow"} or turned == {"command.elbow"}
-    assert all(m.factor == -1.0 for m in found.mends) and "moves against" in " ".join(m.why for m in found.mends)
+    assert all(m.factor == -1.0 for m in found.mends) and "moves opposite to" in " ".join(m.why for m in found.mends)
 
 
 def test_a_zero_a_quarter_turn_away(model: Path, recorded: pd.DataFrame) -> None:

@@ -165,7 +165,7 @@ def test_feedback_is_kept_from_running_away():
 
 @pytest.mark.parametrize("spoil", [{"horizon": 1}, {"stride": 30}, {"costs": (1.0, 0.0)}, {"method": "adam"}])
 def test_settings_check_themselves(spoil):
-    with pytest.raises(ValueError, match="came"):
+    with pytest.raises(ValueError, match="must be"):
         StreamSettings(**spoil)
 
 

@@ -49,7 +49,7 @@ def refusal(path: Path) -> BadInput:
 def test_it_is_called_by_its_name(tmp_path: Path, name: str, content: bytes, format: str, remedy: str) -> None:
     (tmp_path / name).write_bytes(content)
     fault = refusal(tmp_path / name)
-    assert fault.what == f"this is {format}; a CSV or Parquet table was expected"
+    assert fault.what == f"must be a CSV or Parquet table, got {format}"
     assert remedy in fault.remedy and name in fault.where
 
 
@@ -76,12 +76,12 @@ def test_files_that_programs_wrote(tmp_path: Path) -> None:
         "a.tar.gz": "a compressed archive",
     }.items():
         fault = refusal(tmp_path / name)
-        assert fault.what.startswith(f"this is {format};") and fault.remedy, name
+        assert fault.what.endswith(f", got {format}") and fault.remedy, name
 
 
 def test_a_binary_file_that_nobody_knows(tmp_path: Path) -> None:
     (tmp_path / "a.dat").write_bytes(bytes(range(256)))
-    assert "this is a binary file of an unknown format" in refusal(tmp_path / "a.dat").what
+    assert "got a binary file of an unknown format" in refusal(tmp_path / "a.dat").what
 
 
 def test_a_compressed_table_is_still_a_table(tmp_path: Path) -> None:

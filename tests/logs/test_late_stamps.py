@@ -99,7 +99,7 @@ def test_check_says_how_late_stamps_are() -> None:
     assert not [f for f in findings if f.kind == "spikes"]
     (finding,) = [f for f in findings if f.kind == "late stamps"]
     assert finding.run == "run2" and finding.column == "t"
-    assert "late by about 3 ms" in finding.message.replace("2.9", "3").replace("3.1", "3")
+    assert "about 3 ms earlier" in finding.message.replace("2.9", "3").replace("3.1", "3")
 
 
 def test_jumps_are_credited_to_the_runs_that_have_them() -> None:

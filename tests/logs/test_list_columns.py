@@ -101,7 +101,7 @@ def test_the_likely_time_is_named_where_t_is_missing(tmp_path: Path) -> None:
 def test_ragged_lists_have_one_message(tmp_path: Path) -> None:
     ragged = [row[: 1 + (k != 7)] for k, row in enumerate(ACTION)]
     path = data_set(tmp_path, list(JOINTS), fixed=False, action=ragged)
-    with pytest.raises(BadInput, match="data row 8 of the list column 'action' has 1 element, the first has 2"):
+    with pytest.raises(BadInput, match="data row 8 of list column 'action' must have 2 elements .*, got 1"):
         read_runs([path], RobotFile("arm", "p", log=log(*JOINTS)))
 
 
@@ -128,5 +128,5 @@ def test_other_lists_stay_what_they_are(tmp_path: Path) -> None:
 
 def test_an_element_never_takes_the_name_of_another_column(tmp_path: Path) -> None:
     pd.DataFrame({"t": T, "action": list(ACTION), "action.0": T}).to_parquet(tmp_path / "a.parquet")
-    with pytest.raises(BadInput, match="'action.0' stands twice"):
+    with pytest.raises(BadInput, match="'action.0' appears twice"):
         read_recordings([tmp_path / "a.parquet"])

@@ -57,14 +57,14 @@ def test_it_moves_like_the_same_robot_in_mjcf(tmp_path: Path) -> None:
     ("tables", "said"),
     [
         ("", "no actuator"),
-        (SERVOS.replace("j2", "j3"), "names no joint"),
+        (SERVOS.replace("j2", "j3"), "does not match any joint"),
         (SERVOS.replace("position", "servo"), "one of position, velocity, motor"),
-        (SERVOS.replace("kp = 30\n", ""), "without kp does nothing"),
-        (SERVOS.replace("kp = 30", "kp = -30"), "not negative"),
-        (SERVOS.replace("kp = 30", 'kp = "stiff"'), "not negative"),
+        (SERVOS.replace("kp = 30\n", ""), "needs kp > 0"),
+        (SERVOS.replace("kp = 30", "kp = -30"), "kp must be a number >= 0, got -30"),
+        (SERVOS.replace("kp = 30", 'kp = "stiff"'), "kp must be a number >= 0, got 'stiff'"),
         (SERVOS.replace("limit", "limits"), "id you mean 'limit'"),
-        ('actuator = "j1"\n', "tables headed [actuator.<joint>]"),
-        ("[actuator]\nj1 = 3\n", "a table was wanted"),
+        ('actuator = "j1"\n', "tables [actuator.<joint>]"),
+        ("[actuator]\nj1 = 3\n", "must be a table, got 3"),
     ],
 )
 def test_what_is_declared_wrongly_is_refused(tmp_path: Path, tables: str, said: str) -> None:

@@ -152,7 +152,7 @@ def _effects() -> dict[str, Any]:
                 "probability": 0.97,
                 "parameters": {"delay": {"value": 0.081, "ci95": [0.078, 0.084], "unit": "s"}},
                 "evidence": ["fits", "predicts", "survives"],
-                "note": "rests on the bound of what is tried",
+                "note": "at the bound of its search range",
             }
         ],
         "candidates": _candidates(),
@@ -274,7 +274,7 @@ def _depends(on: str, kind: str, of: str | None, form: str, repeats: int | None)
         "form": form,
         "share": 0.62,
         "by_chance": 0.04,
-        "alike": [] if repeats else ["how much the motors have done in the run"],
+        "alike": [] if repeats else ["the accumulated motor activity in the run"],
         "curve": {
             "component": "position.elbow",
             "x": x,

@@ -195,17 +195,17 @@ def test_the_badge_says_the_verdict(verdict, badge):
 def test_every_horizon_has_a_row_and_one_that_the_fit_has_seen_is_marked():
     text = " ".join(Page(compose(document("effects"), evidence("effects"))).text.split())
     assert "By horizon" in text and "30 s * 0.09 0.031 0.02" in text
-    assert "* At 30 s no whole window could be held out" in text and "The channels over 5 s" in text
+    assert "* At 30 s no whole window could be held out" in text and "Channels over 5 s" in text
     assert "By horizon" not in Page(compose(document("partial"), evidence("partial"))).text  # an older document
 
 
 def test_the_forecast_of_constant_velocity_is_a_line_and_a_warning():
     page = compose(document("partial"), evidence("partial"))
-    assert "forecast of constant velocity from the same start states: 0.38" in page and 'style="--at:42.2%"' in page
+    assert "constant-velocity forecast from the same start states: 0.38" in page and 'style="--at:42.2%"' in page
     assert "The nominal and the final model predict worse" in Page(page).text
     without = document("partial")
     del without["gap"]["constant_velocity"]
-    assert "forecast of constant velocity" not in compose(without, evidence("partial"))
+    assert "constant-velocity forecast" not in compose(without, evidence("partial"))
 
 
 def test_an_effect_in_doubt_is_a_possibility_and_says_what_supports_it():
@@ -213,8 +213,8 @@ def test_an_effect_in_doubt_is_a_possibility_and_says_what_supports_it():
     assert "Possibly actuator wrist delivers" in text and "Begins 31 s into run1." in text
     assert "Is found whichever run" not in text
     named = Page(compose(document("effects"), evidence("effects"))).text
-    assert "Fits better beyond doubt, predicts held-out runs better and is found whichever run is left out." in named
-    assert "Rests on the bound of what is tried." in named
+    assert "Fits significantly better, predicts held-out runs better and is found whichever run is left out." in named
+    assert "At the bound of its search range." in named
 
 
 EPOCH = 1_760_000_000.0  # s

@@ -119,7 +119,7 @@ def test_clauses_fit_arms_and_wheels(effect, target, parameters, text):
 def test_a_fitted_law_is_told_from_an_effect_with_a_name():
     law = {"effect": "fitted_law", "target": "j2", "on": "the speed of j2",
            "parameters": {"values": {"value": [0.1, -0.2], "unit": "N m"}}}  # fmt: skip
-    assert sentence_of(law) == "a law in the speed of j2, fitted to the runs, corrects j2"
+    assert sentence_of(law) == "a function of the speed of j2, fitted to the runs, corrects j2"
 
 
 def test_people_are_written_with_a_capital():
@@ -128,12 +128,12 @@ def test_people_are_written_with_a_capital():
 
 def test_what_supports_an_effect_in_words():
     entry = {"evidence": ["fits", "survives"], "since": {"run": "one", "t": 131.0}, "by_run": {"one": 0.8, "two": 0.9},
-             "note": "rests on the bound of what is tried"}  # fmt: skip
+             "note": "at the bound of its search range"}  # fmt: skip
     assert [plain(text) for text in remarks(entry, lambda run, t: t - 100.0)] == [
-        "fits better beyond doubt and is found whichever run is left out",
+        "fits significantly better and is found whichever run is left out",
         "begins 31 s into one",
         "by run: one 0.8, two 0.9",
-        "rests on the bound of what is tried",
+        "at the bound of its search range",
     ]
     assert remarks({"effect": "payload"}, lambda run, t: t) == []
 
@@ -148,15 +148,15 @@ def test_units_as_they_are_printed(unit, text, label):
 
 def test_the_verdict_in_one_sentence():
     assert plain(sentence(document("effects"))) == (
-        "Commands take effect 81 ms late; adding that delay to the model removes 86 % of the gap on held-out runs."
+        "Commands take effect 81 ms late; adding this delay to the model removes 86 % of the gap on held-out runs."
     )
     partial = plain(sentence(document("partial")))
     assert partial.endswith(
         "removes 38 % of the gap on held-out parts of the runs and leaves 20 times the noise floor unexplained."
     )
     assert plain(sentence(document("unknown"))) == (
-        "Over 1 s the model misses 21 % of the motion, 10 times the noise floor, and no known effect explains it "
-        "beyond doubt; a learned residual removes 55 % of it."
+        "Over 1 s the model misses 21 % of the motion, 10 times the noise floor, and no effect in the library explains "
+        "a significant part of it; a learned residual removes 55 % of it."
     )
     assert sentence(document("no_gap")).endswith("there is no gap to explain.")
     with pytest.raises(KeyError):
@@ -190,7 +190,7 @@ def test_no_gain_on_held_out_runs_is_said():
     worse = document("partial")
     worse["shrink"] |= {"value": -0.04}
     assert "does not reduce the gap on held-out parts of the runs" in sentence(worse)
-    assert "on the runs that were fitted" in sentence(document("effects") | {"held_out": []})
+    assert "on the runs used in the fit" in sentence(document("effects") | {"held_out": []})
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_no_gain_on_held_out_runs_is_said():
         ({"horizon": 1.0, "before": 0.12, "after": 0.12, "noise_floor": 0.02, "windows": 1}, False,
          "gap at 1 s: 0.12 (noise floor 0.02), 1 window"),
         ({"horizon": 30.0, "nominal": 0.12, "model": 0.03, "noise_floor": 0.0213, "held_out": False}, True,
-         "gap at 30 s: 0.12 -> 0.03 (noise floor 0.021), seen by the fit"),
+         "gap at 30 s: 0.12 -> 0.03 (noise floor 0.0213), not held out"),
         ({"horizon": 1.0, "nominal": 0.12, "model": None, "noise_floor": 0.02}, True,
          "gap at 1 s: 0.12 (noise floor 0.02)"),
     ],
@@ -212,15 +212,15 @@ def test_a_horizon_in_one_line(gap, explained, text):
 
 def test_a_model_that_is_worse_than_constant_velocity_is_said():
     gap = {"nominal": 0.6, "before": 0.5, "after": 0.3, "noise_floor": 0.02, "horizon": 1.0, "constant_velocity": 0.38}
-    nothing = "a forecast of constant velocity (0.38): its figures say nothing about these runs."
+    nothing = "a constant-velocity forecast (0.38), so its figures are not meaningful for these runs."
     assert warnings(gap, True) == [f"The nominal model predicts worse than {nothing}"]
     assert warnings(gap | {"after": 0.4}, True)[0].startswith("The nominal and the final model predict worse")
     assert warnings(gap, False) == [f"This model predicts worse than {nothing}"]
     assert warnings(gap | {"constant_velocity": 0.7}, True) == []
     small = {"nominal": 0.1, "before": 0.1, "noise_floor": 0.02, "horizon": 1.0, "constant_velocity": 0.08}
-    assert warnings(small, False) == ["This model predicts worse than a forecast of constant velocity (0.08)."]
+    assert warnings(small, False) == ["This model predicts worse than a constant-velocity forecast (0.08)."]
     assert warnings({"nominal": 4080.0, "model": None, "noise_floor": 0.1, "horizon": 1.0}, True) == [
-        "The nominal model diverges to 4080 times the motion itself: a model that stands still would do better."
+        "The nominal model diverges to 4080 times the motion itself: a model that predicts no motion would be better."
     ]
 
 
@@ -228,7 +228,7 @@ def test_a_few_windows_that_rule_the_gap_are_said():
     quantiles = {"p50": 0.06, "p90": 0.3, "max": 5.0}
     gap = {"horizon": 1.0, "before": 0.5, "after": 0.35, "noise_floor": 0.02, "window_gaps": {"after": quantiles}}
     assert few_windows(gap, True) == (
-        "A few windows dominate the gap at 1 s: half of the windows are below 0.06, the largest is at 5."
+        "A few windows dominate the gap at 1 s: the median over the windows is 0.06, the maximum 5."
     )
     assert few_windows(gap, False) == "" and few_windows(gap | {"after": 0.1}, True) == ""
 
@@ -245,12 +245,12 @@ def test_a_group_in_words():
 
 def test_what_is_left_in_words():
     assert plain(rest_sentence(document("unknown")["remainder"])) == (
-        "The remaining error is mainly in elbow in slow motion and depends on the angle of elbow (62 % of it, 12 times "
+        "The remaining error is mainly in elbow at low speed and depends on the angle of elbow (62 % of it, 12 times "
         "per revolution), consistent with motor cogging or gear teeth. Viscous friction of elbow would close 31 % of "
-        "it, but the runs do not show it beyond doubt."
+        "it, but the evidence was insufficient to name it."
     )
     nothing = plain(rest_sentence(document("partial")["remainder"]))
-    assert "depends on nothing that was logged; it comes in bursts: half of it falls in 12 % of the time." in nothing
+    assert "depends on no logged quantity; it comes in bursts: half of it occurs in 12 % of the time." in nothing
 
 
 def test_an_effect_that_closes_most_and_is_not_named_comes_with_the_reason():
@@ -258,17 +258,17 @@ def test_an_effect_that_closes_most_and_is_not_named_comes_with_the_reason():
     why = "the search stopped before it."
     near = rest | {"resembles": {"effect": "command_delay", "target": None, "closes": 1.0, "why": why}}
     assert plain(rest_sentence(near)).endswith(
-        "Command delay would close 100 % of it, but the runs do not show it beyond doubt: the search stopped before it."
+        "would close 100 % of it, but the evidence was insufficient to name it: the search stopped before it."
     )
     near["resembles"]["closes"] = 0.31
-    assert rest_sentence(near).endswith("but the runs do not show it beyond doubt.")
+    assert rest_sentence(near).endswith("but the evidence was insufficient to name it.")
     assert "would close" not in rest_sentence(rest | {"resembles": None})
 
 
 def test_a_curve_over_a_speed_is_one_sided_where_its_halves_differ():
     odd = {"kind": "turning", "curve": {"x": [-1.0, 0.0, 1.0], "y": [-0.5, 0.0, 0.5]}}
     weak = {"kind": "turning", "curve": {"x": [-1.0, 0.0, 1.0], "y": [0.0, 0.0, -0.5]}}
-    assert not hint_of(odd) and "one side" in hint_of(weak)
+    assert not hint_of(odd) and "asymmetry" in hint_of(weak)
 
 
 def test_a_slow_effect_is_quoted_over_the_horizon_that_shows_it() -> None:

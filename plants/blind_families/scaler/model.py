@@ -92,7 +92,7 @@ def compiled(truth: ArmTruth, nominal: ScalerArm) -> mujoco.MjModel:
     Raises ValueError for a link mass elsewhere than at the forearm.
     """
     if np.delete(truth.link_mass, FOREARM).any() or np.delete(truth.link_com, FOREARM).any():
-        raise ValueError(f"masses {truth.link_mass} kg came, link {CARRIED[FOREARM]} alone can have one")
+        raise ValueError(f"only link {CARRIED[FOREARM]} can have an added mass, got {truth.link_mass} kg")
     spec = mujoco.MjSpec.from_string(mjcf(nominal.arm, Options(timestep=STEP, motors=False)))
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     for i, motor in enumerate(MOTORS):

@@ -34,11 +34,11 @@ TASK = ("task.x", "task.y", "task.z")  # m/s, what a correction adds to the tool
 TURN = ("turn.x", "turn.y", "turn.z")  # the gripper against home: sine of the angle times its axis
 ON_MOTORS: tuple[Site, ...] = ("command", "strength", "damping", "dry friction", "friction")
 WEIGHS: tuple[Site, ...] = ("tool", "link")
-NO_GEAR = "this step has no motor side of a gear that could part from the link"
+NO_GEAR = "this step does not model the motor side of a gear separately"
 LEFT_OUT: Mapping[str, str] = {
-    "limit": "a limit of torque shows in how fast the arm gathers speed, and this step has no inertia",
+    "limit": "this step has no inertia, so a torque limit has no effect",
     "rotor": "this step has no inertia",
-    "length": "this step closes the five-bar with the lengths that the arm is built with",
+    "length": "this step solves the five-bar linkage with the nominal lengths",
     "spring": NO_GEAR,
     "play": NO_GEAR,
 }
@@ -103,7 +103,7 @@ class ArmStep:
             signals[RATES[i]] = rate
         added = dict(correction(signals)) if correction is not None else {}
         if set(added) - set(self.options.corrected):
-            raise KeyError(f"a correction adds to {sorted(added)}; the arm's step has {self.options.corrected}")
+            raise KeyError(f"a correction may add only to {self.options.corrected}, got {sorted(added)}")
         for s in self.options.corrected:
             held = now[f"offset.{s}"]
             new[f"offset.{s}"] = held + dt * added[s] if s in added else held
@@ -211,15 +211,15 @@ def arm_step(
     Raises BadInput for settings of several rows, or a signal that the step does not have.
     """
     if settings.rows != 1:
-        raise BadInput(f"settings of {settings.rows} rows", name, "one step has one set of values")
+        raise BadInput(f"a step needs settings with one row, got {settings.rows}", name)
     unknown = {*options.remember} | ({*options.corrected} - {*TASK}) | ({*options.disturbances} - {*RATES})
     if unknown:
         raise BadInput(
-            f"no such signal: {', '.join(sorted(unknown))}", name, f"a correction adds to {', '.join(TASK)}, unknown "
-            f"constants to {', '.join(RATES)}, and nothing is remembered",
+            f"unknown signal {', '.join(sorted(unknown))}", name, f"corrections may use {', '.join(TASK)}, "
+            f"disturbances {', '.join(RATES)}, and no signal can be remembered",
         )  # fmt: skip
     numbers = _tuned(arm, settings)
-    left_out = [f"{n}: only what the servos, the frictions and the masses are is part of this step"
+    left_out = [f"{n}: only servo, friction and mass parameters are part of this step"
                 for n in settings.tuned if n not in {x.parameter for x in numbers}]  # fmt: skip
     live = sorted((e for e in settings.effects if BY_NAME[e].stage != "sensor"), key=ORDER.__getitem__)
     hosted = []
@@ -234,7 +234,7 @@ def arm_step(
             for slot, v in zip(targets, settings.effects[effect][q.name][0], strict=True):
                 if place in ON_MOTORS and slot not in MOTORS:
                     if v != q.null and not q.shape:
-                        left_out.append(f"{effect} [{slot}]: a joint without a motor follows the others")
+                        left_out.append(f"{effect} [{slot}]: a passive joint follows the others")
                     continue
                 numbers.append(Number(effect, "" if slot == name else slot, q.name, float(v), q.unit))
     effects = {e: settings.effects[e] for e in hosted}

@@ -19,7 +19,7 @@ class Sticking:
 
     def __post_init__(self) -> None:
         if not (np.all(np.asarray(self.slip) >= 0) and np.all(np.asarray(self.stick) >= self.slip)):
-            raise ValueError(f"stick {self.stick} and slip {self.slip} came, 0 <= slip <= stick was wanted")
+            raise ValueError(f"slip and stick must satisfy 0 <= slip <= stick, got {self.slip} and {self.stick}")
 
 
 @dataclass(frozen=True)

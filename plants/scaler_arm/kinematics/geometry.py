@@ -81,10 +81,10 @@ class Arm:
         seen = {"body"}
         for joint in self.joints:
             if joint.parent not in seen:
-                raise ValueError(f"joint {joint.name!r} hangs on {joint.parent!r}, which does not come before it")
+                raise ValueError(f"joint {joint.name!r} must come after its parent {joint.parent!r}")
             seen.add(joint.name)
         if len(self.limits) != len(MOTORS) or any(low >= high for low, high in self.limits):
-            raise ValueError(f"limits {self.limits} came, one (low, high) for each of {MOTORS} was wanted")
+            raise ValueError(f"limits must be one (low, high) for each of {MOTORS}, got {self.limits}")
 
     def joint(self, name: str) -> Joint:
         """The joint of that name. Raises KeyError."""

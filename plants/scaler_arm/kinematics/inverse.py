@@ -77,7 +77,7 @@ class Unreachable(BadInput):
         self.index, self.tool, self.off, self.angles, self.beyond = index, tool, off, angles, beyond
         limits = dict(zip(MOTORS, arm.limits, strict=True))
         needs = "; ".join(
-            f"needs {m} = {angles[MOTORS.index(m)]:.3f} rad, allowed are {limits[m][0]} to {limits[m][1]}"
+            f"needs {m} = {angles[MOTORS.index(m)]:.3f} rad, allowed range {limits[m][0]} to {limits[m][1]}"
             for m in beyond
         )
         x, y, z = tool
@@ -85,7 +85,7 @@ class Unreachable(BadInput):
             f"tool pose {index} at ({x:.4f}, {y:.4f}, {z:.4f}) m "
             + (f"is out of reach by {off:.3g} m" if off > NEAR else needs),
             "inverse kinematics",
-            "move the motion towards the middle of the workspace, or make it smaller",
+            "move the motion towards the centre of the workspace, or reduce its size",
         )
 
 

@@ -37,13 +37,15 @@ def joints_at(at: Reading, arm: Arm) -> Joints:
     settable = CHANNELS[: 2 * len(MOTORS)]
     unknown = sorted(set(at) - set(settable))
     if unknown:
-        raise BadInput(f"{', '.join(unknown)} came as a start", "scaler_arm", f"it starts from {', '.join(settable)}")
+        raise BadInput(
+            f"unknown channels in the start: {', '.join(unknown)}", "scaler_arm", f"use {', '.join(settable)}"
+        )
     q = np.array([at.get(f"position.{m}", 0.0) for m in MOTORS], dtype=np.float64)
     v = np.array([at.get(f"velocity.{m}", 0.0) for m in MOTORS], dtype=np.float64)
     for motor, angle, (low, high) in zip(MOTORS, q, arm.limits, strict=True):
         if not low - 1e-9 <= angle <= high + 1e-9:
-            remedy = f"keep it within {low} and {high} rad"
-            raise BadInput(f"position.{motor} = {angle} as a start", "scaler_arm", remedy)
+            what = f"position.{motor} must start between {low} and {high} rad, got {angle}"
+            raise BadInput(what, "scaler_arm")
     return closed(q, v, arm)
 
 

@@ -32,7 +32,7 @@ class Wheel:
         positive = (self.radius, self.mass, self.gain, self.torque, self.armature, self.stribeck)
         others = (self.grip, self.lag, self.static, self.kinetic)
         if not (all(np.isfinite(v) and v > 0 for v in positive) and all(np.isfinite(v) and v >= 0 for v in others)):
-            raise BadInput(f"{self} cannot be built", "wheel", "sizes are positive, frictions and lag 0 or more")
+            raise BadInput(f"sizes must be > 0, frictions and lag >= 0, got {self}", "wheel")
 
     @property
     def plain(self) -> bool:
@@ -54,12 +54,11 @@ class Geometry:
 
     def __post_init__(self) -> None:
         if not (self.track > 0 and self.mass > 0 and min(self.box) > 0 and self.castor[1] > 0):
-            raise BadInput(f"{self} cannot be built", "geometry", "lengths and masses are positive")
+            raise BadInput(f"lengths and masses must be > 0, got {self}", "geometry")
         if not self.castor[0] < self.centre[0] < 0.0:
             raise BadInput(
-                f"the centre of mass is at x = {self.centre[0]} m",
+                f"the centre of mass must lie between the axle and the castor, got x = {self.centre[0]} m",
                 "geometry",
-                "between the axle and the castor it stands",
             )
 
     @property

@@ -41,7 +41,7 @@ def program(given: str, own: str) -> list[str]:
     words = shlex.split(given) if given else [str(installed), *own.split()]
     found = shutil.which(words[0])
     if found is None:
-        raise BadInput(f"the program {words[0]!r} is not found", "--command", "Give its path, or install it")
+        raise BadInput(f"program {words[0]!r} not found", "--command", "give its path, or install it")
     return [str(Path(found).absolute()), *words[1:]]
 
 

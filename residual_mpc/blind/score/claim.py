@@ -41,7 +41,7 @@ def read_claim(path: Path) -> Claim:
     try:
         return claim_of(json.loads(path.read_text()))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise BadInput(f"this is no diagnosis ({error!r})", str(path), "See the contract of diagnosis.json") from None
+        raise BadInput(f"not a valid diagnosis ({error!r})", str(path), "see the format of diagnosis.json") from None
 
 
 def claim_of(document: Mapping[str, Any]) -> Claim:

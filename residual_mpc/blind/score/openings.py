@@ -36,5 +36,5 @@ def read_openings(ledger: Path) -> tuple[Opening, ...]:
         return tuple(Opening(**json.loads(line)) for line in ledger.read_text().splitlines() if line.strip())
     except (ValueError, TypeError) as error:
         raise BadInput(
-            f"a line of the ledger is broken ({error})", str(ledger), "Restore it from version control"
+            f"the ledger contains an invalid line ({error})", str(ledger), "restore it from version control"
         ) from None

@@ -61,7 +61,7 @@ def _run_record(result: Path) -> tuple[float | None, str]:
     try:
         record = json.loads((result / "run.json").read_text())
     except (OSError, ValueError):
-        return None, "was not run"
+        return None, "not run"
     return float(record["seconds"]), "" if record["status"] == "done" else str(record["status"])
 
 

@@ -51,18 +51,18 @@ def figures(scores: Scores) -> list[tuple[str, list[str]]]:
         row(f"right, {level.replace('_', ' ')}", [percent(s.by_level[level]) for s in every])
     for family in every[0].by_family:
         row(f"right, {family}", [percent(s.by_family[family]) for s in every])
-    row("target right, among the right", [percent(s.target_right) for s in every])
-    row("false alarms, where there is no gap", [percent(s.false_alarms) for s in every])
-    row("unknown or partial, where no candidate is the cause", [percent(s.unknown_said) for s in every])
-    row("unknown, where a candidate is", [percent(s.unknown_wrongly) for s in every])
-    row("true value inside its 95 % interval", [percent(s.interval_coverage) for s in every])
-    row("parameter error, median", [number(s.parameter_error) for s in every])
-    row("shrink achieved inside its expected interval", [percent(s.shrink_coverage) for s in every])
-    row("shrink, mean distance from expected", [number(s.shrink_error) for s in every])
+    row("target right, among right answers", [percent(s.target_right) for s in every])
+    row("false alarms on cases without a gap", [percent(s.false_alarms) for s in every])
+    row("unknown or partial if the library lacks the cause", [percent(s.unknown_said) for s in every])
+    row("unknown if the library has the cause", [percent(s.unknown_wrongly) for s in every])
+    row("true value inside the 95 % interval", [percent(s.interval_coverage) for s in every])
+    row("median parameter error", [number(s.parameter_error) for s in every])
+    row("achieved shrink inside the expected interval", [percent(s.shrink_coverage) for s in every])
+    row("mean difference of achieved and expected shrink", [number(s.shrink_error) for s in every])
     row("calibration error of the probabilities", [number(calibration_error(s.bins)) for s in every])
-    row("size of the groups in right answers, mean", [number(s.group_size) for s in every])
-    row("a group reported that holds the truth, confounded", [percent(s.group_reported) for s in every])
-    row("seconds a case, median", [number(s.seconds) for s in every])
+    row("mean group size in right answers", [number(s.group_size) for s in every])
+    row("confounded cases with a group that holds the cause", [percent(s.group_reported) for s in every])
+    row("median seconds per case", [number(s.seconds) for s in every])
     row("cases without a diagnosis", [str(_failed(s)) for s in every])
     return rows
 
@@ -72,19 +72,22 @@ def settled(scores: Scores) -> list[tuple[str, str]]:
     e = scores.experiments
     if e is None:
         return []
-    rows = [("groups resolved by the experiment", e.groups), ("of these, groups that hold the cause", e.groups_holding)]
+    rows = [
+        ("groups resolved by the experiment", e.groups),
+        ("of these, groups with the cause among them", e.groups_holding),
+    ]
     rows += [(f"groups resolved, {name.replace('_', ' ')}", r) for name, r in e.by_effects.items()]
     rows += [
-        ("groups that stayed", e.stayed),
+        ("groups not resolved", e.stayed),
         ("groups whose second answer is wrong", e.became_wrong),
         ("groups whose experiment failed", e.failed),
-        ("close rivals resolved", e.rivals),
-        ("of these, pairs that hold the cause", e.rivals_holding),
-        ("right before, of the cases with an experiment", e.right_before),
-        ("right after", e.right_after),
+        ("close alternatives resolved", e.rivals),
+        ("of these, pairs with the cause among them", e.rivals_holding),
+        ("right before the experiment", e.right_before),
+        ("right after the experiment", e.right_after),
         ("right after without exchanging group members", e.named_after),
-        ("right before, where no candidate is the cause", e.lacking_before),
-        ("right after, where no candidate is the cause", e.lacking_after),
+        ("right before if the library lacks the cause", e.lacking_before),
+        ("right after if the library lacks the cause", e.lacking_after),
     ]
     return [(name, percent(r)) for name, r in rows if r.count]
 

@@ -32,7 +32,7 @@ def levels_plot(summaries: Sequence[Summary]) -> str:
         axes.errorbar(at, values, np.abs(ends - values), fmt="none", ecolor="#1a202c", capsize=2, lw=0.9)
     axes.set_xticks(range(len(names)), [n.replace("_", " ") for n in names])
     axes.set_ylim(0, 1.02)
-    axes.set_ylabel("share right")
+    axes.set_ylabel("share of right answers")
     axes.legend(frameon=False, ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0))
     return _svg(figure)
 
@@ -44,7 +44,7 @@ def reliability_plot(summary: Summary) -> str:
     for b in summary.bins:
         axes.scatter(b.stated, b.seen, s=12 + 4 * b.count**0.6, color=_COLOURS[0])
         axes.annotate(str(b.count), (b.stated, b.seen), textcoords="offset points", xytext=(6, -8), fontsize=7)
-    axes.set(xlim=(-0.03, 1.05), ylim=(-0.05, 1.05), xlabel="stated probability", ylabel="share true")
+    axes.set(xlim=(-0.03, 1.05), ylim=(-0.05, 1.05), xlabel="stated probability", ylabel="observed frequency")
     return _svg(figure)
 
 

@@ -118,7 +118,9 @@ def _record(case: Path) -> dict[str, Any]:
     try:
         record: dict[str, Any] = json.loads((case / RECORD).read_text())
     except (OSError, ValueError):
-        raise BadInput("no experiment was carried out here", str(case), "Run `residual-mpc blind experiment`") from None
+        raise BadInput(
+            "this folder contains no experiment", str(case), "run `residual-mpc blind experiment` first"
+        ) from None
     return record
 
 

@@ -39,7 +39,9 @@ def score_suite(
     suite = read_suite(folder)
     for name, place in results.items():
         if not place.is_dir():
-            raise BadInput(f"no diagnoses of {name} here", str(place), "Run `residual-mpc blind run` first")
+            raise BadInput(
+                f"this folder contains no diagnoses of {name}", str(place), "run `residual-mpc blind run` first"
+            )
     version = program_version()
     if suite.seeds == "test":
         ran = sorted({v for place in results.values() for v in _versions(place)})

@@ -155,9 +155,9 @@ def build_dataset(
         first += n
     if not first:
         raise BadInput(
-            f"none of {skipped} windows has a measured start",
+            f"none of {skipped} windows has a measured start state",
             "runs",
-            "every measured position or pose needs a sample within 0.25 s of it: see `residual-mpc check`",
+            "every measured position or pose needs a sample within 0.25 s of its start; run `residual-mpc check`",
         )
     run, start = np.concatenate(index), np.concatenate(starts)
     t, y = _samples(runs, run, start, channels, signals, horizon)

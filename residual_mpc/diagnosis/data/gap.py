@@ -63,7 +63,7 @@ def measure_scales(data: Dataset) -> Scales:
     if still.all():
         names = ", ".join(c for c, k in zip(data.channels, compared, strict=True) if k)
         raise BadInput(
-            f"nothing moves by more than its noise and resolution within a window of {data.horizon:g} s: {names}",
+            f"no channel moves by more than its noise and resolution within a window of {data.horizon:g} s: {names}",
             "runs",
             "record a motion, or give a longer --horizon",
         )

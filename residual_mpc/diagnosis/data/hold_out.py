@@ -101,8 +101,8 @@ def held_out_mask(data: Dataset, kept: Sequence[KeptBack]) -> np.ndarray:
         mask |= mine
     if kept and (mask.all() or not mask.any()):
         raise BadInput(
-            f"{int(mask.sum())} of {data.count} windows would be held out",
+            f"some but not all windows must be held out, got {int(mask.sum())} of {data.count}",
             "--held-out",
-            "hold some back and leave some to fit",
+            "hold out some windows and leave some for the fit",
         )
     return mask

@@ -48,9 +48,9 @@ def describe(
     """answered: told the answer before the extras are computed."""
     answered(_diagnosis(validated, Extras()))
     found, of, settings = validated.gaps, validated.explanation, validated.options.settings
-    progress("describing the remaining error", 0.9)
+    progress("analysing the remaining error", 0.9)
     learned, rest = _left(found, rng, learners, settings)
-    progress("sharing the gap among the stages", 0.94)
+    progress("attributing the gap to the stages", 0.94)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
     final = of.final if found.helps else None
     steps, stages = staged(

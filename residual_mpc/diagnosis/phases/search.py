@@ -48,13 +48,13 @@ def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progr
         data, gap, floor = _seen_over(data, scales, found, prepared, rng)
         more = None
         if _worth_searching(data, gap, floor, options):
-            progress(f"searching over {data.horizon:g} s", 0.5)
+            progress(f"searching over windows of {data.horizon:g} s", 0.5)
             more = _on(prepared, data, scales, found, rng, lambda text, done: None)
         if more is not None and more.steps:
             found, windows = more, [(data, scales)]
         elif gap.total < options.phases.near * floor.total and data.cost <= options.final_steps:
             windows.append((data, scales))  # these sharpen the numbers of the last fit
-    progress("comparing with rival explanations", 0.6)
+    progress("comparing with alternative explanations", 0.6)
     rivalry = _rivals_that_hold(prepared, found)
     by_noise = reweigh(first.problem, first.problem.data.sigma)
     untestable = not_testable(by_noise, first.base, rivalry.fit.terms, settings=settings.search)

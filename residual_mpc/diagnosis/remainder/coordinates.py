@@ -45,7 +45,7 @@ def coordinates(data: Dataset, predicted: np.ndarray, settings: RemainderSetting
                 Coordinate(f"the position of {joint}", "position", joint, "rad", q),
                 Coordinate(f"the angle of {joint}", "angle", joint, "rad", q, turn=2.0 * np.pi),
                 Coordinate(
-                    f"the last direction of {joint}", "direction", joint, "", _last_direction(v, settings=settings)
+                    f"the direction of motion of {joint}", "direction", joint, "", _last_direction(v, settings=settings)
                 ),
             ]
     out += _commands(data, settings=settings)
@@ -77,8 +77,8 @@ def _planar_motion(data: Dataset, predicted: np.ndarray) -> list[Coordinate]:
         Coordinate("the turning rate", "turning", None, "rad/s", turning),
         Coordinate("speed times turning rate", "cornering", None, "m/s^2", ahead * turning),
         Coordinate("the heading", "heading", None, "rad", np.nan_to_num(theta), turn=2.0 * np.pi),
-        Coordinate("the place along x", "place", "pose.x", "m", np.nan_to_num(x)),
-        Coordinate("the place along y", "place", "pose.y", "m", np.nan_to_num(y)),
+        Coordinate("the x position", "place", "pose.x", "m", np.nan_to_num(x)),
+        Coordinate("the y position", "place", "pose.y", "m", np.nan_to_num(y)),
     ]
 
 
@@ -134,7 +134,7 @@ def _slow(data: Dataset) -> list[Coordinate]:
     every = np.broadcast_to(data.run[:, None], data.t.shape).astype(float)
     out = [
         Coordinate("the time in the run", "time", None, "s", _at_samples(data, since)),
-        Coordinate("how much the motors have done in the run", "work", None, "", _at_samples(data, work)),
+        Coordinate("the accumulated motor activity in the run", "work", None, "", _at_samples(data, work)),
     ]
     if len(data.runs) > 1:
         out.append(Coordinate("the run", "run", None, "", every))

@@ -21,7 +21,7 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Term
 
 T95 = 1.96
-AT_BOUND = "rests on the bound of what is tried"
+AT_BOUND = "at the bound of its search range"
 
 
 def causes_of(
@@ -124,7 +124,7 @@ def _note(held: bool, apart: bool) -> str:
     if held:
         return AT_BOUND
     if apart:
-        return "two fits from different starts end apart and are equally good"
+        return "two fits from different starts differ and are equally good"
     return ""
 
 

@@ -38,40 +38,39 @@ def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSetting
     if found.useless:
         said.append(
             f"The model is unusable for these runs: over {first.horizon:g} s it predicts worse "
-            f"({found.left.total:.2g}) than a forecast of constant velocity ({found.constant_velocity:.2g}), with or "
+            f"({found.left.total:.2g}) than a constant-velocity forecast ({found.constant_velocity:.2g}), with or "
             "without the effects that were tried."
         )
     elif first.nominal.total > max(found.constant_velocity, settings.gaps.useless):
         said.append(
-            f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a forecast of "
-            f"constant velocity ({found.constant_velocity:.2g})."
+            f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a constant-velocity "
+            f"forecast ({found.constant_velocity:.2g})."
         )
     if of.doubtful:
         said.append(
-            f"{', '.join(map(str, of.doubtful))} helped on the windows of the search; on all of them the numbers "
-            "cannot be told from none."
+            f"{', '.join(map(str, of.doubtful))} improved the fit on the windows of the search, but on all windows the "
+            "size is not significantly different from zero."
         )
     if of.vetoed:
         said.append(
-            f"{', '.join(map(str, of.vetoed))} would close the gap of the pose, but contradicts what the wheels' "
-            "encoders read."
+            f"{', '.join(map(str, of.vetoed))} would reduce the gap of the pose, but contradicts the wheel encoders."
         )
     if not of.held.any():
-        said.append("The runs are too short to keep windows back: every figure is on windows that the fit has seen.")
+        said.append("The runs are too short to hold out windows: all figures are on windows used in the fit.")
     if of.raw.skipped:
         said.append(
             f"{of.raw.skipped} windows were skipped: a measured channel has no sample within 0.25 s of their start."
         )
     if of.outliers.count and not of.with_outliers:
-        said.append(f"{of.outliers.count} samples jump away; they are left out of the fit, not of the gap.")
+        said.append(f"{of.outliers.count} samples are outliers; they are excluded from the fit but not from the gap.")
     for knob, rests in zip(of.final.knobs, of.final.held, strict=True):
         if rests and (knob.effect == TUNE or knob.term in of.final.terms):
             what = knob.parameter if knob.effect == TUNE else f"{knob.parameter} of {knob.term}"
             said.append(
-                f"{what} rests on the end of what is tried, {of.final.values[knob]:.3g}: its "
-                "interval says nothing, and something else may be the cause."
+                f"{what} is at the bound of its search range, {of.final.values[knob]:.3g}: its "
+                "interval is not meaningful, and something else may be the cause."
             )
     said.append(
-        "Effects outside the library cannot be named; intervals hold for the named effects being the true ones."
+        "Effects outside the library cannot be identified; intervals assume that the named effects are the true causes."
     )
     return tuple(said)

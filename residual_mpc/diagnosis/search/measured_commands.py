@@ -22,7 +22,7 @@ def not_commanded(robot: Robot, measured: Sequence[str]) -> Mapping[Term, str]:
     why: dict[Term, str] = {}
     for actuator in (a for a in measured if a in driven):
         quantity = QUANTITY.get(kinds[actuator], "speeds")
-        reason = f"the measured {quantity} drive the model: nothing is commanded in these runs"
+        reason = f"the measured {quantity} drive the model: these runs have no commands"
         for effect in LIBRARY:
             slots = robot.slots(effect.name) if effect.stage in STAGES else ()
             here = [s for s in (actuator, driven[actuator]) if s in slots]

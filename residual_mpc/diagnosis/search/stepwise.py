@@ -72,7 +72,7 @@ def stepwise_search(
             forward, settings, steps = unmarginalised, unmarginalised.settings, steps + more
     last = beam[0]
     if steps and len(last.terms) <= settings.steps.together:
-        report("fitting without each effect in turn", 1.0)
+        report("testing each effect by removing it", 1.0)
         last = prune(forward.at(last), ruler, last, base, noise, blocks, settings, thorough=True)
     here = judge(carrying(problem, last.values, settings=settings.fit), last, noise, scales, settings=settings)
     current, base = refit(here, [last, base], settings=settings)
@@ -114,7 +114,7 @@ class Forward:
             looked_on = refit(here, beam[1:], settings.additions.rough, settings=settings)
             beam = refit(here, beam[:1], settings=settings) + looked_on
             named = len(beam[0].terms)
-            text = f"{named} effect{'' if named == 1 else 's'} named; looking for the next"
+            text = f"searching ({named} effect{'' if named == 1 else 's'} so far)"
             self.report(text, named / settings.largest)
             children = additions(here, beam, blocks, settings)
             if named == 0 and children and self._leaves_much(beam[0], children[0]):

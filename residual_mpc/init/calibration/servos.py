@@ -58,14 +58,14 @@ def _kind(case: ColumnEvidence, roles: Roles, column: str, driven: JointDrive) -
     reasons: dict[Quantity, list[str]] = {kind: [] for kind in odds}
     if words.quantity in odds:
         odds[words.quantity] += 4.0
-        reasons[words.quantity].append(f"{column} is called one")
+        reasons[words.quantity].append(f"the name {column} says so")
     position, velocity = (roles.of(g).get(driven.joint) for g in ("position", "velocity"))
     s = case.signals
     seen: list[tuple[Quantity, str, SignalMatch]] = []
     if position and position != column:
         seen.append(("position", position, s.follows(column, position)))
         rate = s.follows(column, position, answer_rate=True, levels=True)
-        seen.append(("velocity", f"the rate of {position}", rate))
+        seen.append(("velocity", f"the derivative of {position}", rate))
     if velocity and velocity != column:
         seen.append(("velocity", velocity, s.follows(column, velocity, levels=True)))
     best: dict[Quantity, float] = {}
@@ -82,7 +82,7 @@ def _kind(case: ColumnEvidence, roles: Roles, column: str, driven: JointDrive) -
         reasons["effort"].append(f"neither the position nor the velocity follows {column} closely")
     kind = max(odds, key=lambda k: odds[k])
     sure = 1.0 / sum(exp(o - odds[kind]) for o in odds.values())
-    return kind, ", ".join(reasons[kind]) or "the commonest kind", round(min(0.99, sure), 2)
+    return kind, ", ".join(reasons[kind]) or "the most common kind", round(min(0.99, sure), 2)
 
 
 def find_gains(
@@ -207,11 +207,15 @@ def _actuator(
     where = f"actuator.{driven.name}"
     unit = "N/m" if slides else "N m/rad"
     good = fit is not None and fit.gain > 0.0 and fit.explained > EXPLAINED
-    said = f"least squares on the model's torques, which explains {max(0.0, fit.explained):.0%} of them" if fit else ""
+    said = (
+        f"least-squares fit to the model's torques, {max(0.0, fit.explained):.0%} of whose square it explains"
+        if fit
+        else ""
+    )
     sure = round(min(0.8, 0.2 + 0.6 * fit.explained), 2) if fit is not None and good else 0.1
     if kind == "effort":
         if fit is None or not good or abs(log(fit.gain)) < NEAR_ONE:
-            why = "a command of 1 is taken to be 1 N m" + (f"; {said} with {fit.gain:.3g}" if fit and good else "")
+            why = "a command of 1 is assumed to be 1 N m" + (f"; {said}, gives {fit.gain:.3g}" if fit and good else "")
             return Actuator("motor"), [Guess(f"{where}.gear", "1", why, 0.8 if good else 0.3)]
         gear = _round(fit.gain)
         return Actuator("motor", gear=gear), [Guess(f"{where}.gear", f"{gear:g}", f"N m per unit: {said}", sure)]
@@ -222,7 +226,9 @@ def _actuator(
         seen = 0.0 if motion is None else float(np.abs(motion.torque).max())
         largest = seen or effort or 1.0
         gain = _round(largest / STOPS_SHORT)
-        why = f"nothing could be fitted; it gives {largest:.3g} {'N' if slides else 'N m'} at {STOPS_SHORT:g} off"
+        why = (
+            f"no fit possible; chosen to give {largest:.3g} {'N' if slides else 'N m'} at an offset of {STOPS_SHORT:g}"
+        )
         guess = Guess(f"{where}.{name}", f"{gain:g} {unit}", why, 0.1)
         return (Actuator("position", kp=gain) if kind == "position" else Actuator("velocity", kv=gain)), [guess]
     gain, damping = _round(fit.gain), _round(fit.damping)

@@ -80,7 +80,7 @@ def _middle(case: ColumnEvidence, column: str, units: Mapping[str, UnitGuess]) -
     x = case.signals.raw[column]
     if unit.counts < 2 or np.nanmin(x) < 0 or np.nanmax(x) >= unit.counts:
         return None
-    why = f"counts run from 0 to {unit.counts - 1}, and zero is taken to be at the middle: nothing here tells"
+    why = f"counts run from 0 to {unit.counts - 1}; zero is assumed to be at the middle, which the data cannot confirm"
     return SignAndZero(1, -pi, why, 0.5)
 
 
@@ -96,10 +96,10 @@ def _turned_one(
     """The position turned, where the two move against each other and nothing tells which of them it is."""
     command, position = roles.of("command")[driven.name], roles.of("position").get(driven.joint)
     seen, by = joint_response(case, roles, command, driven)
-    said = f"{by} moves against {command} (correlation {seen.correlation:.2f})"
+    said = f"{by} moves opposite to {command} (correlation {seen.correlation:.2f})"
     column = command if position in (None, command) else position
     assert column is not None
-    return {column: _turn(so_far, column, f"{said}; which of the two is turned, nothing here tells", 0.6)}
+    return {column: _turn(so_far, column, f"{said}; the data cannot tell which of the two is reversed", 0.6)}
 
 
 def _by_gravity(
@@ -127,17 +127,19 @@ def _by_gravity(
         both, neither = fits[-1, -1], fits[1, 1]
         if d.name in against:
             seen, by = joint_response(case, roles, command, d)
-            said = f"{by} moves against {command} (correlation {seen.correlation:.2f})"
+            said = f"{by} moves opposite to {command} (correlation {seen.correlation:.2f})"
             if both > CLEAR and both - neither > BETTER:  # with the position turned back, and the command turned
                 del out[position]
-                out[command] = _turn(out, command, f"{said}, and gravity fits the position as it is", 0.8)
+                out[command] = _turn(
+                    out, command, f"{said}, and gravity is consistent with the position as logged", 0.8
+                )
             elif neither > CLEAR and neither - both > BETTER:
-                why = f"{said}, and gravity fits the command as it is"
+                why = f"{said}, and gravity is consistent with the command as logged"
                 out[position] = replace(out[position], why=why, sure=0.8)
         elif both > CLEAR and both - neither > 2.0 * BETTER:
             said = (
-                f"at rest {d.joint} stands off its command against gravity (correlation {neither:.2f}), and with it"
-                f" where both signs are turned ({both:.2f})"
+                f"at rest {d.joint} deviates from its command against gravity (correlation {neither:.2f}), but with"
+                f" gravity if both signs are reversed ({both:.2f})"
             )
             out |= {c: _turn(out, c, said, 0.6) for c in (position, command)}
     return out
@@ -167,7 +169,7 @@ def _by_dynamics(
     best = max(shares, key=lambda k: shares[k])
     if best == (1, 1) or shares[best] < 0.5 or shares[best] - shares[1, 1] < BETTER:
         return {}
-    said = f"the torque explains {shares[1, 1]:.0%} of the motion as it is, and {shares[best]:.0%} with this turned"
+    said = f"the torque explains {shares[1, 1]:.0%} of the motion as logged, {shares[best]:.0%} with this sign reversed"
     found = {}
     if best[1] < 0:
         found[command] = _turn(turned, command, said, 0.7)
@@ -193,10 +195,10 @@ def _rates(case: ColumnEvidence, roles: Roles, turned: Mapping[str, SignAndZero]
         seen = case.signals.follows(position, column, source_rate=True)
         sign = turned.get(position, SignAndZero()).sign
         if seen.correlation * sign < -CLEAR:
-            other = f"with {position} turned" if sign < 0 else "as it is"
-            found[column] = SignAndZero(-1, 0.0, f"it has to go like the rate of {position}, {other}", 0.95)
+            other = " with its sign reversed" if sign < 0 else ""
+            found[column] = SignAndZero(-1, 0.0, f"it must have the sign of the derivative of {position}{other}", 0.95)
         elif sign < 0 and abs(seen.correlation) < CLEAR:
-            found[column] = SignAndZero(-1, 0.0, f"{position} is turned", 0.6)
+            found[column] = SignAndZero(-1, 0.0, f"{position} is reversed", 0.6)
     return found
 
 
@@ -223,13 +225,13 @@ def _zero(
         return {}, ()
     unit = "m" if case.structure.joints[joint].slides else "rad"
     quarters = round(offset / QUARTER)
-    said = f"at rest it stands {offset:.3g} {unit} off {command} (half of the samples within {spread:.2g})"
+    said = f"at rest it differs from {command} by {offset:.3g} {unit} (interquartile range {spread:.2g})"
     if unit == "rad" and quarters and abs(offset - quarters * QUARTER) < NEAR:
         before = turned.get(position, SignAndZero())
         zero = before.offset - quarters * QUARTER
-        reasons = f"{said}: {quarters} quarter turns between two zeros; which is the model's, nothing here tells"
+        reasons = f"{said}: the zeros are {quarters} quarter turns apart; the data cannot tell which is the model's"
         return {
             position: SignAndZero(before.sign, zero, f"{before.why}; {reasons}" if before.why else reasons, 0.6)
         }, ()
-    why = f"{said}; left as it is, since sag, friction or a bias does this and the diagnosis tells them apart"
+    why = f"{said}; not corrected, since sag, friction or a bias can cause this and the diagnosis separates them"
     return {}, (Guess(f"offset of {position}", f"{offset:.3g} {unit}", why, 0.7),)

@@ -171,7 +171,9 @@ def _decided(unit: Unit, shares: Mapping[str, float], units: Sequence[Unit], why
     doubtful = unit.size != 1.0 and shares[unit.name] < SURE
     taken = units[0] if doubtful else unit  # the first is the log format's
     rivals = tuple(n for n, share in shares.items() if n != taken.name and share > RIVAL)
-    likelier = f"left as it is, though {unit.name} is likelier ({shares[unit.name]:.0%}), for want of proof: {why}"
+    likelier = (
+        f"kept, though {unit.name} is more likely ({shares[unit.name]:.0%}), since that is not certain enough: {why}"
+    )
     reason = likelier if doubtful else why
     return UnitGuess(taken, reason, round(min(at_most, shares[taken.name]), 2), rivals)
 
@@ -271,17 +273,17 @@ def _why(case: ColumnEvidence, chain: _Chain, group: str, unit: Unit, apart: boo
     x = case.signals.raw[column]
     x = x[np.isfinite(x)]
     if len(x) and (group == "position" or group == "command" and chain.kind == "position"):
-        reasons.append(f"it goes from {x.min():.4g} to {x.max():.4g}")
+        reasons.append(f"its values range from {x.min():.4g} to {x.max():.4g}")
         limits = next(j.limits for j in case.structure.joints if j.name == chain.joint)
         if limits is not None and not unit.counts:
-            size = "" if unit.size == 1.0 else f", the range in {unit.name}"
-            reasons[-1] += f"{size or ', the range'} is {limits[0] / unit.size:.4g} to {limits[1] / unit.size:.4g}"
+            size = "" if unit.size == 1.0 else f" in {unit.name}"
+            reasons[-1] += f", the joint range{size} is {limits[0] / unit.size:.4g} to {limits[1] / unit.size:.4g}"
     if group == "velocity" and chain.rate is not None:
-        reasons.append(f"it is {abs(chain.rate.slope):.4g} times the rate of {chain.columns['position']}")
+        reasons.append(f"it is {abs(chain.rate.slope):.4g} times the derivative of {chain.columns['position']}")
     if group == "command" and chain.joint_response is not None:
-        reasons.append(f"the answer is {abs(chain.joint_response.slope):.4g} times it")
+        reasons.append(f"the response is {abs(chain.joint_response.slope):.4g} times as large")
     if apart:
-        reasons.append("unlike the other columns of its kind")
+        reasons.append("unlike the other columns of this kind")
     if group == "command" and chain.kind == "effort":
-        return "the log format's; nothing here tells"
-    return ", ".join(reasons) or "nothing speaks against it"
+        return "the default of the log format; the data cannot tell"
+    return ", ".join(reasons) or "nothing contradicts it"

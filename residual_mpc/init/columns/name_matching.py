@@ -27,23 +27,23 @@ class Members:
     def evidence(self, words: ColumnName, member: int) -> tuple[float, str]:
         """(log odds that the column is the member's, why)."""
         if len(self.aliases) == 1:
-            return 1.0, "the robot has one such"
+            return 1.0, "the robot has only one"
         if words.name in self.numbers:
             if self.numbers[words.name] != member:
                 return SOMEONE_ELSE, ""
-            return BY_NUMBER, f"its number is that of {self.aliases[member][0]}"
+            return BY_NUMBER, f"its number matches {self.aliases[member][0]}"
         likes = [max(_like(words, alias) for alias in each) for each in self.aliases]
         mine, best = likes[member], max(likes)
         if mine >= NAMED and mine >= best - 0.01:
             shared = sum(like >= best - 0.01 for like in likes)
-            return BY_NAME * mine / shared, f"its name is like {self.aliases[member][0]}"
+            return BY_NAME * mine / shared, f"its name resembles {self.aliases[member][0]}"
         if best >= 0.75 and mine < best - 0.15:
             return SOMEONE_ELSE, ""
         if mine >= NAMED:
-            return BY_NAME * mine - 2.0, f"its name is a little like {self.aliases[member][0]}"
+            return BY_NAME * mine - 2.0, f"its name vaguely resembles {self.aliases[member][0]}"
         stranger = STRANGER if words.core else 0.0
         here = self.order.get(words.name) == member
-        return stranger + (BY_ORDER if here else 0.0), "the order of the columns alone" if here else ""
+        return stranger + (BY_ORDER if here else 0.0), "only the order of the columns" if here else ""
 
 
 def members_of(aliases: Sequence[Sequence[str]], columns: Sequence[ColumnName]) -> Members:

@@ -73,10 +73,10 @@ def _read(path: Path) -> list[Recording]:
     texts += list(table.faults)
     rows = len(next(iter(table.columns.values()), ()))
     if rows < 2:
-        came = "one sample" if rows == 1 else "no sample"
-        raise BadInput(f"{came} came, at least two were wanted", str(path), "leave the table out, or record again")
+        what = f"a run must have at least two samples, got {'one' if rows == 1 else 'none'}"
+        raise BadInput(what, str(path), "remove the table, or record the run again")
     if not cells:
-        raise BadInput("no column holds numbers", str(path), "write numbers with a decimal point, empty where missing")
+        raise BadInput("no column is numeric", str(path), "use decimal points, and leave cells of missing values empty")
     whole = Recording(stem(path), path, cells, tuple(texts), frozenset(dates), note=header.note)
     run_column = _run_column(table.columns, cells, rows)
     return [whole] if run_column is None else _split(whole, run_column, table.columns[run_column])

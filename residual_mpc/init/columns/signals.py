@@ -38,8 +38,8 @@ class SignalMatch:
     against: float = 0.0
 
     def words(self, source: str) -> str:
-        """What it says of an answer, such as `follows it 85 ms later (correlation 0.83)`."""
-        how = f"follows {source} {self.lag * 1e3:.0f} ms later" if abs(self.lag) < REACH else f"goes with {source}"
+        """What it says of an answer, such as `follows it by 85 ms (correlation 0.83)`."""
+        how = f"follows {source} by {self.lag * 1e3:.0f} ms" if abs(self.lag) < REACH else f"correlates with {source}"
         return f"{how} (correlation {self.correlation:.2f})"
 
 
@@ -149,7 +149,7 @@ def gather(recordings: Sequence[Recording], clock: Clock) -> Signals:
     stamped = [s for s in (_stamped(r, clock) for r in recordings) if s is not None]
     if not stamped:
         raise BadInput(
-            f"no run has two increasing stamps in {clock.column!r}", str(recordings[0].source), "record again"
+            f"no run has two increasing time stamps in {clock.column!r}", str(recordings[0].source), "record again"
         )
     period = float(np.median(np.concatenate([np.diff(t) for t, _, _ in stamped])))
     total = float(sum(t[-1] for t, _, _ in stamped))

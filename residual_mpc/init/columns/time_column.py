@@ -51,26 +51,26 @@ def find_clock(recordings: Sequence[Recording]) -> Clock:
     if not ranked or scores[ranked[0]] < ENOUGH:
         listed = ", ".join(shared[:30]) + (", ..." if len(shared) > 30 else "")
         raise BadInput(
-            f"no column can be the time: none increases and is called like one; the columns are {listed}",
+            f"no time column was found: none increases and has a name like a time; the columns are {listed}",
             str(recordings[0].source),
-            "log the time of each row, in seconds, in a column t",
+            "log the time of each row in seconds in a column t",
         )
     best = ranked[0]
     # the same clock in two units, or counted from another zero, is no rival that matters
     rivals = tuple(n for n in ranked[1:] if scores[n] > scores[best] - 1.5 and not _same(recordings, best, n))
     unit, reason, sure = _unit(best, recordings)
-    why = "its name, and it increases from row to row" if _named(best) else "it alone increases evenly from row to row"
+    why = "its name, and it increases with every row" if _named(best) else "the only column that increases evenly"
     guesses = [
         Guess("t", best, why, 0.6 if rivals else 0.98 if _named(best) else 0.6, rivals),
         Guess(f"unit of {best}", unit, reason, sure),
     ]
     mends: list[LogCorrection] = []
     if any(best in r.dates for r in recordings):
-        why = "the log format wants numbers, in s, and these are dates (the factor is for ns since 1970)"
+        why = "times must be numbers in s, got dates (the factor is for ns since 1970)"
         mends.append(LogCorrection(best, 1e-9, 0.0, why, 1.0))
     elif unit != "s" and not (unit == "ns" and _read_as_nanoseconds(best, recordings)):
         mends.append(
-            LogCorrection(best, UNITS[unit], 0.0, f"the log format wants s, and these are {unit}: {reason}", sure)
+            LogCorrection(best, UNITS[unit], 0.0, f"times must be in s, got {unit}: {reason}", sure)
         )
     return Clock(best, UNITS[unit], tuple(guesses), tuple(mends))
 
@@ -125,7 +125,7 @@ def _same(recordings: Sequence[Recording], one: str, other: str) -> bool:
 def _unit(name: str, recordings: Sequence[Recording]) -> tuple[str, str, float]:
     """(unit, reason, how sure)."""
     if any(name in r.dates for r in recordings):
-        return "ns", "these are dates", 1.0
+        return "ns", "the column holds dates", 1.0
     raw = [r.columns[name][np.isfinite(r.columns[name])] for r in recordings]
     steps = np.concatenate([np.diff(v) for v in raw])
     period = float(np.median(steps[steps > 0]))
@@ -141,7 +141,7 @@ def _unit(name: str, recordings: Sequence[Recording]) -> tuple[str, str, float]:
     best = max(scores, key=lambda u: scores[u])
     weights = {u: math.exp(s - scores[best]) for u, s in scores.items()}
     sure = min(0.99, 1.0 / sum(weights.values()))
-    reasons = [f"samples are then {period * UNITS[best]:.3g} s apart"]
+    reasons = [f"the sampling period is then {period * UNITS[best]:.3g} s"]
     if epoch == best:
         reasons.append("counted from 1970")
     if said == best:

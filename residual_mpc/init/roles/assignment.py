@@ -38,7 +38,7 @@ def assign(rules: Mapping[str, Rule], free: Iterable[ColumnName]) -> tuple[Guess
         if rivals:
             sure = min(sure, _share(float(odds[i, k] - odds[i, rivals].max())))
         others = tuple(words[r].name for r in rivals)
-        guesses.append(Guess(role, words[k].name, reasons or "nothing else fits", round(sure, 2), others))
+        guesses.append(Guess(role, words[k].name, reasons or "the only column that fits", round(sure, 2), others))
     return tuple(guesses)
 
 

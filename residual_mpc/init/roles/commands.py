@@ -24,11 +24,11 @@ def _command(case: ColumnEvidence, roles: Roles, member: int, driven: JointDrive
     whose, why = case.actuators.evidence(words, member)
     odds, reasons = whose, [why]
     if words.commanded:
-        odds, reasons = odds + 3.0, [*reasons, f"it is called a command ({called(words, 'command')})"]
+        odds, reasons = odds + 3.0, [*reasons, f"its name says command ({called(words, 'command')})"]
     if words.quantity is not None and driven.kind is not None:
         same = words.quantity == driven.kind
         odds += 1.5 if same else -2.5
-        reasons.append(f"of the {driven.kind} that the actuator takes" if same else "")
+        reasons.append(f"it is a {driven.kind}, as the actuator takes" if same else "")
     elif words.quantity is not None and not words.commanded:
         odds -= 1.0
     seen, what = joint_response(case, roles, words.name, driven)
@@ -53,4 +53,4 @@ def _switch(case: ColumnEvidence, member: int, words: ColumnName) -> Odds:
     if words.quantity != "enabled" or not len(x) or np.isin(x, (0.0, 1.0)).mean() < 0.9:
         return NEVER, ()
     whose, why = case.actuators.evidence(words, member)
-    return whose + 2.0, (why, "it is called a switch and is 0 or 1")
+    return whose + 2.0, (why, "its name says switch, and it is 0 or 1")

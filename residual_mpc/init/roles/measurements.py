@@ -37,13 +37,13 @@ def _position(case: ColumnEvidence, leads: Mapping[str, float], member: int, joi
     whose, why = case.joints.evidence(words, member)
     odds, reasons = whose, [why]
     if words.quantity == "position":
-        odds, reasons = odds + 3.0, [*reasons, f"it is called a position ({called(words, 'position')})"]
+        odds, reasons = odds + 3.0, [*reasons, f"its name says position ({called(words, 'position')})"]
     elif words.measured:
         odds += 1.5
     if words.name in leads:
         late = leads[words.name]
         odds += 2.5 if late > 0.0 else -3.0
-        reasons.append("it follows another column" if late > 0.0 else "")
+        reasons.append("it follows another column after a delay" if late > 0.0 else "")
     inside, said = _inside(case.signals, words, joint)
     return odds + inside, (*reasons, said)
 
@@ -86,7 +86,7 @@ def _inside(signals: Signals, words: ColumnName, joint: Joint) -> tuple[float, s
         return -1.0, ""
     shares = [float(np.mean((x * f > low - margin) & (x * f < high + margin))) for f in (1.0, 1.0 / DEGREES)]
     best = max(shares[:1] if joint.slides else shares)
-    return (0.5, "within its range") if best > 0.98 else (-1.5 * (1.0 - best), "")
+    return (0.5, "within the joint range") if best > 0.98 else (-1.5 * (1.0 - best), "")
 
 
 def velocities(case: ColumnEvidence, roles: Roles) -> dict[str, Rule]:
@@ -106,12 +106,12 @@ def _velocity(
     whose, why = case.joints.evidence(words, member)
     odds, reasons = whose, [why]
     if words.quantity == "velocity":
-        odds, reasons = odds + 3.0, [*reasons, f"it is called a velocity ({called(words, 'velocity')})"]
+        odds, reasons = odds + 3.0, [*reasons, f"its name says velocity ({called(words, 'velocity')})"]
     seen = case.signals.follows(position, words.name, source_rate=True) if position else NOTHING
     r = abs(seen.correlation)
     if r > 0.5 and abs(seen.lag) < 0.15:
         odds += 4.0 * r * r
-        reasons.append(f"it goes like the rate of {position} (correlation {seen.correlation:.2f})")
+        reasons.append(f"it matches the derivative of {position} (correlation {seen.correlation:.2f})")
     elif position and seen is not NOTHING and r < 0.3:
         odds -= 2.0
     if words.quantity is None and (words.name not in unnamed or r < ALIKE):
@@ -129,4 +129,4 @@ def _effort(case: ColumnEvidence, member: int, words: ColumnName) -> Odds:
     if words.quantity != "effort" or words.commanded or amps:
         return NEVER, ()
     whose, why = case.joints.evidence(words, member)
-    return whose + 2.0, (why, "it is called an effort")
+    return whose + 2.0, (why, "its name says effort")

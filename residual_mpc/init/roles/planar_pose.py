@@ -18,8 +18,8 @@ PLACES = frozenset(
 )
 HEADINGS = frozenset("theta yaw heading psi phi".split())
 MOTIONS = frozenset("twist vel velocity linear angular imu gyro rate".split())
-IN_ITS_FRAME = "is in the robot's own frame by ROS's convention; the log format wants the world's"
-QUATERNION = "the log format wants the heading itself: with a quaternion it is 2 * atan2(z, w) on level ground"
+IN_ITS_FRAME = "is in the robot's frame by ROS convention; the log format needs the world frame"
+QUATERNION = "the log format needs the heading; from a quaternion it is 2 * atan2(z, w) on level ground"
 
 
 def find_pose(words: Mapping[str, ColumnName], signals: Signals) -> tuple[Roles, dict[str, str]]:
@@ -51,7 +51,7 @@ def heading_in_degrees(signals: Signals, roles: Roles) -> tuple[LogCorrection, .
     said = any(w in column.lower() for w in ("deg",))
     largest, step = float(np.nanmax(np.abs(x))), float(np.nanmax(np.abs(np.diff(x[np.isfinite(x)]))))
     if said or 4.0 * pi < largest <= 400.0 and step > 0.0:
-        why = f"a heading of {largest:.4g} is in degrees" + (", as the name says" if said else "")
+        why = f"a heading of {largest:.4g} must be in degrees" + (", and the name says so" if said else "")
         return (LogCorrection(column, pi / 180.0, 0.0, why, 0.98 if said else 0.8),)
     return ()
 

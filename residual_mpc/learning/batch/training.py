@@ -133,10 +133,10 @@ def _train(
     train_windows = ~overlapping(data, (*kept, *put_aside))
     if train_windows.sum() < FEWEST:
         raise BadInput(
-            f"{int(train_windows.sum())} windows of {settings.horizon * step:.3g} s are left to learn from, "
-            f"{FEWEST} or more are needed",
+            f"at least {FEWEST} windows of {settings.horizon * step:.3g} s are needed for training, "
+            f"got {int(train_windows.sum())}",
             "runs",
-            "record longer runs, or learn with a shorter --horizon or --step",
+            "record longer runs, or learn with a shorter --step",
         )
     problem, blank = build_training_problem(
         data, form, step, settings, effects, (), train_windows, ~evaluation.scales.still, rng

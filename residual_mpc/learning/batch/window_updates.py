@@ -57,9 +57,9 @@ class LearnSettings:
 
     def __post_init__(self) -> None:
         if self.horizon < 2 or self.passes < 1 or not self.variance > 0.0 or not 0.0 <= self.goal < 1.0:
-            raise ValueError(f"{self} came: a horizon of 2 or more, a pass, a positive variance and a goal below 1")
+            raise ValueError(f"horizon must be >= 2, passes >= 1, variances > 0 and the goal < 1, got {self}")
         if self.method not in ("auto", "ukf", "ekf"):
-            raise ValueError(f"method {self.method!r} came, auto, ukf or ekf was wanted")
+            raise ValueError(f"method must be auto, ukf or ekf, got {self.method!r}")
 
 
 USUAL_STEP = {"body": 0.05, "paper": 0.05, "joint": 0.02}  # s
@@ -111,9 +111,11 @@ def costs_of(settings: LearnSettings, channels: Sequence[str]) -> np.ndarray:
     cost = np.ones(len(channels))
     for channel, value in settings.costs:
         if channel not in channels:
-            raise BadInput(f"no channel is called {channel!r}", "--weights", f"measured are {', '.join(channels)}")
+            raise BadInput(
+                f"unknown channel {channel!r}", "--weights", f"the measured channels are {', '.join(channels)}"
+            )
         if not (np.isfinite(value) and value > 0.0):
-            raise BadInput(f"{channel} = {value}", "--weights", "a cost is a positive number, 1 by default")
+            raise BadInput(f"{channel} must be a number > 0, got {value}", "--weights", "the default is 1")
         cost[channels.index(channel)] = value
     return cost
 

@@ -48,9 +48,9 @@ class FilterSettings:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.process) and self.process >= 0.0):
-            raise ValueError(f"process {self.process} came, a variance of 0 or more was wanted")
+            raise ValueError(f"process must be >= 0, got {self.process}")
         if not self.huber > 0.0:
-            raise ValueError(f"huber {self.huber} came, a positive number of standard deviations was wanted (inf: off)")
+            raise ValueError(f"huber must be > 0 standard deviations (inf: off), got {self.huber}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def initial_belief(mean: np.ndarray, variance: float | np.ndarray) -> Belief:
     """
     spread = np.broadcast_to(np.asarray(variance, dtype=np.float64), mean.shape)
     if not (np.isfinite(spread).all() and (spread > 0).all() and np.isfinite(mean).all()):
-        raise ValueError("finite weights and positive variances were wanted: a weight without doubt learns nothing")
+        raise ValueError("weights must be finite and their variances > 0: a weight with zero variance is never updated")
     return Belief(np.array(mean, dtype=np.float64), np.diag(spread))
 
 

@@ -24,7 +24,7 @@ class SigmaWeights:
 
     def __post_init__(self) -> None:
         if not self.reach > 0.0 or not self.centre >= 0.0:
-            raise ValueError(f"{self} came: reach must be positive and centre 0 or more, else S may turn indefinite")
+            raise ValueError(f"reach must be > 0 and centre >= 0 to keep S positive definite, got {self}")
 
     def mean_weights(self, size: int) -> tuple[float, float]:
         """(w^{a,0}, w^{a,i}) for `size` weights; w^{a,0} + 2 size w^{a,i} = 1."""

@@ -93,7 +93,9 @@ def with_residual(robots: Sequence[Robot], residual: Residual, source: str = "")
         try:
             inputs, outputs = form.inputs(robot), form.outputs(robot)
         except (AttributeError, KeyError) as error:
-            raise BadInput(f"a residual of form {form.name} does not fit {robot.name}: {error!r}", source) from error
+            raise BadInput(
+                f"a residual of form {form.name} cannot be used with {robot.name}: {error!r}", source
+            ) from error
         if form.name != "joint" and not {"pose.x", "pose.y", "pose.theta"} <= {s.position for s in robot.states}:
             raise BadInput(
                 f"its residual corrects a planar velocity, and {robot.name} has no pose",
@@ -102,7 +104,8 @@ def with_residual(robots: Sequence[Robot], residual: Residual, source: str = "")
             )
         if (inputs, outputs) != (residual.inputs, residual.outputs):
             raise BadInput(
-                f"its residual takes {', '.join(residual.inputs)}; {robot.name} has {', '.join(inputs)}",
+                f"its residual must have the inputs {', '.join(inputs)} for {robot.name}, "
+                f"got {', '.join(residual.inputs)}",
                 source,
                 f"the residual was learned on {residual.robot}: give that robot's file",
             )

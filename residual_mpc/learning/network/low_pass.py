@@ -14,7 +14,7 @@ def step(state: np.ndarray, delta: np.ndarray, dt: float, time_constant: float) 
     A time constant of 0 s lets the output through. Raises ValueError for a negative one, or a dt that is not positive.
     """
     if not (dt > 0.0 and time_constant >= 0.0):
-        raise ValueError(f"dt {dt} s, time constant {time_constant} s: a positive and a non-negative time were wanted")
+        raise ValueError(f"dt must be > 0 and time_constant >= 0, got {dt} s and {time_constant} s")
     share = 1.0 if time_constant == 0.0 else -np.expm1(-dt / time_constant)
     out = state + share * (delta - state)
     return out, out

@@ -24,9 +24,9 @@ class Mlp:
 
     def __post_init__(self) -> None:
         if min(self.inputs, self.outputs, *self.hidden) < 1:
-            raise ValueError(f"layer sizes {self.widths} came, each must be 1 or more: give every layer a node")
+            raise ValueError(f"layer sizes must be >= 1, got {self.widths}")
         if not 0.0 <= self.slope <= 1.0:
-            raise ValueError(f"slope {self.slope} came, 0 to 1 was wanted: above 1, max(slope b, b) turns over")
+            raise ValueError(f"slope must be between 0 and 1 for max(slope b, b) to be a leaky ReLU, got {self.slope}")
 
     @cached_property
     def widths(self) -> tuple[int, ...]:
@@ -45,7 +45,7 @@ def layers(net: Mlp, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     Raises ValueError where theta does not belong to the net.
     """
     if theta.shape[-1] != net.size:
-        raise ValueError(f"theta has {theta.shape[-1]} entries, {net.size} were wanted: give the weights of this net")
+        raise ValueError(f"theta must have {net.size} entries for this network, got {theta.shape[-1]}")
     out, at = [], 0
     for a, b in pairwise(net.widths):
         weight = theta[..., at : at + a * b].reshape(*theta.shape[:-1], b, a)

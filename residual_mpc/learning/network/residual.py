@@ -51,15 +51,17 @@ class Residual:
         }
         for name, (values, size) in wanted.items():
             if values.shape != (size,) or not np.isfinite(values).all():
-                raise ValueError(f"{name} {values.shape} came, ({size},) finite numbers were wanted")
+                raise ValueError(f"{name} must be ({size},) finite numbers, got shape {values.shape}")
         if (len(self.inputs), len(self.outputs)) != (self.net.inputs, self.net.outputs):
-            raise ValueError(f"{len(self.inputs)} and {len(self.outputs)} names came for {self.net}")
+            raise ValueError(
+                f"inputs and outputs must be named for {self.net}, got {len(self.inputs)} and {len(self.outputs)} names"
+            )
         if not (self.input_scale > 0).all() or not (self.output_scale >= 0).all() or not self.step > 0:
-            raise ValueError("input_scale and step must be positive, output_scale 0 or more")
+            raise ValueError("input_scale and step must be > 0, output_scale >= 0")
         if not self.limit > 0:
-            raise ValueError(f"limit {self.limit} came, a positive number of input scales was wanted")
+            raise ValueError(f"limit must be > 0 input scales, got {self.limit}")
         if self.form not in FORMS:
-            raise ValueError(f"form {self.form!r} came, one of {FORMS} was wanted")
+            raise ValueError(f"form must be one of {FORMS}, got {self.form!r}")
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """delta (..., outputs) at inputs z (..., inputs), physical units."""
@@ -111,4 +113,6 @@ def from_json(content: Mapping[str, Any], source: str = "") -> Residual:
             limit=math.inf if content.get("limit") is None else float(content["limit"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise BadInput(f"its residual cannot be read: {error!r}", source, "write it anew with learn") from error
+        raise BadInput(
+            f"its residual cannot be read: {error!r}", source, "write it again with `residual-mpc learn`"
+        ) from error

@@ -34,9 +34,9 @@ class Samples:
         n, o = self.model.shape
         if self.t.shape != (n,) or self.reference.shape != (n, o) or len(self.z) != n:
             raise ValueError(f"t {self.t.shape}, z {self.z.shape}, model {(n, o)}, reference {self.reference.shape}: "
-                             "one row a sample was wanted")  # fmt: skip
+                             "must have one row per sample")  # fmt: skip
         if not self.step > 0.0 or (self.fed_back and self.z.shape[1] < o):
-            raise ValueError(f"step {self.step} s must be positive, and z has room for what is fed back")
+            raise ValueError(f"step must be > 0 and z must have room for the fed-back values, got step {self.step} s")
 
     def __len__(self) -> int:
         return len(self.t)

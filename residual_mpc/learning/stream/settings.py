@@ -39,11 +39,11 @@ class StreamSettings:
     def __post_init__(self) -> None:
         stride = self.horizon if self.stride is None else self.stride
         if self.horizon < 2 or not 1 <= stride <= self.horizon or not self.variance > 0 or not 0 <= self.goal < 1:
-            raise ValueError(f"{self} came: a horizon of 2 or more, a stride within it, a variance, a goal below 1")
+            raise ValueError(f"horizon must be >= 2, stride <= horizon, variances > 0 and the goal < 1, got {self}")
         if self.costs is not None and not min(self.costs) > 0:
-            raise ValueError(f"costs {self.costs} came, positive weights were wanted")
+            raise ValueError(f"costs must be > 0, got {self.costs}")
         if self.method not in ("ukf", "ekf"):
-            raise ValueError(f"method {self.method!r} came, ukf or ekf was wanted")
+            raise ValueError(f"method must be ukf or ekf, got {self.method!r}")
 
     @property
     def new(self) -> int:

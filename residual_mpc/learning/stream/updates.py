@@ -243,8 +243,8 @@ def learn_stream(
     at = max(2, round(settings.watch / samples.step))
     if len(samples) < at + settings.horizon:
         raise ValueError(
-            f"{len(samples)} samples came, {at} to find the scales and {settings.horizon} to learn from were wanted: "
-            "record for longer"
+            f"at least {at} samples to set the scales and {settings.horizon} to learn from are needed, "
+            f"got {len(samples)}: record for longer"
         )
     head = samples.take(slice(0, at))
     learning = initial_state(head, names, form, robot, settings, rng, fixed)

@@ -50,8 +50,8 @@ def _absent_commands(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
                 run,
                 column,
                 None,
-                f"there is no column {column!r} {words}",
-                f"name it in [log] of the robot file; {did_you_mean(column, dict.fromkeys(given))}",
+                f"column {column!r} is missing {words}",
+                f"map it under [log] in the robot file; {did_you_mean(column, dict.fromkeys(given))}",
             )
         )
     return findings
@@ -81,8 +81,8 @@ def _channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
                 run,
                 "",
                 None,
-                f"no measured column {words} is one that the model predicts ({', '.join(robot.channels[:12])})",
-                "rename columns in [log] of the robot file, or leave these runs out",
+                f"the model predicts no measured column {words}; it predicts {', '.join(robot.channels[:12])}",
+                "map the columns under [log] in the robot file, or leave these runs out",
             )
         )
     findings += _strange(
@@ -90,14 +90,14 @@ def _channels(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
         robot.channels,
         lambda run: (n for n in run.measured if group(n) != "effort"),
         "unknown channel",
-        "the robot's model does not predict it; the column is not compared",
+        "the robot's model does not predict this channel; the column is not compared",
         "",
     )
     for name in dict.fromkeys(n for run in runs for n in run.columns):
         empty = [r.name for r in runs if name in r.columns and not np.isfinite(r.columns[name]).any()]
         if empty:
             run, words = _where(empty, runs)
-            findings.append(Finding("info", "empty column", run, name, None, f"{name} has no value {words}"))
+            findings.append(Finding("info", "empty column", run, name, None, f"{name} has no values {words}"))
     return findings
 
 
@@ -143,8 +143,8 @@ def _stuck(run: Run, robot: RobotFacts) -> list[Finding]:
                     run.name,
                     position,
                     None,
-                    f"{position} is {y[0]:.4g} throughout, while its command spans {span:.3g}",
-                    "leave the column out if the sensor or its connection failed",
+                    f"{position} stays at {y[0]:.4g} while its command spans a range of {span:.3g}",
+                    "remove the column if the sensor or its connection failed",
                 )
             )
     return findings

@@ -64,8 +64,8 @@ def _turning(name: str, runs: Sequence[Run], dt: float) -> list[Finding]:
                 name,
                 None,
                 f"the robot turns against its wheels (correlation {least:.2f}):"
-                f" left and right are swapped, or {name} counts clockwise",
-                "swap the wheels in [log] of the robot file, or write the angle counter-clockwise",
+                f" left and right are swapped, or {name} is positive clockwise",
+                "swap the wheels under [log] in the robot file, or make the angle positive counter-clockwise",
             )
         ]
     return _odd_runs(name, runs, [follow([u], [y], dt, REACH) for u, y in zip(turns, yaw, strict=True)], dt)
@@ -83,7 +83,7 @@ def _odd_runs(name: str, runs: Sequence[Run], each: Sequence[Follow | None], dt:
             continue
         strength, late = float(seen.correlation.max()), seen.lag - usual
         if strength < 0.7 and len(good) > 0.7 * len(each):
-            message = f"{name} hardly follows the wheels (correlation {strength:.2f}), unlike in most runs"
+            message = f"{name} hardly correlates with the wheel speeds ({strength:.2f}), unlike in most runs"
             findings.append(Finding("info", "weak correlation", run.name, name, None, message))
         elif _clearly_late(seen, usual) and abs(late) > max(0.1, 3.0 * dt):
             word = "later" if late > 0.0 else "earlier"
@@ -132,7 +132,7 @@ def _heading(runs: Sequence[Run], dt: float) -> list[Finding]:
                 "",
                 "pose.theta",
                 None,
-                f"only {share:.0%} of the motion is along the heading, {share_degrees:.0%} with it in degrees",
+                f"only {share:.0%} of the motion is along the heading, {share_degrees:.0%} if pose.theta is in degrees",
                 "multiply pose.theta by pi / 180",
             )
         ]
@@ -147,7 +147,7 @@ def _heading(runs: Sequence[Run], dt: float) -> list[Finding]:
                 "command.left",
                 None,
                 f"the robot moves backwards when its wheels turn forwards (correlation {cosine:.2f})",
-                "write the wheel speeds with the other sign, or turn pose.theta by pi",
+                "flip the sign of the wheel speeds, or add pi to pose.theta",
             )
         ]
     return []

@@ -41,12 +41,12 @@ def _spikes(name: str, runs: Sequence[Run], found: Sequence[Mapping[str, Jumps]]
     sizes = {run.name: int(np.isfinite(run.columns[name]).sum()) for run, _ in having}
     severity = "warning" if count > MANY_SPIKES * sum(sizes.values()) else "info"
     total = sizes[first.name] if alone else sum(sizes.values())
-    message = f"{count} of {total} samples of {name} jump away and come back, first at t = {first.t[row]:.6g} s"
+    message = f"{count} of {total} samples of {name} are isolated outliers, the first at t = {first.t[row]:.6g} s"
     if alone:
         return [Finding(severity, "spikes", first.name, name, row, message)]  # type: ignore[arg-type]
     shares = ", ".join(f"{run.name} ({int(flags.sum())})" for run, flags in jumping[:NAMED])
     more = f" and {len(jumping) - NAMED} more runs" if len(jumping) > NAMED else ""
-    message = f"{message} of {first.name}; in {shares}{more}"
+    message = f"{message} of {first.name}; outliers per run: {shares}{more}"
     return [Finding(severity, "spikes", "", name, None, message)]  # type: ignore[arg-type]
 
 
@@ -64,8 +64,8 @@ def _late(run: Run, jumps: Mapping[str, Jumps]) -> list[Finding]:
         return []
     usual = float(np.median(by[by > 0.0]))
     message = (
-        f"{len(rows)} of {len(run.t)} samples lie where the robot was {usual * 1e3:.2g} ms before:"
-        f" their stamps look late by about {usual * 1e3:.2g} ms"
+        f"{len(rows)} of {len(run.t)} samples match the position about {usual * 1e3:.2g} ms earlier:"
+        " their time stamps appear to be late by that much"
     )
-    remedy = "stamp a sample when it is taken; as it is, a fast motion is off by that much"
+    remedy = "stamp each sample when it is measured; late stamps cause errors in fast motion"
     return [Finding("info", "late stamps", run.name, "t", int(rows[0]), message, remedy)]

@@ -112,8 +112,8 @@ def _swaps(
                     a_column,
                     None,
                     f"{a_column} follows command.{b.name} and {b_column} follows command.{a.name} (correlation"
-                    f" {strength:.2f}), neither its own ({neither:.2f}): swapped columns",
-                    f'in [log] of the robot file: "{a_column}" = "{b_column}" and "{b_column}" = "{a_column}"',
+                    f" {strength:.2f}), and neither follows its own ({neither:.2f}): the columns are swapped",
+                    f'under [log] in the robot file: "{a_column}" = "{b_column}" and "{b_column}" = "{a_column}"',
                 )
             )
     return findings, swapped
@@ -129,7 +129,7 @@ def _units(actuator: ActuatorFacts, name: str, seen: Follow) -> list[Finding]:
         said = f"{name} is {ratio:.4g} times command.{actuator.name} (correlation {strength:.2f})"
         if 0.6 < factor / DEGREES < 1.6:
             remedy = f"multiply {column} by pi / 180"
-            return [Finding("error", "degrees", "", column, None, f"{said}: {column} is in degrees", remedy)]
+            return [Finding("error", "degrees", "", column, None, f"{said}: {column} appears to be in degrees", remedy)]
         if actuator.kind == "velocity" and 0.85 < factor / RPM < 1.15:
             what = f"{said}: {column} may be in revolutions per minute"
             return [Finding("warning", "rpm", "", column, None, what, f"multiply {column} by pi / 30")]
@@ -153,8 +153,8 @@ def _sign(actuator: ActuatorFacts, name: str, seen: Follow) -> list[Finding]:
             "",
             name,
             None,
-            f"{name} moves against command.{actuator.name} (correlation {least:.2f}): a sign is flipped",
-            "write one of the two with the other sign, or turn the joint's axis in the model",
+            f"{name} moves opposite to command.{actuator.name} (correlation {least:.2f}): a sign is flipped",
+            "flip the sign of one of the two, or reverse the joint's axis in the model",
         )
     ]
 
@@ -172,7 +172,7 @@ def _delay(actuator: ActuatorFacts, name: str, seen: Follow, dt: float) -> list[
                 name,
                 None,
                 f"{name} moves {-lag * 1e3:.0f} ms before command.{actuator.name}",
-                "check the two clocks, and that the command column is what was sent, not what was measured",
+                "check both clocks, and that the command column holds what was sent rather than what was measured",
             )
         ]
     if lag > 2.0 * dt:
@@ -183,8 +183,7 @@ def _delay(actuator: ActuatorFacts, name: str, seen: Follow, dt: float) -> list[
                 "",
                 name,
                 None,
-                f"{name} follows command.{actuator.name} about {lag * 1e3:.0f} ms later"
-                " (delay, lag and inertia together)",
+                f"{name} lags command.{actuator.name} by about {lag * 1e3:.0f} ms (delay, lag and inertia combined)",
             )
         ]
     return []

@@ -60,7 +60,7 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
                 "",
                 name,
                 None,
-                f"{name} is the rate of {rate_of} with the other sign",
+                f"{name} has the opposite sign to the derivative of {rate_of}",
                 f"multiply {name} by -1",
             )
         ]
@@ -73,7 +73,7 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
                     "",
                     column,
                     None,
-                    f"{name} is {slope:.4g} times the rate of {rate_of}: {column} is in degrees",
+                    f"{name} is {slope:.4g} times the derivative of {rate_of}: {column} is in degrees",
                     f"multiply {column} by pi / 180",
                 )
             ]
@@ -86,8 +86,8 @@ def _rate(name: str, rate_of: str, runs: Sequence[Run], dt: float) -> list[Findi
                 "",
                 name,
                 None,
-                f"{name} is {slope:.3g} times the rate of {rate_of} (correlation {strength:.2f})",
-                "check the unit of both, and the gear between their sensors",
+                f"{name} is {slope:.3g} times the derivative of {rate_of} (correlation {strength:.2f})",
+                "check the units of both, and the gear ratio between their sensors",
             )
         )
     coarsest = max(_fresh_period(run, column) for run in moving for column in (name, rate_of))
@@ -102,8 +102,8 @@ def _out_of_step(
     if seen is None or seen.lag is None or abs(seen.lag) <= least or seen.gain < GAIN:
         return []
     word = "behind" if seen.lag > 0.0 else "ahead of"
-    message = f"{name} is {abs(seen.lag) * 1e3:.0f} ms {word} the rate of {rate_of}"
-    remedy = "a filter in the sensor, or two clocks"
+    message = f"{name} is {abs(seen.lag) * 1e3:.0f} ms {word} the derivative of {rate_of}"
+    remedy = "this may be a filter in the sensor, or two unsynchronised clocks"
     return [Finding("info", "channels out of step", "", name, None, message, remedy)]
 
 
@@ -123,6 +123,6 @@ def _slow_sensor(name: str, runs: Sequence[Run]) -> list[Finding]:
     time = sum(float(run.t[-1] - run.t[0]) for run in runs)
     if fresh > SLOWER * total:
         return []
-    how = "is missing" if fresh > SLOWER * present else "is repeated"
-    message = f"{name} {how} in between: about {fresh / time:.3g} Hz, the log has {total / time:.3g} Hz"
+    how = "is missing" if fresh > SLOWER * present else "repeats its value"
+    message = f"{name} updates at about {fresh / time:.3g} Hz and {how} in between; the log has {total / time:.3g} Hz"
     return [Finding("info", "slow sensor", "", name, None, message)]

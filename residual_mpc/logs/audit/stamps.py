@@ -31,8 +31,8 @@ def check_stamps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
                 uneven[0] if len(uneven) == 1 else "",
                 "t",
                 None,
-                f"in {len(uneven)} of {len(runs)} runs the time between samples varies by more than {JITTER:.0%}"
-                f" of its median (by {_jitter(worst):.0%} in {worst.name}); the stamps are used as they are",
+                f"in {len(uneven)} of {len(runs)} runs the sampling period varies by more than {JITTER:.0%}"
+                f" of its median (by {_jitter(worst):.0%} in {worst.name}); the time stamps are used as they are",
             )
         )
     periods = np.array([run.period for run in runs])
@@ -44,7 +44,7 @@ def check_stamps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
                 "",
                 "t",
                 None,
-                f"the runs were sampled at {1.0 / periods.max():.3g} to {1.0 / periods.min():.3g} Hz",
+                f"sampling rates of the runs range from {1.0 / periods.max():.3g} to {1.0 / periods.min():.3g} Hz",
             )
         )
     if periods.max() > SLOW:
@@ -56,8 +56,8 @@ def check_stamps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
                 slowest.name,
                 "t",
                 None,
-                f"samples are {slowest.period:.3g} s apart; whatever the robot does in between cannot be seen",
-                "log faster, or check that 't' is in seconds",
+                f"samples are {slowest.period:.3g} s apart; faster dynamics cannot be observed",
+                "log at a higher rate, or check that 't' is in seconds",
             )
         )
     return findings
@@ -77,8 +77,8 @@ def _gaps(run: Run) -> list[Finding]:
             run.name,
             "t",
             k,
-            f"no sample for {step[k]:.3g} s from t = {run.t[k]:.6g} s{more} ({step[wide].sum():.3g} s in all)",
-            "the last command is held across it; cut the run there if the log lost commands",
+            f"no samples for {step[k]:.3g} s from t = {run.t[k]:.6g} s{more} ({step[wide].sum():.3g} s in total)",
+            "the last command is held during a gap; split the run there if commands were lost",
         )
     ]
 

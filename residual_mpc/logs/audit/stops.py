@@ -78,7 +78,7 @@ def _finding(run: Run, actuator: ActuatorFacts, place: float, visits: list[int],
         run.name,
         f"position.{actuator.joint}",
         visits[0],
-        f"stays at {place:.3g} in {len(visits)} stretches while its command goes on to {reach:.3g}: something stops "
-        "the joint there, and the model has no such end",
-        "give the joint this range in the model, or leave these runs out",
+        f"stays at {place:.3g} in {len(visits)} intervals while its command continues to {reach:.3g}: the joint "
+        "is stopped there, and the model has no such end stop",
+        "set this joint limit in the model, or leave these runs out",
     )

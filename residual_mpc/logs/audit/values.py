@@ -45,12 +45,12 @@ def _wraps(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
             row = _first_wrap(run.columns[name], turn)
             if row is None:
                 continue
-            jump = f"{name} jumps by a turn, in {unit}, at t = {run.t[row]:.6g} s"
+            jump = f"{name} jumps by one turn, in {unit}, at t = {run.t[row]:.6g} s"
             if unit == "degrees":
-                remedy = "multiply it by pi / 180; angles are in radians"
+                remedy = "multiply it by pi / 180; angles must be in radians"
                 return [Finding("error", "degrees", run.name, name, row, jump, remedy)]
             severity = "info" if name == "pose.theta" else "warning"  # the log format lets theta wrap
-            message = f"{jump}; it is unwrapped before it is compared"
+            message = f"{jump}; it is unwrapped before the comparison"
             return [Finding(severity, "wrapped angle", run.name, name, row, message)]  # type: ignore[arg-type]
     return []
 
@@ -87,7 +87,7 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
                     run.name,
                     name,
                     None,
-                    f"{name} reaches {far:.4g}, the range is {low:.4g} to {high:.4g} rad: these are degrees",
+                    f"{name} reaches {far:.4g}, beyond the joint range {low:.4g} to {high:.4g} rad: it is in degrees",
                     "multiply position, velocity and command by pi / 180",
                 )
             ]
@@ -101,8 +101,8 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
                     run.name,
                     name,
                     int(outside[0]),
-                    f"{name} is {run.columns[name][outside[0]]:.4g}, the range is {low:.4g} to {high:.4g}",
-                    "check the unit, the sign and the zero of this column",
+                    f"{name} is {run.columns[name][outside[0]]:.4g}, outside the joint range {low:.4g} to {high:.4g}",
+                    "check the unit, sign and zero of this column",
                 )
             ]
     return []
@@ -115,8 +115,8 @@ def _many_turns(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Findi
     reach = float(np.nanmax(np.abs(farthest.columns[name])))
     if not servo or not _turns(name, robot) or reach < 2.0 * TURN:
         return []
-    message = f"{name} reaches {reach:.4g} rad, {reach / TURN:.2g} turns: is it in degrees?"
-    return [Finding("warning", "many turns", farthest.name, name, None, message, "angles are in radians")]
+    message = f"{name} reaches {reach:.4g} rad, {reach / TURN:.2g} turns: it may be in degrees"
+    return [Finding("warning", "many turns", farthest.name, name, None, message, "angles must be in radians")]
 
 
 def _steps(name: str, runs: Sequence[Run]) -> list[Finding]:
@@ -127,7 +127,9 @@ def _steps(name: str, runs: Sequence[Run]) -> list[Finding]:
     # where the robot stands still every sensor is coarse
     if not coarse.any() or np.median(steps[coarse]) <= COARSE * float(spread.max()):
         return []
-    message = f"{name} comes in steps of {np.median(steps[coarse]):.4g}, its spread is {spread.max():.4g}"
+    message = (
+        f"{name} is quantised in steps of {np.median(steps[coarse]):.4g}; its standard deviation is {spread.max():.4g}"
+    )
     return [Finding("info", "coarse steps", "", name, None, message)]
 
 
@@ -139,6 +141,6 @@ def _clipped(name: str, runs: Sequence[Run]) -> list[Finding]:
     for end, word in ((float(y.max()), "above"), (float(y.min()), "below")):
         share = float(np.mean(y == end))
         if share > CLIPPED:
-            message = f"{share:.0%} of {name} is exactly {end:.5g} and none is {word}: it may be clipped"
+            message = f"{share:.0%} of {name} is exactly {end:.5g} and no value is {word}: it may be clipped"
             return [Finding("info", "clipped command", "", name, None, message)]
     return []

@@ -22,15 +22,15 @@ def numbers(column: Any, name: str, where: str) -> FloatArray:
     values = _cast(column)
     if values is None:
         row, text = _first_text(column)
-        remedy = "empty a cell whose value is missing; write decimals with a point"
+        remedy = "leave the cell empty if the value is missing; use decimal points"
         if name == "t":
-            remedy = "write the time stamps as seconds, in numbers"
-        what = f"data row {row + 1} of the column {name!r} holds {text!r}, a number was wanted"
+            remedy = "write the time stamps as numbers in seconds"
+        what = f"data row {row + 1} of column {name!r} must be a number, got {text!r}"
         raise BadInput(what, where, remedy)
     bad = np.flatnonzero(np.abs(values) > LARGEST * (1e12 if name == "t" else 1.0))
     if bad.size:
-        seen = f"data row {bad[0] + 1} of the column {name!r} holds {values[bad[0]]:g}"
-        raise BadInput(f"{seen}, a finite quantity was wanted", where, "empty the cell if it is missing")
+        what = f"data row {bad[0] + 1} of column {name!r} must be a finite quantity, got {values[bad[0]]:g}"
+        raise BadInput(what, where, "leave the cell empty if the value is missing")
     return values
 
 
@@ -61,8 +61,8 @@ def labels(column: Any, name: str, where: str) -> list[str]:
     texts = []
     for row, value in enumerate(column.to_pylist()):
         if value is None or value == "" or value != value:
-            what = f"data row {row + 1} of the column {name!r} is empty"
-            raise BadInput(what, where, "say which run each row is of")
+            what = f"data row {row + 1} of column {name!r} is empty"
+            raise BadInput(what, where, "name the run of every row")
         text = str(int(value)) if isinstance(value, float) and value.is_integer() else _text(value)
         texts.append(text.strip())
     return texts

@@ -23,7 +23,7 @@ def find_tables(paths: Sequence[str | Path]) -> tuple[Path, ...]:
     if isinstance(paths, str | Path):
         paths = [paths]
     if not paths:
-        raise BadInput("no run came; at least one table was wanted", remedy="give files or a folder")
+        raise BadInput("at least one run is needed, got none", remedy="give files or a folder")
     found: dict[Path, Path] = {}
     for path in paths:
         for file in _expand(str(path)):
@@ -47,14 +47,14 @@ def _expand(text: str) -> list[Path]:
         if path.exists():
             return [path]
     except (OSError, ValueError) as fault:
-        raise BadInput(f"it cannot be looked up ({fault})", text[:200]) from fault
+        raise BadInput(f"cannot be accessed ({fault})", text[:200]) from fault
     if glob.has_magic(text):
         matches = sorted(Path(m) for m in glob.glob(text, recursive=True))
         files = [m for m in matches if m.is_file()]
         if not files:
-            raise BadInput("no file matches this pattern", text, "check the folder and the suffix")
+            raise BadInput("no file matches this pattern", text, "check the folder and the file suffix")
         return files
-    raise BadInput("there is no such file", text, "give CSV or Parquet files, or a folder of them")
+    raise BadInput("file not found", text, "give CSV or Parquet files, or a folder of them")
 
 
 def _tables_of(folder: Path) -> list[Path]:
@@ -72,9 +72,9 @@ def _no_table(folder: Path, inside: Sequence[Path]) -> BadInput:
     """A folder without tables, and what it holds instead."""
     if (folder / DATA_SET).is_file():
         tables = folder / "data" / "chunk-*" / "*.parquet"
-        return BadInput("this is a LeRobot data set", str(folder), f"give its tables: '{tables}'")
+        return BadInput("this is a LeRobot data set, not a run", str(folder), f"give its tables: '{tables}'")
     for file in inside[:MANY]:
         other = recognise_file(file)
         if other is not None:
-            return BadInput(f"this folder holds no table; {file.name} is {other.name}", str(folder), other.remedy)
-    return BadInput("this folder holds no table", str(folder), f"runs are files ending in {', '.join(SUFFIXES)}")
+            return BadInput(f"this folder contains no tables; {file.name} is {other.name}", str(folder), other.remedy)
+    return BadInput("this folder contains no tables", str(folder), f"runs are files ending in {', '.join(SUFFIXES)}")

@@ -18,18 +18,18 @@ class Format:
     remedy: str
 
     def refusal(self, path: Path) -> BadInput:
-        return BadInput(f"this is {self.name}; a CSV or Parquet table was expected", str(path), self.remedy)
+        return BadInput(f"must be a CSV or Parquet table, got {self.name}", str(path), self.remedy)
 
 
-_TOPICS = "write the topics that you need to one table a run, a row a message: {} read them as data frames"
+_TOPICS = "write the topics you need to one table per run with one row per message: {} read them as data frames"
 _ROS = _TOPICS.format("the Python packages rosbags and rosbags-dataframe")
-MCAP = Format("an MCAP recording", _ROS + " where they are ROS messages, the package mcap any other")
+MCAP = Format("an MCAP recording", _ROS + " for ROS messages, and the package mcap for others")
 BAG = Format("a ROS 1 bag", _ROS)
 BAG2 = Format("a ROS 2 bag (SQLite)", _ROS)
 SQLITE = Format("an SQLite database", "write the run to a table, for example pandas.read_sql(...).to_csv('run.csv')")
 HDF5 = Format(
     "an HDF5 file",
-    "write the data sets of a run to one table, for example with h5py and pandas:"
+    "write the data sets of each run to one table, for example with h5py and pandas:"
     " DataFrame({'t': file['t'][:], ...}).to_parquet('run.parquet')",
 )
 MATLAB = Format(
@@ -50,11 +50,11 @@ PICKLE = Format(
     "if you trust it, read it with pandas.read_pickle and write a table: frame.to_parquet('run.parquet')",
 )
 SPREADSHEET = Format(
-    "a spreadsheet", "save the sheet as CSV, or with pandas: read_excel(...).to_csv('run.csv', index=False)"
+    "a spreadsheet", "save the sheet as CSV, or convert it with pandas: read_excel(...).to_csv('run.csv', index=False)"
 )
 ARROW = Format("an Arrow (Feather) file", "with pandas: read_feather(...).to_parquet('run.parquet')")
-ARCHIVE = Format("a compressed archive", "unpack it and give the tables in it; a CSV file may be compressed by gzip")
-PX4 = Format("a PX4 log", "convert it by ulog2csv of the Python package pyulog, and join the topics to one table")
+ARCHIVE = Format("a compressed archive", "unpack it and give the tables in it; a CSV file may be gzip-compressed")
+PX4 = Format("a PX4 log", "convert it with ulog2csv from the Python package pyulog, and join the topics into one table")
 JSON = Format("a JSON file", "with pandas: read_json(...).to_csv('run.csv', index=False); lines=True for JSON lines")
 UNKNOWN = Format(
     "a binary file of an unknown format", "export the run as CSV or Parquet from the program that wrote it"

@@ -71,7 +71,7 @@ def check_log(robot: RobotFile, tables: Sequence[Sequence[str]]) -> None:
             # a table that uses the log's own name already needs no renaming
             if column not in known and (name not in known or name in log.values()):
                 raise BadInput(
-                    f'"{name}" = "{column}" in [log]: no table has a column {column!r}',
+                    f'[log] maps "{name}" to column {column!r}, which no table has',
                     robot.source,
                     did_you_mean(column, known),
                 )

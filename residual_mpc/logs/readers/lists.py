@@ -47,7 +47,7 @@ def note_of(lists: Mapping[str, Mapping[str, Element]]) -> str:
         names = list(elements)
         shown = ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
         parts.append(f"{column!r} as {shown} ({len(names)} elements)")
-    return f"list columns are read one element at a time: {'; '.join(parts)}" if parts else ""
+    return f"list columns are split into their elements: {'; '.join(parts)}" if parts else ""
 
 
 def element_of(column: Any, element: Element) -> Any | str:
@@ -58,9 +58,9 @@ def element_of(column: Any, element: Element) -> Any | str:
     others = np.flatnonzero(sizes != element.size)
     if others.size:
         count = int(sizes[others[0]])
-        came = f"{count} element{'' if count == 1 else 's'}"
-        where = f"data row {others[0] + 1} of the list column {element.column!r}"
-        return f"{where} has {came}, the first has {element.size}"
+        came = f"{count}"
+        where = f"data row {others[0] + 1} of list column {element.column!r}"
+        return f"{where} must have {element.size} elements like the first row, got {came}"
     return pc.list_element(column, element.index)
 
 

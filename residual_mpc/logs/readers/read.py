@@ -78,9 +78,9 @@ def _within(headers: Sequence[Header], robot: RobotFile, limit: float) -> list[t
     if size > limit:
         largest = max(headers, key=lambda header: header.size)
         raise BadInput(
-            f"the tables would take about {size / 2**30:.3g} GiB of memory, at most {limit / 2**30:.3g} GiB was wanted",
+            f"the tables need about {size / 2**30:.3g} GiB of memory, more than the limit of {limit / 2**30:.3g} GiB",
             str(largest.path),
-            "give fewer runs, cut this one into several files, thin its rows,"
+            "give fewer runs, split this file, subsample its rows,"
             " or keep only the columns that the robot needs (Parquet is smallest)",
         )
     return list(zip(headers, needed, strict=True))
@@ -97,7 +97,7 @@ def _pieces(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterato
             continue
         if name in table.faults:
             if name in needed:
-                raise BadInput(table.faults[name], where, "write lists of one length, or a column for each element")
+                raise BadInput(table.faults[name], where, "write lists of equal length, or one column per element")
             texts.add(name)
             continue
         values = numbers(table.columns[name], _shown(name, robot), where) if name in needed else None
@@ -112,7 +112,7 @@ def _pieces(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterato
     rest = (cells, whole, frozenset(texts), left_out, table.warnings)
     count = max((len(column) for column in table.columns.values()), default=0)
     if count == 0:
-        raise BadInput("the table has no rows", where, "leave it out, or record again")
+        raise BadInput("the table has no rows", where, "remove it, or record the run again")
     if run_column is None:
         yield _Piece(header, "", np.arange(count), *rest)
         return
@@ -191,11 +191,11 @@ def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Fin
                 name,
                 "",
                 0,
-                f"{start} rows ({order.t[start] - order.t[0]:.3g} s) before the first command were left out",
+                f"{start} rows ({order.t[start] - order.t[0]:.3g} s) before the first command were dropped",
             )
         )
     if start > len(order.t) - 2:
-        what = "fewer than two rows are left once every actuator has had a command"
+        what = "fewer than two rows remain after every actuator has received a command"
         raise BadInput(what, where, "leave the run out")
     run = Run(
         name,
@@ -216,9 +216,9 @@ def _check_columns(layout: Layout, where: str, robot: RobotFile) -> None:
     if "t" not in layout.columns:
         likely = likely_time(here) or "the column's name"
         raise BadInput(
-            f"there is no column 't' (time stamps in s); the columns are {listed}",
+            f"column 't' (time stamps in s) is missing; the columns are {listed}",
             where,
-            f'name it in the robot file, under [log]: "t" = "{likely}"',
+            f'map it under [log] in the robot file: "t" = "{likely}"',
         )
     for wanted, example, found in (
         ("command", "command.<actuator>", [n for n in layout.columns if group(n) == "command"]),
@@ -230,9 +230,9 @@ def _check_columns(layout: Layout, where: str, robot: RobotFile) -> None:
     ):
         if not found:
             raise BadInput(
-                f"there is no {wanted} column ({example}); the columns are {listed}",
+                f"no {wanted} column ({example}) was found; the columns are {listed}",
                 where,
-                'rename columns in the robot file, under [log]: "' + example.split(",")[0] + '" = "the column\'s name"',
+                'map the columns under [log] in the robot file: "' + example.split(",")[0] + '" = "the column\'s name"',
             )
 
 
@@ -247,16 +247,16 @@ def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str) ->
         finite = np.isfinite(values)
         if group(name) == "command" and not finite.any():
             raise BadInput(
-                f"the column {layout.columns[name]!r} has no value, a command was wanted",
+                f"command column {layout.columns[name]!r} has no values",
                 where,
-                "remove the column if the actuator was not driven, or write what was sent",
+                "remove the column if the actuator was not driven, or fill in the commands that were sent",
             )
         if group(name) == "enabled" and not np.isin(values[finite], (0.0, 1.0)).all():
             odd = values[finite][~np.isin(values[finite], (0.0, 1.0))][0]
-            raise BadInput(f"the column {layout.columns[name]!r} holds {odd:g}, 0 or 1 was wanted", where)
+            raise BadInput(f"column {layout.columns[name]!r} must be 0 or 1, got {odd:g}", where)
     measured = [n for n in columns if is_measured(n) and n not in layout.served_as_command]
     if not any(np.isfinite(columns[n]).any() for n in measured):
-        what = f"no measured column has a value ({', '.join(measured[:10])})"
+        what = f"none of the measured columns has any values ({', '.join(measured[:10])})"
         raise BadInput(what, where, "leave the run out")
 
 
@@ -269,11 +269,11 @@ def _check_clashes(layout: Layout, piece: _Piece, order: Order, where: str) -> N
     if clash.sum() > CLASHES * len(order.rows):
         k = int(np.flatnonzero(clash)[0])
         raise BadInput(
-            f"data row {piece.rows[order.rows[k]] + 1} repeats the stamp of the one before with other values,"
-            f" as {int(clash.sum())} of {len(order.rows)} rows do",
+            f"data row {piece.rows[order.rows[k]] + 1} has the same time stamp as the row before but other values,"
+            f" as do {int(clash.sum())} of {len(order.rows)} rows",
             where,
-            "write 't' with more digits (a 32-bit float cannot hold the time of day),"
-            " or tell runs apart by a column 'run'",
+            "write 't' with more digits (a 32-bit float is too coarse for the time of day),"
+            " or distinguish the runs by a column 'run'",
         )
 
 
@@ -286,13 +286,13 @@ def _first_command(columns: dict[str, FloatArray]) -> int:
 def _remarks(run: Run, piece: _Piece, layout: Layout) -> list[Finding]:
     remarks = []
     for name, column in layout.absent.items():
-        message = f"[log] names the column {column!r}, which this table lacks"
+        message = f"[log] refers to column {column!r}, which this table does not have"
         remarks.append(Finding("warning", "absent column", run.name, name, None, message))
     for name in run.extra:
         if name in piece.left_out:
-            message = f"the column {name!r} is unknown; it was left out to save memory"
+            message = f"unknown column {name!r} was dropped to save memory"
         else:
-            message = f"the column {name!r} is unknown; it is kept, and nothing here uses it"
+            message = f"unknown column {name!r} is kept but not compared"
         remarks.append(Finding("info", "unknown column", run.name, name, None, message, _near(name)))
     return remarks
 

@@ -64,11 +64,11 @@ def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'") -> Ord
     warnings = []
     if len(rows) < len(stamps.t):
         missing = len(stamps.t) - len(rows)
-        warnings.append(("missing stamps", f"{missing} rows without a time stamp were left out"))
+        warnings.append(("missing stamps", f"{missing} rows without a time stamp were dropped"))
     t = stamps.t[rows]
     if len(np.unique(t)) < 2:
         raise BadInput(
-            f"the run has {'one time stamp' if len(t) else 'no time stamp'}, at least two were wanted",
+            f"the run must have at least two different time stamps, got {'one' if len(t) else 'none'}",
             where,
             "leave the run out, or check the columns 't' and 'run'",
         )
@@ -79,7 +79,7 @@ def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'") -> Ord
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0.0)
     if len(first) < len(t):
         repeated = len(t) - len(first)
-        message = f"{repeated} rows repeat the stamp of the one before and were merged with it"
+        message = f"{repeated} rows repeat the previous time stamp and were merged with the row before"
         warnings.append(("repeated stamps", message))
     t = t[first]
     _check_unit(t, where)
@@ -102,10 +102,10 @@ def _sorted(
     if late.size > max(1.0, DISORDER * len(t)) or clash:
         k = int(np.flatnonzero(np.diff(t) < 0.0)[0]) + 1
         raise BadInput(
-            f"data row {rows[k] + 1} is stamped {stamps.logged(t[k])} s, the row before it {stamps.logged(t[k - 1])} s;"
+            f"data row {rows[k] + 1} has t = {stamps.logged(t[k])} s, the row before it {stamps.logged(t[k - 1])} s;"
             f" {late.size} of {len(t)} rows are out of order",
             where,
-            f"if the table holds several runs, tell them apart by {apart}; else sort it by 't'",
+            f"if the table holds several runs, distinguish them by {apart}; otherwise sort it by 't'",
         )
     return t[order], rows[order]
 
@@ -117,12 +117,12 @@ def _check_unit(t: FloatArray, where: str) -> None:
     if period >= LONGEST:
         factor, unit = next(p for p in ((1e9, "ns"), (1e6, "us"), (1e3, "ms")) if period >= 1e-3 * p[0])
         raise BadInput(
-            f"the median time between rows is {period:g} s, as in {unit}; below {LONGEST:g} s was wanted",
+            f"the median time between rows must be below {LONGEST:g} s, got {period:g} s; 't' appears to be in {unit}",
             where,
-            f"divide 't' by {factor:g}; a log that is truly so slow cannot be compared with a model",
+            f"divide 't' by {factor:g}; a log that really is this slow cannot be compared with a model",
         )
     raise BadInput(
-        f"the median time between rows is {period:g} s; at least {SHORTEST:g} s was wanted",
+        f"the median time between rows must be at least {SHORTEST:g} s, got {period:g} s",
         where,
         "write 't' in seconds",
     )

@@ -72,17 +72,17 @@ def read_header(path: Path) -> Header:
             start = file.read(ENOUGH)
         size = os.stat(path).st_size
         if not start:
-            raise BadInput("the file is empty; a table with a header was wanted", str(path))
+            raise BadInput("must be a table with a header, got an empty file", str(path))
         if start.startswith(b"PAR1"):
             return _parquet_header(path)
         other = recognise(start, path.name)
         if other is not None:
             raise other.refusal(path)
         if path.suffix.lower() == ".parquet":
-            raise BadInput("this is no Parquet file, whatever its name says", str(path), "write it again")
+            raise BadInput("must be a Parquet file, got another format", str(path), "export it again as Parquet or CSV")
         return _csv_header(path, size, zipped=start[:2] == b"\x1f\x8b")
     except OSError as fault:
-        raise BadInput(f"it cannot be read ({fault.strerror or fault})", str(path)) from fault
+        raise BadInput(f"cannot be read ({fault.strerror or fault})", str(path)) from fault
 
 
 def read_table(header: Header, columns: Sequence[str]) -> Table:
@@ -105,7 +105,7 @@ def _parquet_header(path: Path) -> Header:
             rows = file.metadata.num_rows
     except (pa.ArrowException, OSError, ValueError) as fault:
         what = f"the Parquet file is damaged ({_first_line(fault)})"
-        raise BadInput(what, str(path), "write it again") from fault
+        raise BadInput(what, str(path), "export it again") from fault
     _no_twins(names, path)
     elements = {name: element for column in lists.values() for name, element in column.items()}
     return Header(path, names, 8.0 * rows * len(names), "", 0, False, elements, note_of(lists))
@@ -121,7 +121,7 @@ def _read_parquet(header: Header, columns: Sequence[str]) -> Table:
             table = file.read(columns=sorted(needed), use_pandas_metadata=False)
     except (pa.ArrowException, OSError, ValueError) as fault:
         what = f"the Parquet file is damaged ({_first_line(fault)})"
-        raise BadInput(what, str(header.path), "write it again") from fault
+        raise BadInput(what, str(header.path), "export it again") from fault
     found, faults = {}, {}
     for name in columns:
         element = header.elements.get(name)
@@ -136,23 +136,23 @@ def _read_parquet(header: Header, columns: Sequence[str]) -> Table:
 def _csv_header(path: Path, size: int, zipped: bool) -> Header:
     raw = _first_bytes(path, zipped)
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise BadInput("this text is UTF-16, UTF-8 was wanted", str(path), "save the table as UTF-8")
+        raise BadInput("must be UTF-8 text, got UTF-16", str(path), "save the table as UTF-8")
     if b"\0" in raw:
         raise (recognise(raw[:ENOUGH], path.name) or UNKNOWN).refusal(path)
     lines = raw.removeprefix(b"\xef\xbb\xbf").splitlines()
     blank = next((i for i, line in enumerate(lines) if line.strip()), len(lines))
     if blank == len(lines):
-        raise BadInput("the file holds blank lines alone; a table with a header was wanted", str(path))
+        raise BadInput("must be a table with a header, got only blank lines", str(path))
     try:
         line = lines[blank].decode("utf-8")
     except UnicodeDecodeError as fault:
         raise BadInput(
-            "this is neither UTF-8 text nor Parquet; a CSV or Parquet table was wanted",
+            "must be a CSV table in UTF-8 or a Parquet table, got other bytes",
             str(path),
             "save the table as UTF-8",
         ) from fault
     if not line.isprintable() and not line.replace("\t", "").isprintable():
-        raise BadInput("the header holds control characters; a CSV or Parquet table was wanted", str(path))
+        raise BadInput("must be a CSV or Parquet table, got control characters in the header", str(path))
     separator = max(",;\t", key=lambda mark: (line.count(mark), -",;\t".index(mark)))
     cells = next(csv.reader(io.StringIO(line), delimiter=separator, skipinitialspace=True), [])
     cells[0] = cells[0].removeprefix("#")  # numpy.savetxt marks its header as a comment
@@ -167,7 +167,7 @@ def _first_bytes(path: Path, zipped: bool) -> bytes:
         with gzip.open(path) if zipped else open(path, "rb") as file:
             raw: bytes = file.read(HEADER_LIMIT)
     except (EOFError, gzip.BadGzipFile, gzip.zlib.error) as fault:  # type: ignore[attr-defined]
-        raise BadInput(f"the compressed file is damaged ({fault})", str(path), "write it again") from fault
+        raise BadInput(f"the compressed file is damaged ({fault})", str(path), "export it again") from fault
     return raw
 
 
@@ -176,21 +176,21 @@ def _read_csv(header: Header, columns: Sequence[str]) -> Table:
     warnings = []
     if header.separator != ",":
         mark = {";": "semicolons", "\t": "tabs"}[header.separator]
-        warnings.append(f"cells are separated by {mark} in place of commas")
+        warnings.append(f"columns are separated by {mark} instead of commas")
         if _has_decimal_commas(table):
             table, ragged = _parse(header, columns, ",")
-            warnings.append("decimals are written with commas")
+            warnings.append("numbers use decimal commas")
     if ragged:
         number, cells, text = ragged[0]
         if "\n" in text:
-            raise BadInput(f"a quote is not closed in data row {number + 1}: {text[:60]!r}", str(header.path))
+            raise BadInput(f"unclosed quote in data row {number + 1}: {text[:60]!r}", str(header.path))
         if len(ragged) > 1 or cells > len(header.names) or number < table.num_rows:
             raise BadInput(
-                f"data row {number + 1} has {cells} cells, the header {len(header.names)}: {text[:80]!r}",
+                f"data row {number + 1} must have {len(header.names)} cells, got {cells}: {text[:80]!r}",
                 str(header.path),
-                "one separator and as many cells as names in every row; decimals with a point",
+                "use one separator, the same number of cells in every row, and decimal points",
             )
-        warnings.append("the last row is cut short and was left out")
+        warnings.append("the last row is incomplete and was dropped")
     return Table({name: table.column(name) for name in columns}, tuple(warnings))
 
 
@@ -209,7 +209,7 @@ def _parse(header: Header, columns: Sequence[str], decimal: str) -> tuple[Any, l
     except (pa.ArrowException, OSError, ValueError) as fault:
         message = _first_line(fault)
         if "Empty CSV" in message or "Could not skip" in message:
-            raise BadInput("the table has no rows", str(header.path), "leave it out") from fault
+            raise BadInput("the table has no rows", str(header.path), "remove it") from fault
         # Arrow hands a row on as text, which it can only be when it is UTF-8
         if "columns, got" not in message or not _is_text(header):
             raise BadInput(f"the table cannot be read ({message})", str(header.path)) from fault
@@ -266,7 +266,7 @@ def _has_decimal_commas(table: Any) -> bool:
 def _no_twins(names: Sequence[str], path: Path) -> None:
     twins = [name for name, count in Counter(names).items() if count > 1]
     if twins:
-        raise BadInput(f"the column {twins[0]!r} stands twice in the header", str(path), "rename one of them")
+        raise BadInput(f"column {twins[0]!r} appears twice in the header", str(path), "rename one of them")
 
 
 def _first_line(fault: Exception) -> str:

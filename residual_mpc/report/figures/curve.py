@@ -55,6 +55,6 @@ def _y_label(dependence: Mapping[str, Any], what: str) -> str:
 def _alt(dependence: Mapping[str, Any], what: str, x: np.ndarray, y: np.ndarray) -> str:
     low, high = int(np.argmin(y)), int(np.argmax(y))
     return (
-        f"What is missing in {what} over {dependence['on']}: from {y[low]:.2g} at {x[low]:.2g} "
+        f"Rate missing in {what} against {dependence['on']}: from {y[low]:.2g} at {x[low]:.2g} "
         f"to {y[high]:.2g} at {x[high]:.2g}."
     )

@@ -33,7 +33,7 @@ def traces(panel: Panel, name: str, start: float) -> "Markup":
         axes.plot(t, bridged(panel.before, breaks), color=COLOURS["before"], ls=(0, (4, 1.6)))
         if explained:
             axes.plot(t, bridged(panel.after, breaks), color=COLOURS["after"])
-        axes.set_xlabel("time in the run (s)")
+        axes.set_xlabel("time since start of run (s)")
         axes.set_ylabel(spelled(panel.unit))
         axes.margins(x=0.01)
         few_ticks(axes)

@@ -27,13 +27,13 @@ def spread(before: Array, after: Array | None, floor: float, name: str) -> "Mark
         axes.axvline(floor, color=COLOURS["floor"], ls=":", lw=1.4)
         axes.set_xlim(left=0.0, right=float(np.quantile(before, 0.98)) * 1.1 or 1.0)
         axes.set_ylim(0.0, 1.02)
-        axes.set_xlabel("gap of a window")
-        axes.set_ylabel("windows below it")
+        axes.set_xlabel("gap per window")
+        axes.set_ylabel("share of windows")
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
         return inline(figure, name, _alt(before, after, floor))
 
 
 def _alt(before: Array, after: Array | None, floor: float) -> str:
-    middle = f"Half of the {before.size} windows have a gap below {np.median(before):.2g} before"
-    then = "" if after is None else f", and below {np.median(after):.2g} after"
+    middle = f"The median gap of the {before.size} windows is {np.median(before):.2g} before"
+    then = "" if after is None else f" and {np.median(after):.2g} after"
     return f"{middle}{then}; the noise floor is {floor:.2g}."

@@ -57,7 +57,7 @@ def _bars(document: Document) -> list[tuple[str, str, float]]:
         ]
     if document["explanation"]:
         bars.append(("after", "With the named effects", figures["after"]))
-    return [*bars, ("floor", "Sensor noise alone", figures["noise_floor"])]
+    return [*bars, ("floor", "Noise floor", figures["noise_floor"])]
 
 
 def _ranges(shrink: Document | None) -> dict[str, object] | None:

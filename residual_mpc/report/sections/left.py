@@ -6,7 +6,7 @@ from typing import Any
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.figures.curve import curve
 from residual_mpc.report.sections.section import Document, Section, render
-from residual_mpc.report.words.rest import component_name, form_of, hint_of, resemblance
+from residual_mpc.report.words.rest import component_name, form_of, hint_of, regime_words, resemblance
 
 LEARNERS = {"ridge": "a ridge regression", "network": "a neural network"}
 LIFT = 1.2  # from which a regime is listed
@@ -39,7 +39,11 @@ def _rest(remainder: Mapping[str, Any] | None) -> dict[str, Any] | None:
         return None
     return {
         "components": [{**c, "name": component_name(c["name"])} for c in remainder["components"]],
-        "regimes": [r for r in remainder["regimes"] if r["share"] >= 0.05 and r["lift"] >= LIFT],
+        "regimes": [
+            {**r, "words": regime_words(r["name"])}
+            for r in remainder["regimes"]
+            if r["share"] >= 0.05 and r["lift"] >= LIFT
+        ],
         "half_within": remainder["half_within"],
         "depends": [
             {

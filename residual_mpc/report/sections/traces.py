@@ -23,4 +23,4 @@ def traces(document: Document, evidence: Evidence) -> Section | None:
     ]
     body = render("sections/traces.html.jinja", panels=panels, horizon=document["gap"]["horizon"],
                   explained=bool(document["explanation"]))  # fmt: skip
-    return Section("traces", "Measured and predicted", body)
+    return Section("traces", "Measured and predicted motion", body)

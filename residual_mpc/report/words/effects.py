@@ -11,7 +11,7 @@ Effect = Mapping[str, Any]  # an entry of diagnosis.json that names an effect
 
 PEOPLE = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
 SUPPORT = {
-    "fits": "fits better beyond doubt",
+    "fits": "fits significantly better",
     "predicts": "predicts held-out runs better",
     "survives": "is found whichever run is left out",
     "experiment": "agrees with a planned experiment",
@@ -50,7 +50,7 @@ def sentence_of(effect: Effect) -> str:
     phrase = known.phrase if known else None
     target = effect.get("target") or effect.get("only_target")
     if effect["effect"] == "fitted_law":
-        return f"a law in {effect.get('on', 'the motion')}, fitted to the runs, corrects {target or 'the robot'}"
+        return f"a function of {effect.get('on', 'the motion')}, fitted to the runs, corrects {target or 'the robot'}"
     if known is None or phrase is None:
         return f"{name(effect)} acts on {target or 'the robot'}"
     parameters = numbers_of(effect)

@@ -32,8 +32,8 @@ def horizon_line(gap: Gap, explained: bool) -> str:
     last = last_of(gap) if explained else None
     arrow = "" if last is None else f" -> {number(last)}"
     windows = f", {count(gap['windows'], 'window')}" if gap.get("windows") else ""
-    seen = ", seen by the fit" if gap.get("held_out") is False else ""
-    floor = number(gap["noise_floor"], 2)
+    seen = ", not held out" if gap.get("held_out") is False else ""
+    floor = number(gap["noise_floor"])
     return f"gap at {number(gap['horizon'])} s: {number(first_of(gap))}{arrow} (noise floor {floor}){windows}{seen}"
 
 
@@ -50,8 +50,8 @@ def few_windows(gap: Gap, last: bool) -> str:
         return ""
     half, worst = number(quantiles["p50"], 2), number(quantiles["max"], 2)
     return (
-        f"A few windows dominate the gap at {number(gap['horizon'])} s: half of the windows are below {half}, "
-        f"the largest is at {worst}."
+        f"A few windows dominate the gap at {number(gap['horizon'])} s: the median over the windows is {half}, "
+        f"the maximum {worst}."
     )
 
 
@@ -77,10 +77,10 @@ def warnings(gap: Gap, explained: bool) -> list[str]:
         if worse:
             who = "This model" if len(models) == 1 else f"The {' and the '.join(worse)} model"
             verb, their = ("predicts", "its") if len(worse) == 1 else ("predict", "their")
-            nothing = f": {their} figures say nothing about these runs" if max(worse.values()) > USELESS else ""
-            said.append(f"{who} {verb} worse than a forecast of constant velocity ({number(constant)}){nothing}.")
+            nothing = f", so {their} figures are not meaningful for these runs" if max(worse.values()) > USELESS else ""
+            said.append(f"{who} {verb} worse than a constant-velocity forecast ({number(constant)}){nothing}.")
     if nominal >= 1.0:
-        said.append(f"The nominal model {size(nominal)}: a model that stands still would do better.")
+        said.append(f"The nominal model {size(nominal)}: a model that predicts no motion would be better.")
     return said
 
 

@@ -16,25 +16,25 @@ COMPONENTS = {"forward": "the forward motion", "sideways": "the sideways motion"
 HINTS = {
     "wheel_angle": "an eccentric wheel or a bent axle",
     "angle": "motor cogging or gear teeth",
-    "time": "something that warms up, wears in or runs down",
-    "work": "something that warms up, wears in or runs down",
+    "time": "warm-up, run-in or a falling supply voltage",
+    "work": "warm-up, run-in or a falling supply voltage",
     "position": "a dragging cable, a spring or an end stop",
-    "direction": "play or friction",
-    "run": "something that was changed between the runs",
-    "order": "something that changed from run to run",
-    "heading": "a floor that is not level",
+    "direction": "backlash or friction",
+    "run": "a change between the runs",
+    "order": "a gradual change from run to run",
+    "heading": "a sloping floor",
     "place": "an uneven floor",
 }
-AT_ONE_TIME = "something that happens at the same time in every run"
-ONE_SIDED = "something that is weaker to one side"
+AT_ONE_TIME = "an event at the same time in every run"
+ONE_SIDED = "an asymmetry between the two directions"
 REGIMES = {
     "large command": "under large commands",
     "actuator off": "with the actuators off",
     "command step": "after command steps",
     "command reversal": "after command reversals",
     "standstill": "at standstill",
-    "slow": "in slow motion",
-    "fast": "in fast motion",
+    "slow": "at low speed",
+    "fast": "at high speed",
 }
 CLOSE = 0.5  # share of the rest from which an effect that was not added needs a reason
 
@@ -48,8 +48,8 @@ def rest_sentence(remainder: Mapping[str, Any]) -> str:
         said = f"{where} and {_depends(depends[0])}{', consistent with ' + hint if hint else ''}."
     else:
         bursts = remainder["half_within"] <= BURST
-        how = f"; it comes in bursts: half of it falls in {percent(remainder['half_within'])} of the time"
-        said = f"{where} and depends on nothing that was logged{how if bursts else ''}."
+        how = f"; it comes in bursts: half of it occurs in {percent(remainder['half_within'])} of the time"
+        said = f"{where} and depends on no logged quantity{how if bursts else ''}."
     like = resemblance(remainder["resembles"])
     return f"{said} {like}" if like else said
 
@@ -61,12 +61,17 @@ def resemblance(resembles: Mapping[str, Any] | None) -> str:
     name, closes, why = name_at(resembles), resembles["closes"], resembles.get("why")
     reason = f": {why.rstrip('.')}" if why and closes >= CLOSE else ""
     closest = f"{name[:1].upper()}{name[1:]} would close {percent(closes)} of it"
-    return f"{closest}, but the runs do not show it beyond doubt{reason}."
+    return f"{closest}, but the evidence was insufficient to name it{reason}."
 
 
 def component_name(name: str) -> str:
     """ "yaw", "position.elbow" as they are spoken of."""
     return COMPONENTS.get(name, name.removeprefix("position."))
+
+
+def regime_words(name: str) -> str:
+    """ "slow" as "at low speed"."""
+    return REGIMES.get(name, f"while {name}" if name.startswith("turning") else f"in the {name}")
 
 
 def hint_of(dependence: Mapping[str, Any]) -> str:
@@ -86,7 +91,7 @@ def form_of(dependence: Mapping[str, Any]) -> str:
     repeats = dependence["curve"]["repeats"]
     if dependence["kind"] == "angle" and repeats:
         return f"{repeats} times per revolution"
-    return {"speed": "in proportion to the speed", "direction": "along the direction of motion"}.get(
+    return {"speed": "proportional to the speed", "direction": "along the direction of motion"}.get(
         dependence["form"], ""
     )
 
@@ -101,8 +106,7 @@ def _components(components: Sequence[Mapping[str, Any]]) -> str:
 def _regime(regimes: Sequence[Mapping[str, Any]]) -> str:
     for r in sorted(regimes, key=lambda r: -r["lift"]):
         if r["share"] >= SITS and r["lift"] >= LIFT:
-            name = r["name"]
-            return " " + REGIMES.get(name, f"while {name}" if name.startswith("turning") else f"in the {name}")
+            return " " + regime_words(r["name"])
     return ""
 
 
@@ -111,11 +115,11 @@ def _depends(d: Mapping[str, Any]) -> str:
     if d["kind"] == "steady":
         return {
             "added": f"is a steady drift ({share})",
-            "speed": f"grows in proportion to the speed ({share})",
-            "direction": f"follows the direction of motion, whatever the speed ({share})",
+            "speed": f"is proportional to the speed ({share})",
+            "direction": f"follows the direction of motion, independent of the speed ({share})",
         }[d["form"]]
     form = form_of(d)
-    others = f"; {listed(d['alike'])} would fit as well" if d["alike"] else ""
+    others = f"; {listed(d['alike'])} would fit equally well" if d["alike"] else ""
     return f"depends on {d['on']} ({share}{', ' + form if form else ''}{others})"
 
 

@@ -12,7 +12,7 @@ SURE = 0.5  # probability below which an effect is a possibility
 SLOW = 0.4  # shrink at the headline's horizon below which a longer one is quoted as well
 WORTH_SAYING = 0.05  # a learned residual that removes less than this is not worth the sentence
 
-# Effects of which one says "adding that delay" rather than "modelling that".
+# Effects of which one says "adding this delay" rather than "modelling this".
 ADDED = ("delay", "lag", "friction", "payload", "bias", "armature", "slope")
 
 
@@ -30,12 +30,12 @@ def surest_first(effects: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]
 def unseen(held_out: Sequence[Any]) -> str:
     """What the figures were measured on: whole runs, or parts of runs, that were held out."""
     if not held_out:
-        return "the runs that were fitted"
+        return "the runs used in the fit"
     return "held-out runs" if all(isinstance(part, str) for part in held_out) else "held-out parts of the runs"
 
 
 def _no_gap(document: Mapping[str, Any]) -> str:
-    return "The model predicts this robot as well as the sensors can tell: there is no gap to explain."
+    return "The model predicts this robot to within the sensor noise: there is no gap to explain."
 
 
 def _effects(document: Mapping[str, Any]) -> str:
@@ -58,7 +58,7 @@ def _unknown(document: Mapping[str, Any]) -> str:
     learned = (document.get("unexplained") or {}).get("learned_residual_shrink") or 0.0
     hope = f"; a learned residual removes {percent(learned)} of it" if learned >= WORTH_SAYING else ""
     missed = f"Over {number(worst['horizon'], 2)} s the model {size(worst['before'])}, {noise}"
-    return f"{missed}, and no known effect explains it beyond doubt{hope}."
+    return f"{missed}, and no effect in the library explains a significant part of it{hope}."
 
 
 def _causes(document: Mapping[str, Any]) -> str:
@@ -78,9 +78,9 @@ def _causes(document: Mapping[str, Any]) -> str:
 def _adding(document: Mapping[str, Any]) -> str:
     effects = document["explanation"]
     if len(effects) > 1:
-        return "adding these to the model"
+        return "adding these effects to the model"
     last = name(effects[0]).split()[-1]
-    return f"adding that {last} to the model" if last in ADDED else "modelling that"
+    return f"adding this {last} to the model" if last in ADDED else "modelling this"
 
 
 def _achieved(document: Mapping[str, Any]) -> str:

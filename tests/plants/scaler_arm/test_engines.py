@@ -147,9 +147,9 @@ def test_any_rate_will_do() -> None:
 
 def test_a_start_that_cannot_be_is_refused() -> None:
     for simulator in ENGINES.values():
-        with pytest.raises(BadInput, match="position.b came as a start"):
+        with pytest.raises(BadInput, match="unknown channels in the start: position.b"):
             simulator.start(np.random.default_rng(0), {"position.b": 0.1})
-        with pytest.raises(BadInput, match="Keep it within"):
+        with pytest.raises(BadInput, match="position.a must start between"):
             simulator.start(np.random.default_rng(0), {"position.a": 2.0})
 
 

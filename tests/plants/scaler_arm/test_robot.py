@@ -71,7 +71,7 @@ def test_a_model_file_of_a_closed_chain_is_a_robot_too(tmp_path: Path) -> None:
 def test_servo_figures_may_be_named_in_the_file() -> None:
     robot = build(RobotFile("arm", "scaler_arm", parameters={"stiffness": 35.0, "damping": 2.0}))
     assert robot.nominal()["actuator.wrist2.kp"] == 35.0 and robot.nominal()["actuator.f.kv"] == 2.0
-    with pytest.raises(BadInput, match="knows stiffness, damping"):
+    with pytest.raises(BadInput, match="parameters of scaler_arm are stiffness, damping"):
         build(RobotFile("arm", "scaler_arm", parameters={"wheel_radius": 0.03}))
     with pytest.raises(BadInput, match="positive"):
         build(RobotFile("arm", "scaler_arm", parameters={"damping": -1.0}))

@@ -41,7 +41,7 @@ def test_what_cannot_be_used_is_named() -> None:
     columns = {f"{k}.{m}": np.zeros(3) for k in ("position", "velocity", "command") for m in MOTORS}
     with pytest.raises(BadInput, match="not evenly spaced"):
         task_samples(columns, np.array([0.0, 0.01, 0.03]), POSITION)
-    with pytest.raises(BadInput, match="source 'effort' came"):
+    with pytest.raises(BadInput, match="got 'effort'"):
         task_samples(columns, np.array([0.0, 0.01, 0.02]), "effort")
     del columns["position.f"]
     with pytest.raises(BadInput, match="column position.f is missing"):
@@ -60,7 +60,7 @@ def test_runs_are_recorded_and_the_truth_lies_apart(tmp_path: Path) -> None:
         "command_delay", "payload", "actuator_gain", "viscous_friction",
     }  # fmt: skip
     beside = CliRunner().invoke(main, [*asked[:-1], str(out.parent / "truth.json")])
-    assert beside.exit_code == 2 and "belongs elsewhere" in beside.output
+    assert beside.exit_code == 2 and "must not be in the folder" in beside.output
     again = tmp_path / "again.csv"
     CliRunner().invoke(main, [str(again), *asked[1:]])
     assert again.read_bytes() == out.read_bytes()

@@ -104,5 +104,5 @@ def test_the_camera_is_slow_and_jumps_while_the_encoders_do_not() -> None:
 
 
 def test_an_engine_that_is_none_is_refused() -> None:
-    with pytest.raises(BadInput, match="there are: mujoco, pybullet|There are: mujoco, pybullet"):
+    with pytest.raises(BadInput, match="one of mujoco, pybullet"):
         twin("webots")

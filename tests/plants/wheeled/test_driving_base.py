@@ -86,8 +86,8 @@ def test_twist_is_the_rate_of_the_pose(robot):
     ("change", "pose_body", "what"),
     [
         (("", ""), None, 'pose_body = "chassis"'),
-        (("", ""), "left_wheel", "the bodies with a free joint are: chassis"),
-        (('<freejoint name="base"/>', ""), "chassis", "the bodies with a free joint are: none"),
+        (("", ""), "left_wheel", "bodies with a free joint: chassis"),
+        (('<freejoint name="base"/>', ""), "chassis", "bodies with a free joint: none"),
         (('type="plane"', 'type="plane" pos="0 0 -100"'), "chassis", "still moves"),
     ],
 )
