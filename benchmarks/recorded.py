@@ -237,8 +237,8 @@ def in_short(shrinks: list[dict[str, Any]]) -> list[str]:
     held = sum(inside(s["value"], s["expected_ci95"]) for s in shrinks)
     return [
         f"On recorded robots the named effects remove {min(values):.0%} to {max(values):.0%} of the gap on runs that\n"
-        f"no fit has seen. In {held} of {len(shrinks)} diagnoses the achieved shrink lies inside the interval that was\n"
-        "expected.\n"
+        f"no fit has seen. In {held} of {len(shrinks)} diagnoses the achieved shrink lies inside the interval that\n"
+        "was expected.\n"
     ]
 
 

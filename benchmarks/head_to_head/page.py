@@ -197,8 +197,8 @@ def shortcomings(cases: dict[str, list[Match]]) -> Iterable[str]:
     ours = spread([m.diagnosed.seconds for m in everyone], "{:.0f}")
     theirs = spread([m.fits["nothing"].seconds for m in everyone], "{:.0f}")
     yield (
-        f"It costs more: {ours} s, and the toolbox {theirs} s, on a machine with other work. A search compares hundreds "
-        "of hypotheses; the toolbox fits one."
+        f"It costs more: {ours} s, and the toolbox {theirs} s, on a machine with other work. A search compares "
+        "hundreds of hypotheses; the toolbox fits one."
     )
     yield "Its retuned values have no intervals. The toolbox states one for every value, however wrong."
     yield from about_steps(cases)
