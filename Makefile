@@ -18,7 +18,7 @@ help:
 	@echo "make bench   what diagnosis, MPC, learner and simulator cost, beside IPOPT, do-mpc, filterpy and dynamax where they are"
 	@echo "make blind   a development sweep of the blind benchmark"
 	@echo "make lint    style, types and the direction of imports"
-	@echo "make docs    the documentation as a site, in build/site"
+	@echo "make docs    the documentation as a site, in build/site (with search: python3 -m http.server -d build/site)"
 	@echo "make clean   removes $(VENV) and what the tools left behind"
 
 demo: $(VENV)/.installed
@@ -47,6 +47,7 @@ lint: $(VENV)/.installed-test
 
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@! grep -rnoE '<(script|link|img|iframe)[^>]*(src|href)="?(https?:)?//[^ >]*' build/site --include=*.html # no foreign hosts
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
