@@ -19,7 +19,7 @@ help:
 	@echo "make blind   a development sweep of the blind benchmark"
 	@echo "make lint    style, types and the direction of imports"
 	@echo "make dev     the tools of a contributor, and \`make lint\` before each commit"
-	@echo "make docs    the documentation as a site, in build/site"
+	@echo "make docs    the documentation as a site, in build/site (with search: python3 -m http.server -d build/site)"
 	@echo "make clean   removes $(VENV) and what the tools left behind"
 
 demo: $(VENV)/.installed
@@ -51,6 +51,7 @@ dev: $(VENV)/.installed-dev
 
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@! grep -rnoE '<(script|link|img|iframe)[^>]*(src|href)="?(https?:)?//[^ >]*' build/site --include=*.html # no foreign hosts
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

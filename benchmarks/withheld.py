@@ -36,30 +36,30 @@ CASES = (
         "xl330, half the mass",
         "Half of the mass of the XL330's load",
         "The experimenters hung 0.49 kg on the servo. The model was told 0.245 kg, and nothing of friction, which it "
-        "lacks as well. Four of the sixteen runs were kept back.",
+        "lacks as well. Four of the sixteen runs were held out.",
         {("payload", "mass"): (0.245, "the mass that was taken out of the model")},
     ),
     Withheld(
         "xl330, motor off",
         "The XL330 with its motor off",
         "The four runs in which the load is lifted and dropped: for three quarters of their rows the motor is off and "
-        "the arm swings free. Fitted were the twelve in which it is on throughout. No other of the recordings has the "
+        "the arm swings free. The twelve runs in which it is on throughout were fitted. No other recording has the "
         "motor off.",
     ),
     Withheld(
         "husky_terrain, new ground",
         "The Husky's ground",
-        "All seven runs on asphalt. Fitted were the eight on indoor flooring; the model knows of no ground.",
+        "All seven runs on asphalt. The eight on indoor flooring were fitted; the model knows no ground.",
         {
-            ("actuator_gain", "gain"): (0.58, "yaw over ideal, on the asphalt that was kept back"),
-            ("track_width", "scale"): (1.0 / 0.58, "ideal yaw over yaw, on the asphalt that was kept back"),
+            ("actuator_gain", "gain"): (0.58, "yaw over ideal, on the held-out asphalt"),
+            ("track_width", "scale"): (1.0 / 0.58, "ideal yaw over yaw, on the held-out asphalt"),
         },
     ),
     Withheld(
         "husky_drive",
         "The Husky's top speed and its skidding",
-        "Nothing was told of the wheels' limit, 6.9 rad/s in the logs, nor of how little the robot turns for what its "
-        "wheels do. A quarter of its 402 runs was kept back.",
+        "The diagnosis was not told the wheels' limit, 6.9 rad/s in the logs, nor how little the robot turns for the "
+        "motion of its wheels. A quarter of its 402 runs was held out.",
         {
             ("saturation", "limit"): (6.9, "the largest speed of its wheels in the logs"),
             ("track_width", "scale"): (2.6, "yaw of the encoders over yaw"),
@@ -69,14 +69,14 @@ CASES = (
         "so101",
         "Motions of the SO-101",
         "Nine of 35 motions, drawn from all ranks of the nominal gap; among them the one in which the wrist's "
-        "roll meets a stop that the model lacks. The cause is certified by nobody: here the test is the gap on motions "
+        "roll meets a stop that the model lacks. Nobody knows the cause for certain: the test is the gap on motions "
         "that were not seen.",
     ),
     *(
         Withheld(
             f"so101, fourth {k}",
             f"Motions of the SO-101, fourth {k}",
-            "Each fourth motion by name. In the four of these diagnoses each motion is kept back once.",
+            "Every fourth motion by name. In these four diagnoses each motion is held out once.",
         )
         for k in (1, 2, 3, 4)
     ),
@@ -85,12 +85,12 @@ CASES = (
 HEAD = """\
 # Real data, withheld
 
-What a diagnosis of [recorded robots](recorded.md) was not told, what it said before the windows kept back were
-opened, and what came. Written by `python -m benchmarks.withheld --page docs/results/withheld.md` from what
-`python -m benchmarks.recorded` measured; each section names the commit it was measured at. Brackets hold 95 %
+What a diagnosis of [recorded robots](recorded.md) was not told, what it said before the held-out windows were
+evaluated, and what was achieved. Written by `python -m benchmarks.withheld --page docs/results/withheld.md` from what
+`python -m benchmarks.recorded` measured; each section names the commit it was measured at. Brackets contain 95 %
 intervals.
 
-| withheld | verdict | shrink expected | came | inside |
+| withheld | verdict | shrink expected | achieved | inside |
 | --- | --- | --- | --- | --- |
 """
 
@@ -136,8 +136,8 @@ def section(case: Withheld, found: dict[str, Any] | None) -> str:
         return f"{head}Not measured with this version: `{command}` does that ([earlier](recorded.md)).\n"
     d = found["document"]
     right, wrong = marks(case, d)
-    told = [f"```\n{found['shown']}\n```\n", f"**Said beforehand**{found['code']}**.** {beforehand(d)}\n"]
-    told.append(f"**Came.** {came(d)}\n")
+    told = [f"```\n{found['shown']}\n```\n", f"**Expected**{found['code']}**.** {beforehand(d)}\n"]
+    told.append(f"**Achieved.** {came(d)}\n")
     told += [f"**Right.** {' '.join(right)}\n"] if right else []
     told += [f"**Wrong.** {' '.join(wrong)}\n"] if wrong else []
     return head + "\n".join(told)
@@ -175,9 +175,9 @@ def marks(case: Withheld, d: dict[str, Any]) -> tuple[list[str], list[str]]:
     shrink = d["shrink"]
     if shrink:
         held = inside(shrink["value"], shrink["expected_ci95"])
-        (right if held else wrong).append(f"The shrink came {'inside' if held else 'outside'} its interval.")
+        (right if held else wrong).append(f"The shrink lies {'inside' if held else 'outside'} its interval.")
     else:
-        wrong.append("No shrink could be promised.")
+        wrong.append("No shrink could be expected.")
     named = {(c["effect"], p): q for c in d["explanation"] for p, q in c["parameters"].items()}
     grouped = {m["effect"] for g in d["confounded"] for m in g if isinstance(m, dict)}
     for (effect, parameter), (true, whence) in case.true.items():

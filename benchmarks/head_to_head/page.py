@@ -18,52 +18,54 @@ FIGURE = "images/head-to-head.png"
 UNITS = {"armature": "kg m^2", "damping": "N m s/rad", "friction": "N m", "delay": "s", "payload": "kg"}
 
 INTRODUCTION = """\
-Parameter identification asks which values fit best; a diagnosis asks first what is missing. This page puts MuJoCo's
-own identification toolbox, `mujoco.sysid`, and `residual-mpc diagnose` on the same files: a position servo of one
-joint that either has nothing hidden, or 10 ms between command and motor, or 0.15 kg at its tip, of which neither
-tool is told. A second arm is fair to the toolbox: the true parameter is in its free set.
+Parameter identification asks which values fit best; a diagnosis asks first what is missing. Here MuJoCo's own
+identification toolbox, `mujoco.sysid`, and `residual-mpc diagnose` get the same files: logs of a position servo of one
+joint that has nothing hidden, or 10 ms between command and motor, or 0.15 kg at its tip. Neither tool is told. In a
+second comparison, which is fair to the toolbox, the true parameter is in its free set.
 """
 
 SETUP = """\
 ## What was run
-- The servo in truth, drawn for every seed: inertia 0.03 kg m^2 and viscous friction 0.6 N m s/rad, both within a
-  factor of 1.5 either way, dry friction 0.05 N m within a factor of 2; a stiffness of 30 N m/rad and a link of 0.2 kg
-  that swings under gravity, which both tools know; a leapfrog at 0.1 ms, with Coulomb friction that can stand still.
-- The model that both get: the same servo as MJCF (2 ms, `RK4`), its inertia, damping and dry friction wrong by up to a
-  factor of two either way. In the case of the coarse model its integrator is `implicitfast`: then the step alone
-  makes a gap. Inertia, damping and dry friction are free in both tools (`tunable` in the robot file): retuning them
-  is no diagnosis.
-- The runs that both get: a chirp of 0.2 to 4 Hz, a multisine, steps and a slow sine, 8 s each, command and encoder at
-  100 Hz, 0.5 mrad of white noise on the encoder. Seeds differ in the servo, the phases, the steps, the noise and the
-  guesses.
-- `mujoco.sysid`: its documented pipeline with its default optimiser, intervals and report. Two kindnesses: the held
-  command is handed over at the model's step, since the toolbox joins samples by straight lines; and the joint's state
-  is compared with the encoder, not a sensor, since a sensor in its rollouts carries the stamp of the step after.
-- The fair arm: `actuator.delay` of MuJoCo 4 (with a linear history buffer), or the mass of a body at the tip. The
-  toolbox's manual shows delays of sensors alone; that of an actuator is reached through `MjSpec`.
-- `residual-mpc diagnose` with no option. It keeps stretches back from its fits; the toolbox fits all of them.
-- The judge of both: `residual-mpc gap` on two further runs a case that neither has seen, the values of each in the
-  same model.
+- **The true servo**, drawn for every seed: inertia 0.03 kg m^2 and viscous friction 0.6 N m s/rad, both within a
+  factor of 1.5 either way, dry friction 0.05 N m within a factor of 2. Both tools know its stiffness of 30 N m/rad and
+  its link of 0.2 kg that swings under gravity. It is integrated as a leapfrog at 0.1 ms, with Coulomb friction that
+  can stick.
+- **The model** that both get: the same servo as MJCF (2 ms, `RK4`), with inertia, damping and dry friction wrong by up
+  to a factor of two either way. In the case of the coarse model its integrator is `implicitfast`, and the step alone
+  makes a gap. Inertia, damping and dry friction are free in both tools (`tunable` in the robot file), so retuning them
+  is not a diagnosis.
+- **The runs** that both get: a chirp of 0.2 to 4 Hz, a multisine, steps and a slow sine, 8 s each, command and encoder
+  at 100 Hz, 0.5 mrad of white noise on the encoder. Seeds differ in the servo, the phases, the steps, the noise and
+  the guesses.
+- **`mujoco.sysid`**: its documented pipeline with its default optimiser, intervals and report. Two choices favour it.
+  The held command is passed at the model's step, since the toolbox joins samples by straight lines. The joint's state
+  is compared with the encoder, and not a sensor, since a sensor in its rollouts has the stamp of the step after.
+- **Told which**: `actuator.delay` of MuJoCo 4 (with a linear history buffer), or the mass of a body at the tip, is
+  free. The toolbox's manual shows delays of sensors only; that of an actuator is reached through `MjSpec`.
+- **`residual-mpc diagnose`** without options. It holds stretches out of its fits; the toolbox fits all of them.
+- **The judge** of both: `residual-mpc gap` on two further runs per case that neither has seen, with the values of each
+  in the same model.
 """
 
 HISTORY = """\
-## How the set-up came to be
+## How the set-up was chosen
 A comparison is as fair as its set-up, and the people who chose this one make one of the two tools.
+
 - The two hidden effects were chosen because identification was known to go wrong on them. They show that it can, not
   how often it does.
-- The model's step was chosen after a look at results: at first it was 1 ms with `implicitfast`, and with nothing
+- The model's step was chosen after a look at results. At first it was 1 ms with `implicitfast`, and with nothing
   hidden `diagnose` named 0.8 ms of delay, which was the integrator's error. 2 ms with `RK4` errs less than the encoder.
-  The row of the coarse model is what became of the first choice: what it shows counts against `diagnose`.
-- An earlier page had one servo alone, whose dry friction of 0.05 N m was set after trial fits, and one of its matches
-  was judged a second time. Both are gone: servos are drawn, from ranges set before any of them was seen.
-- The drawn servos were first run on seeds 100 to 102, when the toolbox, told of the delay, might take it down to 0.
-  Below one step of the model its delay has no slope; one of three fits stayed there, with 4.2 times the dry friction
-  and an interval of infinite width. Since then its lower bound is one step, with which that fit finds 1.10 times the
-  delay and all else within 5 %, like the others.
+  The row of the coarse model keeps the first choice, and counts against `diagnose`.
+- An earlier page had a single servo, whose dry friction of 0.05 N m was set after trial fits, and one of its matches
+  was judged a second time. Both are gone: servos are drawn from ranges that were set before any of them was seen.
+- The drawn servos were first run on seeds 100 to 102, when the toolbox, told of the delay, was allowed to take it down
+  to 0. Below one step of the model its delay has no slope. One of three fits stayed there, with 4.2 times the dry
+  friction and an interval of infinite width. Since then the lower bound is one step, with which that fit finds 1.10
+  times the delay and all else within 5 %, like the others.
 - Every number outside this list comes from one run of the command above.
-- A further run on seeds 200 to 202 was stopped for want of time after two matches. Of 10 ms of delay `diagnose` was
+- A further run on seeds 200 to 202 was stopped for lack of time after two matches. With 10 ms of delay `diagnose` was
   right (1.00 times the truth), and the toolbox, told which, found 1.10 times it. With nothing hidden `diagnose` called
-  a gap of 0.00161 over a noise floor of 0.00153 `unknown`: a false alarm, which the counts above do not hold.
+  a gap of 0.00161 over a noise floor of 0.00153 `unknown`: a false alarm, which the counts above do not include.
 """
 
 
@@ -84,21 +86,21 @@ def write_page(matches: Sequence[Match]) -> str:
             "--page docs/results/head-to-head.md`;\n"
             "it needs `pip install 'residual-mpc[sysid]'`.\n",
             f"![Values over true values, by tool and case]({FIGURE})\n",
-            "A dot is a seed; bars are the tools' own 95 % intervals (retuned values of `diagnose` come without).\n",
+            "Each dot is a seed. Bars are the tools' own 95 % intervals; retuned values of `diagnose` have none.\n",
             "## Told nothing\n",
-            "Medians over the seeds, the range in brackets.\n",
+            "Values over true values: medians over the seeds, the range in brackets.\n",
             *told_nothing(cases),
             "",
             *(sentence(case, cases[case]) for case in HIDDEN),
             "## Told which\n",
-            "The toolbox with the true parameter in its free set, beside `diagnose`, which is still told nothing.\n",
+            "The toolbox has the true parameter in its free set; `diagnose` is still told nothing.\n",
             *told_which(cases),
             "",
-            "## On runs that nobody has seen\n",
+            "## On unseen runs\n",
             "The one-second gap (0.01 = one per cent of the motion), median over the seeds and range.\n",
             *gaps(cases),
             "",
-            "## What to hold against either\n",
+            "## Strengths and weaknesses\n",
             *(f"- {line}" for line in shortcomings(cases)),
             "",
             SETUP,
@@ -127,7 +129,7 @@ def sentence(case: str, of: list[Match]) -> str:
     away = [half_widths_away(m.fits["nothing"], m, name) for m in of]
     clean = sum(m.fits["nothing"].says == "No Issues Detected" for m in of)
     return (
-        f"Told nothing of {TITLES[case]}, the toolbox returns {times(values)} times the true {words}, "
+        f"Not told of {TITLES[case]}, the toolbox returns {times(values)} times the true {words}, "
         f"{spread(away, '{:.0f}')} half-widths of its 95 % interval away, and its report says "
         f'"No Issues Detected" in {clean} of {len(of)}.\n'
     )
@@ -170,35 +172,35 @@ def shortcomings(cases: dict[str, list[Match]]) -> Iterable[str]:
     right = [m for m in hidden if m.case in m.diagnosed.values and not m.diagnosed.beside]
     alone = [m for m in cases["nothing"] if m.diagnosed.verdict == "no_gap"]
     yield (
-        f"It names exactly what is hidden in {len(right)} of {len(hidden)}, and finds no gap in {len(alone)} of "
-        f"{len(cases['nothing'])} where nothing is."
+        f"`diagnose` names exactly what is hidden in {len(right)} of {len(hidden)}, and finds no gap in {len(alone)} "
+        f"of {len(cases['nothing'])} where nothing is hidden."
     )
     for m in hidden:
         if m not in right:
-            yield f"With {TITLES[m.case]}, seed {m.seed}, it says: {claim(m.diagnosed)}."
+            yield f"With {TITLES[m.case]}, seed {m.seed}, it answers {claim(m.diagnosed)}."
     for m in cases["nothing"]:
         if m not in alone:
-            yield f"With nothing hidden, seed {m.seed}, it says: {claim(m.diagnosed)}."
+            yield f"With nothing hidden, seed {m.seed}, it answers {claim(m.diagnosed)}."
     for case in HIDDEN:
         of = [m for m in cases[case] if case in m.diagnosed.values]
         if not of:
             continue
         inside, fair = sum(holds(m, case) for m in of), sum(fit_holds(m.fits[case], m, case) for m in cases[case])
         yield (
-            f"Its 95 % interval holds the true {case} in {inside} of {len(of)}; that of the toolbox, told which, in "
+            f"Its 95 % interval contains the true {case} in {inside} of {len(of)}; that of the toolbox, told which, in "
             f"{fair} of {len(cases[case])}."
         )
     groups = count(" / ".join(g) for m in hidden for g in m.diagnosed.groups)
     if groups:
-        yield f"It cannot part twins on these runs, and says so: {groups}."
+        yield f"It cannot separate twins on these runs, and says so: {groups}."
     everyone = [m for of in cases.values() for m in of]
     ours = spread([m.diagnosed.seconds for m in everyone], "{:.0f}")
     theirs = spread([m.fits["nothing"].seconds for m in everyone], "{:.0f}")
     yield (
-        f"It costs more: {ours} s where the toolbox takes {theirs} s, on a machine with other work to do; a search "
-        "compares hundreds of hypotheses where the toolbox fits one."
+        f"It costs more: {ours} s, and the toolbox {theirs} s, on a machine with other work. A search compares "
+        "hundreds of hypotheses; the toolbox fits one."
     )
-    yield "Retuned values come without intervals; the toolbox states one for every value, however wrong."
+    yield "Its retuned values have no intervals. The toolbox states one for every value, however wrong."
     yield from about_steps(cases)
 
 
@@ -217,23 +219,23 @@ def about_steps(cases: dict[str, list[Match]]) -> Iterable[str]:
     )
     alarms = sum(m.diagnosed.verdict != "no_gap" for m in step)
     yield (
-        f"A coarse model is a gap too. Where the integrator alone differs, `diagnose` says "
+        f"A coarse model is a gap too. If only the integrator differs, `diagnose` answers "
         f"{count(claim(m.diagnosed) for m in step)}: to a user {alarms} of {len(step)} are false alarms. The toolbox's "
-        f"worst value is off by {off(step, 'nothing')} there."
+        f"worst value is then off by {off(step, 'nothing')}."
     )
     lost = [m for m in cases["delay"] if m.fits["delay"].values["delay"] < 0.5 * true(m, "delay")]
     for m in lost:
         found, friction = m.fits["delay"].values["delay"], m.fits["delay"].values["friction"] / true(m, "friction")
         yield (
-            f"Told of the delay, the toolbox's fit of seed {m.seed} ends elsewhere: at {1e3 * found:.2f} ms, with "
-            f"{friction:.1f} times the dry friction."
+            f"Told of the delay, the toolbox's fit of seed {m.seed} ends at {1e3 * found:.2f} ms, with {friction:.1f} "
+            "times the dry friction."
         )
     delays = [m.fits["delay"].values["delay"] - true(m, "delay") for m in cases["delay"] if m not in lost]
     if not delays:
         return
     late = spread([1e3 * d for d in delays], "{:.2f}")
     yield (
-        f"{'Else the' if lost else 'The'} toolbox's own delay is {late} ms too long, 1 ms of it for a reason: the "
+        f"{'Otherwise the' if lost else 'The'} toolbox's own delay is {late} ms too long. 1 ms of it has a reason: the "
         "linear history that makes it continuous turns a held command into a ramp, which leads by half a step. The "
         "gaps above are without that half step, which is no fault of the values."
     )

@@ -170,7 +170,7 @@ def test_the_page_says_what_was_measured_and_what_speaks_against_the_diagnosis()
     text = page.write_page(matches)
     assert "returns 3.20 times the true dry friction, 11 half-widths" in text
     assert "names exactly what is hidden in 1 of 2" in text
-    assert "With 0.15 kg of payload, seed 0, it says: `no_gap`" in text
+    assert "With 0.15 kg of payload, seed 0, it answers `no_gap`" in text
     assert "to a user 1 of 1 are false alarms" in text
     assert "| 0.15 kg of payload | `diagnose`, told nothing | never named" in text
 

@@ -45,5 +45,5 @@ def test_the_page_says_what_was_measured_and_what_was_not(tmp_path: Path) -> Non
     done = CliRunner().invoke(withheld, ["--keep", str(tmp_path)])
     assert done.exit_code == 0
     assert "| `effects` | 80% (70% to 90%) | 75% | yes |" in done.output
-    assert "**Right.** The shrink came inside its interval." in done.output
+    assert "**Right.** The shrink lies inside its interval." in done.output
     assert done.output.count("Not measured") == len(CASES) - 1
