@@ -17,7 +17,6 @@ from residual_mpc.export.augmented import Augmented, Build, augmented_from, sett
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.export.write import TARGETS, write_mjcf, write_model
 from residual_mpc.files import write_json
-from residual_mpc.learning.network.residual import KEY
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models import optional
 from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_content, model_in
@@ -196,20 +195,18 @@ def augment(
         disturbances: whether an unknown constant is added to the robot's velocities, for offset-free tracking.
 
     Raises:
-        BadInput: a model of another robot, a network learned on other effects, or a network that is missing or in the
-            diagnosis' place.
+        BadInput: a model of another robot, a network learned on other effects, or a residual that contains no network.
     """
     above = None if residual is None else written(residual)
     below = above if diagnosis is None else written(diagnosis)
     for source in (below, above):
         _check_robot(source, robot)
-    network = None if above is None else residual_in(above)
+    given = above or below
+    network = None if given is None else residual_in(given)
     if above is not None and network is None:
         raise BadInput(
             "it contains no network", above.where, "give the model.json of `learn`, or leave the residual out"
         )
-    if above is None and below is not None and residual_in(below) is not None:
-        raise BadInput("it contains a network", below.where, "give it as the residual: augment(robot, residual=...)")
     if above is not None and below is not None and model_in(above)[1] != model_in(below)[1]:
         raise BadInput(
             "the network was learned on other effects than those of the diagnosis",
@@ -217,7 +214,7 @@ def augment(
             "learn it with on=diagnosis",
         )
     usual = optional.period(robot.model) if network is None else network.step
-    source = _source(robot, above or below, network is not None)
+    source = _source(robot, given)
     settings_from(source, robot.model)  # refuses what is of another robot
     return AugmentedModel(robot, source, Build(dt or usual, smooth, disturbances))
 
@@ -229,12 +226,11 @@ def _check_robot(source: Written | None, robot: NominalRobot) -> None:
         )
 
 
-def _source(robot: NominalRobot, given: Written | None, learned: bool) -> Written:
-    """The content of model.json; learned: whether the network is part of the model."""
+def _source(robot: NominalRobot, given: Written | None) -> Written:
+    """The content of model.json."""
     if given is None:
         return Written({"schema": MODEL_SCHEMA, "robot": robot.name, "values": []}, "the nominal model")
-    drop = ("robot_file",) if learned else ("robot_file", KEY, f"last_{KEY}")
-    return Written({k: v for k, v in model_content(given).items() if k not in drop}, given.where)
+    return Written({k: v for k, v in model_content(given).items() if k != "robot_file"}, given.where)
 
 
 def _controller(name: str) -> Any:
