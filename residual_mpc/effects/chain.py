@@ -144,11 +144,17 @@ class Chain:
     def resting(self, signals: Mapping[str, float], values: Callable[[str, str], Values]) -> dict[str, float]:
         """What is remembered by a robot whose signals (by target) have been held for ever, by state."""
         out: dict[str, float] = {}
-        for effect in self.effects:
-            for target in self.targets:
-                numbers = leaves(_begun(effect, values(effect.name, target), signals[target], self.dt))
+        for target in self.targets:
+            signal: Array = signals[target]
+            for effect in self.effects:
+                p = values(effect.name, target)
+                numbers = leaves(_begun(effect, p, signal, self.dt))
                 names = [n.format(target) for n in self.names[effect.name]]
                 out |= dict(zip(names, map(float, numbers[: len(names)]), strict=True))
+                assert effect.step is not None
+                time = (0.0,) if effect.port == "output" else ()
+                memory = _packed(effect, p, numbers[: len(names)], self.dt)
+                signal, _ = effect.step(NUMPY, p, memory, signal, *time, self.dt)
         return out
 
 

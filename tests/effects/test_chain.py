@@ -1,0 +1,121 @@
+"""The chain that is stepped is the chain that is replayed, whatever stands in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from residual_mpc.effects import chain as chain_module
+from residual_mpc.effects.chain import OUTPUT, chain_of, command_chain, leaves, limits_of, on_errors, output_chain
+from residual_mpc.effects.effect import Effect, Parameter
+from residual_mpc.effects.library import BY_NAME, LIBRARY, changes, holder, present, slots_of
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.export.soften import kinks
+
+DT, STEPS = 0.02, 60  # s
+WHEELS = ("left", "right")
+NUMBERS = {  # (1, 2) of each effect of the chain
+    "command_delay": {"delay": np.array([[0.05, 0.033]])},
+    "dead_zone": {"width": np.array([[0.4, 0.0]])},
+    "actuator_lag": {"time_constant": np.array([[0.07, 0.2]])},
+    "actuator_gain": {"gain": np.array([[0.8, 1.1]])},
+    "voltage_sag": {"rate": np.array([[0.01, 0.02]])},
+    "saturation": {"limit": np.array([[0.9, 0.5]])},
+}
+
+
+def echo_start(ops, p, y):
+    return (y, (y,))
+
+
+def echo_step(ops, p, memory, y, clock, dt):
+    """An output that its value of two steps ago is added to."""
+    last, (before,) = memory
+    return y + p["share"] * before, (y, (last,))
+
+
+ECHO = Effect(
+    name="echo", stage="actuator", port="output", target="actuator",
+    parameters=(Parameter("share", "1", 0.0, 0.0, 1.0, (0.2,)),), summary="", start=echo_start, step=echo_step,
+)  # fmt: skip
+
+
+def stepped(effects: Mapping[str, Mapping[str, np.ndarray]], u: np.ndarray) -> np.ndarray:
+    """(K, 2) commands through command and output chains, one step at a time as a controller's model does it."""
+    sent, driven = chain_of(effects, ("command",), WHEELS, DT), chain_of(effects, OUTPUT, WHEELS, DT)
+
+    def values(effect: str, wheel: str) -> dict[str, float]:
+        return {k: float(v[0, WHEELS.index(wheel)]) for k, v in effects[effect].items()}
+
+    first = dict(zip(WHEELS, u[0], strict=True))
+    now = sent.resting(first, values)
+    arrived = {w: sent(kinks(NUMPY, 0.0), w, first[w], values, now, {}) for w in WHEELS}
+    now |= driven.resting(arrived, values)
+    assert set(now) == {*sent.states, *driven.states}
+    out = np.empty_like(u)
+    for k, row in enumerate(u):
+        new: dict[str, float] = {}
+        for i, w in enumerate(WHEELS):
+            y = sent(kinks(NUMPY, 0.0), w, row[i], values, now, new)
+            out[k, i] = driven(kinks(NUMPY, 0.0), w, y, values, now, new, (k + 0.5) * DT)
+        now = new
+    return out
+
+
+@pytest.mark.parametrize("names", [*((n,) for n in NUMBERS), tuple(NUMBERS), (*NUMBERS, "echo")], ids="+".join)
+def test_a_chain_is_stepped_as_it_is_replayed(names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(BY_NAME, "echo", ECHO)
+    monkeypatch.setattr(chain_module, "CHAINED", ordered := sorted((*LIBRARY, ECHO), key=lambda e: e.rank))
+    monkeypatch.setattr("residual_mpc.effects.library.CHAINED", ordered)
+    effects = {n: {**NUMBERS, "echo": {"share": np.array([[0.3, 0.6]])}}[n] for n in names}
+    u = np.random.default_rng(3).standard_normal((1, STEPS, 2))
+    clock = (DT * (np.arange(STEPS) + 0.5))[None, :, None]
+    replayed = output_chain(effects, command_chain(effects, u, 0, DT, np.array([True, True])), clock, DT)
+    np.testing.assert_allclose(stepped(effects, u[0]), replayed[0], rtol=0, atol=1e-12)
+    assert np.abs(replayed - u).max() > 0.01
+
+
+def test_memory_is_named_after_its_effect_and_target() -> None:
+    effects = {n: NUMBERS[n] for n in ("command_delay", "actuator_lag")}
+    chain = chain_of(effects, ("command",), WHEELS, DT)
+    late = tuple(f"sent.{w}.{j}" for w in WHEELS for j in (1, 2, 3))  # as long as the larger delay needs
+    assert chain.states == (*late, "lag.left", "lag.right")
+    assert leaves((1, (2, [3]), ())) == [1, 2, 3]
+
+
+def test_at_a_servo_a_dead_zone_acts_on_the_error_alone() -> None:
+    effects, servo = {"dead_zone": NUMBERS["dead_zone"]}, np.array([True, False])
+    u = np.full((1, 4, 2), 0.1)
+    np.testing.assert_array_equal(command_chain(effects, u, 0, DT, ~servo), u)  # the wheel without a servo has none
+    ((effect, p),) = on_errors(effects, servo)
+    assert effect.name == "dead_zone" and p["width"].tolist() == [[0.4, 0.0]]
+    assert on_errors(effects, ~np.array([True, True])) == []
+
+
+def test_what_effects_make_of_a_quantity() -> None:
+    """Factors multiply, everything else adds up; a quantity that nothing changes is None."""
+    half = {"wheel_radius": {"scale": np.array([[0.5]])}}
+    assert changes(half, "wheel radius").tolist() == [[0.5]] and changes(half, "track width") is None
+    bias = {"sensor_bias": {"bias": np.array([[0.1]])}}
+    assert changes(bias, "reading offset").tolist() == [[0.1]]
+    assert limits_of({"saturation": NUMBERS["saturation"]})[1].tolist() == [[0.9, 0.5]] and limits_of({}) is None
+    assert holder("dry friction") == ("coulomb_friction", "torque")
+
+
+def test_a_robot_has_the_effects_of_its_sites() -> None:
+    sites = {"command": WHEELS, "strength": ("left",)}
+    assert slots_of("command_delay", sites) == WHEELS and slots_of("voltage_sag", sites) == ("left",)
+    assert slots_of("payload", sites) == () and slots_of("no_such_effect", sites) == ()
+    assert [e.name for e, _ in present(NUMBERS, "command")] == ["command_delay", "dead_zone", "actuator_lag"]
+
+
+@pytest.mark.parametrize("effect", LIBRARY, ids=lambda e: e.name)
+def test_an_effect_says_all_that_others_ask_of_it(effect: Effect) -> None:
+    assert effect.phrase is not None and effect.unseen
+    hosts_in_mjcf = not effect.not_in_mjcf
+    assert hosts_in_mjcf or not effect.in_mjcf
+    changed = [p for p in effect.parameters if p.quantity]
+    assert effect.step is not None or changed or not effect.fitted  # an equation, or what it changes of the model
+    assert set(effect.stalls) <= {p.name for p in effect.parameters}
