@@ -9,11 +9,12 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c const
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help demo test slow bench blind lint dev docs clean
+.PHONY: help demo test coverage slow bench blind lint dev docs clean
 
 help:
 	@echo "make demo    a robot that differs from its model, diagnosed from start to end"
 	@echo "make test    the tests, without the slow ones"
+	@echo "make coverage   the same, measuring which lines the tests reach"
 	@echo "make slow    the slow tests"
 	@echo "make bench   what diagnosis, MPC, learner and simulator cost, beside IPOPT, do-mpc, filterpy and dynamax where they are"
 	@echo "make blind   a development sweep of the blind benchmark"
@@ -27,6 +28,11 @@ demo: $(VENV)/.installed
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n 2 -q -m "not slow"
+
+# On Python 3.11 this takes some 40 % longer than `make test`. COVERED is a little below what was measured, in % of lines.
+COVERED := 93
+coverage: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n 2 -q -m "not slow" --cov --cov-report= --cov-fail-under=$(COVERED)
 
 slow: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n 2 -q -m slow
@@ -54,7 +60,7 @@ docs: $(VENV)/.installed-docs
 	@! grep -rnoE '<(script|link|img|iframe)[^>]*(src|href)="?(https?:)?//[^ >]*' build/site --include=*.html # no foreign hosts
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage .coverage.* htmlcov
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
