@@ -53,9 +53,8 @@ def describe(
     progress("attributing the gap to the stages", 0.94)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
     final = of.final if found.helps else None
-    steps, stages = staged(
-        of.after_data, of.scales, of.space, final, gaps, validated.options.final_steps // 2, settings=settings
-    )
+    budget = validated.options.final_steps // 2
+    steps, stages = staged(of.after_data, of.scales, of.space, final, gaps, budget, settings=settings)
     diagnosis = _diagnosis(validated, Extras(steps, stages, learned, rest))
     return DiagnosisResult(diagnosis, of.raw, of.scales, *validated.errors, of.test)
 
@@ -66,9 +65,8 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     helps, final, settings = found.helps, of.final, validated.options.settings
     verdict, share = found.verdict
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
-    sure = most_sure(
-        verdict, left_share(clearest(found.looks)) if helps else share, _times_floor(found), settings=settings
-    )
+    unexplained = left_share(clearest(found.looks)) if helps else share
+    sure = most_sure(verdict, unexplained, _times_floor(found), settings=settings)
     doubt = doubts(supports, extras.rest, settings=settings)
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()

@@ -42,29 +42,22 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     progress("fitting on all windows", 0.75)
     prepared, found, rivalry = searched.prepared, searched.found, searched.rivalry
     options, settings = prepared.options, prepared.options.settings
-    problem = build_problem(
-        searched.windows, prepared.space, found.sigma, found.problem.motion, settings=settings.predict
-    )
+    motion = found.problem.motion
+    problem = build_problem(searched.windows, prepared.space, found.sigma, motion, settings=settings.predict)
     problem = _trusting(problem, rivalry.fit.values, searched.scales, settings)
-    polished, base = polish(
-        problem, [rivalry.fit.values, found.base.values], options.final_steps, settings=settings.fit
-    )
+    starts = [rivalry.fit.values, found.base.values]
+    polished, base = polish(problem, starts, options.final_steps, settings=settings.fit)
     polished, vetoed = _heed_encoders(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit
-    wide = _tolerating(problem, final, options)
     with_outliers = _outliers_count(prepared, prepared.space.settings([final.values]), rng)
     expected = None
     if final.terms or with_outliers:
         expected = _expected(prepared, problem, final, before, with_outliers, rng)
-    marginal = None
-    if wide is not None:
-        again = fit_all(wide, [final.values], options.phases.marginal_steps, settings=settings.fit)[0]
-        marginal = MarginalisedFit(wide, again)
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, problem, before, final,
         polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, vetoed, doubtful, expected,
-        marginal,
+        _marginalised(problem, final, options),
     )  # fmt: skip
     return Refined(explanation, prepared.longer, options)
 
@@ -75,17 +68,19 @@ def _trusting(problem: Problem, values: Values, scales: Scales, settings: Result
     return problem if (trust == 1.0).all() else replace(problem, count=trust)
 
 
-def _tolerating(problem: Problem, fit: Fit, options: Options) -> Problem | None:
-    """The problem with small differences marginalised in every number that the fit does not free; None where there are
+def _marginalised(problem: Problem, final: Fit, options: Options) -> MarginalisedFit | None:
+    """The last fit with small differences marginalised in every number that it does not free; None where there are
     none, and where their columns would not fit into memory."""
-    settings = options.settings
-    if not fit.terms:
+    settings, phases = options.settings.fit, options.phases
+    if not final.terms:
         return None
-    columns = problem.data.y.size * len(small_differences(problem.space, fit.values, settings=settings.predict))
-    if columns > options.phases.marginal_columns:
+    differences = small_differences(problem.space, final.values, settings=settings.predict)
+    if problem.data.y.size * len(differences) > phases.marginal_columns:
         return None
-    wide = tolerant(carrying(problem, fit.values, fit.knobs, settings=settings.fit), fit, settings=settings.fit)
-    return None if wide.wide is None else wide
+    wide = tolerant(carrying(problem, final.values, final.knobs, settings=settings), final, settings=settings)
+    if wide.wide is None:
+        return None
+    return MarginalisedFit(wide, fit_all(wide, [final.values], phases.marginal_steps, settings=settings)[0])
 
 
 def _expected(
