@@ -8,7 +8,7 @@ import pytest
 from fabricated_diagnosis import document, evidence
 
 from residual_mpc.report import Panel, Windows
-from residual_mpc.report.evidence.evidence import collect
+from residual_mpc.report.evidence import collect
 from residual_mpc.report.evidence.held_out import held_out
 from residual_mpc.report.figures import inline as inline_module
 from residual_mpc.report.figures.curve import curve
