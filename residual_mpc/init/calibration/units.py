@@ -84,7 +84,7 @@ class _Chain:
     slides: bool
     kind: Quantity
     columns: Mapping[str, str]  # "position", "velocity", "command" -> column
-    joint_response: SignalMatch | None  # of what `kind` says, to the command
+    answer: SignalMatch | None  # of what `kind` says, to the command
     answering: str  # "position" or "velocity"
     rate: SignalMatch | None  # the velocity over the rate of the position
 
