@@ -98,20 +98,20 @@ def test_paths_that_name_nothing_are_a_finding(robot: rm.NominalRobot, tmp_path:
 
 
 def test_a_case_that_there_is_not_is_refused_with_those_that_there_are(robot: rm.NominalRobot, runs: rm.Runs) -> None:
-    with pytest.raises(rm.BadInput, match=r"no case 'x'.*sim-to-dyn, real-to-dyn, real-to-sim"):
+    with pytest.raises(rm.BadInput, match=r"unknown case 'x'.*sim-to-dyn, real-to-dyn, real-to-sim"):
         rm.learn(robot, runs, case="x")
 
 
 def test_a_target_that_there_is_not_is_refused_with_those_that_there_are(
     robot: rm.NominalRobot, tmp_path: Path
 ) -> None:
-    with pytest.raises(rm.BadInput, match=r"no target 'x'.*casadi, c, jax, onnx, mjcf"):
+    with pytest.raises(rm.BadInput, match=r"unknown export format 'x'.*casadi, c, jax, onnx, mjcf"):
         rm.augment(robot).export("x", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_a_network_to_export_has_to_be_there(robot: rm.NominalRobot, tmp_path: Path) -> None:
-    with pytest.raises(rm.BadInput, match="holds no network"):
+    with pytest.raises(rm.BadInput, match="contains no network"):
         rm.augment(robot).export("onnx", tmp_path / "out")
 
 
@@ -119,7 +119,7 @@ def test_a_network_to_export_has_to_be_there(robot: rm.NominalRobot, tmp_path: P
 def test_effects_of_another_robot_are_refused(
     robot: rm.NominalRobot, tmp_path: Path, values: Mapping[str, float]
 ) -> None:
-    with pytest.raises(rm.BadInput, match="a model of 'other', not of 'rover'"):
+    with pytest.raises(rm.BadInput, match="must be of 'rover', got one of 'other'"):
         rm.augment(robot, model_file(tmp_path, "other", values))
 
 
@@ -129,7 +129,7 @@ def test_a_network_of_another_robot_is_refused(
     """Alone, and beside a diagnosis of the right robot that names no effect."""
     none = model_file(tmp_path, "other", {})
     for diagnosis in (None, none):
-        with pytest.raises(rm.BadInput, match="a model of 'rover', not of 'other'"):
+        with pytest.raises(rm.BadInput, match="must be of 'other', got one of 'rover'"):
             rm.augment(other, diagnosis, network)
     own = model_file(tmp_path, "rover", {})
     assert rm.augment(robot, own, network).augmented.residual is not None
@@ -139,9 +139,9 @@ def test_a_network_is_not_dropped_without_a_word(
     robot: rm.NominalRobot, network: rm.LearnedModel, tmp_path: Path
 ) -> None:
     """Neither where a learned model is given as the diagnosis, nor where a diagnosis is given as the network."""
-    with pytest.raises(rm.BadInput, match="holds a network"):
+    with pytest.raises(rm.BadInput, match="contains a network"):
         rm.augment(robot, network)
-    with pytest.raises(rm.BadInput, match="holds no network"):
+    with pytest.raises(rm.BadInput, match="contains no network"):
         rm.augment(robot, None, model_file(tmp_path, "rover", WIDE))
 
 
