@@ -75,7 +75,7 @@ def model_content(written: Written) -> Mapping[str, Any]:
     model = content.get("model") if content.get("schema") == DIAGNOSIS_SCHEMA else content
     if not isinstance(model, dict) or model.get("schema") != MODEL_SCHEMA:
         raise BadInput(
-            "it contains no model" if model is not content else f"unknown schema {content.get('schema')!r}",
+            "it contains no valid model" if model is not content else f"unknown schema {content.get('schema')!r}",
             written.where,
             f"give a diagnosis.json ({DIAGNOSIS_SCHEMA}) or a model.json ({MODEL_SCHEMA})",
         )

@@ -38,7 +38,7 @@ def gap_lines(gap: Document) -> list[str]:
     lines = [horizon_line({**first, "windows": gap["windows"]}, other)]
     for name, c in gap["channels"].items():
         arrow = "" if c["model"] is None else f" -> {number(c['model'])}"
-        lines.append(f"  {name:<24} {number(c['nominal'])}{arrow}  (noise floor {number(c['noise_floor'])})")
+        lines.append(f"  {name:<24} {number(c['nominal'])}{arrow}  (noise floor {number(c['noise_floor'], 2)})")
     lines += [horizon_line(one, other) for one in longer]
     lines += _reference(gap)
     lines += _doubts(gap, other)

@@ -87,7 +87,7 @@ def test_runs_that_cannot_be_read(
         ('plant = "nowhere.at_all:make"', "cannot be imported"),
         ('plant = "json:nothing"', "has no factory"),
         ('plant = "json:loads"', "failed"),
-        ('plant = "builtins:repr"', "without actuators"),
+        ('plant = "builtins:repr"', "without name, actuators"),
         ('name = "x"', "'plant' is missing"),
         (ROBOT.replace("0.16", "-0.16"), "positive length"),
         ('plant = "mujoco"\nmodel = "gone.xml"', "not found"),
@@ -197,8 +197,8 @@ def test_holding_every_run_out(folder: Path, capsys: pytest.CaptureFixture[str])
         (json.dumps({**MODEL, "values": [{**MODEL["values"][0], "effect": "tune"}]}), "mass"),  # type: ignore[index,dict-item]
         (json.dumps({**MODEL, "values": [{**MODEL["values"][0], "value": float("nan")}]}), "model.json"),  # type: ignore[index,dict-item]
         ('{"schema": "residual-mpc/diagnosis/1"}', "model.json"),
-        ("[1, 2]", "no JSON object"),
-        ("{", "no JSON"),
+        ("[1, 2]", "must be a JSON object"),
+        ("{", "not valid JSON"),
     ],
 )
 def test_a_model_of_another_robot_or_of_none(
@@ -217,7 +217,7 @@ def test_a_diagnosis_without_a_model_is_not_exported(
     content = {"schema": "residual-mpc/diagnosis/1", "robot": "rover", "model": model}
     (folder / "diagnosis.json").write_text(json.dumps(content))
     message = refused(capsys, folder, "export", "diagnosis.json", "--to", to, "--robot", "rover.toml")
-    assert "without a model" in message
+    assert "contains no valid model" in message
 
 
 @pytest.mark.parametrize(

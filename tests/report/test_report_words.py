@@ -201,7 +201,7 @@ def test_no_gain_on_held_out_runs_is_said():
         ({"horizon": 1.0, "before": 0.12, "after": 0.12, "noise_floor": 0.02, "windows": 1}, False,
          "gap at 1 s: 0.12 (noise floor 0.02), 1 window"),
         ({"horizon": 30.0, "nominal": 0.12, "model": 0.03, "noise_floor": 0.0213, "held_out": False}, True,
-         "gap at 30 s: 0.12 -> 0.03 (noise floor 0.0213), not held out"),
+         "gap at 30 s: 0.12 -> 0.03 (noise floor 0.021), not held out"),
         ({"horizon": 1.0, "nominal": 0.12, "model": None, "noise_floor": 0.02}, True,
          "gap at 1 s: 0.12 (noise floor 0.02)"),
     ],

@@ -100,5 +100,5 @@ def joint_response(case: ColumnEvidence, roles: Roles, column: str, driven: Join
         if velocity:
             seen.append((s.follows(column, velocity, levels=True), velocity))
         if position:
-            seen.append((s.follows(column, position, answer_rate=True, levels=True), f"the rate of {position}"))
+            seen.append((s.follows(column, position, answer_rate=True, levels=True), f"the derivative of {position}"))
     return max(seen, key=lambda x: abs(x[0].correlation), default=(NOTHING, ""))

@@ -23,7 +23,7 @@ class Guess:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.sure <= 1.0:
-            raise ValueError(f"sure has to be between 0 and 1: {self.sure}")
+            raise ValueError(f"sure must be between 0 and 1, got {self.sure}")
 
     def __str__(self) -> str:
         rivals = f"; or {' or '.join(self.rivals)}" if self.rivals else ""

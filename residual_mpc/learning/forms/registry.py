@@ -11,7 +11,7 @@ def form_named(name: str) -> Form:
     """The form of a record. Raises BadInput for a name that no form has."""
     known: dict[str, Form] = {f.name: f for f in (BodyForm(), PaperForm(), JointForm())}
     if name not in known:
-        raise BadInput(f"a residual of form {name!r} cannot be replayed", "", f"forms: {', '.join(known)}")
+        raise BadInput(f"a residual of form {name!r} cannot be simulated", "", f"forms that can: {', '.join(known)}")
     return known[name]
 
 

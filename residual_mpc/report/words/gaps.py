@@ -33,7 +33,7 @@ def horizon_line(gap: Gap, explained: bool) -> str:
     arrow = "" if last is None else f" -> {number(last)}"
     windows = f", {count(gap['windows'], 'window')}" if gap.get("windows") else ""
     seen = ", not held out" if gap.get("held_out") is False else ""
-    floor = number(gap["noise_floor"])
+    floor = number(gap["noise_floor"], 2)
     return f"gap at {number(gap['horizon'])} s: {number(first_of(gap))}{arrow} (noise floor {floor}){windows}{seen}"
 
 
