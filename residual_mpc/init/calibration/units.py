@@ -208,9 +208,9 @@ def _odds(
     if chain.rate is not None:
         off = np.log(abs(chain.rate.slope) * rate[None, :] / place[:, None])
         odds -= 0.5 * (off / RATE_SPREAD)[:, :, None] ** 2
-    if chain.joint_response is not None:
+    if chain.answer is not None:
         size = rate[None, :, None] if chain.answering == "velocity" else place[:, None, None]
-        odds -= 0.5 * (np.log(abs(chain.joint_response.slope) * size / told[None, None, :]) / ANSWER_SPREAD) ** 2
+        odds -= 0.5 * (np.log(abs(chain.answer.slope) * size / told[None, None, :]) / ANSWER_SPREAD) ** 2
     return np.maximum(odds, -60.0).reshape(-1)
 
 
@@ -280,8 +280,8 @@ def _why(case: ColumnEvidence, chain: _Chain, group: str, unit: Unit, apart: boo
             reasons[-1] += f", the joint range{size} is {limits[0] / unit.size:.4g} to {limits[1] / unit.size:.4g}"
     if group == "velocity" and chain.rate is not None:
         reasons.append(f"it is {abs(chain.rate.slope):.4g} times the derivative of {chain.columns['position']}")
-    if group == "command" and chain.joint_response is not None:
-        reasons.append(f"the response is {abs(chain.joint_response.slope):.4g} times as large")
+    if group == "command" and chain.answer is not None:
+        reasons.append(f"the response is {abs(chain.answer.slope):.4g} times as large")
     if apart:
         reasons.append("unlike the other columns of this kind")
     if group == "command" and chain.kind == "effort":
