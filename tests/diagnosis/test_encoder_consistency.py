@@ -49,7 +49,7 @@ def weak_motor() -> Diagnosis:
 
 def test_a_rim_does_not_stand_in_for_a_motor_that_the_encoders_saw(weak_motor: Diagnosis) -> None:
     assert weak_motor.verdict == "unknown" and not weak_motor.causes
-    assert any("wheel_radius_mismatch would close the gap of the pose" in note for note in weak_motor.notes)
+    assert any("wheel_radius_mismatch would reduce the gap of the pose" in note for note in weak_motor.notes)
 
 
 def test_the_motor_itself_is_named() -> None:

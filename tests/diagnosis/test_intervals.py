@@ -122,7 +122,7 @@ def test_what_is_left_unexplained_may_pull_a_number_by_its_share_of_the_effect()
 def test_an_interval_holds_other_ends_of_the_fit_and_fits_without_a_doubtful_effect() -> None:
     plain = estimates(known())["scale"]
     ended = estimates(known(ends={SCALE: (plain.value, 1.5)}))["scale"]
-    assert ended.ci95 == pytest.approx((plain.ci95[0], 1.5)) and "end apart" in ended.note
+    assert ended.ci95 == pytest.approx((plain.ci95[0], 1.5)) and "differ and are equally good" in ended.note
     lacked = estimates(known(), lacking={SCALE: (0.8,)})["scale"]
     assert lacked.ci95 == pytest.approx((0.8, plain.ci95[1])) and not lacked.note
 
@@ -149,5 +149,5 @@ def test_a_number_on_its_bound_has_the_interval_of_its_curvature() -> None:
     problem = Linear(DATA, SPACE, COLUMNS, truth, white(DATA, np.random.default_rng(4)))
     found = estimates(explained(problem, fitted(problem, {SCALE: 1.0, GAIN: high})))["gain"]
     alone = 1.96 / np.sqrt((COLUMNS[GAIN] ** 2).sum())
-    assert "rests on the bound" in found.note and found.ci95[1] == found.value == high
+    assert "at the bound" in found.note and found.ci95[1] == found.value == high
     assert alone < found.value - found.ci95[0] < 2.0 * alone

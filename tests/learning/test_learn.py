@@ -185,7 +185,7 @@ def test_bad_input_is_one_message(folder, learned, capsys):
     short = write_run(rover_run("short", FAULTS, 1.6, seed=1), folder)
     out = folder / "never"
     for arguments, said in (
-        (("gap", "--robot", other, *files, "--model", model), "learned on rover"),
+        (("gap", "--robot", other, *files, "--model", model), "got one of rover"),
         (("learn", "--robot", robot, short, "--out", out), "left to learn from"),
         (("learn", "--robot", robot, *files, "--out", out, "--warm-start", bare), "no learned residual"),
         (("learn", "--robot", robot, *files, "--out", out, "--warm-start", joint), "a, b, c"),
