@@ -9,7 +9,7 @@ import numpy as np
 
 from residual_mpc.effects.effect import Effect, Site, Values
 from residual_mpc.effects.library import CHAINED, Effects, present
-from residual_mpc.effects.ops import NUMPY, Array, Ops
+from residual_mpc.effects.ops import NUMPY, Array, Kinks, Ops
 
 OUTPUT: tuple[Site, ...] = ("strength", "limit", "output")  # what acts on an actuator's output, before the play
 
@@ -117,17 +117,17 @@ class Chain:
         return any(e.port == "output" and e.timed for e in self.effects)
 
     def __call__(
-        self, kinks: Any, target: str, signal: Array, values: Callable[[str, str], Values], now: Mapping[str, Array],
+        self, kinks: Kinks, target: str, signal: Array, values: Callable[[str, str], Values], now: Mapping[str, Array],
         new: dict[str, Array], clock: Array = 0.0,
     ) -> Array:  # fmt: skip
-        """The signal of one target after the chain. kinks: see models.stepping.Kinks; values(effect, target): its
+        """The signal of one target after the chain. values(effect, target): its
         parameters; now: states by name, `new` is filled with their next values."""
         for effect in self.effects:
             signal = self._through(effect, kinks, target, signal, values(effect.name, target), now, new, clock)
         return signal
 
     def _through(
-        self, effect: Effect, kinks: Any, target: str, signal: Array, p: Values, now: Mapping[str, Array],
+        self, effect: Effect, kinks: Kinks, target: str, signal: Array, p: Values, now: Mapping[str, Array],
         new: dict[str, Array], clock: Array,
     ) -> Array:  # fmt: skip
         if effect.rounded is not None and kinks.width > 0:

@@ -3,7 +3,7 @@ the other parts of the program have to know of it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Phrase
@@ -145,9 +145,9 @@ class Effect:
     own: bool = field(default=False, compare=False)  # a user's own, found by entry point
 
     @property
-    def place(self) -> str:
-        """The site, also where it follows from the port."""
-        return self.site or self.port
+    def place(self) -> Site:
+        """The site; without one the port's own, which the command, output and friction ports have."""
+        return self.site or cast(Site, self.port)
 
     @property
     def remembers(self) -> bool:

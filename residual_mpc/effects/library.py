@@ -30,7 +30,7 @@ FACTORS: frozenset[Quantity] = frozenset({"wheel radius", "right wheel radius", 
 
 def slots_of(effect: str, sites: Sites) -> tuple[str, ...]:
     """The targets that an effect has on a robot with these sites; empty where it has none, or is unknown."""
-    return sites.get(BY_NAME[effect].place, ()) if effect in BY_NAME else ()  # type: ignore[call-overload, no-any-return]
+    return sites.get(BY_NAME[effect].place, ()) if effect in BY_NAME else ()
 
 
 def present(effects: Effects, *sites: Site) -> Iterator[tuple[Effect, Values]]:

@@ -30,6 +30,19 @@ class Ops:
     arctan2: Callable[[Array, Array], Array]
 
 
+@dataclass(frozen=True)
+class Kinks:
+    """How an optimiser sees what is not smooth: the tables of operations for signals of one unit.
+
+    exact: for parameters, and for signals where nothing is smoothed; rough(scale): for signals in a unit that is
+    `scale` times a command's. width: of the smoothing, command units; 0 where nothing is smoothed.
+    """
+
+    exact: Ops
+    rough: Callable[[float], Ops]
+    width: float
+
+
 def clip(ops: Ops, x: Array, low: Array, high: Array) -> Array:
     """x held between low and high."""
     return ops.minimum(ops.maximum(x, low), high)

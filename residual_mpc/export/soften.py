@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from residual_mpc.effects.ops import Array, Ops
-from residual_mpc.models.stepping import Kinks
+from residual_mpc.effects.ops import Array, Kinks, Ops
 
 
 def smoothed(ops: Ops, width: float) -> Ops:

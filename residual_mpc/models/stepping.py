@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from residual_mpc.effects.ops import Array, Ops
+from residual_mpc.effects.ops import Array, Kinks, Ops
 from residual_mpc.models.settings import Settings
 
 BODY = ("body.forward", "body.sideways", "body.yaw")  # m/s, m/s, rad/s: the velocity signals of a robot that drives
@@ -27,19 +27,6 @@ class Number:
     parameter: str
     value: float
     unit: str
-
-
-@dataclass(frozen=True)
-class Kinks:
-    """How an optimiser sees what is not smooth: the tables of operations for signals of one unit.
-
-    exact: for parameters, and for signals where nothing is smoothed; rough(scale): for signals in a unit that is
-    `scale` times a command's. width: of the smoothing, command units; 0 where nothing is smoothed.
-    """
-
-    exact: Ops
-    rough: Callable[[float], Ops]
-    width: float
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from residual_mpc.effects import chain as chain_module
 from residual_mpc.effects.chain import OUTPUT, chain_of, command_chain, leaves, limits_of, on_errors, output_chain
-from residual_mpc.effects.effect import Effect, Parameter
+from residual_mpc.effects.effect import Effect, Parameter, Site
 from residual_mpc.effects.library import BY_NAME, LIBRARY, changes, holder, present, slots_of
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.soften import kinks
@@ -113,7 +114,7 @@ def test_a_robot_has_the_effects_of_its_sites() -> None:
 
 @pytest.mark.parametrize("effect", LIBRARY, ids=lambda e: e.name)
 def test_an_effect_says_all_that_others_ask_of_it(effect: Effect) -> None:
-    assert effect.phrase is not None and effect.unseen
+    assert effect.phrase is not None and effect.unseen and effect.place in get_args(Site)
     hosts_in_mjcf = not effect.not_in_mjcf
     assert hosts_in_mjcf or not effect.in_mjcf
     changed = [p for p in effect.parameters if p.quantity]
