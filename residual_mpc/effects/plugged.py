@@ -21,12 +21,12 @@ def plugged_in(taken: frozenset[str]) -> tuple[Effect, ...]:
         try:
             effect = entry.load()
         except Exception as error:  # importing a user's module runs their code
-            raise BadInput(f"the effect does not import: {error!r}", where, "mend or uninstall its package") from error
+            raise BadInput(f"the effect cannot be imported: {error!r}", where, "fix or uninstall its package") from error
         fault = fault_of(effect)
         if fault:
             raise BadInput(fault, where, "see docs/guide/your-own-effect.md")
         if effect.name in taken or effect.name in found:
-            raise BadInput(f"an effect is called {effect.name!r} already", where, "give it another name")
+            raise BadInput(f"an effect named {effect.name!r} exists already", where, "give it another name")
         found[effect.name] = replace(effect, own=True)
     return tuple(found.values())
 
@@ -34,12 +34,12 @@ def plugged_in(taken: frozenset[str]) -> tuple[Effect, ...]:
 def fault_of(effect: object) -> str:
     """Why it cannot be hosted; empty where it can."""
     if not isinstance(effect, Effect):
-        return f"{type(effect).__name__} came, an Effect was wanted"
+        return f"must be an Effect, got {type(effect).__name__}"
     if effect.stage not in STAGES:
-        return f"no stage is called {effect.stage!r}"
+        return f"unknown stage {effect.stage!r}"
     if TARGETS.get(effect.port) != effect.target:
-        ports = ", ".join(f"{p} on each {t}" for p, t in TARGETS.items())
-        return f"its port is {effect.port!r} on {effect.target!r}; hosted are {ports}"
+        ports = " or ".join(f"{p!r} on {t!r}" for p, t in TARGETS.items())
+        return f"its port must be {ports}, got {effect.port!r} on {effect.target!r}"
     if effect.step is None or (effect.port != "friction" and effect.start is None):
         return "it has no equation"
     return "" if effect.parameters else "it has no parameter"

@@ -126,10 +126,10 @@ assert np.array_equal(braked[0], free[0]) and np.abs(braked[1]).mean() < 0.8 * n
 @pytest.mark.parametrize(
     ("code", "points", "words"),
     [
-        ("raise OSError('gone')", "soft = own_effects:SOFT", "does not import"),
-        ("SOFT = 3", "soft = own_effects:SOFT", "int came, an Effect was wanted"),
-        (OWN.replace('"soft_command"', '"saturation"'), "soft = own_effects:SOFT", "is called 'saturation' already"),
-        (OWN.replace('port="command"', 'port="ground"'), "soft = own_effects:SOFT", "its port is 'ground'"),
+        ("raise OSError('gone')", "soft = own_effects:SOFT", "cannot be imported"),
+        ("SOFT = 3", "soft = own_effects:SOFT", "must be an Effect, got int"),
+        (OWN.replace('"soft_command"', '"saturation"'), "soft = own_effects:SOFT", "named 'saturation' exists already"),
+        (OWN.replace('port="command"', 'port="ground"'), "soft = own_effects:SOFT", "got 'ground' on 'actuator'"),
     ],
 )
 def test_what_cannot_be_plugged_in_is_refused(tmp_path: Path, code: str, points: str, words: str) -> None:

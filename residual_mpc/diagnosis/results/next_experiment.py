@@ -6,7 +6,7 @@ from residual_mpc.diagnosis.results.verdict import Verdict
 from residual_mpc.effects.equivalents import SEPARATIONS
 from residual_mpc.models.settings import Term
 
-EXPLORE = "drive the motion that shows the gap most, twice, and one that goes where no run has been"
+EXPLORE = "repeat the motion with the largest gap twice, and add one that reaches where no run has been"
 
 
 def next_experiment(
