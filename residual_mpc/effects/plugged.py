@@ -21,7 +21,8 @@ def plugged_in(taken: frozenset[str]) -> tuple[Effect, ...]:
         try:
             effect = entry.load()
         except Exception as error:  # importing a user's module runs their code
-            raise BadInput(f"the effect cannot be imported: {error!r}", where, "fix or uninstall its package") from error
+            fault = f"the effect cannot be imported: {error!r}"
+            raise BadInput(fault, where, "fix or uninstall its package") from error
         fault = fault_of(effect)
         if fault:
             raise BadInput(fault, where, "see docs/guide/your-own-effect.md")
