@@ -19,8 +19,8 @@ from plants.mujoco_robot import build
 from residual_mpc.errors import BadInput
 from residual_mpc.models import optional
 from residual_mpc.models.contract import ContractBroken, check_robot
+from residual_mpc.models.contract.optional_members import check_optional
 from residual_mpc.models.load import load_robot
-from residual_mpc.models.optional_contract import check_optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile, read_robot_file
 from residual_mpc.models.wrapped import Wrapped

@@ -13,8 +13,8 @@ import numpy as np
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.logs.columns import is_measured
-from residual_mpc.models.demand import ContractBroken, demand
-from residual_mpc.models.optional_contract import check_optional
+from residual_mpc.models.contract.demand import ContractBroken, demand
+from residual_mpc.models.contract.optional_members import check_optional
 from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
 

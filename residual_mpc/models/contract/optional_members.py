@@ -6,7 +6,7 @@ from numbers import Real
 import numpy as np
 
 from residual_mpc.models import optional
-from residual_mpc.models.demand import demand
+from residual_mpc.models.contract.demand import demand
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.stepping import StepOptions, Stepping
