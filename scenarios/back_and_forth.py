@@ -6,13 +6,15 @@ from scenarios.closed_loop.scenario import ClosedLoop
 from scenarios.robots import TRAINING_MOTIONS, SmoothStart, in_mujoco
 from scenarios.rover import rover
 
+WITHHELD = Withheld(ratio=1.06, lag=0.25)
+
 SCENARIO = ClosedLoop(
     name="back_and_forth",
     summary="back and forth in MuJoCo; withheld: motor lag, wheel mismatch",
     plant="diff_drive",
     setup=rover,
-    simulator=lambda: in_mujoco(Withheld(ratio=1.06, lag=0.25)),
-    withheld={("wheel_radius_mismatch", None, "ratio"): 1.06, ("actuator_lag", None, "time_constant"): 0.25},
+    simulator=lambda: in_mujoco(WITHHELD),
+    withheld=WITHHELD.effects(),
     reference=lambda: SmoothStart(back_and_forth()),
     training_motions=TRAINING_MOTIONS,
 )

@@ -5,17 +5,15 @@ from scenarios.closed_loop.scenario import ClosedLoop
 from scenarios.robots import TRAINING_MOTIONS, brisk_eight, in_mujoco
 from scenarios.rover import rover
 
+WITHHELD = Withheld(ratio=1.04, track=1.25, lag=0.2)
+
 SCENARIO = ClosedLoop(
     name="figure_eight",
     summary="figure-eight in MuJoCo; withheld: motor lag, wheel mismatch, track width",
     plant="diff_drive",
     setup=rover,
-    simulator=lambda: in_mujoco(Withheld(ratio=1.04, track=1.25, lag=0.2)),
-    withheld={
-        ("actuator_lag", None, "time_constant"): 0.2,
-        ("wheel_radius_mismatch", None, "ratio"): 1.04,
-        ("track_width", None, "scale"): 1.25,
-    },
+    simulator=lambda: in_mujoco(WITHHELD),
+    withheld=WITHHELD.effects(),
     reference=brisk_eight,
     training_motions=TRAINING_MOTIONS,
 )

@@ -6,13 +6,15 @@ from scenarios.closed_loop.scenario import ClosedLoop
 from scenarios.robots import TRAINING_MOTIONS, SmoothStart, in_pybullet
 from scenarios.rover import rover
 
+WITHHELD = Withheld(ratio=0.93, track=1.3)
+
 SCENARIO = ClosedLoop(
     name="spin",
     summary="spin in place in PyBullet; withheld: wheel mismatch, track width",
     plant="diff_drive",
     setup=rover,
-    simulator=lambda: in_pybullet(Withheld(ratio=0.93, track=1.3)),
-    withheld={("wheel_radius_mismatch", None, "ratio"): 0.93, ("track_width", None, "scale"): 1.3},
+    simulator=lambda: in_pybullet(WITHHELD),
+    withheld=WITHHELD.effects(),
     reference=lambda: SmoothStart(spin_in_place()),
     training_motions=TRAINING_MOTIONS,
 )

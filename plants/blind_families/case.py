@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol
 
 import numpy as np
 
+from plants.blind_families.planting import D, P, Plantings, R, background, clash
 from plants.blind_families.strength import tuned
 from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.inseparable import may_be_withheld
@@ -18,21 +19,18 @@ from residual_mpc.effects.equivalents import inseparable_from
 
 STRONG = 7.0  # ratio to the noise floor of a usual strong effect
 SHOWN = (2.5, 18.0)  # least and most ratio of what is planted
-R = TypeVar("R")  # a family's robot: truth and sensors
-D = TypeVar("D")  # what a family draws once for an effect
 
 
 @dataclass(frozen=True)
 class Habits:
     """A family's numbers. unnamed: causes that no library names; first: range of the strengths tried first; tries: of
-    a strength; most: strength of a faint effect; typical: strength by effect that is about a strong one's.
+    a strength; most: strength of a faint effect.
     """
 
     unnamed: tuple[str, ...]
     first: tuple[float, float]
     tries: int
     most: float
-    typical: Mapping[str, float]
 
 
 class Bench(Protocol[R, D]):
@@ -42,13 +40,13 @@ class Bench(Protocol[R, D]):
     def robot(self) -> R: ...
 
     @property
-    def effects(self) -> tuple[str, ...]:
-        """What is to be planted."""
+    def plantings(self) -> Plantings[R, D, Any]:
+        """What the family knows of its effects."""
         ...
 
     @property
-    def faint(self) -> tuple[str, ...]:
-        """What may stand in the background of these effects, in the order of drawing."""
+    def effects(self) -> tuple[str, ...]:
+        """What is to be planted."""
         ...
 
     @property
@@ -105,14 +103,13 @@ class Drawn(Generic[R, D]):
         return self.bench.play(self.robot, motion, rng, name, folder)
 
 
-def choose(
-    names: list[str], level: Level, clash: Callable[[tuple[str, ...]], bool], rng: np.random.Generator
-) -> tuple[str, ...]:
+def choose(plantings: Plantings[R, D, P], level: Level, rng: np.random.Generator) -> tuple[str, ...]:
     """As many effects as the level wants, none of which hides or undoes another."""
+    names = sorted(plantings)
     while True:
         count = int(rng.integers(level.effects[0], level.effects[1] + 1))
         chosen = tuple(str(n) for n in rng.choice(names, count, replace=False))
-        if not clash(chosen):
+        if not clash(plantings, chosen):
             return chosen
 
 
@@ -137,7 +134,7 @@ def make(
     planted = _plant_all(bench, rng)
     if planted is None:
         return None
-    robot, background = _plant_background(bench, level, rng)
+    robot, faint = _plant_background(bench, level, rng)
     for draw, strength, _ in planted:
         robot, _ = bench.plant(robot, draw, strength)
     unknown: tuple[str, ...] = ()
@@ -155,7 +152,7 @@ def make(
         level=level.name,
         seed=seed,
         effects=tuple(p for _, _, p in planted),
-        background=background,
+        background=faint,
         unknown=unknown,
         withheld=bench.effects if level.withheld else (),
         twins=tuple(inseparable_from(p.effect, bench.traits) for _, _, p in planted),
@@ -180,7 +177,7 @@ def _plant_all(bench: Bench[R, D], rng: np.random.Generator) -> list[tuple[D, fl
 
 def _plant_one(bench: Bench[R, D], effect: str, draw: D, wanted: float, start: float) -> tuple[float, Planted] | None:
     """The strength that gives the wanted ratio and the effect at it."""
-    if effect == "sensor_outliers":
+    if not bench.plantings[effect].tuned:
         strength, ratio = float(np.clip(wanted / 15, 0.15, 1.0)), wanted
     else:
         strength, ratio = tuned(
@@ -194,15 +191,15 @@ def _plant_one(bench: Bench[R, D], effect: str, draw: D, wanted: float, start: f
 
 def _plant_background(bench: Bench[R, D], level: Level, rng: np.random.Generator) -> tuple[R, tuple[Planted, ...]]:
     """The robot with the faint effects of the level, each about its share of a strong one."""
-    robot, background = bench.robot, []
-    for effect in bench.faint if level.background else ():
+    robot, planted = bench.robot, []
+    for effect in background(bench.plantings, bench.effects) if level.background else ():
         draw = bench.draw(effect, rng)
-        tried = 0.2 * bench.habits.typical[effect]
+        tried = 0.2 * bench.plantings[effect].typical
         shown_by_it = max(bench.ratio(bench.plant(bench.robot, draw, tried)[0]), 0.2)
         share = tried * level.background * STRONG * float(rng.uniform(0.5, 1.5)) / shown_by_it
         robot, parameters = bench.plant(robot, draw, min(share, bench.habits.most))
-        background.append(Planted(effect, bench.target(draw), parameters))
-    return robot, tuple(background)
+        planted.append(Planted(effect, bench.target(draw), parameters))
+    return robot, tuple(planted)
 
 
 def _plant_unnamed(bench: Bench[R, D], cause: str, rng: np.random.Generator) -> R | None:

@@ -7,6 +7,10 @@ import numpy as np
 
 from plants.scaler_arm.dynamics.stick_slip import Sticking
 from plants.scaler_arm.kinematics.geometry import Arm, Body
+from plants.withheld_effects import Named, named, records
+from residual_mpc.effects.actuator import ACTUATOR_GAIN
+from residual_mpc.effects.body import PAYLOAD, VISCOUS
+from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.errors import BadInput
 
 
@@ -28,6 +32,12 @@ class Withheld:
     def __post_init__(self) -> None:
         if not (self.delay >= 0 and self.payload >= 0 and self.gain > 0 and self.friction >= 0 and self.counts >= 0):
             raise BadInput(f"gain must be > 0 and the other sizes >= 0, got {self}", "withheld effects")
+
+    def effects(self) -> Named:
+        """Those that the library has."""
+        return named(
+            (COMMAND_DELAY, self.delay), (PAYLOAD, self.payload), (ACTUATOR_GAIN, self.gain), (VISCOUS, self.friction)
+        )
 
 
 TYPICAL = Withheld(
@@ -66,25 +76,13 @@ def really(arm: Arm, withheld: Withheld) -> Arm:
 
 def truth(withheld: Withheld, engine: str) -> dict[str, Any]:
     """The record that scoring opens: effects of the library by their names, and causes that no library names."""
-    effects: list[dict[str, Any]] = []
-
-    def name(effect: str, **parameters: float) -> None:
-        effects.append({"effect": effect, "target": None, "parameters": parameters})
-
-    if withheld.delay:
-        name("command_delay", delay=withheld.delay)
-    if withheld.payload:
-        name("payload", mass=withheld.payload)
-    if withheld.gain != 1.0:
-        name("actuator_gain", gain=withheld.gain)
-    if withheld.friction:
-        name("viscous_friction", coefficient=withheld.friction)
     beyond = [f"the engine: {engine}"]
     law = withheld.sticking
     if np.any(np.asarray(law.stick) > 0):
         beyond.append(f"stick and slip: {np.max(law.stick)} rad to break away, {np.max(law.slip)} rad behind")
     if withheld.counts:
         beyond.append(f"encoders of {withheld.counts} counts a turn")
+    effects = records(withheld.effects())
     return {"schema": "residual-mpc/truth/1", "robot": "scaler_arm", "effects": effects, "beyond": beyond}
 
 

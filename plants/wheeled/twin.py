@@ -11,6 +11,9 @@ import numpy as np
 from plants.sensors import Sensed, Sensor
 from plants.wheeled.drive import WheeledDrive
 from plants.wheeled.engines.geometry import Geometry, Slips
+from plants.withheld_effects import Named, named, records
+from residual_mpc.effects.actuator import ACTUATOR_LAG
+from residual_mpc.effects.contact import TRACK_WIDTH, WHEEL_RADIUS_MISMATCH
 
 FRAME = 1.0 / 30.0  # s, of the camera over the floor
 
@@ -27,18 +30,15 @@ class Withheld:
     sticking: int = 0  # the wheel that sticks: 0 left, 1 right
     slips: Slips = Slips()
 
+    def effects(self) -> Named:
+        """Those that the library has."""
+        return named((WHEEL_RADIUS_MISMATCH, self.ratio), (TRACK_WIDTH, self.track), (ACTUATOR_LAG, self.lag))
+
     def truth(self) -> dict[str, object]:
         """For scoring alone: the effects of the library by name, the causes that it has no name for, every figure."""
-        effects: list[dict[str, object]] = []
-        if self.ratio != 1.0:
-            effects.append(_effect("wheel_radius_mismatch", "ratio", self.ratio))
-        if self.track != 1.0:
-            effects.append(_effect("track_width", "scale", self.track))
-        if self.lag:
-            effects.append(_effect("actuator_lag", "time_constant", self.lag))
         unnamed = ["a wheel that sticks in its bearing"] if self.static or self.kinetic else []
         unnamed += ["spots without grip"] if self.slips.rate else []
-        return {"effects": effects, "unknown": unnamed, "figures": asdict(self)}
+        return {"effects": records(self.effects()), "unknown": unnamed, "figures": asdict(self)}
 
     def applied(self, nominal: Geometry) -> Geometry:
         """The robot as it really is. A larger wheel stands on the same ground: the chassis tilts."""
@@ -87,7 +87,3 @@ def twin(simulator: WheeledDrive, withheld: Withheld, sensors: tuple[Sensor, ...
 def noisy(simulator: WheeledDrive) -> Sensed:
     """A simulator as it is, under sensor noise without spikes: the paper's Webots."""
     return Sensed(simulator, (replace(camera(spikes=0.0), spike=None, loss=0.0), encoders()))
-
-
-def _effect(name: str, parameter: str, value: float) -> dict[str, object]:
-    return {"effect": name, "target": None, "parameters": {parameter: value}}

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from answers import answer
 
-from plants.blind_families.arm.effects import PLANT, ArmRobot, ArmSensor
+from plants.blind_families.arm.effects import ArmRobot, ArmSensor
 from plants.blind_families.arm.motions import multisine, steps
 from plants.blind_families.arm.runs import ReferenceMotion, play
 from plants.blind_families.arm.setting import Setting
 from plants.blind_families.arm.truth import STEP, Stepper, ideal
+from plants.blind_families.scaler.effects import PLANTINGS
 from plants.blind_families.scaler.family import FAMILY, ScalerBench
 from plants.blind_families.scaler.model import CARRIED, FOREARM, ScalerArm, compiled
 from plants.blind_families.scaler.setting import inertia_at_home
@@ -118,7 +119,7 @@ def test_servos_stop_where_the_model_says():
     np.testing.assert_allclose(stepper.torque, ARM.arm.servo.torque)
 
 
-@pytest.mark.parametrize("effect", sorted(PLANT))
+@pytest.mark.parametrize("effect", sorted(PLANTINGS))
 def test_every_effect_that_is_drawn_has_a_candidate_where_it_sits(effect):
     robot, drawn = build(RobotFile("scaler_arm", "scaler_arm")), bench((effect,))
     for seed in range(4):

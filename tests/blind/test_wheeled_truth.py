@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from plants.blind_families.strength import planar_ratio
-from plants.blind_families.wheeled.effects import PLANT, Draw, PoseSensor, Rover, draw_effect
+from plants.blind_families.wheeled.effects import PLANTINGS, Draw, PoseSensor, Rover, draw_effect
 from plants.blind_families.wheeled.setting import draw_setting, ratio
 from plants.blind_families.wheeled.truth import WheeledTruth, simulate
 from residual_mpc.blind.families import make_case
@@ -24,7 +24,7 @@ def drive(truth, left, right):
 
 
 def planted(effect, strength=0.5, target=None, sign=1.0):
-    rover, parameters = PLANT[effect](Rover(IDEAL, PoseSensor()), Draw(effect, target, sign, 0.3), strength)
+    rover, parameters = PLANTINGS[effect].plant(Rover(IDEAL, PoseSensor()), Draw(effect, target, sign, 0.3), strength)
     return rover.truth, parameters
 
 
@@ -105,15 +105,15 @@ def test_a_slope_drifts_at_its_rate_and_heading():
     assert math.atan2(still[1], still[0]) == pytest.approx(parameters["heading"], abs=1e-6)
 
 
-@pytest.mark.parametrize("effect", sorted(set(PLANT) - {"sensor_outliers"}))
+@pytest.mark.parametrize("effect", sorted(set(PLANTINGS) - {"sensor_outliers"}))
 def test_every_effect_adds_to_the_gap_and_none_at_no_strength(effect):
     rng = np.random.default_rng(3)
     setting = draw_setting(LEVELS["single"], (effect,), False, rng)
     setting = replace(setting, plans=setting.plans[:3])
     draw = draw_effect(effect, setting.encoders, rng)
-    assert ratio(PLANT[effect](setting.rover, draw, 0.6)[0], setting) > 1.0
+    assert ratio(PLANTINGS[effect].plant(setting.rover, draw, 0.6)[0], setting) > 1.0
     if effect != "saturation":  # whose soft knee is felt below its limit
-        assert ratio(PLANT[effect](setting.rover, draw, 0.01)[0], setting) < 0.6
+        assert ratio(PLANTINGS[effect].plant(setting.rover, draw, 0.01)[0], setting) < 0.6
 
 
 def test_the_second_opinion_on_the_gap_sees_a_wrong_radius_as_its_share_of_the_motion():

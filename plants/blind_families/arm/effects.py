@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plants.blind_families.arm.truth import ArmTruth
+from plants.blind_families.planting import Confounded, Faint, Planting, Plantings, by_name
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, ACTUATOR_LAG, BACKLASH, SATURATION, VOLTAGE_SAG
+from residual_mpc.effects.body import (
+    ARMATURE,
+    COULOMB,
+    JOINT_COMPLIANCE,
+    LINK_LENGTH,
+    LINK_MASS,
+    LOAD_FRICTION,
+    PAYLOAD,
+    STRIBECK,
+    VISCOUS,
+)
+from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
+from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_OUTLIERS
 
 Array = NDArray[np.float64]
 
@@ -124,54 +139,138 @@ def _width(s: float, draw: Draw, robot: ArmRobot, j: int) -> float:
     return float(0.15 * s if robot.truth.arm.kind == "position" else s * 0.6 * robot.command[j])
 
 
-Plant = Callable[[ArmRobot, Draw, float], tuple[ArmRobot, dict[str, float]]]
-PLANT: dict[str, Plant] = {
-    "command_delay": _joint("delay", "delay", lambda s, d, r, j: 0.15 * s),
-    "dead_zone": _joint("dead_zone", "width", _width),
-    "actuator_lag": _joint("lag", "time_constant", lambda s, d, r, j: 0.3 * s),
-    "actuator_gain": _joint("gain", "gain", lambda s, d, r, j: 1 + (0.8 if d.sign > 0 else -0.7) * s),
-    "saturation": _joint("limit", "limit", lambda s, d, r, j: float(r.torque[j] * (1 - 0.85 * s))),
-    "voltage_sag": _sag,
-    "coulomb_friction": _coulomb,
-    "viscous_friction": _joint(
-        "viscous", "coefficient", lambda s, d, r, j: float(s * 2 * r.torque_rms[j] / r.speed_rms[j])
+def _any(joints: int, rng: np.random.Generator) -> int | None:
+    return int(rng.integers(joints))
+
+
+def _inner(joints: int, rng: np.random.Generator) -> int | None:
+    """A joint with another one behind it."""
+    return int(rng.integers(joints - 1))
+
+
+def _all(joints: int, rng: np.random.Generator) -> int | None:
+    rng.integers(joints)  # the numbers behind it stay those of an effect that sits at one joint
+    return None
+
+
+def _often_all(joints: int, rng: np.random.Generator) -> int | None:
+    joint = int(rng.integers(joints))
+    return None if rng.random() < 0.7 else joint
+
+
+Place = Callable[[int, np.random.Generator], int | None]  # number of joints -> joint; None: all alike
+# groups of which a case holds one member at most
+DELAYS, FRICTIONS, INERTIAS, WEIGHTS = "delays", "dry frictions", "inertias", "weights and levers"
+GEARS, OUTPUTS = "play and springs", "output"
+
+PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
+    Planting(
+        COMMAND_DELAY,
+        _joint("delay", "delay", lambda s, d, r, j: 0.15 * s),
+        _often_all,
+        typical=0.2,
+        clashes=(DELAYS,),
+        confounded=Confounded(),
     ),
-    "stribeck_friction": _stribeck,
-    "load_dependent_friction": _joint("load", "coefficient", lambda s, d, r, j: 0.8 * s),
-    "payload": _payload,
-    "link_mass": _link_mass,
-    "armature": _joint("armature", "inertia", lambda s, d, r, j: float(3 * s * r.inertia[j])),
-    "sensor_delay": _sensor("delay", "delay", lambda s, d: 0.15 * s),
-    "sensor_bias": _sensor("bias", "bias", lambda s, d: d.sign * 0.3 * s),
-    "sensor_outliers": _sensor("outliers", "rate", lambda s, d: 0.06 * s),
-}
-# effects of serial arms alone
-SERIAL: dict[str, Plant] = PLANT | {
-    "backlash": _joint("play", "gap", lambda s, d, r, j: 0.2 * s),
-    "joint_compliance": _compliance,
-    "link_length": _joint("longer", "offset", lambda s, d, r, j: float(0.8 * d.sign * s * r.truth.arm.length[j])),
-}
-# share of full strength that is typical of a strong case: a tenth of it is a faint background
-TYPICAL = dict.fromkeys(SERIAL, 0.2) | {"voltage_sag": 0.3, "payload": 0.1, "link_mass": 0.3}
-_WHOLE = ("voltage_sag", "payload")  # effects of the robot
-_OFTEN_ALL = ("command_delay", "sensor_delay", "actuator_lag", "sensor_outliers")
+    Planting(
+        SENSOR_DELAY,
+        _sensor("delay", "delay", lambda s, d: 0.15 * s),
+        _often_all,
+        typical=0.2,
+        clashes=(DELAYS,),
+        confounded=Confounded(),
+    ),
+    Planting(DEAD_ZONE, _joint("dead_zone", "width", _width), _any, typical=0.2),
+    Planting(
+        ACTUATOR_LAG,
+        _joint("lag", "time_constant", lambda s, d, r, j: 0.3 * s),
+        _often_all,
+        typical=0.2,
+        clashes=(DELAYS,),
+    ),
+    Planting(
+        ACTUATOR_GAIN,
+        _joint("gain", "gain", lambda s, d, r, j: 1 + (0.8 if d.sign > 0 else -0.7) * s),
+        _any,
+        typical=0.2,
+        clashes=(OUTPUTS,),
+    ),
+    Planting(
+        SATURATION,
+        _joint("limit", "limit", lambda s, d, r, j: float(r.torque[j] * (1 - 0.85 * s))),
+        _any,
+        typical=0.2,
+        clashes=(OUTPUTS,),
+        faint=Faint.NONE,
+    ),
+    Planting(VOLTAGE_SAG, _sag, _all, typical=0.3, clashes=(OUTPUTS,)),
+    Planting(COULOMB, _coulomb, _any, typical=0.2, clashes=(FRICTIONS,), faint=Faint.NO_CLASH),
+    Planting(
+        VISCOUS,
+        _joint("viscous", "coefficient", lambda s, d, r, j: float(s * 2 * r.torque_rms[j] / r.speed_rms[j])),
+        _any,
+        typical=0.2,
+    ),
+    Planting(STRIBECK, _stribeck, _any, typical=0.2, clashes=(FRICTIONS,), faint=Faint.NONE),
+    Planting(
+        LOAD_FRICTION,
+        _joint("load", "coefficient", lambda s, d, r, j: 0.8 * s),
+        _any,
+        typical=0.2,
+        clashes=(FRICTIONS,),
+        faint=Faint.NO_CLASH,
+    ),
+    Planting(PAYLOAD, _payload, _all, typical=0.1, clashes=(INERTIAS, WEIGHTS)),
+    Planting(LINK_MASS, _link_mass, _any, typical=0.3, clashes=(INERTIAS, WEIGHTS)),
+    Planting(
+        ARMATURE,
+        _joint("armature", "inertia", lambda s, d, r, j: float(3 * s * r.inertia[j])),
+        _any,
+        typical=0.2,
+        clashes=(INERTIAS,),
+    ),
+    Planting(SENSOR_BIAS, _sensor("bias", "bias", lambda s, d: d.sign * 0.3 * s), _any, typical=0.2),
+    Planting(
+        SENSOR_OUTLIERS,
+        _sensor("outliers", "rate", lambda s, d: 0.06 * s),
+        _often_all,
+        typical=0.2,
+        faint=Faint.NONE,
+        tuned=False,
+    ),
+    Planting(
+        BACKLASH,
+        _joint("play", "gap", lambda s, d, r, j: 0.2 * s),
+        _any,
+        typical=0.2,
+        clashes=(GEARS,),
+        faint=Faint.NONE,
+    ),
+    Planting(JOINT_COMPLIANCE, _compliance, _any, typical=0.2, clashes=(GEARS,), faint=Faint.NONE),
+    Planting(
+        LINK_LENGTH,
+        _joint("longer", "offset", lambda s, d, r, j: float(0.8 * d.sign * s * r.truth.arm.length[j])),
+        _inner,
+        typical=0.2,
+        clashes=(WEIGHTS,),
+        faint=Faint.NONE,
+    ),
+)
 
 
-def draw_effect(effect: str, joints: int, rng: np.random.Generator) -> Draw:
+def draw_effect(
+    effect: str, joints: int, rng: np.random.Generator, plantings: Plantings[ArmRobot, Draw, Place] = PLANTINGS
+) -> Draw:
     """Joint, sign and shape of ``effect``."""
-    joint: int | None = int(rng.integers(joints - 1 if effect == "link_length" else joints))
-    if effect in _WHOLE or (effect in _OFTEN_ALL and rng.random() < 0.7):
-        joint = None
+    joint = plantings[effect].place(joints, rng)
     return Draw(effect, joint, float(rng.choice([-1, 1])), float(rng.random()))
 
 
-def target_of(draw: Draw) -> str | None:
-    """The name the contract gives to where the effect sits."""
+def target_of(draw: Draw, joints: Sequence[str], links: Sequence[str]) -> str | None:
+    """The name the contract gives to where the effect sits; links: those that the joints carry."""
     if draw.joint is None:
         return None
-    number = draw.joint + 1
-    if draw.effect in ("link_mass", "link_length"):
-        return f"link{number}"
-    if draw.effect in ("sensor_delay", "sensor_bias", "sensor_outliers"):
-        return f"position.j{number}"
-    return f"j{number}"
+    effect = PLANTINGS[draw.effect].effect
+    if effect.target == "body":
+        return links[draw.joint]
+    return f"position.{joints[draw.joint]}" if effect.stage == "sensor" else joints[draw.joint]

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from plants.blind_families.arm.effects import PLANT, SERIAL, TYPICAL, ArmRobot, Draw, draw_effect, target_of
+from plants.blind_families.arm.effects import PLANTINGS, ArmRobot, Draw, Place, draw_effect, target_of
 from plants.blind_families.arm.files import write_clean, write_played, write_robot, write_runs
 from plants.blind_families.arm.runs import play
 from plants.blind_families.arm.setting import Setting, draw_setting, ratio
 from plants.blind_families.arm.truth import ArmTruth
 from plants.blind_families.case import Drawn, Habits, choose, first_case, make
+from plants.blind_families.planting import Plantings, confounded
 from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer
@@ -24,22 +25,8 @@ HABITS = Habits(
     first=(0.1, 0.4),
     tries=5,
     most=0.5,
-    typical=TYPICAL,
 )
 _ATTEMPTS = 60  # draws of effects before a level is given up
-
-
-def arm_clash(effects: tuple[str, ...]) -> bool:
-    """Whether data could hardly tell the members apart, or one undoes another."""
-    groups = (
-        {"command_delay", "sensor_delay", "actuator_lag"},
-        {"coulomb_friction", "stribeck_friction", "load_dependent_friction"},
-        {"payload", "link_mass", "armature"},
-        {"payload", "link_mass", "link_length"},
-        {"joint_compliance", "backlash"},
-        {"actuator_gain", "voltage_sag", "saturation"},
-    )
-    return any(len(group & set(effects)) > 1 for group in groups)
 
 
 @dataclass(frozen=True)
@@ -55,10 +42,8 @@ class ArmBench:
         return self.setting.robot
 
     @property
-    def faint(self) -> tuple[str, ...]:
-        others = set(PLANT) - set(self.effects) - {"saturation", "sensor_outliers", "stribeck_friction"}
-        frictions = ("coulomb_friction", "load_dependent_friction")
-        return tuple(e for e in sorted(others) if e not in frictions or not arm_clash((e, *self.effects)))
+    def plantings(self) -> Plantings[ArmRobot, Draw, Place]:
+        return PLANTINGS
 
     @property
     def traits(self) -> tuple[str, ...]:
@@ -73,10 +58,11 @@ class ArmBench:
         return draw_effect(effect, len(self.robot.truth.arm.joints), rng)
 
     def target(self, draw: Draw) -> str | None:
-        return target_of(draw)
+        joints = self.robot.truth.arm.joints
+        return target_of(draw, joints, [f"link{i + 1}" for i in range(len(joints))])
 
     def plant(self, robot: ArmRobot, draw: Draw, strength: float) -> tuple[ArmRobot, dict[str, float]]:
-        return SERIAL[draw.effect](robot, draw, strength)
+        return PLANTINGS[draw.effect].plant(robot, draw, strength)
 
     def ratio(self, robot: ArmRobot) -> float:
         return ratio(robot, self.setting)
@@ -143,9 +129,9 @@ class ArmFamily:
 
 def _bench(level: Level, rng: np.random.Generator) -> ArmBench | None:
     if level.confounded:
-        effects: tuple[str, ...] = (str(rng.choice(["command_delay", "sensor_delay"])),)
+        effects: tuple[str, ...] = (str(rng.choice(list(confounded(PLANTINGS)))),)
     else:
-        effects = choose(sorted(SERIAL), level, arm_clash, rng)
+        effects = choose(PLANTINGS, level, rng)
     setting = draw_setting(level, rng)
     # stretches with the motor off would tell the members of the group apart
     return None if setting is None or (level.confounded and setting.drops) else ArmBench(setting, effects)

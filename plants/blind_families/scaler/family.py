@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from plants.blind_families.arm.effects import PLANT, TYPICAL, ArmRobot, Draw, draw_effect
-from plants.blind_families.arm.family import ArmBench, arm_clash
+from plants.blind_families.arm.effects import ArmRobot, Draw, Place, draw_effect, target_of
+from plants.blind_families.arm.family import ArmBench
 from plants.blind_families.arm.setting import Setting
 from plants.blind_families.case import Drawn, Habits, choose, first_case, make
-from plants.blind_families.scaler.model import CARRIED, FOREARM
+from plants.blind_families.planting import Plantings, confounded
+from plants.blind_families.scaler.effects import PLANTINGS
+from plants.blind_families.scaler.model import CARRIED
 from plants.blind_families.scaler.setting import draw_setting
 from plants.scaler_arm.kinematics.geometry import MOTORS
 from residual_mpc.blind.commanded_motion import CommandedMotion
@@ -25,18 +27,8 @@ HABITS = Habits(
     first=(0.05, 0.3),
     tries=6,
     most=0.5,
-    typical=TYPICAL,
 )
 _ATTEMPTS = 40  # draws of effects before a level is given up
-_SENSED = ("sensor_delay", "sensor_bias", "sensor_outliers")
-# what comes late by a little looks alike behind a servo that is damped this well: its own lag, more of its damping,
-# and a rotor that is slow to start
-_LATE = {"command_delay", "sensor_delay", "actuator_lag", "viscous_friction", "armature"}
-
-
-def _clash(effects: tuple[str, ...]) -> bool:
-    """Whether data could hardly tell the members apart, or one undoes another."""
-    return arm_clash(effects) or len(_LATE & set(effects)) > 1
 
 
 @dataclass(frozen=True)
@@ -56,8 +48,8 @@ class ScalerBench:
         return self.setting.robot
 
     @property
-    def faint(self) -> tuple[str, ...]:
-        return self._arms.faint
+    def plantings(self) -> Plantings[ArmRobot, Draw, Place]:
+        return PLANTINGS
 
     @property
     def traits(self) -> tuple[str, ...]:
@@ -68,20 +60,13 @@ class ScalerBench:
         return {"names": list(MOTORS), "actuators": "position"}
 
     def draw(self, effect: str, rng: np.random.Generator) -> Draw:
-        draw = draw_effect(effect, len(MOTORS), rng)
-        where = {"link_mass": FOREARM, "sensor_outliers": None}  # no candidate blames one encoder for outliers
-        return replace(draw, joint=where.get(effect, draw.joint))
+        return draw_effect(effect, len(MOTORS), rng, PLANTINGS)
 
     def target(self, draw: Draw) -> str | None:
-        """The name the contract gives to where the effect sits."""
-        if draw.joint is None:
-            return None
-        if draw.effect == "link_mass":
-            return CARRIED[draw.joint]
-        return f"position.{MOTORS[draw.joint]}" if draw.effect in _SENSED else MOTORS[draw.joint]
+        return target_of(draw, MOTORS, CARRIED)
 
     def plant(self, robot: ArmRobot, draw: Draw, strength: float) -> tuple[ArmRobot, dict[str, float]]:
-        return PLANT[draw.effect](robot, draw, strength)
+        return PLANTINGS[draw.effect].plant(robot, draw, strength)
 
     def ratio(self, robot: ArmRobot) -> float:
         return self._arms.ratio(robot)
@@ -122,9 +107,9 @@ class ScalerFamily:
 
 def _bench(level: Level, rng: np.random.Generator) -> ScalerBench | None:
     if level.confounded:  # no run has its motors off, so that nothing parts the two
-        effects: tuple[str, ...] = (str(rng.choice(["command_delay", "sensor_delay"])),)
+        effects: tuple[str, ...] = (str(rng.choice(list(confounded(PLANTINGS)))),)
     else:
-        effects = choose(sorted(PLANT), level, _clash, rng)
+        effects = choose(PLANTINGS, level, rng)
     setting = draw_setting(level, rng)
     return None if setting is None else ScalerBench(setting, effects)
 

@@ -8,7 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from plants.blind_families.planting import Confounded, Faint, Planting, Plantings, by_name
 from plants.blind_families.wheeled.truth import WheeledTruth
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, ACTUATOR_LAG, BACKLASH, SATURATION, VOLTAGE_SAG
+from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
+from residual_mpc.effects.contact import (
+    LATERAL_SLIP,
+    LONGITUDINAL_SLIP,
+    SLOPE,
+    TRACK_WIDTH,
+    WHEEL_RADIUS,
+    WHEEL_RADIUS_MISMATCH,
+)
+from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_MOUNTING, SENSOR_OUTLIERS
 
 SIDES = ("left", "right")
 
@@ -101,57 +113,108 @@ def _outliers(rover: Rover, draw: Draw, s: float) -> tuple[Rover, dict[str, floa
     return replace(rover, sensor=replace(rover.sensor, outliers=0.08 * s)), {"rate": 0.08 * s}
 
 
-Plant = Callable[[Rover, Draw, float], tuple[Rover, dict[str, float]]]
-# strength 1 is about as far as a robot that still drives would go
-PLANT: dict[str, Plant] = {
-    "command_delay": _per_wheel("delay", "delay", 0.0, lambda s, d, p: 0.25 * s),
-    "dead_zone": _per_wheel("dead_zone", "width", 0.0, lambda s, d, p: 0.5 * p.speed_scale * s),
-    "actuator_lag": _per_wheel("lag", "time_constant", 0.0, lambda s, d, p: 0.4 * s),
-    "actuator_gain": _per_wheel("gain", "gain", 1.0, lambda s, d, p: 1 + d.sign * 0.4 * s),
-    "saturation": _per_wheel("limit", "limit", float("inf"), lambda s, d, p: p.speed_scale * (1 - 0.75 * s)),
-    "voltage_sag": _whole("sag", "rate", lambda s, d, p: 0.025 * s),
-    "backlash": _per_wheel("gap", "gap", 0.0, lambda s, d, p: 1.0 * s),
-    "wheel_radius": _radius,
-    "wheel_radius_mismatch": _mismatch,
-    "track_width": _whole("track", "scale", lambda s, d, p: 1 + d.sign * 0.4 * s),
-    "lateral_slip": _whole("lateral", "coefficient", lambda s, d, p: 0.35 * s),
-    "longitudinal_slip": _whole("slip", "coefficient", lambda s, d, p: 4.0 * s),
-    "slope": _slope,
-    "sensor_delay": _sensor_delay,
-    "sensor_bias": _sensor_bias,
-    "sensor_mounting": _mounting,
-    "sensor_outliers": _outliers,
-}
-PER_WHEEL = ("dead_zone", "actuator_lag", "actuator_gain", "saturation", "backlash")
-# share of full strength that is typical of a strong case: a tenth of it is a faint background
-TYPICAL = {
-    "command_delay": 0.25,
-    "dead_zone": 0.3,
-    "actuator_lag": 0.25,
-    "actuator_gain": 0.25,
-    "saturation": 0.0,
-    "voltage_sag": 0.4,
-    "backlash": 0.35,
-    "wheel_radius": 0.3,
-    "wheel_radius_mismatch": 0.2,
-    "track_width": 0.3,
-    "lateral_slip": 0.3,
-    "longitudinal_slip": 0.4,
-    "slope": 0.3,
-    "sensor_delay": 0.25,
-    "sensor_bias": 0.3,
-    "sensor_mounting": 0.3,
-    "sensor_outliers": 0.1,
-}
+def _robot(encoders: bool, rng: np.random.Generator) -> str | None:
+    return None
+
+
+def _wheels(encoders: bool, rng: np.random.Generator) -> str | None:
+    """Both of them as often as one."""
+    return (None, None, "left", "right")[rng.integers(4)]
+
+
+def _heading(encoders: bool, rng: np.random.Generator) -> str | None:
+    return "pose.theta"
+
+
+def _readings(encoders: bool, rng: np.random.Generator) -> str | None:
+    """All of them; where there are encoders, those of the localisation."""
+    return "pose" if encoders else None
+
+
+Place = Callable[[bool, np.random.Generator], str | None]  # whether there are encoders -> the target
+# groups of which a case holds one member at most
+SIZES, DELAYS, DRIFTS = "sizes and gains of wheels", "delays", "motion to the side"
+# what an effect needs of the runs
+REVERSALS = "reversals"  # many of them: it acts where a wheel stands or turns back
+NO_JERKS = "no jerks"  # a robot that slides is not driven with them
+NO_ENCODERS = "no encoders"
+
+# Strength 1 is about as far as a robot that still drives would go. The first seven have a twin where there are no
+# encoders, the last two of them on a straight line.
+PLANTINGS: Plantings[Rover, Draw, Place] = by_name(
+    Planting(WHEEL_RADIUS, _radius, _robot, typical=0.3, clashes=(SIZES,), confounded=Confounded()),
+    Planting(
+        COMMAND_DELAY,
+        _per_wheel("delay", "delay", 0.0, lambda s, d, p: 0.25 * s),
+        _robot,
+        typical=0.25,
+        clashes=(DELAYS,),
+        confounded=Confounded(),
+    ),
+    Planting(SENSOR_DELAY, _sensor_delay, _readings, typical=0.25, clashes=(DELAYS,), confounded=Confounded()),
+    Planting(WHEEL_RADIUS_MISMATCH, _mismatch, _robot, typical=0.2, clashes=(SIZES,), confounded=Confounded()),
+    Planting(
+        ACTUATOR_GAIN,
+        _per_wheel("gain", "gain", 1.0, lambda s, d, p: 1 + d.sign * 0.4 * s),
+        _wheels,
+        typical=0.25,
+        clashes=(SIZES,),
+        confounded=Confounded(),
+    ),
+    Planting(SLOPE, _slope, _robot, typical=0.3, confounded=Confounded(straight=True)),
+    Planting(
+        LONGITUDINAL_SLIP,
+        _whole("slip", "coefficient", lambda s, d, p: 4.0 * s),
+        _robot,
+        typical=0.4,
+        needs=(NO_JERKS,),
+        # a constant speed never slips: the group stands for it
+        confounded=Confounded(straight=True, by=SLOPE),
+    ),
+    Planting(
+        DEAD_ZONE,
+        _per_wheel("dead_zone", "width", 0.0, lambda s, d, p: 0.5 * p.speed_scale * s),
+        _wheels,
+        typical=0.3,
+        needs=(REVERSALS,),
+    ),
+    Planting(
+        ACTUATOR_LAG,
+        _per_wheel("lag", "time_constant", 0.0, lambda s, d, p: 0.4 * s),
+        _wheels,
+        typical=0.25,
+        clashes=(DELAYS,),
+    ),
+    Planting(
+        SATURATION,
+        _per_wheel("limit", "limit", float("inf"), lambda s, d, p: p.speed_scale * (1 - 0.75 * s)),
+        _wheels,
+        typical=0.0,
+        faint=Faint.NONE,
+    ),
+    Planting(VOLTAGE_SAG, _whole("sag", "rate", lambda s, d, p: 0.025 * s), _robot, typical=0.4, clashes=(SIZES,)),
+    Planting(
+        BACKLASH,
+        _per_wheel("gap", "gap", 0.0, lambda s, d, p: 1.0 * s),
+        _wheels,
+        typical=0.35,
+        needs=(REVERSALS, NO_ENCODERS),
+    ),
+    Planting(TRACK_WIDTH, _whole("track", "scale", lambda s, d, p: 1 + d.sign * 0.4 * s), _robot, typical=0.3),
+    Planting(
+        LATERAL_SLIP,
+        _whole("lateral", "coefficient", lambda s, d, p: 0.35 * s),
+        _robot,
+        typical=0.3,
+        clashes=(DRIFTS,),
+    ),
+    Planting(SENSOR_BIAS, _sensor_bias, _heading, typical=0.3, clashes=(DRIFTS,)),
+    Planting(SENSOR_MOUNTING, _mounting, _robot, typical=0.3, clashes=(DRIFTS,)),
+    Planting(SENSOR_OUTLIERS, _outliers, _robot, typical=0.1, faint=Faint.NONE, tuned=False),
+)
 
 
 def draw_effect(effect: str, encoders: bool, rng: np.random.Generator) -> Draw:
     """Target, sign and direction of ``effect``."""
-    target: str | None = None
-    if effect in PER_WHEEL:
-        target = (None, None, "left", "right")[rng.integers(4)]
-    elif effect == "sensor_bias":
-        target = "pose.theta"
-    elif effect == "sensor_delay" and encoders:
-        target = "pose"
+    target = PLANTINGS[effect].place(encoders, rng)
     return Draw(effect, target, float(rng.choice([-1, 1])), float(rng.uniform(-np.pi, np.pi)))

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from plants.blind_families.case import Drawn, Habits, choose, first_case, make
-from plants.blind_families.wheeled.effects import PLANT, TYPICAL, Draw, Rover, draw_effect
+from plants.blind_families.planting import Plantings, confounded
+from plants.blind_families.wheeled.effects import PLANTINGS, Draw, Place, Rover, draw_effect
 from plants.blind_families.wheeled.files import write_clean, write_played, write_robot, write_runs
 from plants.blind_families.wheeled.setting import Setting, draw_setting, ratio
 from residual_mpc.blind.commanded_motion import CommandedMotion
@@ -22,26 +23,8 @@ HABITS = Habits(
     first=(0.15, 0.5),
     tries=6,
     most=1.0,
-    typical=TYPICAL,
 )
 _ATTEMPTS = 40  # draws of effects before a level is given up
-_GROUPED = (  # each has a twin without encoders, on a straight line in the last two
-    "wheel_radius",
-    "command_delay",
-    "sensor_delay",
-    "wheel_radius_mismatch",
-    "actuator_gain",
-    "slope",
-    "longitudinal_slip",
-)
-
-
-def _clash(effects: tuple[str, ...]) -> bool:
-    """Whether some data could not tell the members apart, or one undoes another."""
-    sizes = {"wheel_radius", "wheel_radius_mismatch", "actuator_gain", "voltage_sag"}
-    delays = {"command_delay", "sensor_delay", "actuator_lag"}
-    drifts = {"lateral_slip", "sensor_mounting", "sensor_bias"}
-    return any(len(group & set(effects)) > 1 for group in (sizes, delays, drifts))
 
 
 @dataclass(frozen=True)
@@ -58,8 +41,8 @@ class WheeledBench:
         return self.setting.rover
 
     @property
-    def faint(self) -> tuple[str, ...]:
-        return tuple(sorted(set(PLANT) - set(self.effects) - {"saturation", "sensor_outliers"}))
+    def plantings(self) -> Plantings[Rover, Draw, Place]:
+        return PLANTINGS
 
     @property
     def traits(self) -> tuple[str, ...]:
@@ -79,7 +62,7 @@ class WheeledBench:
         return draw.target
 
     def plant(self, robot: Rover, draw: Draw, strength: float) -> tuple[Rover, dict[str, float]]:
-        return PLANT[draw.effect](robot, draw, strength)
+        return PLANTINGS[draw.effect].plant(robot, draw, strength)
 
     def ratio(self, robot: Rover) -> float:
         return ratio(robot, self.setting)
@@ -140,12 +123,12 @@ class WheeledFamily:
 
 def _bench(level: Level, rng: np.random.Generator) -> WheeledBench:
     if not level.confounded:
-        effects = choose(sorted(PLANT), level, _clash, rng)
+        effects = choose(PLANTINGS, level, rng)
         return WheeledBench(draw_setting(level, effects, False, rng), effects, False)
-    effects = (str(rng.choice(_GROUPED)),)
-    straight = effects[0] in ("slope", "longitudinal_slip")
-    if effects[0] == "longitudinal_slip":
-        effects = ("slope",)  # a constant speed never slips: the group stands for it
+    ways = confounded(PLANTINGS)
+    drawn = str(rng.choice(list(ways)))
+    straight, by = ways[drawn].straight, ways[drawn].by
+    effects = (by.name if by else drawn,)
     return WheeledBench(replace(draw_setting(level, effects, straight, rng), encoders=False), effects, straight)
 
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plants.blind_families.planting import needed
 from plants.blind_families.sensing import Roughness, draw_roughness, stamps
 from plants.blind_families.strength import planar_ratio
 from plants.blind_families.wheeled import motions
-from plants.blind_families.wheeled.effects import PoseSensor, Rover
+from plants.blind_families.wheeled.effects import NO_ENCODERS, NO_JERKS, PLANTINGS, REVERSALS, PoseSensor, Rover
 from plants.blind_families.wheeled.truth import Policy, Trajectory, WheeledTruth, simulate
 from residual_mpc.blind.levels import Level
 
@@ -53,9 +54,9 @@ def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np
     else:
         others = [motions.waves, motions.figure_eight, motions.reversals]
         kinds = [motions.rich, motions.steps, motions.shuttle, others[rng.integers(3)], motions.spin]
-        if {"dead_zone", "backlash"} & set(effects):
+        if needed(PLANTINGS, effects, REVERSALS):
             kinds[3] = motions.reversals
-    slow = "longitudinal_slip" in effects  # a robot that slides is not driven with jerks
+    slow = needed(PLANTINGS, effects, NO_JERKS)
     plans = []
     for number, kind in enumerate(kinds):
         t = stamps(float(rng.uniform(17, 24)), rate, rough, rng)
@@ -68,7 +69,7 @@ def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np
     )
     truth = WheeledTruth(radius, track, speed_scale=float(wheel.max() / radius))
     sigma = (float(rng.uniform(0.001, 0.003)) * level.noise, float(rng.uniform(0.003, 0.008)) * level.noise)
-    encoders = bool(rng.random() < 0.5) and "backlash" not in effects and not straight
+    encoders = bool(rng.random() < 0.5) and not needed(PLANTINGS, effects, NO_ENCODERS) and not straight
     return Setting(
         Rover(truth, PoseSensor()),
         tuple(plans),

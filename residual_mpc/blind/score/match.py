@@ -8,10 +8,11 @@ from itertools import product
 
 from residual_mpc.blind.records import Answer, Planted
 from residual_mpc.blind.score.claim import Claim, Name
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.effects.sensor import SENSOR_BIAS
 
 _LARGEST_GROUP = 3
 _MOST_READINGS = 4096
-_SENSOR = ("sensor_delay", "sensor_bias", "sensor_mounting", "sensor_outliers")
 
 
 @dataclass(frozen=True)
@@ -92,9 +93,9 @@ def _targets_right(answer: Answer, reading: Sequence[Name]) -> bool:
 def where(answer: Answer, effect: str, target: str | None) -> frozenset[str]:
     """The places that ``target`` of ``effect`` stands for: null is all of them."""
     places = _places(answer, effect)
-    if target is None or (target == "pose" and effect in _SENSOR):
+    if target is None or (target == "pose" and _of_sensor(effect)):
         return places
-    if effect in _SENSOR and f"position.{target}" in places:
+    if _of_sensor(effect) and f"position.{target}" in places:
         return frozenset({f"position.{target}"})
     return frozenset({target})
 
@@ -102,16 +103,21 @@ def where(answer: Answer, effect: str, target: str | None) -> frozenset[str]:
 def _places(answer: Answer, effect: str) -> frozenset[str]:
     joints = int(answer.notes.get("joints", 0))
     names: tuple[str, ...] = tuple(answer.notes.get("names", ()))  # of actuators that are not numbered
-    if effect in _SENSOR:
+    if _of_sensor(effect):
         if answer.family == "wheeled":
-            return frozenset({"pose.theta"} if effect == "sensor_bias" else {"pose.x", "pose.y", "pose.theta"})
+            return frozenset({"pose.theta"} if effect == SENSOR_BIAS.name else {"pose.x", "pose.y", "pose.theta"})
         return frozenset(f"position.{name}" for name in names or (f"j{i + 1}" for i in range(joints)))
     if answer.family == "wheeled":
         return frozenset({"left", "right"})
     if names:
         return frozenset(names)
-    prefix = "link" if effect in ("link_mass", "link_length") else "j"
+    prefix = "link" if effect in BY_NAME and BY_NAME[effect].target == "body" else "j"
     return frozenset(f"{prefix}{i + 1}" for i in range(joints))
+
+
+def _of_sensor(effect: str) -> bool:
+    """Whether it is a sensor's; an answer may name effects that are not installed here."""
+    return effect in BY_NAME and BY_NAME[effect].stage == "sensor"
 
 
 def counterpart(planted: Planted, answer: Answer, claim: Claim) -> Name | None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.effects.body import ARMATURE, LINK_MASS, PAYLOAD
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.logs.columns import is_measured
@@ -23,7 +24,7 @@ ROWS = 3
 LENGTH = 0.25  # s replayed
 LEAD = 0.35  # s before it: longer than the longest delay
 ALONE = 1e-9  # relative: a row alone may be summed in another order than within a batch
-MAY_BE_IDLE = ("payload", "link_mass")  # mass on a joint's axis, without gravity, changes nothing
+MAY_BE_IDLE = (PAYLOAD.name, LINK_MASS.name)  # mass on a joint's axis, without gravity, changes nothing
 
 Predicted = Mapping[str, np.ndarray]
 
@@ -98,7 +99,7 @@ def check_slots(robot: Robot) -> None:
             low, high = robot.bounds(effect.name, p.name, slot)
             law = f"bounds of {effect.name}.{p.name} on {slot} leave room around its null value"
             demand(low <= p.null <= high and low < high, law, (low, high), f"low <= {p.null} <= high")
-    sized = {"inertia": robot.slots("armature"), "mass": robot.slots("link_mass"), "length": ()}
+    sized = {"inertia": robot.slots(ARMATURE.name), "mass": robot.slots(LINK_MASS.name), "length": ()}
     for kind, slots in sized.items():
         for slot in (None, *slots):
             value = robot.reference(kind, slot)
