@@ -17,7 +17,7 @@ from residual_mpc.experiment.separate import Planned, Separation, separation, si
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values
 
-PARTS = SearchSettings().beyond_doubt  # likelihood ratio
+PARTS = SearchSettings.beyond_doubt  # likelihood ratio from which sets come apart: the default of the search
 MOST = 3  # motions in an experiment
 
 Progress = Callable[[str, float], None]
