@@ -186,14 +186,14 @@ def test_bad_input_is_one_message(folder, learned, capsys):
     out = folder / "never"
     for arguments, said in (
         (("gap", "--robot", other, *files, "--model", model), "got one of rover"),
-        (("learn", "--robot", robot, short, "--out", out), "left to learn from"),
+        (("learn", "--robot", robot, short, "--out", out), "are needed for training, got 1"),
         (("learn", "--robot", robot, *files, "--out", out, "--warm-start", bare), "no learned residual"),
         (("learn", "--robot", robot, *files, "--out", out, "--warm-start", joint), "a, b, c"),
         (("learn", "--robot", robot, *files, "--out", out, "--on", folder / "none.json"), "none.json"),
         (("learn", "--robot", robot, *files, "--out", out, "--hidden", "ten"), "ten"),
         (("learn", "--robot", robot, *files, "--out", out, "--weights", "pose.theta"), "pose.theta"),
         (("learn", "--robot", robot, *files, "--out", out, "--weights", "pose.z=2"), "pose.x"),
-        (("learn", "--robot", robot, *files, "--out", out, "--weights", "pose.x=-1"), "positive"),
+        (("learn", "--robot", robot, *files, "--out", out, "--weights", "pose.x=-1"), "> 0"),
     ):
         assert call(*arguments) == 2
         streams = capsys.readouterr()
