@@ -122,18 +122,19 @@ def build(robot: RobotFile) -> DiffDrive:
         "track_width": 0.16,
         **robot.parameters,
     }  # the TurtleBot3 Burger's where built in
+    where = robot.source or robot.name
     for name, value in parameters.items():
         if name not in ("wheel_radius", "track_width"):
             raise BadInput(
                 f"unknown parameter {name!r}",
-                robot.name,
+                where,
                 "the parameters of diff_drive are wheel_radius (m) and track_width (m)",
             )
         if not (np.isfinite(value) and value > 0):
-            raise BadInput(f"parameter {name} must be a positive length in metres, got {value}", robot.name)
+            raise BadInput(f"parameter {name} must be a positive length in metres, got {value}", where)
     if robot.parameters and len(robot.parameters) < 2:
         missing = ({"wheel_radius", "track_width"} - set(robot.parameters)).pop()
-        raise BadInput(f"parameter {missing} is missing", robot.name, f"add {missing} in metres under [parameters]")
+        raise BadInput(f"parameter {missing} is missing", where, f"add {missing} in metres under [parameters]")
     return DiffDrive(robot.name, parameters["wheel_radius"], parameters["track_width"])
 
 

@@ -69,7 +69,8 @@ def with_servo(arm: Arm, robot: RobotFile) -> Arm:
     for name, value in robot.parameters.items():
         if name not in SERVO:
             remedy = f"the parameters of scaler_arm are {', '.join(SERVO)}, the same for every servo"
-            raise BadInput(f"unknown parameter {name!r}", robot.name, remedy)
+            raise BadInput(f"unknown parameter {name!r}", robot.source or robot.name, remedy)
         if not (np.isfinite(value) and value > 0):
-            raise BadInput(f"parameter {name} must be a positive number in SI units, got {value}", robot.name)
+            fault = f"parameter {name} must be a positive number in SI units, got {value}"
+            raise BadInput(fault, robot.source or robot.name)
     return replace(arm, servo=replace(arm.servo, **robot.parameters))

@@ -36,7 +36,8 @@ def geometry_of(robot: RobotFile) -> Geometry:
     known = {"wheel_radius": TURTLEBOT.left.radius, "track_width": TURTLEBOT.track}
     unknown = sorted(set(robot.parameters) - set(known))
     if unknown:
-        raise BadInput(f"unknown parameter {unknown[0]!r}", robot.name, f"the parameters are {', '.join(known)} (m)")
+        remedy = f"the parameters are {', '.join(known)} (m)"
+        raise BadInput(f"unknown parameter {unknown[0]!r}", robot.source or robot.name, remedy)
     figures = {**known, **robot.parameters}
     wheels = [replace(w, radius=figures["wheel_radius"]) for w in TURTLEBOT.wheels]
     return replace(TURTLEBOT, left=wheels[0], right=wheels[1], track=figures["track_width"])

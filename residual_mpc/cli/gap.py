@@ -18,7 +18,7 @@ from residual_mpc.cli.common import emit, horizon_option, json_option, read, rob
 @click.option(
     "--held-out-of",
     type=click.Path(path_type=Path),
-    help="Measure only on the runs or blocks held out in this diagnosis.json.",
+    help="Measure only on the runs or blocks held out in this diagnosis.json or model.json.",
 )
 @horizon_option
 @json_option

@@ -44,10 +44,16 @@ from residual_mpc.errors import BadInput
 @click.option(
     "--form",
     type=click.Choice(["body", "paper", "joint"]),
-    help="Which velocities the residual corrects, and its inputs.",
+    help="Which velocities the residual corrects, and its inputs.  [default: body for a robot that drives, else joint]",
 )
 @click.option("--hidden", default="10,10", show_default=True, help="Sizes of the hidden layers.")
-@click.option("--method", type=click.Choice(["auto", "ukf", "ekf"]), default="auto", show_default=True)
+@click.option(
+    "--method",
+    type=click.Choice(["auto", "ukf", "ekf"]),
+    default="auto",
+    show_default=True,
+    help="Kalman filter of the weights: unscented, extended, or chosen by the size of the network.",
+)
 @click.option("--passes", type=click.IntRange(1, 100), default=5, show_default=True, help="Passes through the data.")
 @click.option("--step", type=click.FloatRange(0.001, 1.0), help="Time step of the residual in seconds.")
 @click.option(

@@ -10,6 +10,12 @@ def check_fits(values: Values, robot: Robot, of: str, where: str) -> None:
     """Raises BadInput where an effect, a target or a parameter of the values, which are a model of the robot `of`, is
     none of this robot's; where: the file that they stand in."""
     for knob in values:
+        if knob.effect != TUNE and knob.effect not in BY_NAME:
+            raise BadInput(
+                f"the effect {knob.effect!r} is not installed",
+                where,
+                "install the package that defines it, in the environment that runs this",
+            )
         lacking = _lacking(knob, robot)
         if lacking:
             raise BadInput(
@@ -23,7 +29,7 @@ def _lacking(knob: Knob, robot: Robot) -> str:
     """What of a free number the robot does not have; empty where it has all."""
     if knob.effect == TUNE:
         return "" if knob.parameter in robot.nominal() else knob.parameter
-    slots = robot.slots(knob.effect) if knob.effect in BY_NAME else ()
+    slots = robot.slots(knob.effect)
     if not slots or not (knob.target is None or knob.target in slots):
         return f"{knob.effect} on {knob.target or 'the robot'}"
     known = any(p.name == knob.parameter for p in BY_NAME[knob.effect].parameters)

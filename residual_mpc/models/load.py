@@ -1,5 +1,6 @@
 """From a robot file to its model: built-in plants and entry points by name, a user's own by module path."""
 
+import difflib
 import importlib
 from collections.abc import Callable
 from importlib.metadata import entry_points
@@ -41,10 +42,12 @@ def _factory(robot: RobotFile) -> Callable[[RobotFile], Robot]:
         return loaded
     module, colon, name = robot.plant.partition(":")
     if not colon:
+        near = difflib.get_close_matches(robot.plant, known, n=1)
         raise BadInput(
             f"unknown plant {robot.plant!r}",
             robot.source,
-            f"known plants: {', '.join(sorted(known))}; name your own as package.module:factory",
+            (f"did you mean {near[0]!r}? " if near else "")
+            + f"known plants: {', '.join(sorted(known))}; name your own as package.module:factory",
         )
     try:
         found = getattr(importlib.import_module(module), name, None)

@@ -24,6 +24,10 @@ class Written:
 
 def read_written(path: Path) -> Written:
     """A JSON object from a file. Raises BadInput where there is none."""
+    if path.is_dir():
+        inside = [path / n for n in ("diagnosis.json", "model.json") if (path / n).is_file()]
+        remedy = f"give {inside[0]}" if inside else "give a diagnosis.json or model.json"
+        raise BadInput("must be a file, got a folder", str(path), remedy)
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -148,7 +148,7 @@ def _named(text: str, path: Path) -> RobotFile:
         raise BadInput("--robot must be a robot file or the name of a built-in robot, got an empty string")
     if path.is_dir() and (path / "robot.toml").is_file():
         raise BadInput("must be a robot file, got a folder", text, f"give {path / 'robot.toml'}")
-    if path.suffix in (".toml", *MODELS) or len(path.parts) > 1:
+    if (path.suffix and ":" not in text) or len(path.parts) > 1:
         raise BadInput("robot file not found", text, "check the path, or give the name of a built-in robot")
     return RobotFile(name=text, plant=text)
 

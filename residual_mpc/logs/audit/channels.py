@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from residual_mpc.logs.audit.facts import RobotFacts
-from residual_mpc.logs.columns import did_you_mean, group, member
+from residual_mpc.logs.columns import did_you_mean, group, is_measured, member
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run, held
 from residual_mpc.logs.signals import resolution
@@ -41,7 +41,8 @@ def _absent_commands(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
             continue
         run, words = _where(lacking, runs)
         column = f"command.{actuator.name}"
-        given = [name for r in runs for name in r.columns if group(name) == "command"]
+        used = {f"command.{a.name}" for a in robot.actuators}
+        given = [name for r in runs for name in r.columns if name not in used and not is_measured(name)]
         none_left = all(a.name not in r.actuators for r in runs if r.name in lacking for a in robot.actuators)
         findings.append(
             Finding(
