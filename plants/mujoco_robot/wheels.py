@@ -1,12 +1,11 @@
-"""The wheels that a driving robot stands on: their size and their distance as effects, batched."""
+"""The wheels that a driving robot stands on."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plants.mujoco_robot.base import ROLLS, Base, hinges_and_slides
-from residual_mpc.effects.library import Effects, changes
 
 if TYPE_CHECKING:
     import mujoco
@@ -24,31 +23,6 @@ class Wheels:
     right: np.ndarray
     geoms: tuple[tuple[int, ...], ...]
 
-    def edit(self, batch: Any, model: "mujoco.MjModel", effects: Effects) -> bool:
-        """Write radius and track into the batch; whether derived constants have to follow.
-
-        A hub moves up or down with its wheel's radius, so that the chassis stands as it stood.
-        """
-        both, right, track = (changes(effects, q) for q in ("wheel radius", "right wheel radius", "track width"))
-        if both is None and right is None and track is None:
-            return False
-        place = batch.expand("body_pos")
-        if track is not None:
-            place[:, self.body, 1] *= track
-        factor = np.ones((place.shape[0], len(self.body)))
-        if both is not None:
-            factor = factor * both
-        if right is not None:
-            factor = np.where(self.right, factor * right, factor)
-        if not (factor == 1.0).all():
-            place[:, self.body, 2] += (factor - 1.0) * self.radius
-            size, bound = batch.expand("geom_size"), batch.expand("geom_rbound")
-            for k, geoms in enumerate(self.geoms):
-                for g in geoms:
-                    size[:, g, :] *= np.where(_round(model, g), factor[:, k, None], 1.0)
-                    bound[:, g] *= np.maximum(factor[:, k], 1.0)
-        return True
-
 
 def find_wheels(model: "mujoco.MjModel", base: Base) -> Wheels | None:
     """The driven wheels that hang on the chassis itself; None unless there are some on both sides and all are round."""
@@ -59,13 +33,13 @@ def find_wheels(model: "mujoco.MjModel", base: Base) -> Wheels | None:
     right = model.body_pos[body, 1] < 0
     geoms = tuple(tuple(np.flatnonzero(model.geom_bodyid == b).tolist()) for b in body)
     hung = (model.body_parentid[body] == base.body) & (model.body_pos[body, 1] != 0)
-    round_ = all(gs and all(_round(model, g).any() for g in gs) for gs in geoms)
+    round_ = all(gs and all(round_sizes(model, g).any() for g in gs) for gs in geoms)
     if not (hung.all() and round_ and right.any() and not right.all()):
         return None
     return Wheels(body, 1.0 / np.abs(base.rolling[chosen, 0]), right, geoms)
 
 
-def _round(model: "mujoco.MjModel", geom: int) -> np.ndarray:
+def round_sizes(model: "mujoco.MjModel", geom: int) -> np.ndarray:
     """(3,) bool: which entries of the geom's size are its radius; none where it is not round."""
     import mujoco
 

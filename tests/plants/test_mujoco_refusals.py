@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from oracles.arms import MIXED, SERVOS, arm_xml, random_drive, robot_of
 
-from plants.mujoco_robot.compile import build
+from plants.mujoco_robot import build
 from plants.mujoco_robot.model_structure import model_structure
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
