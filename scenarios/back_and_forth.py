@@ -3,16 +3,19 @@
 from plants.wheeled.motions import back_and_forth
 from plants.wheeled.twin import Withheld
 from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.closed_loop.task import ClosedLoopTask
 from scenarios.robots import TRAINING_MOTIONS, SmoothStart, in_mujoco
 from scenarios.rover import rover
 
 SCENARIO = ClosedLoop(
-    name="back_and_forth",
-    summary="back and forth in MuJoCo; withheld: motor lag, wheel mismatch",
-    plant="diff_drive",
-    setup=rover,
-    simulator=lambda: in_mujoco(Withheld(ratio=1.06, lag=0.25)),
-    withheld={("wheel_radius_mismatch", None, "ratio"): 1.06, ("actuator_lag", None, "time_constant"): 0.25},
-    reference=lambda: SmoothStart(back_and_forth()),
-    training_motions=TRAINING_MOTIONS,
+    ClosedLoopTask(
+        name="back_and_forth",
+        summary="back and forth in MuJoCo; withheld: motor lag, wheel mismatch",
+        plant="diff_drive",
+        setup=rover,
+        simulator=lambda: in_mujoco(Withheld(ratio=1.06, lag=0.25)),
+        withheld={("wheel_radius_mismatch", None, "ratio"): 1.06, ("actuator_lag", None, "time_constant"): 0.25},
+        reference=lambda: SmoothStart(back_and_forth()),
+        training_motions=TRAINING_MOTIONS,
+    )
 )

@@ -2,20 +2,23 @@
 
 from plants.wheeled.twin import Withheld
 from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.closed_loop.task import ClosedLoopTask
 from scenarios.robots import TRAINING_MOTIONS, brisk_eight, in_mujoco
 from scenarios.rover import rover
 
 SCENARIO = ClosedLoop(
-    name="figure_eight",
-    summary="figure-eight in MuJoCo; withheld: motor lag, wheel mismatch, track width",
-    plant="diff_drive",
-    setup=rover,
-    simulator=lambda: in_mujoco(Withheld(ratio=1.04, track=1.25, lag=0.2)),
-    withheld={
-        ("actuator_lag", None, "time_constant"): 0.2,
-        ("wheel_radius_mismatch", None, "ratio"): 1.04,
-        ("track_width", None, "scale"): 1.25,
-    },
-    reference=brisk_eight,
-    training_motions=TRAINING_MOTIONS,
+    ClosedLoopTask(
+        name="figure_eight",
+        summary="figure-eight in MuJoCo; withheld: motor lag, wheel mismatch, track width",
+        plant="diff_drive",
+        setup=rover,
+        simulator=lambda: in_mujoco(Withheld(ratio=1.04, track=1.25, lag=0.2)),
+        withheld={
+            ("actuator_lag", None, "time_constant"): 0.2,
+            ("wheel_radius_mismatch", None, "ratio"): 1.04,
+            ("track_width", None, "scale"): 1.25,
+        },
+        reference=brisk_eight,
+        training_motions=TRAINING_MOTIONS,
+    )
 )
