@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.base import find_base
-from plants.mujoco_robot.compile import compile_model, refuse_unsupported
-from plants.mujoco_robot.loops import find_loops
+from plants.mujoco_robot.loading.compile import compile_model, refuse_unsupported
 from plants.mujoco_robot.robot import MujocoRobot
+from plants.mujoco_robot.structure.base import find_base
+from plants.mujoco_robot.structure.loops import find_loops
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.between import between_steps
-from plants.mujoco_robot.channels import write_start
-from plants.mujoco_robot.compile import NO_LIMIT, prepared
-from plants.mujoco_robot.compiled_robot import CompiledRobot
-from plants.mujoco_robot.edits import edit_batch
-from plants.mujoco_robot.replay import replay
+from plants.mujoco_robot.edits.batch import edit_batch
+from plants.mujoco_robot.loading.compile import NO_LIMIT, prepared
+from plants.mujoco_robot.simulation.between import between_steps
+from plants.mujoco_robot.simulation.channels import write_start
+from plants.mujoco_robot.simulation.replay import replay
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.body import COULOMB
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, changes, present

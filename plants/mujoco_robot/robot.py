@@ -4,22 +4,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.compiled_robot import CompiledRobot
-from plants.mujoco_robot.edits import tunable_values
-from plants.mujoco_robot.physical import PhysicalBounds, bounds_of_all
-from plants.mujoco_robot.reference import reference
-from plants.mujoco_robot.replay import replay
-from plants.mujoco_robot.variants import merge
+from plants.mujoco_robot.edits.batch import tunable_values
+from plants.mujoco_robot.edits.bounds import PhysicalBounds, bounds_of_all
+from plants.mujoco_robot.edits.reference import reference
+from plants.mujoco_robot.mjcf import to_mjcf
+from plants.mujoco_robot.simulation.replay import replay
+from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.variants import merge
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.simulating import Mjcf
-
-if TYPE_CHECKING:
-    from plants.mujoco_robot.corrected import CorrectedMujoco
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +51,7 @@ class MujocoRobot(CompiledRobot):
         return replay(self, start, drive, settings, wanted)
 
     def to_mjcf(self, settings: Settings, folder: Path) -> Mjcf:
-        from plants.mujoco_robot.mjcf import to_mjcf
-
         return to_mjcf(self, settings, folder)
 
-    def simulator(self, settings: Settings, rows: int, period: float) -> "CorrectedMujoco":
-        from plants.mujoco_robot.corrected import CorrectedMujoco
-
+    def simulator(self, settings: Settings, rows: int, period: float) -> CorrectedMujoco:
         return CorrectedMujoco(self, settings, rows, period)

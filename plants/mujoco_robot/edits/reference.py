@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from plants.mujoco_robot.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 PLAY = 0.25  # of what a wheel may have: 0.008 to 0.13 rad between an arm's motor and link
 

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from plants.mujoco_robot.compiled_robot import CompiledRobot
-from plants.mujoco_robot.gear_feedback import on_link_side
+from plants.mujoco_robot.simulation.gear_feedback import on_link_side
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 
 def write_start(robot: CompiledRobot, q: np.ndarray, v: np.ndarray, start: Mapping[str, np.ndarray]) -> None:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_log import silence_mujoco
-from plants.mujoco_robot.absent import leave_out_absent
-from plants.mujoco_robot.base import hinges_and_slides
-from plants.mujoco_robot.held import hold_others
+from plants.mujoco_robot.loading.absent import leave_out_absent
+from plants.mujoco_robot.loading.held import hold_others
+from plants.mujoco_robot.structure.base import hinges_and_slides
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.models.actuators import Actuator

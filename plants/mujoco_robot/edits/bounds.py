@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.compiled_robot import CompiledRobot
-from plants.mujoco_robot.loads import largest_inertias, largest_torques
-from plants.mujoco_robot.reference import reference
+from plants.mujoco_robot.edits.loads import largest_inertias, largest_torques
+from plants.mujoco_robot.edits.reference import reference
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.library import BY_NAME
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.compile import prepared
-from plants.mujoco_robot.compiled_robot import CompiledRobot
-from plants.mujoco_robot.gears import Gears
-from plants.mujoco_robot.variants import merge
+from plants.mujoco_robot.loading.compile import prepared
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.gears import Gears
+from plants.mujoco_robot.structure.variants import merge
 from residual_mpc.effects.library import changes, present
 from residual_mpc.models.settings import Settings, is_null
 

@@ -6,8 +6,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from plants.mujoco_robot.base import Base
-from plants.mujoco_robot.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.base import Base
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 R = TypeVar("R", bound=CompiledRobot)
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.base import PLANAR, Base, hinges_and_slides
-from plants.mujoco_robot.gears import Gears
-from plants.mujoco_robot.lengths import Lengths
-from plants.mujoco_robot.loops import Loops
-from plants.mujoco_robot.wheels import Wheels, find_wheels
+from plants.mujoco_robot.structure.base import PLANAR, Base, hinges_and_slides
+from plants.mujoco_robot.structure.gears import Gears
+from plants.mujoco_robot.structure.lengths import Lengths
+from plants.mujoco_robot.structure.loops import Loops
+from plants.mujoco_robot.structure.wheels import Wheels, find_wheels
 from residual_mpc.effects.library import Sites, slots_of
 from residual_mpc.models.protocol import State
 
@@ -163,7 +163,7 @@ class CompiledRobot:
 
     @cached_property
     def with_gears(self) -> "dict[tuple[str, ...], CompiledRobot]":
-        """This robot with motor and link of some joints apart, by these joints; see split_gears."""
+        """Memory of split_gears: joints -> this robot with their motors and links apart."""
         return {}
 
     @cached_property

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.compiled_robot import CompiledRobot
-from plants.mujoco_robot.gear_feedback import Feedback, on_link_side
-from plants.mujoco_robot.gears import Gears
-from plants.mujoco_robot.split_gears import FAR, of_gears
+from plants.mujoco_robot.edits.split_gears import FAR, of_gears
+from plants.mujoco_robot.simulation.gear_feedback import Feedback, on_link_side
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.gears import Gears
 from residual_mpc.models.settings import Settings
 
 NUDGE = 1e-4  # rad

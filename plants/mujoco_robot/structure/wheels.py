@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.base import ROLLS, Base, hinges_and_slides
+from plants.mujoco_robot.structure.base import ROLLS, Base, hinges_and_slides
 
 if TYPE_CHECKING:
     import mujoco

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.wheels import Wheels, round_sizes
+from plants.mujoco_robot.structure.wheels import Wheels, round_sizes
 from residual_mpc.effects.library import Effects, changes
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.compiled_robot import CompiledRobot
-from plants.mujoco_robot.gear_feedback import link_servos
+from plants.mujoco_robot.simulation.gear_feedback import link_servos
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import limits_of, on_errors, scaled
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.library import present

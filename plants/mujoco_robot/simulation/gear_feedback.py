@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.base import hinges_and_slides
-from plants.mujoco_robot.compiled_robot import CompiledRobot
-from plants.mujoco_robot.lengths import Lengths
-from plants.mujoco_robot.masses import add_point_mass, principal, quat_to_matrix
-from plants.mujoco_robot.wheel_sizes import edit_wheels
+from plants.mujoco_robot.edits.masses import add_point_mass, principal, quat_to_matrix
+from plants.mujoco_robot.edits.wheel_sizes import edit_wheels
+from plants.mujoco_robot.structure.base import hinges_and_slides
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.lengths import Lengths
 from residual_mpc.effects.library import Effects, changes
 from residual_mpc.models.settings import Settings
 

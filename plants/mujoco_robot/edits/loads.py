@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from plants.mujoco_robot.compile import NO_LIMIT
-from plants.mujoco_robot.compiled_robot import CompiledRobot
+from plants.mujoco_robot.loading.compile import NO_LIMIT
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 POSES = 128  # in which a joint's largest inertia is looked for
 

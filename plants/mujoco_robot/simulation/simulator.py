@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_log import silence_mujoco
-from plants.mujoco_robot.between import between_steps, changing
-from plants.mujoco_robot.channels import read_channels, write_start
-from plants.mujoco_robot.compiled_robot import CompiledRobot
-from plants.mujoco_robot.edits import edit_batch
-from plants.mujoco_robot.gear_feedback import feedback
-from plants.mujoco_robot.gear_start import begin
-from plants.mujoco_robot.one_step import OneStep
-from plants.mujoco_robot.split_gears import by_gears, edit_gears
+from plants.mujoco_robot.edits.batch import edit_batch
+from plants.mujoco_robot.edits.split_gears import by_gears, edit_gears
+from plants.mujoco_robot.simulation.between import between_steps, changing
+from plants.mujoco_robot.simulation.channels import read_channels, write_start
+from plants.mujoco_robot.simulation.gear_feedback import feedback
+from plants.mujoco_robot.simulation.gear_start import begin
+from plants.mujoco_robot.simulation.one_step import OneStep
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import joined, on_command, on_errors
 from residual_mpc.effects.library import changes
 from residual_mpc.effects.ops import NUMPY
