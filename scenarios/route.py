@@ -5,6 +5,7 @@ from plants.wheeled.twin import Withheld
 from plants.withheld_effects import named
 from residual_mpc.effects.command import COMMAND_DELAY
 from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.closed_loop.task import ClosedLoopTask
 from scenarios.robots import TRAINING_MOTIONS, DelayedCommands, SmoothStart, in_mujoco
 from scenarios.rover import rover
 
@@ -12,13 +13,15 @@ WITHHELD = Withheld(track=1.2)
 DELAY = 0.15  # s, of the radio link
 
 SCENARIO = ClosedLoop(
-    name="route",
-    summary="a route with soft limits in MuJoCo; withheld: command delay, track width",
-    plant="diff_drive",
-    setup=rover,
-    simulator=lambda: DelayedCommands(in_mujoco(WITHHELD), DELAY),
-    withheld=named((COMMAND_DELAY, DELAY)) | WITHHELD.effects(),
-    reference=lambda: SmoothStart(route()),
-    limits=(("pose.y", -0.01, 0.81),),
-    training_motions=TRAINING_MOTIONS,
+    ClosedLoopTask(
+        name="route",
+        summary="a route with soft limits in MuJoCo; withheld: command delay, track width",
+        plant="diff_drive",
+        setup=rover,
+        simulator=lambda: DelayedCommands(in_mujoco(WITHHELD), DELAY),
+        withheld=named((COMMAND_DELAY, DELAY)) | WITHHELD.effects(),
+        reference=lambda: SmoothStart(route()),
+        limits=(("pose.y", -0.01, 0.81),),
+        training_motions=TRAINING_MOTIONS,
+    )
 )

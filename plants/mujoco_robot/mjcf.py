@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.between import between_steps
-from plants.mujoco_robot.channels import write_start
-from plants.mujoco_robot.compile import NO_LIMIT, prepared
-from plants.mujoco_robot.edits import edit_batch
+from plants.mujoco_robot.edits.batch import edit_batch
+from plants.mujoco_robot.loading.compile import NO_LIMIT, prepared
+from plants.mujoco_robot.simulation.between import between_steps
+from plants.mujoco_robot.simulation.channels import write_start
+from plants.mujoco_robot.simulation.replay import replay
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.body import COULOMB
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, changes, present
@@ -21,8 +23,6 @@ from residual_mpc.models.simulating import Mjcf
 if TYPE_CHECKING:
     import mujoco
 
-    from plants.mujoco_robot.robot import MujocoRobot
-
 HELD_AS_NUMBERS = (  # fields of the compiled model -> where a specification keeps them
     "dof_damping", "dof_armature", "dof_frictionloss", "dof_solimp",
     "actuator_gainprm", "actuator_biasprm", "actuator_forcerange",
@@ -31,7 +31,7 @@ HELD_AS_NUMBERS = (  # fields of the compiled model -> where a specification kee
 SECONDS, DRIVES = 1.0, 4  # of the comparison with the replay
 
 
-def to_mjcf(robot: "MujocoRobot", settings: Settings, folder: Path) -> Mjcf:
+def to_mjcf(robot: CompiledRobot, settings: Settings, folder: Path) -> Mjcf:
     """See WritesMjcf. Raises BadInput for a robot that has no model file of its own or several settings, or where the
     effects change what an MJCF is not rewritten for here."""
     if robot.spec is None or robot.settings:
@@ -72,7 +72,7 @@ def _settled(settings: Settings) -> Settings:
     return settings
 
 
-def _write_numbers(spec: "mujoco.MjSpec", robot: "MujocoRobot", settings: Settings) -> None:
+def _write_numbers(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settings) -> None:
     """The constants of one row of the diagnosis' batch, where they differ from the compiled model's."""
     from mujoco.batch import Batch
 
@@ -141,7 +141,7 @@ def _write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
 
 
 def _apart(
-    robot: "MujocoRobot", hypotheses: tuple[Settings, ...], spec: "mujoco.MjSpec"
+    robot: CompiledRobot, hypotheses: tuple[Settings, ...], spec: "mujoco.MjSpec"
 ) -> tuple[tuple[float, ...], int]:
     """Largest difference of a joint between the written model and the replay of each hypothesis (one row), over drives
     about the model's home, and at how many samples; inf where one of the two diverges."""
@@ -167,13 +167,13 @@ def _apart(
     found = np.stack([_played(robot, model, start, u) for start, u in zip(starts, command, strict=True)])
     worst = []
     for settings in hypotheses:
-        expected = robot.replay(home, drive, settings.take(np.zeros(DRIVES, dtype=int)), wanted)
+        expected = replay(robot, home, drive, settings.take(np.zeros(DRIVES, dtype=int)), wanted)
         difference = np.abs(found - np.stack([expected[c] for c in wanted], axis=-1))
         worst.append(float(np.nan_to_num(difference, nan=np.inf).max()))
     return tuple(worst), DRIVES * steps
 
 
-def _played(robot: "MujocoRobot", model: "mujoco.MjModel", start: dict[str, Any], command: np.ndarray) -> np.ndarray:
+def _played(robot: CompiledRobot, model: "mujoco.MjModel", start: dict[str, Any], command: np.ndarray) -> np.ndarray:
     """(steps + 1, joints) positions of the written model under commands (steps, nu)."""
     import mujoco
 
@@ -195,7 +195,7 @@ def _played(robot: "MujocoRobot", model: "mujoco.MjModel", start: dict[str, Any]
     return np.array(out)
 
 
-def _reach(robot: "MujocoRobot") -> tuple[np.ndarray, np.ndarray]:
+def _reach(robot: CompiledRobot) -> tuple[np.ndarray, np.ndarray]:
     """(nu,) command that the model rests at, and how far one may go from it."""
     import mujoco
 

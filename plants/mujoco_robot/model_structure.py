@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.base import hinges_and_slides
-from plants.mujoco_robot.compile import compile_model, refuse_unsupported
+from plants.mujoco_robot.loading.compile import compile_model, refuse_unsupported
+from plants.mujoco_robot.structure.base import hinges_and_slides
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.audit.facts import ActuatorFacts, CommandKind
 from residual_mpc.models.model_structure import Joint, ModelStructure

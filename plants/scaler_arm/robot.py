@@ -25,7 +25,7 @@ def build(robot: RobotFile) -> "MujocoRobot":
     """
     import mujoco
 
-    from plants.mujoco_robot.compile import prepared
+    from plants.mujoco_robot.loading.compile import prepared
     from plants.scaler_arm.dynamics.stepping_arm import SteppingArm
 
     silence_mujoco()
@@ -47,7 +47,7 @@ def build(robot: RobotFile) -> "MujocoRobot":
 
 @dataclass(frozen=True)
 class FiveBarLoop:
-    """See `plants.mujoco_robot.loops.Loops`: in closed form, a whole batch at once.
+    """See `plants.mujoco_robot.structure.loops.Loops`: in closed form, a whole batch at once.
 
     places, dofs (8,): of MOTORS + PASSIVE in positions and velocities.
     """

@@ -2,14 +2,23 @@
 
 from collections import deque
 from collections.abc import Mapping
+from typing import Protocol
 
 import numpy as np
 
 from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.library import BY_NAME, present
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings
+
+
+class SensedRobot(Protocol):
+    """What of a robot its sensors depend on; see Robot."""
+
+    @property
+    def channels(self) -> tuple[str, ...]: ...
+
+    def slots(self, effect: str) -> tuple[str, ...]: ...
 
 
 def slot_of(channel: str, slots: tuple[str, ...]) -> int | None:
@@ -21,7 +30,7 @@ def slot_of(channel: str, slots: tuple[str, ...]) -> int | None:
     return None
 
 
-def sensor_value(robot: Robot, settings: Settings, quantity: Quantity, channel: str) -> np.ndarray | None:
+def sensor_value(robot: SensedRobot, settings: Settings, quantity: Quantity, channel: str) -> np.ndarray | None:
     """(rows,) of the settings, what the sensor effects add to a quantity of a channel's readings; None where they do
     nothing to it."""
     total: np.ndarray | None = None
@@ -34,7 +43,7 @@ def sensor_value(robot: Robot, settings: Settings, quantity: Quantity, channel: 
     return total
 
 
-def sensed(robot: Robot, settings: Settings, true: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def sensed(robot: SensedRobot, settings: Settings, true: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Mounting and bias on channels (rows,); see the order of the stages."""
     out = dict(true)
     posed = {"pose.x", "pose.y", "pose.theta"} <= set(out)
@@ -52,7 +61,7 @@ def sensed(robot: Robot, settings: Settings, true: Mapping[str, np.ndarray]) -> 
 class Late:
     """Readings on their way: straight between the ends of two periods, and what the run began with before that."""
 
-    def __init__(self, robot: Robot, settings: Settings, period: float) -> None:
+    def __init__(self, robot: SensedRobot, settings: Settings, period: float) -> None:
         self._robot, self._settings = robot, settings
         delays = {c: sensor_value(robot, settings, "reading delay", c) for c in robot.channels}
         self._late = {c: d / period for c, d in delays.items() if d is not None and d.any()}

@@ -16,15 +16,15 @@ from residual_mpc.export import Augmented, Build, augment
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.settings import Knob, Values
 from scenarios.closed_loop.robot_setup import RobotSetup
-from scenarios.closed_loop.scenario import ClosedLoop, start_reading
+from scenarios.closed_loop.task import ClosedLoopTask, start_reading
 from scenarios.closed_loop.training_runs import TrainingOutcome
 
 
 def controllers(
-    scenario: ClosedLoop, setup: RobotSetup, learned: TrainingOutcome, options: RunOptions
+    task: ClosedLoopTask, setup: RobotSetup, learned: TrainingOutcome, options: RunOptions
 ) -> dict[str, ControlStack]:
     """nominal, effects, network, augmented, online (with the MPC alone), oracle."""
-    truth = {Knob(*where): value for where, value in scenario.withheld.items()}
+    truth = {Knob(*where): value for where, value in task.withheld.items()}
     models: dict[str, tuple[Values, Residual | None]] = {
         "nominal": ({}, None),
         "effects": (learned.effects, None),
@@ -32,9 +32,9 @@ def controllers(
         "augmented": (learned.effects, learned.rest),
         "oracle": (truth, None),
     }
-    out = {name: _stack(scenario, setup, *model, options) for name, model in models.items()}
+    out = {name: _stack(task, setup, *model, options) for name, model in models.items()}
     if options.controller == "mpc":
-        blank = _stack(scenario, setup, {}, setup.blank_network(options.seed, scenario.dt), options)
+        blank = _stack(task, setup, {}, setup.blank_network(options.seed, task.dt), options)
         online = ControlStack(blank.estimator, blank.controller, lambda: OnlineLearner(blank.estimator, setup.online))
         out = {**{n: c for n, c in out.items() if n != "oracle"}, "online": online, "oracle": out["oracle"]}
     return out
@@ -46,18 +46,18 @@ def seeds_of(options: RunOptions) -> tuple[int, ...]:
 
 
 def _stack(
-    scenario: ClosedLoop, setup: RobotSetup, effects: Values, residual: Residual | None, options: RunOptions
+    task: ClosedLoopTask, setup: RobotSetup, effects: Values, residual: Residual | None, options: RunOptions
 ) -> ControlStack:
-    model = augment(setup.robot, effects, residual, Build(scenario.dt))
-    return ControlStack(build_filter(model, setup.estimator), _controller(scenario, setup, model, options))
+    model = augment(setup.robot, effects, residual, Build(task.dt))
+    return ControlStack(build_filter(model, setup.estimator), _controller(task, setup, model, options))
 
 
-def _controller(scenario: ClosedLoop, setup: RobotSetup, model: Augmented, options: RunOptions) -> Controller:
-    soft = tuple(Soft(channel, lower, upper) for channel, lower, upper in scenario.limits)
+def _controller(task: ClosedLoopTask, setup: RobotSetup, model: Augmented, options: RunOptions) -> Controller:
+    soft = tuple(Soft(channel, lower, upper) for channel, lower, upper in task.limits)
     limits = replace(setup.control.limits, soft=soft)
-    settings = replace(setup.control, limits=limits, cruise=scenario.speed, budget=options.budget)
+    settings = replace(setup.control, limits=limits, cruise=task.speed, budget=options.budget)
     if options.controller == "mpc":
         return build_mpc(model, settings)
-    samples = round(scenario.seconds / scenario.dt) + 1 + settings.horizon
-    reference = scenario.reference()
-    return build_lqr(model, reference.path(scenario.dt * np.arange(samples)), settings, start_reading(reference))
+    samples = round(task.seconds / task.dt) + 1 + settings.horizon
+    reference = task.reference()
+    return build_lqr(model, reference.path(task.dt * np.arange(samples)), settings, start_reading(reference))

@@ -10,7 +10,7 @@ from residual_mpc.closed_loop.compare import Comparison
 from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.files import write_atomically
-from scenarios.closed_loop.scenario import ClosedLoop
+from scenarios.closed_loop.task import ClosedLoopTask
 from scenarios.closed_loop.training_runs import TrainingOutcome
 
 COLOURS = {
@@ -24,7 +24,7 @@ COLOURS = {
 
 
 def write(
-    out: Path, scenario: ClosedLoop, comparison: Comparison, learned: TrainingOutcome, result: dict[str, Any]
+    out: Path, task: ClosedLoopTask, comparison: Comparison, learned: TrainingOutcome, result: dict[str, Any]
 ) -> list[str]:
     """Fill the folder; returns the names of the files."""
     out.mkdir(parents=True, exist_ok=True)
@@ -35,12 +35,12 @@ def write(
             e.table().to_csv(out / names[-1], index=False, lineterminator="\n")
     write_atomically(out / "diagnosis.json", json.dumps(to_document(learned.made.diagnosis), indent=2))
     write_atomically(out / "result.json", json.dumps(result, indent=2))
-    _picture(out / "tracking.png", scenario, comparison)
-    _animation(out / "drive.gif", scenario, comparison)
+    _picture(out / "tracking.png", task, comparison)
+    _animation(out / "drive.gif", task, comparison)
     return [*names, "diagnosis.json", "result.json", "tracking.png", "drive.gif"]
 
 
-def _animation(path: Path, scenario: ClosedLoop, comparison: Comparison) -> None:
+def _animation(path: Path, task: ClosedLoopTask, comparison: Comparison) -> None:
     """The first seed's robots side by side on the wanted path, four times as fast as it was."""
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -61,12 +61,12 @@ def _animation(path: Path, scenario: ClosedLoop, comparison: Comparison) -> None
     noses = {n: axes.plot([], [], color=COLOURS[n], lw=4.0, solid_capstyle="round")[0] for n in shown}
     (wanted,) = axes.plot([], [], "x", color="black", ms=8)
     axes.legend(fontsize=8, loc="upper right")
-    per_frame = max(1, round(0.2 / scenario.dt))
+    per_frame = max(1, round(0.2 / task.dt))
 
     def draw(frame: int) -> list[Any]:
         k = min(frame * per_frame, len(first.t) - 1)
         for n, e in shown.items():
-            since = max(0, k - round(3.0 / scenario.dt))
+            since = max(0, k - round(3.0 / task.dt))
             x, y, theta = e.truth[k, :3]
             tails[n].set_data(e.truth[since : k + 1, 0], e.truth[since : k + 1, 1])
             nose = 0.06 if drives else 0.0  # a tool is a dot
@@ -78,7 +78,7 @@ def _animation(path: Path, scenario: ClosedLoop, comparison: Comparison) -> None
     moving.save(str(path), writer=PillowWriter(fps=20), dpi=80)
 
 
-def _picture(path: Path, scenario: ClosedLoop, comparison: Comparison) -> None:
+def _picture(path: Path, task: ClosedLoopTask, comparison: Comparison) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 4.2), layout="constrained")
@@ -91,7 +91,7 @@ def _picture(path: Path, scenario: ClosedLoop, comparison: Comparison) -> None:
         error.plot(e.t, 1e3 * np.mean([path_error(x) for x in episodes], axis=0), color=colour, lw=1.0)
         t, _ = h2_over_time(e)
         norm.plot(t, np.mean([h2_over_time(x)[1] for x in episodes], axis=0), color=colour, lw=1.0)
-    plane.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=f"{scenario.name}, first seed")
+    plane.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=f"{task.name}, first seed")
     plane.legend(fontsize=7)
     error.set(xlabel="t, s", ylabel="distance from the path (mm)", title="tracking, mean over seeds")
     norm.set(xlabel="t, s", ylabel="H2 norm of the prediction", title="model, mean over 10 s")

@@ -21,7 +21,7 @@ from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings, Values, assemble
 from scenarios.closed_loop.robot_setup import RobotSetup
-from scenarios.closed_loop.scenario import ClosedLoop, start_reading
+from scenarios.closed_loop.task import ClosedLoopTask, start_reading
 
 PRACTICE_SEED = 7_000  # far from the seeds that are scored
 
@@ -56,19 +56,19 @@ class TrainingOutcome:
 
 
 def drive_training_runs(
-    scenario: ClosedLoop, setup: RobotSetup, options: RunOptions, progress: Progress
+    task: ClosedLoopTask, setup: RobotSetup, options: RunOptions, progress: Progress
 ) -> TrainingOutcome:
     """Drive every training motion once with the nominal MPC, diagnose the runs, teach the networks."""
     from controllers.mpc import build_mpc
 
-    model = augment(setup.robot, {}, None, Build(scenario.dt))
+    model = augment(setup.robot, {}, None, Build(task.dt))
     estimator, controller = build_filter(model, setup.estimator), build_mpc(model, setup.control)
     runs = []
-    for i, (make, seconds) in enumerate(scenario.training_motions):
-        progress("recording: driving with the nominal model", 0.1 * i / len(scenario.training_motions))
+    for i, (make, seconds) in enumerate(task.training_motions):
+        progress("recording: driving with the nominal model", 0.1 * i / len(task.training_motions))
         reference = make()
         episode = run_closed_loop(
-            scenario.simulator(), estimator, controller, reference, LoopSettings(seconds, scenario.dt),
+            task.simulator(), estimator, controller, reference, LoopSettings(seconds, task.dt),
             np.random.default_rng((PRACTICE_SEED, options.seed, i)), f"practice_{i}", at=start_reading(reference),
         )  # fmt: skip
         runs.append(episode.run())

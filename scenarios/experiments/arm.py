@@ -16,6 +16,7 @@ from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.stream.updates import StreamSettings
 from scenarios.experiments.arm_data import drive, samples, simulated
 from scenarios.experiments.experiment import Experiment
+from scenarios.experiments.scenario import LearningScenario
 from scenarios.experiments.setting import Setting, learn
 
 SECONDS = 150.0  # of data in an experiment
@@ -68,11 +69,11 @@ def _before(letter: str, seed: int) -> Residual:
     return learn(_setting(letter, seed, BEFORE), SETTINGS, np.random.default_rng(seed)).streamed.residual
 
 
-def _experiment(letter: str, case: str, summary: str) -> Experiment:
-    return Experiment(
+def _experiment(letter: str, case: str, summary: str) -> LearningScenario:
+    return LearningScenario(Experiment(
         f"arm_{letter.lower()}", summary, case, "scaler_arm", ArmCase(letter), SETTINGS, (FORM,),
         ("x (m/s)", "y (m/s)", "z (m/s)"), 8.0,
-    )  # fmt: skip
+    ))  # fmt: skip
 
 
 A = _experiment("A", "sim-to-dyn", "learn a simulated arm's tool velocities: circle with a line through it")

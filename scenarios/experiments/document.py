@@ -1,19 +1,17 @@
 """What an experiment came to: the contract's `learn` object, over all seeds, and more."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from residual_mpc.learning.h2 import H2, SPAN, summary
 from residual_mpc.learning.stream.samples import reference_outliers
+from scenarios.experiments.experiment import Experiment
 from scenarios.experiments.setting import SeedResult
 
-if TYPE_CHECKING:
-    from scenarios.experiments.experiment import Experiment
 
-
-def document(experiment: "Experiment", done: Mapping[str, Sequence[SeedResult]]) -> dict[str, Any]:
+def document(experiment: Experiment, done: Mapping[str, Sequence[SeedResult]]) -> dict[str, Any]:
     """H2 norms are means over the seeds at each instant, so that `converged_after` tells of the learning and not of one
     robot's slips; `converged_each` has it seed by seed. A jump of the localisation, found from the reference alone, is
     no measurement of the robot; `with_spikes` counts it all the same."""

@@ -1,10 +1,8 @@
-"""One of the paper's learning experiments, by name, as a scenario: it answers with the contract's `learn` object."""
+"""What one of the paper's learning experiments consists of."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-from residual_mpc.closed_loop.scenario import Progress, RunOptions
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from residual_mpc.learning.stream.updates import StreamSettings
@@ -29,28 +27,3 @@ class Experiment:
     labels: tuple[str, str, str]
     minutes: float
     jumps: bool = False
-
-    def run(self, options: RunOptions, progress: Progress) -> dict[str, Any]:
-        """Every seed is another robot under another noise."""
-        import numpy as np
-        from threadpoolctl import threadpool_limits
-
-        from scenarios.experiments.document import document
-        from scenarios.experiments.figure import draw
-        from scenarios.experiments.setting import learn
-
-        done: dict[str, list[Any]] = {form: [] for form in self.forms}
-        with threadpool_limits(1):
-            for i in range(options.seeds):
-                for form in self.forms:
-                    seed = options.seed + i
-                    progress(f"robot {i + 1} of {options.seeds}", i / options.seeds)
-                    setting = self.build(form, seed, self.settings.low_pass)
-                    done[form].append(learn(setting, self.settings, np.random.default_rng(seed)))
-        result = document(self, done)
-        if options.out is not None:
-            progress("drawing", 0.98)
-            options.out.mkdir(parents=True, exist_ok=True)
-            draw(self, done, options.out / f"{self.name}.png")
-            result["figure"] = str(options.out / f"{self.name}.png")
-        return result

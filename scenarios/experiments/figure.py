@@ -8,18 +8,17 @@ import numpy as np
 
 from residual_mpc.learning.h2 import running_mean
 from residual_mpc.learning.stream.samples import initial_memory, predict
+from scenarios.experiments.experiment import Experiment
 from scenarios.experiments.setting import SeedResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from scenarios.experiments.experiment import Experiment
-
 ORANGE, DARK, LIGHT, GREY = "#e08214", "#08306b", "#6baed6", "#888888"
 SHOWN = 20.0  # s, of the beginning and of the end
 
 
-def draw(experiment: "Experiment", done: Mapping[str, Sequence[SeedResult]], path: Path) -> None:
+def draw(experiment: Experiment, done: Mapping[str, Sequence[SeedResult]], path: Path) -> None:
     """Components of the first seed at the beginning and at the end; H2 norms of all seeds; a PNG."""
     from matplotlib.figure import Figure
 

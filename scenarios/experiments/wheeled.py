@@ -14,6 +14,7 @@ from plants.wheeled.twin import camera, draw_withheld, encoders, twin
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.stream.updates import StreamSettings
 from scenarios.experiments.experiment import Experiment
+from scenarios.experiments.scenario import LearningScenario
 from scenarios.experiments.setting import Setting, learn
 from scenarios.experiments.wheeled_data import NAMES, drive, samples, simulated
 
@@ -96,11 +97,11 @@ def _before(letter: str, form: str, seed: int, low_pass: float) -> Residual:
     return learn(setting, settings(letter, low_pass), np.random.default_rng(seed)).streamed.residual
 
 
-def _experiment(letter: str, case: str, summary: str, low_pass: float = 0.0) -> Experiment:
-    return Experiment(
+def _experiment(letter: str, case: str, summary: str, low_pass: float = 0.0) -> LearningScenario:
+    return LearningScenario(Experiment(
         f"wheeled_{letter.lower()}", summary, case, "diff_drive", Wheeled(letter), settings(letter, low_pass), FORMS,
         ("forward (m/s)", "sideways (m/s)", "yaw rate (rad/s)"), 17.0, letter in "CDE",
-    )  # fmt: skip
+    ))  # fmt: skip
 
 
 A = _experiment("A", "sim-to-dyn", "learn a simulator's velocities: turning on the spot, -2 to 2 rad/s")

@@ -22,7 +22,7 @@ from oracles.arms import (
 )
 from oracles.two_masses import Gear
 
-from plants.mujoco_robot.gears import DAMPING_RATIO
+from plants.mujoco_robot.edits.split_gears import DAMPING_RATIO
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from oracles.arms import CHANNELS, arm_xml, literal, random_drive, random_start, robot_of, settings_of
 
-from plants.mujoco_robot.edits import link_direction
-from plants.mujoco_robot.masses import add_point_mass, parallel_axis, principal, quat_to_matrix
+from plants.mujoco_robot.edits.batch import link_direction
+from plants.mujoco_robot.edits.masses import add_point_mass, parallel_axis, principal, quat_to_matrix
 
 SMALL = 1e-4  # m: radius of a geom that stands for a point mass
 

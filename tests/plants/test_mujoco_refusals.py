@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from oracles.arms import MIXED, SERVOS, arm_xml, random_drive, robot_of
 
-from plants.mujoco_robot.compile import build
+from plants.mujoco_robot import build
 from plants.mujoco_robot.model_structure import model_structure
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
@@ -136,6 +136,6 @@ def test_a_urdf_compiles_but_has_no_actuator(tmp_path: Path) -> None:
 
 
 def test_mujoco_is_imported_when_a_robot_is_built() -> None:
-    program = "import sys, plants.mujoco_robot.compile; assert 'mujoco' not in sys.modules"
+    program = "import sys, plants.mujoco_robot; assert 'mujoco' not in sys.modules"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

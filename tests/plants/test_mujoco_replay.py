@@ -23,7 +23,7 @@ from oracles.arms import (
     wheel_xml,
 )
 
-from plants.mujoco_robot import replay as module
+from plants.mujoco_robot.simulation import replay as module
 from residual_mpc.effects.command import delayed_sequence
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings

@@ -22,7 +22,7 @@ from residual_mpc.export import Build, augment
 from residual_mpc.models.settings import Knob
 from scenarios.arm import DT, ONLINE, arm_twin, blank_network, circle_line, servo_arm, train_network
 from scenarios.closed_loop.controllers import _controller
-from scenarios.closed_loop.scenario import start_reading
+from scenarios.closed_loop.task import start_reading
 
 NAMES = ("arm_circle_line", "arm_circle_z")
 
@@ -42,7 +42,7 @@ def drive(setup, simulator, effects, residual=None, seconds=2.0, learner=False, 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_motion_is_within_reach_and_every_effect_is_known(name):
-    s = find_scenario(name)
+    s = find_scenario(name).task
     home = forward_kinematics(np.array([0.0, -0.1, 0.3, 0.35, 0.412, 0.0]))[1]
     for make in (s.reference, *(m for m, _ in s.training_motions)):
         path = make().path(DT * np.arange(1100))
@@ -58,7 +58,7 @@ def test_every_motion_is_within_reach_and_every_effect_is_known(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_knowing_what_is_withheld_drives_better(name):
     """Nominal and oracle alone, on the twin in its engine: the rest of the story is told by the slow test."""
-    s = find_scenario(name)
+    s = find_scenario(name).task
     setup, simulator = s.setup(), s.simulator()
     truth = {Knob(*where): value for where, value in s.withheld.items()}
     errors = [path_error(drive(setup, simulator, e, seconds=2.5, reference=s.reference())) for e in ({}, truth)]
@@ -68,7 +68,8 @@ def test_knowing_what_is_withheld_drives_better(name):
 
 def test_an_episode_of_the_arm_is_a_run_and_tracks_the_tool():
     setup = servo_arm()
-    e = drive(setup, arm_twin("mujoco", find_scenario("arm_circle_line").simulator().inner.withheld), {}, seconds=0.5)
+    withheld = find_scenario("arm_circle_line").task.simulator().inner.withheld
+    e = drive(setup, arm_twin("mujoco", withheld), {}, seconds=0.5)
     assert e.poses[:3] == ("tool.x", "tool.y", "tool.z") and e.truth.shape == (51, 6)
     run = e.run()
     assert {"command.f", "position.f", "velocity.f", "tool.x"} <= set(run.columns)
@@ -89,7 +90,7 @@ def test_the_learner_learns_from_the_velocities_that_the_h2_norm_judges():
     estimator = build_filter(model, setup.estimator, compile=False)
     rows = []
     episode = run_closed_loop(
-        find_scenario("arm_circle_line").simulator(), estimator,
+        find_scenario("arm_circle_line").task.simulator(), estimator,
         build_mpc(model, replace(setup.control, compile=False)),
         circle_line(), LoopSettings(0.2, DT), np.random.default_rng(0), "episode",
         lambda x, u, pose: rows.append((x, u)), start_reading(circle_line()),
@@ -109,7 +110,7 @@ def test_a_network_taught_in_task_space_predicts_better_and_online_it_learns_too
     """Against the nominal model at the same times on the same seed: against its own beginning a learner that is quick
     would look like one that learns nothing.
     """
-    s = find_scenario("arm_circle_line")
+    s = find_scenario("arm_circle_line").task
     setup, simulator = s.setup(), s.simulator()
     nominal = drive(setup, simulator, {}, seconds=8.5)
     network = train_network(setup.robot, (nominal.run(),), {}, blank_network(0, DT), 0)
@@ -129,7 +130,7 @@ def test_a_network_taught_in_task_space_predicts_better_and_online_it_learns_too
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", ["mpc", "lqr"])
 def test_the_arms_controllers_are_compared_on_equal_terms(controller):
-    s = find_scenario("arm_circle_line").shorter(3.0)
+    s = find_scenario("arm_circle_line").task.shorter(3.0)
     setup = s.setup()
     truth = {Knob(*where): value for where, value in s.withheld.items()}
     rivals = {}

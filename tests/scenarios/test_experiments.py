@@ -11,6 +11,7 @@ from residual_mpc.closed_loop.scenario import RunOptions, find_scenario, scenari
 from residual_mpc.learning.stream.samples import Samples
 from residual_mpc.learning.stream.updates import StreamSettings
 from scenarios.experiments import arm, wheeled
+from scenarios.experiments.scenario import LearningScenario
 from scenarios.experiments.setting import Setting, learn
 
 NINE = (*(f"wheeled_{x}" for x in "abcde"), *(f"arm_{x}" for x in "abcd"))
@@ -34,12 +35,12 @@ def test_all_nine_are_there_by_name():
     assert set(NINE) <= set(scenario_names())
     for name in NINE:
         found = find_scenario(name)
-        assert found.name == name and found.case in ("sim-to-dyn", "real-to-dyn", "real-to-sim")
+        assert found.name == name and found.experiment.case in ("sim-to-dyn", "real-to-dyn", "real-to-sim")
 
 
 def test_an_experiment_answers_with_the_learn_object(tmp_path):
-    experiment = replace(arm.A, build=planted, settings=StreamSettings(replays=3))
-    made = [experiment.run(RunOptions(seeds=2, out=tmp_path), SILENT) for _ in range(2)]
+    experiment = replace(arm.A.experiment, build=planted, settings=StreamSettings(replays=3))
+    made = [LearningScenario(experiment).run(RunOptions(seeds=2, out=tmp_path), SILENT) for _ in range(2)]
     for r in made:
         del r["update_ms"]  # the one thing that a clock decides
     assert json.dumps(made[0]) == json.dumps(made[1])

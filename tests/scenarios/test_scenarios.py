@@ -42,7 +42,7 @@ def test_an_unknown_scenario_is_refused_with_a_hint(capsys):
 def test_every_path_can_be_driven_and_every_effect_is_known(name):
     from residual_mpc.effects.library import BY_NAME
 
-    s = find_scenario(name)
+    s = find_scenario(name).task
     path = s.reference().path(s.dt * np.arange(round(s.seconds / s.dt) + 21))
     rate = np.abs(np.diff(path, axis=0)) / s.dt
     assert rate[:, 0].max() < 0.5 and rate[:, 2].max() < 3.0, "a TurtleBot's speeds"
@@ -54,7 +54,7 @@ def test_every_path_can_be_driven_and_every_effect_is_known(name):
 def test_no_clock_decides_in_a_scenario_unless_asked_for():
     from scenarios.closed_loop.controllers import _stack
 
-    s = find_scenario("figure_eight")
+    s = find_scenario("figure_eight").task
     for options, budget in ((RunOptions(), np.inf), (RunOptions(budget=0.03), 0.03)):
         assert _stack(s, s.setup(), {}, None, options).controller.settings.budget == budget
 

@@ -10,7 +10,7 @@ import pytest
 from postures import anywhere
 
 from plants.mujoco_robot import build as build_any
-from plants.mujoco_robot.loops import find_loops
+from plants.mujoco_robot.structure.loops import find_loops
 from plants.scaler_arm.engines.mjcf import mjcf
 from plants.scaler_arm.kinematics.geometry import HOME, MOTORS, PASSIVE
 from plants.scaler_arm.robot import FiveBarLoop, build

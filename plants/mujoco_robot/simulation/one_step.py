@@ -2,16 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.gears import Feedback
+from plants.mujoco_robot.simulation.gear_feedback import Feedback
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.ops import NUMPY
-
-if TYPE_CHECKING:
-    from plants.mujoco_robot.robot import MujocoRobot
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +18,7 @@ class OneStep:
     dt: s, of the robot's step."""
 
     batch: Any
-    robot: "MujocoRobot"
+    robot: CompiledRobot
     between: Sequence[Any]
     servos: Feedback | None
     errors: Sequence[tuple[Effect, Values]]

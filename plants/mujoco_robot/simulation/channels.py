@@ -1,17 +1,14 @@
 """A robot's channels in MuJoCo's state: a start written into it, and readings taken from it."""
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.gears import on_link_side
-
-if TYPE_CHECKING:
-    from plants.mujoco_robot.robot import MujocoRobot
+from plants.mujoco_robot.simulation.gear_feedback import on_link_side
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 
-def write_start(robot: "MujocoRobot", q: np.ndarray, v: np.ndarray, start: Mapping[str, np.ndarray]) -> None:
+def write_start(robot: CompiledRobot, q: np.ndarray, v: np.ndarray, start: Mapping[str, np.ndarray]) -> None:
     """Set positions (B, nq) and velocities (B, nv) from the channels of the robot's states, (B,) each; wheels roll and
     closed chains are closed."""
     rolling = None if robot.base is None else robot.base.write(q, v, start)
@@ -25,7 +22,7 @@ def write_start(robot: "MujocoRobot", q: np.ndarray, v: np.ndarray, start: Mappi
         robot.loops.close(q, v)
 
 
-def read_channels(robot: "MujocoRobot", q: np.ndarray, v: np.ndarray, wanted: Iterable[str]) -> dict[str, np.ndarray]:
+def read_channels(robot: CompiledRobot, q: np.ndarray, v: np.ndarray, wanted: Iterable[str]) -> dict[str, np.ndarray]:
     """Channels (...) of positions (..., nq) and velocities (..., nv), on the logged side of the gears; may be views."""
     if robot.gears is not None:
         q, v = q.copy(), v.copy()

@@ -1,4 +1,4 @@
-"""From a robot file to a compiled model whose joints and actuators have names."""
+"""From a model file to a compiled model whose joints and actuators have names."""
 
 import logging
 from collections.abc import Mapping
@@ -9,51 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_log import silence_mujoco
-from plants.mujoco_robot.absent import leave_out_absent
-from plants.mujoco_robot.base import find_base, hinges_and_slides
-from plants.mujoco_robot.held import hold_others
-from plants.mujoco_robot.loops import find_loops
+from plants.mujoco_robot.loading.absent import leave_out_absent
+from plants.mujoco_robot.loading.held import hold_others
+from plants.mujoco_robot.structure.base import hinges_and_slides
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.models.actuators import Actuator
-from residual_mpc.models.robot_file import RobotFile
 
 if TYPE_CHECKING:
     import mujoco
 
-    from plants.mujoco_robot.robot import MujocoRobot
-
 LOG = logging.getLogger(__name__)
 NO_LIMIT = 1e10  # N m: a force range that never bites, so that `saturation` can be set on any actuator
-
-
-def build(robot: RobotFile) -> "MujocoRobot":
-    """The robot of a file whose plant is `mujoco`.
-
-    Raises BadInput where numbers are given beside the model's own, and where the model does not compile, has no
-    actuator, or needs what is not supported yet (ball joints, loops that leave a joint undetermined, a free joint that
-    `pose_body` does not name).
-    """
-    from plants.mujoco_robot.robot import MujocoRobot
-
-    if robot.model is None:
-        raise BadInput(
-            "key 'model' is missing", robot.name, 'add model = "my_robot.xml" (MJCF or URDF) to the robot file'
-        )
-    if robot.parameters and robot.plant == "mujoco":
-        raise BadInput(
-            f"a MuJoCo model does not read [parameters], got {', '.join(robot.parameters)}",
-            robot.name,
-            "change the values in the model file, or list them under tunable to have them fitted",
-        )
-    spec, model, held = compile_model(str(robot.model), robot.actuators)
-    base = find_base(model, robot.pose_body, str(robot.model))
-    _refuse_undriven(model, str(robot.model))
-    refuse_unsupported(model, str(robot.model))
-    site = _payload_site(model, robot)
-    loops = find_loops(model, str(robot.model))
-    sides = robot.servo_feedback, robot.position_sensor
-    return MujocoRobot(robot.name, model, site, *sides, base, loops, spec, held=held)
 
 
 def compile_model(
@@ -130,16 +97,6 @@ def prepared(model: "mujoco.MjModel") -> "mujoco.MjModel":
     return model
 
 
-def _refuse_undriven(model: "mujoco.MjModel", path: str) -> None:
-    if model.nu == 0:
-        raise BadInput(
-            "the model has no actuator on a joint",
-            path,
-            "add one <position>, <velocity> or <motor> per driven joint, or a table such as "
-            '[actuator.elbow] with kind = "position" and kp = 20.0 to the robot file (a URDF has none)',
-        )
-
-
 def refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
     """Raises BadInput for ball joints, actuators that act on no joint or on a free one, and what has no name."""
     import mujoco
@@ -167,21 +124,3 @@ def refuse_unsupported(model: "mujoco.MjModel", path: str) -> None:
         for i in numbers.tolist():
             if not access(i).name:
                 raise BadInput(f"{kind} number {i} has no name", path, f'add name="..." to every {kind}')
-
-
-def _payload_site(model: "mujoco.MjModel", robot: RobotFile) -> tuple[int, np.ndarray]:
-    """(body, position in its frame (3,) m) of the payload: the named site, else the last body's last site, else its
-    centre of mass."""
-    import mujoco
-
-    if robot.payload_site is not None:
-        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, robot.payload_site)
-        if site < 0:
-            known = ", ".join(model.site(i).name for i in range(model.nsite)) or "none"
-            raise BadInput(
-                f"payload_site {robot.payload_site!r} is not a site of the model", robot.name, f"its sites are: {known}"
-            )
-        return int(model.site_bodyid[site]), model.site_pos[site].copy()
-    body = model.nbody - 1
-    sites = [i for i in range(model.nsite) if int(model.site_bodyid[i]) == body]
-    return body, (model.site_pos[sites[-1]] if sites else model.body_ipos[body]).copy()

@@ -3,31 +3,30 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from plants.mujoco_log import silence_mujoco
-from plants.mujoco_robot.base import unwrapped
-from plants.mujoco_robot.between import between_steps, changing
-from plants.mujoco_robot.channels import read_channels, write_start
-from plants.mujoco_robot.edits import edit_batch
-from plants.mujoco_robot.gear_start import WARM, begin
-from plants.mujoco_robot.gears import by_gears, edit_gears, feedback
-from plants.mujoco_robot.one_step import OneStep
+from plants.mujoco_robot.edits.batch import edit_batch
+from plants.mujoco_robot.edits.split_gears import by_gears, edit_gears
+from plants.mujoco_robot.simulation.between import between_steps, changing
+from plants.mujoco_robot.simulation.channels import read_channels, write_start
+from plants.mujoco_robot.simulation.gear_feedback import feedback
+from plants.mujoco_robot.simulation.gear_start import WARM, begin
+from plants.mujoco_robot.simulation.one_step import OneStep
+from plants.mujoco_robot.structure.base import unwrapped
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import command_chain, on_errors
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
-
-if TYPE_CHECKING:
-    from plants.mujoco_robot.robot import MujocoRobot
 
 FAR_AWAY = 1e10  # m, rad, m/s, rad/s: MuJoCo's own limit, mjMAXVAL
 WORTH_A_THREAD = 24  # rows times degrees of freedom: with fewer, waking it at every step costs more than it brings
 
 
 def replay(
-    robot: "MujocoRobot", start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    robot: CompiledRobot, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
 ) -> Mapping[str, np.ndarray]:
     """See Robot.replay. A row whose simulation diverges repeats its last state.
 
@@ -70,7 +69,7 @@ def _cores() -> int:
 
 
 def _replay(
-    robot: "MujocoRobot",
+    robot: CompiledRobot,
     start: Mapping[str, np.ndarray],
     drive: Drive,
     settings: Settings,
@@ -119,7 +118,7 @@ def _replay(
 
 
 def _roll_out(
-    batch: Any, robot: "MujocoRobot", drive: Drive, u: np.ndarray, between: list[Any], wanted: tuple[str, ...]
+    batch: Any, robot: CompiledRobot, drive: Drive, u: np.ndarray, between: list[Any], wanted: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
     """All steps in one call, or in a few where actuators are switched on and off on the way."""
     import mujoco

@@ -1,8 +1,8 @@
-"""How far along a link its next joint sits, as an effect: batched body positions."""
+"""How far along a link its next joint sits."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -51,10 +51,3 @@ class Lengths:
     @property
     def links(self) -> tuple[int, ...]:
         return tuple(self.lines)
-
-    def edit(self, batch: Any, offset: np.ndarray) -> None:
-        """Move the next joints by offsets (B, links) m."""
-        place = batch.expand("body_pos")
-        for slot, (link, (line, _)) in enumerate(self.lines.items()):
-            rows = np.flatnonzero(offset[:, slot])
-            place[rows, self.next[link]] += offset[rows, slot, None] * line

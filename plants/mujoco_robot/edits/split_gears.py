@@ -7,18 +7,20 @@ link: M = [[rotor + link, link], [link, link]]. A joint's own range holds the li
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plants.mujoco_robot.loading.compile import prepared
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.gears import Gears
+from plants.mujoco_robot.structure.variants import merge
 from residual_mpc.effects.library import changes, present
 from residual_mpc.models.settings import Settings, is_null
 
 if TYPE_CHECKING:
     import mujoco
-
-    from plants.mujoco_robot.robot import MujocoRobot
 
 DAMPING_RATIO = 0.05  # of a compliance's own oscillation: steel and grease
 SLOWED = 2.0  # 1/s: how fast grease slows a link that floats in its play
@@ -29,42 +31,7 @@ STOP_STEPS = 2.0  # time constant of a stop, steps: the stiffest that MuJoCo tak
 FINER = 4  # steps in one of RK4, which evaluates the model as often
 
 
-@dataclass(frozen=True, eq=False)
-class Gears:
-    """The joints of a robot that are split; g of them.
-
-    names: every joint of the robot that could be split. joints (g,): places of these in the robot's `joints`.
-    numbers, places, dofs (g,): of the added joints in the model, in qpos and in qvel. springs (g,): numbers of the
-    tendons that hold motor and link together. rotor, link (g,) kg m^2: the inertias on either side, as modelled.
-    substeps: steps of this model in one of the robot's.
-    """
-
-    names: tuple[str, ...]
-    joints: np.ndarray
-    numbers: np.ndarray
-    places: np.ndarray
-    dofs: np.ndarray
-    springs: np.ndarray
-    rotor: np.ndarray
-    link: np.ndarray
-    substeps: int
-
-
-def splittable(robot: "MujocoRobot") -> tuple[str, ...]:
-    """Joints that a motor drives and that are alone in their body.
-
-    None of a robot with closed chains, whose loops would have to be closed through the springs, nor of one that drives,
-    whose wheels' speeds at the start follow from the ground and not from the motor.
-    """
-    m = robot.model
-    if robot.spec is None or robot.base is not None or robot.loops is not None:
-        return ()
-    driven = set(robot.driven.tolist())
-    body = m.jnt_bodyid[[m.joint(j).id for j in robot.joints]]
-    return tuple(j for i, j in enumerate(robot.joints) if i in driven and m.body_jntnum[body[i]] == 1)
-
-
-def by_gears(robot: "MujocoRobot", settings: Settings) -> Iterator[tuple["MujocoRobot", np.ndarray]]:
+def by_gears(robot: CompiledRobot, settings: Settings) -> Iterator[tuple[CompiledRobot, np.ndarray]]:
     """The robot with its gears split as rows of the settings need it, and those rows (n,)."""
     names = robot.geared if robot.gears is None else ()
     split = np.zeros((settings.rows, len(names)), dtype=bool)
@@ -75,14 +42,21 @@ def by_gears(robot: "MujocoRobot", settings: Settings) -> Iterator[tuple["Mujoco
         return
     for pattern in np.unique(split, axis=0):
         chosen = tuple(j for j, apart in zip(names, pattern, strict=True) if apart)
-        yield robot.split(chosen) if chosen else robot, np.flatnonzero((split == pattern).all(axis=1))
+        yield split_gears(robot, chosen) if chosen else robot, np.flatnonzero((split == pattern).all(axis=1))
 
 
-def split(robot: "MujocoRobot", joints: tuple[str, ...]) -> "MujocoRobot":
-    """The robot with motor and link of these joints apart."""
+def split_gears(robot: CompiledRobot, joints: tuple[str, ...]) -> CompiledRobot:
+    """The robot with motor and link of these joints apart; made once."""
+    if joints not in robot.with_gears:
+        parts = [_split(part, joints) for part in robot.settings or (robot,)]
+        whole = merge(parts) if robot.settings else parts[0]
+        assert whole is not None, "settings that were merged differ in numbers alone"
+        robot.with_gears[joints] = whole
+    return robot.with_gears[joints]
+
+
+def _split(robot: CompiledRobot, joints: tuple[str, ...]) -> CompiledRobot:
     import mujoco
-
-    from plants.mujoco_robot.compile import prepared
 
     assert robot.spec is not None
     plain, spec = robot.model, robot.spec.copy()
@@ -146,7 +120,7 @@ def _bare(model: "mujoco.MjModel", gears: Gears) -> None:
     model.jnt_solimp[gears.numbers] = STOP_SOLIMP
 
 
-def edit_gears(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
+def edit_gears(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
     """Write springs and stops into the batch of a split robot.
 
     A spring in a joint that also has play begins at the play's ends. Its damping is that of DAMPING_RATIO, and never
@@ -173,7 +147,7 @@ def edit_gears(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
         batch.set_const()
 
 
-def of_gears(robot: "MujocoRobot", settings: Settings) -> tuple[np.ndarray, np.ndarray]:
+def of_gears(robot: CompiledRobot, settings: Settings) -> tuple[np.ndarray, np.ndarray]:
     """(B, g) stiffness N m/rad, infinite where there is no spring, and play rad."""
     gears = robot.gears
     assert gears is not None
@@ -182,56 +156,3 @@ def of_gears(robot: "MujocoRobot", settings: Settings) -> tuple[np.ndarray, np.n
     rigid = np.full((settings.rows, len(names)), np.inf)
     stiffness, gap = (changes(settings.effects, q) for q in ("gear stiffness", "gear play"))
     return (rigid if stiffness is None else stiffness)[:, at], (np.zeros_like(rigid) if gap is None else gap)[:, at]
-
-
-@dataclass(frozen=True, eq=False)
-class Feedback:
-    """Position servos that see the link, though they drive the motor.
-
-    actuators (s,) numbers; gears (s,) places in Gears; ratio (B, s) damping over stiffness, s.
-    """
-
-    actuators: np.ndarray
-    gears: np.ndarray
-    ratio: np.ndarray
-
-    def seen(self, robot: "MujocoRobot", q: np.ndarray) -> np.ndarray:
-        """(B, nu) positions of the actuators' joints, as their servos see them."""
-        assert robot.gears is not None
-        out = q[:, robot.places[robot.driven]].copy()
-        out[:, self.actuators] += q[:, robot.gears.places[self.gears]]
-        return out
-
-    def correct(self, control: np.ndarray, robot: "MujocoRobot", q: np.ndarray, v: np.ndarray) -> None:
-        """Take what the link is ahead of the motor from the commands (B, nu), in place: kp (u - q link) - kv v link."""
-        assert robot.gears is not None
-        gear = robot.model.actuator_gear[self.actuators, 0]
-        ahead, rate = q[:, robot.gears.places[self.gears]], v[:, robot.gears.dofs[self.gears]]
-        control[:, self.actuators] -= gear * (ahead + self.ratio * rate)
-
-
-def link_servos(robot: "MujocoRobot") -> np.ndarray:
-    """(s,) numbers of the position servos at split joints that see the link."""
-    if robot.gears is None or robot.servo_feedback != "link":
-        return np.zeros(0, dtype=int)
-    return np.flatnonzero(robot.servo & np.isin(robot.driven, robot.gears.joints))
-
-
-def feedback(batch: Any, robot: "MujocoRobot") -> Feedback | None:
-    """The feedback of link_servos; None where there is none. To be asked before any actuator is switched off."""
-    servos = link_servos(robot)
-    if robot.gears is None or not len(servos):
-        return None
-    bias = batch.expand("actuator_biasprm")[:, servos]
-    order = {j: i for i, j in enumerate(robot.gears.joints.tolist())}
-    at = np.array([order[j] for j in robot.driven[servos].tolist()])
-    return Feedback(servos, at, bias[:, :, 2] / bias[:, :, 1])
-
-
-def on_link_side(robot: "MujocoRobot", q: np.ndarray, v: np.ndarray) -> None:
-    """Make the motors' entries in positions (..., nq) and velocities (..., nv) those of the logged side, in place."""
-    gears = robot.gears
-    if gears is None or robot.position_sensor != "link":
-        return
-    q[..., robot.places[gears.joints]] += q[..., gears.places]
-    v[..., robot.dofs[gears.joints]] += v[..., gears.dofs]

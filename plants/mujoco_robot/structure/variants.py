@@ -2,16 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from plants.mujoco_robot.base import Base
-    from plants.mujoco_robot.robot import MujocoRobot
+from plants.mujoco_robot.structure.base import Base
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+
+R = TypeVar("R", bound=CompiledRobot)
 
 
-def merge(robots: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
+def merge(robots: Sequence[R]) -> R | None:
     """One robot whose i-th setting is robots[i]; None where they differ in more than numbers that a batch can
     expand.
     """
@@ -37,7 +38,7 @@ def merge(robots: "Sequence[MujocoRobot]") -> "MujocoRobot | None":
     return None if fields is None else replace(first, settings=tuple(robots), differing=fields)
 
 
-def _same_base(one: "Base | None", other: "Base | None") -> bool:
+def _same_base(one: Base | None, other: Base | None) -> bool:
     """Whether both are fixed, or stand and roll alike."""
     if one is None or other is None:
         return one is other
@@ -46,7 +47,7 @@ def _same_base(one: "Base | None", other: "Base | None") -> bool:
     return same and alike and bool(np.isclose(one.height, other.height))
 
 
-def _differing(robots: "Sequence[MujocoRobot]") -> tuple[str, ...] | None:
+def _differing(robots: Sequence[CompiledRobot]) -> tuple[str, ...] | None:
     """Names of the model fields that differ; None where one of them has another shape or cannot be expanded."""
     from mujoco.batch import MODEL_FIELDS
 
@@ -65,7 +66,7 @@ def _differing(robots: "Sequence[MujocoRobot]") -> tuple[str, ...] | None:
     return None if any(o != options[0] for o in options[1:]) else tuple(found)
 
 
-def _options(robot: "MujocoRobot") -> dict[str, object]:
+def _options(robot: CompiledRobot) -> dict[str, object]:
     opt = robot.model.opt
     names = [n for n in dir(opt) if not n.startswith("_") and not callable(getattr(opt, n))]
     return {n: np.asarray(getattr(opt, n)).tolist() for n in names}

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from plants.mujoco_robot.base import hinges_and_slides
+from plants.mujoco_robot.structure.base import hinges_and_slides
 from residual_mpc.errors import BadInput
 
 if TYPE_CHECKING:

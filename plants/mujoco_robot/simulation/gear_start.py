@@ -1,14 +1,14 @@
 """Where motor and link are at a window's start, of which only one side is logged."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.gears import FAR, Feedback, Gears, of_gears, on_link_side
+from plants.mujoco_robot.edits.split_gears import FAR, of_gears
+from plants.mujoco_robot.simulation.gear_feedback import Feedback, on_link_side
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.gears import Gears
 from residual_mpc.models.settings import Settings
-
-if TYPE_CHECKING:
-    from plants.mujoco_robot.robot import MujocoRobot
 
 NUDGE = 1e-4  # rad
 SOLVES = 3
@@ -16,7 +16,7 @@ WARM = 0.6  # s of commands before a window, replayed to know how motor and link
 
 
 def begin(
-    batch: Any, robot: "MujocoRobot", settings: Settings, u: np.ndarray, warm: int, servos: Feedback | None
+    batch: Any, robot: CompiledRobot, settings: Settings, u: np.ndarray, warm: int, servos: Feedback | None
 ) -> None:
     """Put motor and link where they are at a window's start, given their logged side; in place.
 
@@ -44,7 +44,7 @@ def begin(
         v[:, robot.dofs[gears.joints]] -= rate
 
 
-def _lead(batch: Any, robot: "MujocoRobot", settings: Settings, u: np.ndarray, servos: Feedback | None) -> None:
+def _lead(batch: Any, robot: CompiledRobot, settings: Settings, u: np.ndarray, servos: Feedback | None) -> None:
     """Replay commands (B, K, nu) that end at the window's start, from where the servos would have held the robot."""
     import mujoco
 
@@ -78,7 +78,7 @@ def _unwind(q: np.ndarray, v: np.ndarray, gears: Gears) -> None:
 
 def settle(
     batch: Any,
-    robot: "MujocoRobot",
+    robot: CompiledRobot,
     settings: Settings,
     command: np.ndarray,
     servos: Feedback | None,

@@ -1,11 +1,12 @@
 """What is rewritten in a batch between its steps: actuators that weaken or are switched off, frictions that change."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.gears import link_servos
+from plants.mujoco_robot.simulation.gear_feedback import link_servos
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import limits_of, on_errors, scaled
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.library import present
@@ -13,14 +14,11 @@ from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings, is_null
 
-if TYPE_CHECKING:
-    from plants.mujoco_robot.robot import MujocoRobot
-
 # MuJoCo's dry friction is a soft constraint that creeps while it sticks; where an effect adds friction it is made stiff
 STIFF_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 
 
-def changing(robot: "MujocoRobot", settings: Settings, wanted: tuple[str, ...]) -> np.ndarray:
+def changing(robot: CompiledRobot, settings: Settings, wanted: tuple[str, ...]) -> np.ndarray:
     """(B,) bool: rows that need a word between the steps."""
     if any(c.startswith("output.") for c in wanted) or len(link_servos(robot)):
         return np.ones(settings.rows, dtype=bool)
@@ -32,7 +30,7 @@ def changing(robot: "MujocoRobot", settings: Settings, wanted: tuple[str, ...]) 
     return slow
 
 
-def between_steps(batch: Any, robot: "MujocoRobot", settings: Settings, drive: Drive) -> list[Any]:
+def between_steps(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive) -> list[Any]:
     """Functions (step, joint speeds (B, njnt), last actuator force (B, nu)) that rewrite the batch before a step."""
     updates = []
     actuators = _actuator_scale(batch, robot, settings, drive)
@@ -44,7 +42,7 @@ def between_steps(batch: Any, robot: "MujocoRobot", settings: Settings, drive: D
     return updates
 
 
-def _actuator_scale(batch: Any, robot: "MujocoRobot", settings: Settings, drive: Drive) -> Any:
+def _actuator_scale(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive) -> Any:
     """The effects at the strength site and `enabled` scale an actuator's force, those at the limit site limit it: their
     equations written into gainprm, biasprm and forcerange, so that MuJoCo's implicit integrator still sees the servo's
     damping.
@@ -88,7 +86,7 @@ def _actuator_scale(batch: Any, robot: "MujocoRobot", settings: Settings, drive:
     return update
 
 
-def _friction(batch: Any, robot: "MujocoRobot", settings: Settings) -> Any:
+def _friction(batch: Any, robot: CompiledRobot, settings: Settings) -> Any:
     """The dry frictions' levels as dof_frictionloss: MuJoCo's solver supplies the sign, sticking included."""
     effects = settings.effects
     constants, varying = (list(present(effects, site)) for site in ("dry friction", "friction"))

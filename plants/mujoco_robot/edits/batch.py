@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.base import hinges_and_slides
-from plants.mujoco_robot.masses import add_point_mass, principal, quat_to_matrix
+from plants.mujoco_robot.edits.masses import add_point_mass, principal, quat_to_matrix
+from plants.mujoco_robot.edits.wheel_sizes import edit_wheels
+from plants.mujoco_robot.structure.base import hinges_and_slides
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.lengths import Lengths
 from residual_mpc.effects.library import Effects, changes
 from residual_mpc.models.settings import Settings
 
 if TYPE_CHECKING:
     import mujoco
 
-    from plants.mujoco_robot.robot import MujocoRobot
-
 TUNABLE_JOINT = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}
 
 
-def edit_batch(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
+def edit_batch(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
     """Write payload, link masses and lengths, armature, constant frictions, wheels and retuned parameters into the
     batch (one row a simulation).
     """
@@ -28,10 +29,10 @@ def edit_batch(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
     changed = _tune(batch, model, settings)
     effects = settings.effects
     if robot.wheels is not None:
-        changed |= robot.wheels.edit(batch, model, effects)
+        changed |= edit_wheels(batch, model, robot.wheels, effects)
     offset, rotor, damping = (changes(effects, q) for q in ("link length", "rotor inertia", "viscous damping"))
     if robot.lengths is not None and offset is not None:
-        robot.lengths.edit(batch, offset)
+        _move_joints(batch, robot.lengths, offset)
         changed = True
     if rotor is not None:
         _add(batch.expand("dof_armature"), dofs, rotor)
@@ -46,6 +47,14 @@ def edit_batch(batch: Any, robot: "MujocoRobot", settings: Settings) -> None:
 def _add(field: np.ndarray, dofs: np.ndarray, value: np.ndarray) -> None:
     """Add to columns of a field (B, nv), in place; what is taken from a retuned value leaves none below 0."""
     field[:, dofs] = np.where(value < 0, np.maximum(field[:, dofs] + value, 0.0), field[:, dofs] + value)
+
+
+def _move_joints(batch: Any, lengths: Lengths, offset: np.ndarray) -> None:
+    """Move the joints at the links' ends by offsets (B, links) m."""
+    place = batch.expand("body_pos")
+    for slot, (link, (line, _)) in enumerate(lengths.lines.items()):
+        rows = np.flatnonzero(offset[:, slot])
+        place[rows, lengths.next[link]] += offset[rows, slot, None] * line
 
 
 def _edit_masses(

@@ -2,26 +2,25 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from plants.mujoco_log import silence_mujoco
-from plants.mujoco_robot.between import between_steps, changing
-from plants.mujoco_robot.channels import read_channels, write_start
-from plants.mujoco_robot.edits import edit_batch
-from plants.mujoco_robot.gear_start import begin
-from plants.mujoco_robot.gears import by_gears, edit_gears, feedback
-from plants.mujoco_robot.one_step import OneStep
+from plants.mujoco_robot.edits.batch import edit_batch
+from plants.mujoco_robot.edits.split_gears import by_gears, edit_gears
+from plants.mujoco_robot.simulation.between import between_steps, changing
+from plants.mujoco_robot.simulation.channels import read_channels, write_start
+from plants.mujoco_robot.simulation.gear_feedback import feedback
+from plants.mujoco_robot.simulation.gear_start import begin
+from plants.mujoco_robot.simulation.one_step import OneStep
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import joined, on_command, on_errors
 from residual_mpc.effects.library import changes
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.sensing import Late
 from residual_mpc.models.settings import Settings
-
-if TYPE_CHECKING:
-    from plants.mujoco_robot.robot import MujocoRobot
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class CorrectedMujoco:
     """See residual_mpc.models.simulating.Simulator. The steps are those of the diagnosis' replay, to the last bit where
     no delay ends between two steps."""
 
-    def __init__(self, robot: "MujocoRobot", settings: Settings, rows: int, period: float) -> None:
+    def __init__(self, robot: CompiledRobot, settings: Settings, rows: int, period: float) -> None:
         from mujoco.batch import Batch
 
         silence_mujoco()

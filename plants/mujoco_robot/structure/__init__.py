@@ -1,0 +1,1 @@
+"""The record of a compiled robot and its parts."""
