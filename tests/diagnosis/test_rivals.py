@@ -46,7 +46,7 @@ def rivals_of(faults: dict[str, dict[str, float]], chosen: Values, only: tuple[s
     base, fit = fit_all(problem, [{}, chosen])
     ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), DataSettings())
     return find_rivals(
-        Found(problem, fit, base, dispersion(fit, blocks_of(data, settings=FitSettings())), ruler, (), data.sigma),
+        Found(problem, fit, base, dispersion(fit, blocks_of(data, settings=FitSettings())), ruler, (), (), data.sigma),
         settings=SearchSettings(),
     )
 
@@ -116,7 +116,7 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
         PredictionCache(data, build_space(data, (), ("actuator_gain", "wheel_radius"))),
         measure_scales(data),
     )
-    assert found.rivals and holds_elsewhere(found, replays, scales, settings=SearchSettings()) is None
+    assert found.rivals and holds_elsewhere(found, (), replays, scales, settings=SearchSettings()) is None
     lost = replace(found.fit, values={Knob("actuator_gain", None, "gain"): 0.5})
-    better = holds_elsewhere(replace(found, fit=lost), replays, scales, settings=SearchSettings())
+    better = holds_elsewhere(replace(found, fit=lost), (), replays, scales, settings=SearchSettings())
     assert better is not None and better.terms == (Term("wheel_radius", None),)

@@ -77,7 +77,7 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
     rivalry = find_rivals(found, settings=settings.search)
     everywhere = prepared.fitting.take(evenly(prepared.fitting, prepared.options.final_steps, settings=settings.data))
     replays = PredictionCache(everywhere, prepared.space)
-    better = holds_elsewhere(rivalry, replays, prepared.scales, settings=settings.search)
+    better = holds_elsewhere(rivalry, found.met, replays, prepared.scales, settings=settings.search)
     if better is None:
         return rivalry
     exchanged = replace(found, fit=on_problem(found.problem, better, settings=settings.fit))

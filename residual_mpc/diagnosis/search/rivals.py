@@ -79,11 +79,14 @@ def find_rivals(found: Found, most: int | None = None, *, settings: SearchSettin
     return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
 
 
-def holds_elsewhere(rivalry: Rivalry, replays: PredictionCache, scales: Scales, settings: SearchSettings) -> Fit | None:
-    """The rival whose gap on these windows is far smaller than that of the chosen set, None where there is none. A
-    search sees few and short windows; a set that fits them by chance fails on the others."""
+def holds_elsewhere(
+    rivalry: Rivalry, met: tuple[Fit, ...], replays: PredictionCache, scales: Scales, settings: SearchSettings
+) -> Fit | None:
+    """The rival, or the set that the search came across, whose gap on these windows is far smaller than that of the
+    chosen set, None where there is none. A search sees few and short windows; a set that fits them by chance fails on
+    the others."""
     tuned = settings.rivals
-    fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < tuned.far)]
+    fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < tuned.far), *met]
     y = replays.data.y
     squares = [per_window(replays.data, scales, y - p) for p in replays([f.values for f in fits])]
     gaps = np.array([np.mean(np.minimum(np.nan_to_num(s, nan=tuned.lost), tuned.lost)) for s in squares])

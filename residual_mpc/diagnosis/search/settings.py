@@ -66,7 +66,8 @@ class StepSettings:
     """alike: likelihood ratio below which two sets count as not told apart. Of these, the first `trimmed` are tried
     without each of their effects; one that is worth less than the ratio `needed` goes. At the end of a search, sets of
     at most `together` effects (the cost grows with their cube) are fitted without each effect for thorough_steps; one
-    that is worth more than the ratio `needless` on the way is needed. far_from_floor: times the squared noise floor,
+    that is worth more than the ratio `needless` on the way is needed. met: sets that a step came across, which are
+    kept to be judged on all windows. far_from_floor: times the squared noise floor,
     from which a sizeable addition needs less evidence. much: of the squared gap that the best single effect has to
     leave before pairs are tried."""
 
@@ -76,11 +77,14 @@ class StepSettings:
     together: int = 4
     thorough_steps: int = 12
     needless: float = 60.0
+    met: int = 4
     far_from_floor: float = 4.0
     much: float = 0.25
 
     def __post_init__(self) -> None:
-        check_positive(self, "alike", "trimmed", "needed", "together", "thorough_steps", "needless", "far_from_floor")
+        check_positive(
+            self, "alike", "trimmed", "needed", "together", "thorough_steps", "needless", "met", "far_from_floor"
+        )
         check_share(self, "much")
 
 

@@ -29,8 +29,9 @@ class Step:
 
 @dataclass(frozen=True)
 class Found:
-    """The chosen set on its final weights, its sub- and rival sets on the same weights, and the way there; sigma (C,):
-    standard deviations for fits that know of no small differences."""
+    """The chosen set on its final weights, its sub- and rival sets on the same weights, and the way there; met: the
+    likeliest other sets that the last steps came across, as they were there; sigma (C,): standard deviations for fits
+    that know of no small differences."""
 
     problem: Problem
     fit: Fit
@@ -38,6 +39,7 @@ class Found:
     phi: float
     ruler: "Ruler"
     steps: tuple[Step, ...]
+    met: tuple[Fit, ...]
     sigma: np.ndarray
 
 
@@ -64,12 +66,12 @@ def stepwise_search(
         known = fit_all(problem, [start], 0, settings=settings.fit)[0]
         beam = refit(judge(problem, known, noise, scales, settings=settings), [known], settings=settings)
     forward = Forward(problem, ruler, base, noise, blocks, report, settings)
-    beam, steps = forward.go_on(beam)
+    beam, steps, met = forward.go_on(beam)
     if ruler.much_left(beam[0]):  # what closes a good part of that is better than nothing
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
-        beam, more = unmarginalised.go_on(beam[:1])
+        beam, more, seen_there = unmarginalised.go_on(beam[:1])
         if more:
-            forward, settings, steps = unmarginalised, unmarginalised.settings, steps + more
+            forward, settings, steps, met = unmarginalised, unmarginalised.settings, steps + more, seen_there
     last = beam[0]
     if steps and len(last.terms) <= settings.steps.together:
         report("testing each effect by removing it", 1.0)
@@ -77,7 +79,9 @@ def stepwise_search(
     here = judge(carrying(problem, last.values, settings=settings.fit), last, noise, scales, settings=settings)
     current, base = refit(here, [last, base], settings=settings)
     sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
-    return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps), sigma)
+    chosen = frozenset(current.terms)
+    others_met = tuple(f for f in met if frozenset(f.terms) != chosen)[: settings.steps.met]
+    return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps), others_met, sigma)
 
 
 @dataclass(frozen=True)
@@ -104,9 +108,10 @@ class Forward:
         before, after = self.ruler.squared([alone, best])
         return bool(after > self.settings.steps.much * before and self.ruler.much_left(best))
 
-    def go_on(self, beam: list[Fit]) -> tuple[list[Fit], list[Step]]:
-        """Further steps until none is convincing; the beam at the end and the steps taken."""
-        steps, seen = list[Step](), {frozenset(beam[0].terms)}
+    def go_on(self, beam: list[Fit]) -> tuple[list[Fit], list[Step], list[Fit]]:
+        """Further steps until none is convincing; the beam at the end, the steps taken, and the sets that the last two
+        steps came across, those of the last step first, each cheapest first."""
+        steps, seen, met = list[Step](), {frozenset(beam[0].terms)}, list[Fit]()
         ruler, base, blocks, settings = self.ruler, self.base, self.blocks, self.settings
         while len(beam[0].terms) < settings.largest:
             problem = self.at(beam[0])
@@ -120,6 +125,7 @@ class Forward:
             if named == 0 and children and self._leaves_much(beam[0], children[0]):
                 children = sorted([*pairs(here, beam[0], blocks, settings=settings), *children], key=lambda f: f.cost)
             children = trimmed(here, children, blocks, seen, settings=settings)
+            met = distinct([*children[: settings.steps.met], *met[: settings.steps.met]])
             children = simplest_first(children, blocks, settings=settings)
             # the set with the lowest cost may improve the gap by too little to see; a later one may be the cause
             chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
@@ -131,7 +137,7 @@ class Forward:
             seen.add(frozenset(best.terms))
             steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
             beam = [best, *others(ruler, base, best, children, settings)]
-        return beam, steps
+        return beam, steps, met
 
 
 def refit(problem: Problem, fits: list[Fit], most: int = 6, *, settings: SearchSettings) -> list[Fit]:
