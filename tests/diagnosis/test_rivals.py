@@ -120,3 +120,7 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
     lost = replace(found.fit, values={Knob("actuator_gain", None, "gain"): 0.5})
     better = holds_elsewhere(replace(found, fit=lost), (), replays, scales, settings=SearchSettings())
     assert better is not None and better.terms == (Term("wheel_radius", None),)
+    met = (found.rivals[0].fit,)  # a set that the search came across serves as well as a rival
+    alone = replace(found, fit=lost, rivals=())
+    assert holds_elsewhere(alone, met, replays, scales, settings=SearchSettings()) is met[0]
+    assert holds_elsewhere(alone, (), replays, scales, settings=SearchSettings()) is None
