@@ -220,7 +220,7 @@ def spoilt(content: dict[str, Any]) -> None:
         (spoilt, "its explanations cannot be read"),
         (lambda d: d["model"]["values"][0].update(value=float("nan")), "its explanations cannot be read"),
         (lambda d: d["model"]["values"][0].update(target="third"), " on third"),
-        (lambda d: d["alternatives"][0]["values"][0].update(effect="warp"), "lacks warp"),
+        (lambda d: d["alternatives"][0]["values"][0].update(effect="warp"), "the effect 'warp' is not installed"),
     ],
 )
 def test_a_diagnosis_that_cannot_be_read_is_refused(

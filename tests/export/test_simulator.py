@@ -204,7 +204,7 @@ def test_what_cannot_be_stepped_is_refused(tmp_path: Path, period: float, words:
     ("value", "words"),
     [
         ({"effect": "actuator_gain", "target": "j9", "parameter": "gain"}, "arm lacks actuator_gain on j9"),
-        ({"effect": "warp", "target": None, "parameter": "gain"}, "arm lacks warp on the robot"),
+        ({"effect": "warp", "target": None, "parameter": "gain"}, "the effect 'warp' is not installed"),
         ({"effect": "actuator_gain", "target": "j1", "parameter": "loss"}, "lacks a parameter loss of actuator_gain"),
         ({"effect": "tune", "target": None, "parameter": "joint.j9.damping"}, "arm lacks joint.j9.damping"),
     ],
