@@ -10,10 +10,12 @@ from residual_mpc.effects.library import BY_NAME
 
 
 class Term(NamedTuple):
-    """An effect on a target; target None means the robot, or all of its targets alike."""
+    """An effect on a target; target None means the robot, or all of its targets alike. changed: it acts on the later
+    one of two sets of runs alone, on top of what acts on both (see `residual_mpc.comparison`)."""
 
     effect: str
     target: str | None
+    changed: bool = False
 
     def __str__(self) -> str:
         return self.effect if self.target is None else f"{self.effect} [{self.target}]"
@@ -25,10 +27,11 @@ class Knob(NamedTuple):
     effect: str
     target: str | None
     parameter: str
+    changed: bool = False
 
     @property
     def term(self) -> Term:
-        return Term(self.effect, self.target)
+        return Term(self.effect, self.target, self.changed)
 
 
 TUNE = "tune"
@@ -40,12 +43,14 @@ class Settings:
     """The values of n rows. A row is one hypothesis on one window, or one hypothesis alone.
 
     effects[effect][parameter] has shape (n, number of the robot's slots for that effect); an effect that is at its
-    null value in every row is absent. tuned[name] (n,) holds retuned nominal parameters, absolute.
+    null value in every row is absent. tuned[name] (n,) holds retuned nominal parameters, absolute. later: the values on
+    windows of the later one of two sets of runs, None where they are the same.
     """
 
     rows: int
     effects: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     tuned: Mapping[str, np.ndarray] = field(default_factory=dict)
+    later: "Settings | None" = None
 
     def take(self, index: np.ndarray) -> "Settings":
         """The rows named by index, in that order (also a boolean mask)."""

@@ -19,11 +19,13 @@ POSITION_LIKE = ("position", "pose")
 
 @dataclass(frozen=True)
 class Block:
-    """The windows of the runs that share one robot model (a variant), as rows `where` of the dataset's arrays."""
+    """The windows of the runs that share one robot model (a variant), as rows `where` of the dataset's arrays. later:
+    whether they are of the later one of two sets of runs, to which `Settings.later` apply."""
 
     robot: Robot
     where: slice
     drive: Drive
+    later: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Dataset:
                     clock=b.drive.clock[rows],
                     setting=None if b.drive.setting is None else b.drive.setting[rows],
                 )
-                blocks.append(Block(b.robot, slice(first, first + n), drive))
+                blocks.append(replace(b, where=slice(first, first + n), drive=drive))
                 first += n
         return replace(
             self,
@@ -99,7 +101,7 @@ def joined(parts: Sequence[Dataset]) -> Dataset:
 
     blocks, at = [], 0
     for d in parts:
-        blocks += [Block(b.robot, slice(at + b.where.start, at + b.where.stop), b.drive) for b in d.blocks]
+        blocks += [replace(b, where=slice(at + b.where.start, at + b.where.stop)) for b in d.blocks]
         at += d.count
     return replace(
         first,

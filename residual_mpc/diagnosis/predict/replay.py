@@ -27,11 +27,12 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
     h, (w, m), c = settings.rows, data.t.shape, len(data.channels)
     out = np.full((h, w, m, c), np.nan)
     for block in data.blocks:
+        here = settings.later if block.later and settings.later is not None else settings
         rows = block.where.stop - block.where.start
         size = rows * (block.drive.steps + block.drive.lead) * (c + len(block.robot.actuators))
         per = max(1, ROOM // size)
         for a in range(0, h, per):
-            part = settings.take(np.arange(a, min(a + per, h)))
+            part = here.take(np.arange(a, min(a + per, h)))
             out[a : a + per, block.where] = _predict_block(data, block, part, nudge)
     return out
 

@@ -101,7 +101,7 @@ def _estimate(
     stated interval includes."""
     knob, final, space = of.final.knobs[i], of.final, of.problem.space
     value = final.values[knob]
-    unit = _unit(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)
+    unit = unit_of(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)
     low, high = space.bounds(knob)
     ends = of.ends.get(knob, (value,))
     if knob.parameter == "heading":
@@ -150,7 +150,7 @@ def most_sure(verdict: str, unexplained: float, times_floor: float, settings: Re
     return tuned.most_sure * (1.0 - unexplained) * shadow
 
 
-def _unit(robot: Robot, term: Term, unit: str) -> str:
+def unit_of(robot: Robot, term: Term, unit: str) -> str:
     """What "command unit", "actuator unit" and "channel unit" are on this robot; joints are taken to turn."""
     if unit == "channel unit":
         return "rad" if (term.target or "").startswith(("position.", "pose.theta")) else "rad/s"

@@ -182,14 +182,14 @@ def _on_all(
     if len(gone) < 2 or len({t.effect for t in gone}) > 1 or all_alike not in candidates:
         return []
     found = [{k.parameter: v for k, v in fit.values.items() if k.term == t} for t in gone]
-    middle = {Knob(*all_alike, name): float(np.median([f[name] for f in found])) for name in found[0]}
+    middle = {Knob(all_alike.effect, None, name): float(np.median([f[name] for f in found])) for name in found[0]}
     return [_with(problem, rest, middle)]
 
 
 def _as_pair(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
     """An effect on one target as the several effects that do the same together, where there are such."""
     numbers = {k.parameter: v for k, v in fit.values.items() if k.term == gone}
-    found: Values = {Knob(*knob): v for knob, v in together(*gone, numbers).items()}
+    found: Values = {Knob(*knob): v for knob, v in together(gone.effect, gone.target, numbers).items()}
     return [_with(problem, rest, found)] if found and all(k.term in candidates for k in found) else []
 
 
