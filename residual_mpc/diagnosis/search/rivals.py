@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import Scales, per_window
-from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem, possible
+from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
+from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
