@@ -1,7 +1,7 @@
-"""What a learner beside a robot's loop does to the loop's clock: `python -m benchmarks.jitter`.
+"""What a learning worker does to the timing of a robot's loop: `python -m benchmarks.jitter`.
 
-A loop of 50 Hz that plans for a millisecond, pushes its samples and reads the newest weights, in turns with a worker
-that learns beside it and without one. How late each turn of the loop begins depends on the machine and on what else it
+A loop of 50 Hz that plans for a millisecond, pushes its samples and reads the newest weights, in turns with a learning
+worker and without one. How late each turn of the loop begins depends on the machine and on what else it
 does: read the two rows against each other.
 """
 
@@ -27,7 +27,7 @@ SETTINGS = StreamSettings()
 @click.option("--turns", type=click.IntRange(1, 20), default=3, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 def jitter(seconds: float, turns: int, seed: int) -> None:
-    """Print how late a loop's turns begin, with the worker beside it and without."""
+    """Print how late a loop's turns begin, with a learning worker and without one."""
     rng = np.random.default_rng(seed)
     stream = drawn(round((seconds + 4.0) / PERIOD), rng)
     late: dict[bool, list[np.ndarray]] = {False: [], True: []}
@@ -42,8 +42,8 @@ def jitter(seconds: float, turns: int, seed: int) -> None:
             updates, dropped = updates + tally.updates, dropped + tally.dropped
     click.echo("| loop of 50 Hz | begins late, median ms | p99 ms | largest ms |")
     click.echo("| --- | --- | --- | --- |")
-    for beside, name in ((False, "alone"), (True, "a worker learns beside it")):
-        ms = 1e3 * np.concatenate(late[beside])
+    for learned, name in ((False, "alone"), (True, "with a learning worker")):
+        ms = 1e3 * np.concatenate(late[learned])
         click.echo(f"| {name} | {np.median(ms):.3f} | {np.quantile(ms, 0.99):.2f} | {ms.max():.1f} |")
     click.echo(f"updates {updates}, windows dropped {dropped}, in {turns * seconds:g} s")
 

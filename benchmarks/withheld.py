@@ -17,7 +17,7 @@ from typing import Any
 
 import click
 
-from benchmarks.recorded import inside, named_of
+from benchmarks.recorded.words import inside, named_of
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def steady_motion(model: Augmented, cruise: float) -> tuple[np.ndarray, np.ndarr
 
 
 def linearise(model: Augmented, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A (nx, nx), B (nx, nu) of the step, the network's exact derivative in it, what swallows commands seen through."""
+    """A (nx, nx), B (nx, nu) of the step, the network's exact derivative in it; no dead zone, play or dry friction."""
     _, a, b = casadi_model(model).through(x, u, model.p)
     return np.array(a), np.array(b)
 

@@ -15,7 +15,7 @@ from benchmarks.head_to_head.figure import draw
 from benchmarks.head_to_head.match import play
 from benchmarks.head_to_head.page import FIGURE, write_page
 from benchmarks.head_to_head.servo import CASES
-from benchmarks.recorded import commit
+from benchmarks.recorded.measure import commit
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""The two-wheeled robot in motion, in whichever engine: time, set points, dry friction, spots without grip."""
+"""The two-wheeled robot in motion, in whichever engine: time, set points, dry friction, slippery patches."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from plants.wheeled.engines.geometry import WHEELS, Geometry, Slips
 from residual_mpc.errors import BadInput
 
 FOLLOW = 25  # steps after which the heading is looked at: a turn of half a circle in between would be missed
-FOREVER = 3600.0  # s for which spots without grip are laid out
+FOREVER = 3600.0  # s for which slippery patches are laid out
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,10 @@ class WheeledDrive:
 
 
 class _DrivePlant:
-    def __init__(self, engine: Engine, geometry: Geometry, spots: np.ndarray, low: float, step: float) -> None:
+    def __init__(self, engine: Engine, geometry: Geometry, patches: np.ndarray, low: float, step: float) -> None:
         self._engine, self._step = engine, step
-        self._wheels, self._spots, self._low = geometry.wheels, spots, low
-        self._plain = all(w.plain for w in geometry.wheels) and not len(spots)
+        self._wheels, self._patches, self._low = geometry.wheels, patches, low
+        self._plain = all(w.plain for w in geometry.wheels) and not len(patches)
         self._set_point = np.array(engine.motion().wheel)  # a lag starts from the motion that is there
         self._grip = np.array([w.grip for w in self._wheels])
         self._lag = np.array([w.lag for w in self._wheels])
@@ -94,10 +94,10 @@ class _DrivePlant:
         ]
         if any(level):
             self._engine.resist(np.array(level))
-        if len(self._spots):
+        if len(self._patches):
             grip = self._grip.copy()
-            on = (self._spots[:, 1] <= self._time) & (self._time < self._spots[:, 2])
-            grip[self._spots[on, 0].astype(int)] = self._low
+            on = (self._patches[:, 1] <= self._time) & (self._time < self._patches[:, 2])
+            grip[self._patches[on, 0].astype(int)] = self._low
             self._engine.grip(grip)
         self._engine.advance(self._set_point, h, 1)
 

@@ -6,7 +6,7 @@ from plants.wheeled.engines.mujoco_engine import MujocoEngine
 from plants.wheeled.engines.pybullet_engine import BulletEngine
 
 TURTLEBOT = Geometry()
-EVEN = Slips()  # a floor without spots
+EVEN = Slips()  # a floor without slippery patches
 
 
 def mujoco_drive(geometry: Geometry = TURTLEBOT, slips: Slips = EVEN, step: float = 0.001) -> WheeledDrive:

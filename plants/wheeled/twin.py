@@ -37,7 +37,7 @@ class Withheld:
     def truth(self) -> dict[str, object]:
         """For scoring alone: the effects of the library by name, the causes that it has no name for, every figure."""
         unnamed = ["a wheel that sticks in its bearing"] if self.static or self.kinetic else []
-        unnamed += ["spots without grip"] if self.slips.rate else []
+        unnamed += ["slippery patches"] if self.slips.rate else []
         return {"effects": records(self.effects()), "unknown": unnamed, "figures": asdict(self)}
 
     def applied(self, nominal: Geometry) -> Geometry:
@@ -50,7 +50,7 @@ class Withheld:
 
 
 def draw_withheld(rng: np.random.Generator) -> Withheld:
-    """A robot of low-cost parts: sizes a few per cent off, slow motors, one sticking wheel, spots on the floor."""
+    """A robot of low-cost parts: sizes a few per cent off, slow motors, one sticking wheel, slippery patches."""
     ratio = 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 0.05)
     track = 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.03, 0.08)
     kinetic = rng.uniform(0.01, 0.03)

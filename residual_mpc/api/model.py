@@ -187,7 +187,8 @@ def augment(
     """The nominal model with the effects of a diagnosis and a learned network in it.
 
     Args:
-        diagnosis: a diagnosis, or its file; None for the effects that the network was learned on, if any.
+        diagnosis: a diagnosis, or its file; None for the effects that the network was learned on, if any. A model file
+            that holds a network is used whole, effects and network.
         residual: a learned model, or its file; None for no network.
         dt: s, over which a command is held; by default the step at which the network was learned, without one the
             robot's own period between commands, else 0.05.

@@ -37,7 +37,7 @@ class PhaseSettings:
 @dataclass(frozen=True)
 class Options:
     """horizon s; only, without: effect names; without_because: hypotheses that are left out, each with the reason (see
-    `not_commanded`); held_out: what is kept back (None: chosen).
+    `not_commanded`); held_out: the runs or blocks to hold out, None to have them chosen.
 
     search_steps: simulation steps that one hypothesis may cost in the search (windows are thinned evenly to that);
     final_steps: likewise in the last fit but for its last steps, and half of it in the shares of the stages; a perfect

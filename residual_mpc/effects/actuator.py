@@ -25,14 +25,14 @@ def lag_step(ops: Ops, p: Values, y: Array, u: Array, dt: float) -> tuple[Array,
     return mean, u + (y - u) * e
 
 
-def lagged_sequence(tau: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+def lag_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
     """The means of lag_step over a whole sequence at once, for a batch in numpy; it has settled on the first command.
 
-    tau (B, nu) s, u (B, K, nu) -> (B, K, nu).
+    p (B, nu), u (B, K, nu) -> (B, K, nu).
     """
     from scipy.signal import lfilter  # slow to import
 
-    out = u.copy()
+    tau, out = p["time_constant"], u.copy()
     for value in np.unique(tau[tau > 0]):
         row, actuator = np.nonzero(tau == value)
         line = u[row, :, actuator]  # (n, K)
@@ -41,11 +41,6 @@ def lagged_sequence(tau: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         begin = np.concatenate([line[:, :1], end[:, :-1]], axis=1)
         out[row, :, actuator] = line + (begin - line) * (value / dt) * (1.0 - e)
     return out
-
-
-def lag_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
-    """lag_step over a whole sequence, see `lagged_sequence`."""
-    return lagged_sequence(p["time_constant"], u, dt)
 
 
 def gain_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:

@@ -120,8 +120,8 @@ class Chain:
         self, kinks: Kinks, target: str, signal: Array, values: Callable[[str, str], Values], now: Mapping[str, Array],
         new: dict[str, Array], clock: Array = 0.0,
     ) -> Array:  # fmt: skip
-        """The signal of one target after the chain. values(effect, target): its
-        parameters; now: states by name, `new` is filled with their next values."""
+        """The signal of one target after the chain. values(effect, target): its parameters; now: states by name, `new`
+        is filled with their next values."""
         for effect in self.effects:
             signal = self._through(effect, kinks, target, signal, values(effect.name, target), now, new, clock)
         return signal
@@ -132,12 +132,9 @@ class Chain:
     ) -> Array:  # fmt: skip
         if effect.rounded is not None and kinks.width > 0:
             return effect.rounded(kinks.exact, p, signal, kinks.width)
-        assert effect.step is not None
         names = [n.format(target) for n in self.names[effect.name]]
-        memory = _packed(effect, p, [now[n] for n in names], self.dt)
         ops = {"none": kinks.exact, "signal": kinks.rough(1.0), "step": kinks.rough(self.dt)}[effect.kink]
-        time = (clock,) if effect.port == "output" else ()
-        out, memory = effect.step(ops, p, memory, signal, *time, self.dt)
+        out, memory = _stepped(effect, ops, p, [now[n] for n in names], signal, clock, self.dt)
         new |= dict(zip(names, leaves(memory), strict=True))
         return out
 
@@ -151,10 +148,7 @@ class Chain:
                 numbers = leaves(_begun(effect, p, signal, self.dt))
                 names = [n.format(target) for n in self.names[effect.name]]
                 out |= dict(zip(names, map(float, numbers[: len(names)]), strict=True))
-                assert effect.step is not None
-                time = (0.0,) if effect.port == "output" else ()
-                memory = _packed(effect, p, numbers[: len(names)], self.dt)
-                signal, _ = effect.step(NUMPY, p, memory, signal, *time, self.dt)
+                signal, _ = _stepped(effect, NUMPY, p, numbers[: len(names)], signal, 0.0, self.dt)
         return out
 
 
@@ -186,6 +180,16 @@ def joined(choose: Callable[..., Any], *memories: Any) -> Any:
     if isinstance(memories[0], tuple | list):
         return tuple(joined(choose, *parts) for parts in zip(*memories, strict=True))
     return choose(*memories)
+
+
+def _stepped(
+    effect: Effect, ops: Ops, p: Values, numbers: list[Any], signal: Array, clock: Array, dt: float
+) -> tuple[Array, Any]:
+    """The signal after one step of the effect, and its memory, which held these numbers before."""
+    assert effect.step is not None
+    time = (clock,) if effect.port == "output" else ()
+    out, memory = effect.step(ops, p, _packed(effect, p, numbers, dt), signal, *time, dt)
+    return out, memory
 
 
 def _begun(effect: Effect, p: Values, signal: Any, dt: float) -> Any:

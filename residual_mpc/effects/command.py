@@ -33,16 +33,11 @@ def delay_trim(memory: tuple[Array, ...], p: Values, dt: float) -> tuple[Array, 
 
 
 def delay_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
-    """delay_step over a whole sequence, see `delayed_sequence`."""
-    return delayed_sequence(p["delay"], u, dt)
-
-
-def delayed_sequence(delay: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     """delay_step over a whole sequence at once, for a batch in numpy.
 
-    delay (B, nu) s, u (B, K, nu) -> (B, K, nu); before its beginning the first command is held.
+    p (B, nu), u (B, K, nu) -> (B, K, nu); before its beginning the first command is held.
     """
-    out = u.copy()
+    delay, out = p["delay"], u.copy()
     for row, actuator in np.argwhere(delay > 0):
         whole, part = divmod(float(delay[row, actuator]) / dt, 1.0)
         line = u[row, :, actuator]

@@ -7,6 +7,7 @@ from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Phrase
 
 GRAVITY = 9.81  # m/s^2
+WHEELS_UNCHANGED = "wheel bodies and shapes are not modified in the MJCF"
 
 
 def slipping_rim(ops: Ops, p: Values, v: Array, a: Array) -> Array:
@@ -39,7 +40,7 @@ WHEEL_RADIUS = Effect(
     imitates=frozenset({"time", "speed"}),
     interchangeable="rim speed",
     phrase=Phrase("the effective wheel radius is {scale} of the modelled one", shares=("scale",)),
-    not_in_mjcf="wheel bodies and shapes are not modified in the MJCF",
+    not_in_mjcf=WHEELS_UNCHANGED,
 )
 
 WHEEL_RADIUS_MISMATCH = Effect(
@@ -52,7 +53,7 @@ WHEEL_RADIUS_MISMATCH = Effect(
     site="rolling",
     interchangeable="rim speed",
     phrase=Phrase("the radius of the right wheel is {ratio} of that of the left wheel", shares=("ratio",)),
-    not_in_mjcf="wheel bodies and shapes are not modified in the MJCF",
+    not_in_mjcf=WHEELS_UNCHANGED,
 )
 
 TRACK_WIDTH = Effect(
@@ -65,7 +66,7 @@ TRACK_WIDTH = Effect(
     site="rolling",
     unseen="the robot hardly turns",
     phrase=Phrase("the robot turns as if its track were {scale} times as wide"),
-    not_in_mjcf="wheel bodies and shapes are not modified in the MJCF",
+    not_in_mjcf=WHEELS_UNCHANGED,
 )
 
 LATERAL_SLIP = Effect(

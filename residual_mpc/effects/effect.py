@@ -123,7 +123,7 @@ class Effect:
     trim: Callable[[Any, Values, float], Any] | None = None  # (memory, p, dt): as much of the memory as p needs
     label: str = ""  # of its memory in the states of a step; default its name
     memory_unit: str = ""  # default the signal's
-    rounded: Callable[..., Array] | None = None  # (ops, p, u, width): the equation with its kink rounded off
+    rounded: Callable[..., Array] | None = None  # (ops, p, u, width), no memory: without its kink
     kink: Literal["none", "signal", "step"] = "none"  # what kinks: nothing, the signal, or the signal times dt
     stalls: tuple[str, ...] = ()  # parameters that make the slope with respect to the command zero
     undo: Callable[..., Any] | None = None

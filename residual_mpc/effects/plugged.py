@@ -43,4 +43,9 @@ def fault_of(effect: object) -> str:
         return f"its port must be {ports}, got {effect.port!r} on {effect.target!r}"
     if effect.step is None or (effect.port != "friction" and effect.start is None):
         return "it has no equation"
+    if effect.rounded is not None and effect.remembers:
+        return (
+            "it has a `rounded` equation, which takes no memory, and a `start` that gives one: leave `rounded` out, "
+            "or use `no_memory` as `start`"
+        )
     return "" if effect.parameters else "it has no parameter"

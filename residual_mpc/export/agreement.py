@@ -8,7 +8,7 @@ import numpy as np
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.augmented import Augmented, with_residual
 from residual_mpc.export.network import READS, remembered, residual_delta
-from residual_mpc.learning.forms.residual_robot import ResidualRobot
+from residual_mpc.learning.forms.residual_robot import residual_robot
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.protocol import Drive
 
@@ -111,7 +111,7 @@ def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> flo
     start = {c: np.full(rows, at[states.index(c)] if c in states else 0.0) for c in _start_channels(bare)}
     grid = max(1, round(dt / (bare.robot.step or dt)))  # the model's own steps within one of ours
     drive = Drive(dt / grid, 0, np.repeat(u, grid, axis=1), None, np.full(rows, model.build.clock))
-    source = bare.robot if learned is None else ResidualRobot(bare.robot, learned)
+    source = bare.robot if learned is None else residual_robot(bare.robot, learned)
     nodes = source.replay(start, drive, bare.settings.take(np.zeros(rows, dtype=int)), bare.stepped.poses)
     x = np.repeat(at[None], rows, axis=0)
     for k in range(lead):

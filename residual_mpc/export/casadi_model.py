@@ -10,9 +10,8 @@ from residual_mpc.effects.ops import casadi_ops
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.extras import extra
 
-# Inside a dead zone or play, or while a joint sticks, no small change of a command does anything: by the exact
-# derivatives an optimiser that linearises there waits for ever. Controllers take the slopes of the robot with these
-# numbers at 0.
+# Inside a dead zone or play, or while a joint sticks, a small change of a command has no effect: the exact derivatives
+# are 0 there, and an optimiser that linearises never moves. Controllers use the derivatives with these parameters at 0.
 STALLING = frozenset((effect.name, parameter) for effect in LIBRARY for parameter in effect.stalls)
 
 
@@ -21,7 +20,7 @@ class CasadiModel:
     """x (nx, 1), u (nu, 1), p (np, 1): SX symbols; step: x+ as an SX expression of them.
 
     f: casadi Function (x, u, p) -> x+, named "step"; stage: (x, u, p) -> x+, A = dx+/dx (nx, nx), B = dx+/du (nx, nu).
-    through: the same x+, with A and B of a robot without what swallows small commands, see `STALLING`.
+    through: the same x+, with A and B of a robot whose `STALLING` parameters are 0: no dead zone, play or dry friction.
     y: SX expression of x, and output: x -> y, C = dy/dx (ny, nx), where the robot tracks something else than its poses,
     else None. x_names, u_names, p_names, y_names say the order; p0 (np,) the values now.
     """
@@ -54,9 +53,9 @@ def casadi_model(model: Augmented) -> CasadiModel:
     f = ca.Function("step", [x, u, p], [new], names, ["x_next"])
     dense: list[Any] = [ca.densify(new), ca.densify(ca.jacobian(new, x)), ca.densify(ca.jacobian(new, u))]
     stage = ca.Function("stage", [x, u, p], dense, names, ["x_next", "A", "B"])
-    through, swallowing = stage, [(n.effect, n.parameter) in STALLING for n in model.stepped.numbers]
-    if any(swallowing):
-        numbers = ca.vertcat(*(0.0 if s else p[i] for i, s in enumerate(swallowing)), p[len(swallowing) :])
+    through, stalling = stage, [(n.effect, n.parameter) in STALLING for n in model.stepped.numbers]
+    if any(stalling):
+        numbers = ca.vertcat(*(0.0 if s else p[i] for i, s in enumerate(stalling)), p[len(stalling) :])
         through = ca.Function("through", [x, u, p], [dense[0], *stage(x, u, numbers)[1:]], names, ["x_next", "A", "B"])
     output, y = None, None
     if model.stepped.output is not None:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import fnmatch
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import cast
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.columns import GROUPS, PLANAR, SPECIAL, did_you_mean, group, is_measured, member
-from residual_mpc.models.actuators import Actuator, read_actuators
+from residual_mpc.logs.columns import group, is_measured, member
+from residual_mpc.models.actuators import Actuator
+from residual_mpc.models.robot_keys import Side, fields_of, text_of, wrong_value
 
-Side = Literal["motor", "link"]
 MODELS = (".xml", ".mjcf", ".urdf")  # MJCF and URDF, given in place of a robot file
 MERGED = ("parameters", "noise", "log", "actuators")  # a variant overrides single entries of these
 
@@ -97,7 +97,7 @@ def read_robot_file(path_or_name: str | Path) -> RobotFile:
         return RobotFile(path.stem, "mujoco", path.parent, path, source=str(path))
     document = _document(path)
     where = str(path)
-    values = _fields(document, path.parent, where)
+    values = fields_of(document, path.parent, where)
     tables = enumerate(_variants(document, where), start=1)
     variants = tuple(_variant(table, number, path.parent, where) for number, table in tables)
     if "plant" not in values:
@@ -174,22 +174,10 @@ def _document(path: Path) -> dict[str, object]:
         ) from fault
 
 
-def _fields(document: Mapping[str, object], folder: Path, where: str) -> dict[str, object]:
-    """The fields of `RobotFile` that a table of the file sets."""
-    values: dict[str, object] = {}
-    for key, value in document.items():
-        if key in ("variant", "runs"):
-            continue
-        if key not in READERS:
-            raise BadInput(f"unknown key {key!r}", where, did_you_mean(key, [*READERS, "variant"]))
-        values[FIELD.get(key, key)] = READERS[key](value, key, where, folder)
-    return values
-
-
 def _variants(document: Mapping[str, object], where: str) -> list[Mapping[str, object]]:
     variants = document.get("variant", [])
     if not isinstance(variants, list) or not all(isinstance(v, dict) for v in variants):
-        raise _wrong(variants, "a list of [[variant]] tables", "variant", where)
+        raise wrong_value(variants, "a list of [[variant]] tables", "variant", where)
     return variants
 
 
@@ -203,132 +191,4 @@ def _variant(table: Mapping[str, object], number: int, folder: Path, where: str)
         )
     if "variant" in table:
         raise BadInput("a [[variant]] must not contain another", where, "write one after the other")
-    return Variant(_text(table["runs"], "runs", where, folder), _fields(table, folder, where))
-
-
-def _wrong(value: object, wanted: str, key: str, where: str, remedy: str = "") -> BadInput:
-    text = repr(value)
-    text = text[:80] + "..." if len(text) > 80 else text
-    return BadInput(f"{key} must be {wanted}, got {text}", where, remedy)
-
-
-def _text(value: object, key: str, where: str, _: Path) -> str:
-    if not isinstance(value, str) or not value.strip() or not value.isprintable():
-        raise _wrong(value, "a string", key, where, f'write {key} = "..."')
-    return value
-
-
-def _path(value: object, key: str, where: str, folder: Path) -> Path:
-    path = folder / _text(value, key, where, folder)
-    try:
-        found = path.is_file()
-    except OSError:
-        found = False
-    if not found:
-        raise BadInput(
-            f"{key} = {value!r}: file {path} not found",
-            where,
-            f"paths are relative to the robot file's folder, {folder.resolve()}",
-        )
-    return path
-
-
-def _side(value: object, key: str, where: str, _: Path) -> Side:
-    if value not in get_args(Side):
-        raise _wrong(value, '"motor" or "link"', key, where)
-    return cast(Side, value)
-
-
-def _texts(value: object, key: str, where: str, folder: Path) -> tuple[str, ...]:
-    if not isinstance(value, list):
-        raise _wrong(value, "a list of strings", key, where, f'write {key} = ["..."]')
-    return tuple(_text(item, f"an item of {key}", where, folder) for item in value)
-
-
-def _entries(value: object, key: str, where: str) -> dict[str, object]:
-    """The entries of a table; `pose.x = 1`, which is a table within a table in TOML, is meant as "pose.x"."""
-    if not isinstance(value, dict):
-        raise _wrong(value, f"a table [{key}]", key, where)
-    flat: dict[str, object] = {}
-    for name, item in value.items():
-        leaves = {name: item}
-        if isinstance(item, dict):
-            leaves = {f"{name}.{inner}": leaf for inner, leaf in _entries(item, key, where).items()}
-        for full, leaf in leaves.items():
-            if full in flat:
-                raise BadInput(f"{full!r} appears twice in [{key}]", where, "remove one of the two")
-            flat[full] = leaf
-    return flat
-
-
-def _number(value: object, key: str, where: str, remedy: str = "") -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _wrong(value, "a number", key, where, remedy)
-    if not abs(value) < 1e300:  # also catches nan, inf and integers that no float can hold
-        raise _wrong(value, "a finite number", key, where, remedy)
-    return float(value)
-
-
-def _parameters(value: object, key: str, where: str, _: Path) -> dict[str, float]:
-    entries = _entries(value, key, where)
-    return {name: _number(item, f"{key}.{name}", where, _misplaced(name)) for name, item in entries.items()}
-
-
-def _noise(value: object, key: str, where: str, _: Path) -> dict[str, float]:
-    sigmas: dict[str, float] = {}
-    for name, item in _entries(value, key, where).items():
-        if not is_measured(name):
-            wanted = "names of measured channels, such as position.<joint> or pose.theta"
-            raise BadInput(f"names in [{key}] must be {wanted}, got {name!r}", where, _misplaced(name))
-        sigmas[name] = _number(item, f"{key}.{name}", where)
-        if sigmas[name] <= 0.0:
-            remedy = "remove the line to have the noise estimated from the runs"
-            raise _wrong(item, "a positive 1-sigma noise", f"{key}.{name}", where, remedy)
-    return sigmas
-
-
-def _actuators(value: object, key: str, where: str, _: Path) -> dict[str, Actuator]:
-    if not isinstance(value, dict):
-        raise _wrong(value, "a set of tables [actuator.<joint>]", key, where)
-    return read_actuators(value, where)
-
-
-def _log(value: object, key: str, where: str, folder: Path) -> dict[str, str]:
-    columns: dict[str, str] = {}
-    for name, item in _entries(value, key, where).items():
-        if group(name) is None and name not in SPECIAL:
-            remedy = _misplaced(name) or _log_remedy(name)
-            raise BadInput(f"{name!r} in [{key}] is not a name of the log format", where, remedy)
-        columns[name] = _text(item, f"{key}.{name}", where, folder)
-    return columns
-
-
-def _log_remedy(name: str) -> str:
-    head, _, tail = name.partition(".")
-    if head in ("pose", "twist"):
-        return did_you_mean(name, [f"{head}.{axis}" for axis in PLANAR])
-    if not tail:
-        return "names are t, run, command.<actuator>, position.<joint>, velocity.<joint>, pose.x and so on"
-    return did_you_mean(head, GROUPS)
-
-
-def _misplaced(name: str) -> str:
-    """In TOML a key below a [table] header belongs to that table, which is easily forgotten."""
-    return f"if this is the robot's key {name!r}, move it above the first [table]" if name in READERS else ""
-
-
-READERS: Mapping[str, Callable[[object, str, str, Path], object]] = {
-    "name": _text,
-    "plant": _text,
-    "model": _path,
-    "parameters": _parameters,
-    "noise": _noise,
-    "log": _log,
-    "payload_site": _text,
-    "pose_body": _text,
-    "servo_feedback": _side,
-    "position_sensor": _side,
-    "actuator": _actuators,
-    "tunable": _texts,
-}
-FIELD = {"actuator": "actuators"}  # of `RobotFile`, where its name is not the key's
+    return Variant(text_of(table["runs"], "runs", where, folder), fields_of(table, folder, where))

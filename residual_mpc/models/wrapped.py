@@ -1,19 +1,19 @@
 """A robot that predicts otherwise than another, and is like it in all else."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.models.protocol import Drive, Robot, State
+from residual_mpc.models.protocol import Drive, Merging, Robot, State
 from residual_mpc.models.settings import Settings
 
-Replay = Callable[[Mapping[str, np.ndarray], Drive, Settings, tuple[str, ...]], Mapping[str, np.ndarray]]
+Replay = Callable[[Robot, Mapping[str, np.ndarray], Drive, Settings, tuple[str, ...]], Mapping[str, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
 class Wrapped:
-    """`base` with another replay: replayed(start, drive, settings, wanted), see `Robot.replay`."""
+    """`base` with another replay: replayed(base, start, drive, settings, wanted), see `Robot.replay`."""
 
     base: Robot
     replayed: Replay
@@ -59,7 +59,15 @@ class Wrapped:
     def nominal(self) -> Mapping[str, float]:
         return self.base.nominal()
 
+    def merged(self, others: "Sequence[Robot]") -> "Wrapped | None":
+        """This robot and others as one, where all have the same replay and their bases can be merged."""
+        alike = [o.base for o in others if isinstance(o, Wrapped) and o.replayed is self.replayed]
+        if not isinstance(self.base, Merging) or len(alike) < len(others):
+            return None
+        whole = self.base.merged(alike)
+        return None if whole is None else Wrapped(whole, self.replayed)
+
     def replay(
         self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
     ) -> Mapping[str, np.ndarray]:
-        return self.replayed(start, drive, settings, wanted)
+        return self.replayed(self.base, start, drive, settings, wanted)

@@ -27,7 +27,7 @@ class ClosedLoop:
         return self.task.summary
 
     def run(self, options: RunOptions, progress: Progress) -> dict[str, Any]:
-        """The contract's `run` object, with the diagnosis that the controllers were given beside it."""
+        """The contract's `run` object, and with it the diagnosis that the controllers were built from."""
         import numpy as np
 
         from residual_mpc.closed_loop.compare import compare, document

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cart_plant import Cart
-from oracles.arms import FILTERED, MIXED, SERVOS, arm_xml, wheel_xml
+from oracles.arms import FILTERED, MIXED, SERVOS, arm_xml, random_drive, random_start, robot_of, wheel_xml
 
 from plants.diff_drive import DiffDrive
 from plants.mujoco_robot import build
@@ -23,6 +23,7 @@ from residual_mpc.models.contract.optional_members import check_optional
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile, read_robot_file
+from residual_mpc.models.settings import Settings
 from residual_mpc.models.wrapped import Wrapped
 
 XML = {
@@ -213,17 +214,36 @@ def test_a_breach_by_a_step_is_named(members: dict[str, Any], said: str) -> None
     assert said in str(broken.value)
 
 
+def as_it_is(base: Robot, *arguments: Any) -> Mapping[str, np.ndarray]:
+    return base.replay(*arguments)
+
+
 def test_a_wrapped_robot_is_described_by_its_base(tmp_path: Path) -> None:
     """Its joints, limits and rest are those of the robot whose replay it replaces."""
     path = tmp_path / "robot.xml"
     path.write_text(XML["servos"])
     base = build(RobotFile("robot", "mujoco", model=path))
-    robot = Wrapped(Wrapped(base, base.replay), base.replay)
+    robot = Wrapped(Wrapped(base, as_it_is), as_it_is)
     assert optional.actuator_joints(robot) == base.actuator_joints
     assert optional.joints(robot) == base.joints == ("j1", "j2")
     assert optional.limits(robot) == base.limits != {}
     assert optional.command_limits(robot) == base.command_limits != {}
     assert optional.rest(robot) == base.rest != {}
+
+
+def test_robots_that_are_wrapped_alike_are_merged_as_their_bases_are(tmp_path: Path) -> None:
+    one, other = robot_of(tmp_path, arm_xml()), robot_of(tmp_path, arm_xml().replace('kp="20"', 'kp="35"'))
+    whole = Wrapped(one, as_it_is).merged([Wrapped(other, as_it_is)])
+    assert whole is not None
+    drive, start = random_drive(one, 2, 100), random_start(one, 2)
+    both = whole.replay(start, replace(drive, setting=np.array([0, 1])), Settings(2), ("position.j1",))
+    for row, robot in enumerate((one, other)):
+        alone = robot.replay(start, drive, Settings(2), ("position.j1",))
+        np.testing.assert_array_equal(both["position.j1"][row], alone["position.j1"][row])
+    assert Wrapped(one, as_it_is).merged([Wrapped(other, lambda base, *a: base.replay(*a))]) is None
+    assert Wrapped(one, as_it_is).merged([other]) is None
+    rover = Wrapped(DiffDrive("rover", 0.033, 0.16), as_it_is)
+    assert rover.merged([rover]) is None
 
 
 def test_the_page_lists_every_member() -> None:

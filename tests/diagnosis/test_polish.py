@@ -11,9 +11,10 @@ from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import gap_of, measure_scales, window_trust
 from residual_mpc.diagnosis.data.settings import DataSettings
-from residual_mpc.diagnosis.fit.least_squares import elsewhere, fit_all, possible
+from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.polish import polish
 from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.fit.start_values import elsewhere, possible
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.causes import sigmas

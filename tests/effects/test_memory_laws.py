@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from residual_mpc.effects.actuator import (
     backlash_start,
     backlash_step,
+    lag_sequence,
     lag_start,
     lag_step,
-    lagged_sequence,
     sag_step,
     saturation_step,
 )
@@ -20,9 +20,9 @@ from residual_mpc.effects.chain import command_chain
 from residual_mpc.effects.command import (
     LONGEST_DELAY,
     dead_zone_step,
+    delay_sequence,
     delay_start,
     delay_step,
-    delayed_sequence,
 )
 from residual_mpc.effects.ops import NUMPY
 
@@ -42,25 +42,26 @@ def stepped_delay(delay: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
 def test_a_whole_sequence_is_delayed_as_step_by_step(dt: float) -> None:
     u = RNG.standard_normal((4, 120, 2))
     delay = np.array([[0.0, 0.05], [0.0173, LONGEST_DELAY], [dt, 3 * dt], [0.2999, 1e-9]])
-    np.testing.assert_allclose(delayed_sequence(delay, u, dt), stepped_delay(delay, u, dt), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(delay_sequence({"delay": delay}, u, dt), stepped_delay(delay, u, dt), rtol=0, atol=1e-12)
 
 
 def test_a_delay_of_whole_steps_shifts() -> None:
     u = RNG.standard_normal((1, 50, 1))
-    out = delayed_sequence(np.array([[0.07]]), u, 0.01)[0, :, 0]
+    out = delay_sequence({"delay": np.array([[0.07]])}, u, 0.01)[0, :, 0]
     np.testing.assert_allclose(out[7:], u[0, :-7, 0], atol=1e-12)
     np.testing.assert_allclose(out[:7], u[0, 0, 0], atol=1e-12)  # the first command, held before its time
 
 
 def test_a_ramp_is_late_by_the_delay() -> None:
     t = 0.01 * np.arange(100)
-    out = delayed_sequence(np.array([[0.1234]]), t[None, :, None], 0.01)[0, :, 0]
+    out = delay_sequence({"delay": np.array([[0.1234]])}, t[None, :, None], 0.01)[0, :, 0]
     np.testing.assert_allclose(out[20:], t[20:] - 0.1234, atol=1e-12)
 
 
 def test_a_delay_longer_than_the_sequence_shows_its_beginning_alone() -> None:
     u = RNG.standard_normal((1, 10, 1))
-    np.testing.assert_array_equal(delayed_sequence(np.array([[0.25]]), u, 0.01), np.full((1, 10, 1), u[0, 0, 0]))
+    out = delay_sequence({"delay": np.array([[0.25]])}, u, 0.01)
+    np.testing.assert_array_equal(out, np.full((1, 10, 1), u[0, 0, 0]))
 
 
 @pytest.mark.parametrize("tau", [0.004, 0.05, 0.6])
@@ -167,9 +168,10 @@ def test_the_chain_is_delay_then_dead_zone_then_lag() -> None:
 
 
 def test_the_lag_of_a_sequence_is_that_of_its_steps() -> None:
-    tau, u, dt = np.array([[0.0, 0.05], [0.2, 0.05], [1e-5, 0.0]]), RNG.normal(size=(3, 50, 2)), 0.01
-    memory = lag_start(NUMPY, {"time_constant": tau}, u[:, 0], dt)
+    p = {"time_constant": np.array([[0.0, 0.05], [0.2, 0.05], [1e-5, 0.0]])}
+    u, dt = RNG.normal(size=(3, 50, 2)), 0.01
+    memory = lag_start(NUMPY, p, u[:, 0], dt)
     expected = np.empty_like(u)
     for k in range(u.shape[1]):
-        expected[:, k], memory = lag_step(NUMPY, {"time_constant": tau}, memory, u[:, k], dt)
-    assert lagged_sequence(tau, u, dt) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+        expected[:, k], memory = lag_step(NUMPY, p, memory, u[:, k], dt)
+    assert lag_sequence(p, u, dt) == pytest.approx(expected, rel=1e-9, abs=1e-12)

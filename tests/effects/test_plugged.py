@@ -163,6 +163,14 @@ def _bad(step: object, **change: object) -> Effect:
             "does not run in CasADi",
         ),
         (_bad(lambda ops, p, m, u, dt: (u, m), parameters=()), "it has no parameter"),
+        (
+            _bad(
+                lambda ops, p, m, u, dt: (u - p["softness"] * m, u),
+                start=lambda ops, p, u, dt: u,
+                rounded=lambda ops, p, u, width: u,
+            ),
+            "`rounded` equation, which takes no memory",
+        ),
     ],
 )
 def test_what_breaks_the_contract_is_said(effect: Effect, words: str) -> None:

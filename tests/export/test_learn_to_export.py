@@ -14,7 +14,7 @@ from oracles.rover_log import ROBOT, rover_run, write_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.cli.main import main
-from residual_mpc.learning.forms.residual_robot import ResidualRobot
+from residual_mpc.learning.forms.residual_robot import residual_robot
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.model_file import model_in, read_written
 from residual_mpc.models.protocol import Drive
@@ -68,7 +68,7 @@ def test_the_exported_step_drives_as_the_replay_does_inside_the_limit_and_beyond
         u[:, :lead] = 0.0
         drive = Drive(r.step, lead, u, None, np.zeros(1))
         start = {c: np.zeros(1) for c in ("pose.x", "pose.y", "pose.theta")}
-        nodes = ResidualRobot(rover, r).replay(start, drive, settings, tuple(start))
+        nodes = residual_robot(rover, r).replay(start, drive, settings, tuple(start))
         without = rover.replay(start, drive, settings, tuple(start))
         x, apart, matters = np.array(said["rest"]), 0.0, 0.0
         for k in range(lead):

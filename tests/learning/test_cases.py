@@ -10,7 +10,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.cases import add_residuals, check_compatible, sum_residuals
 from residual_mpc.learning.forms.registry import form_named
-from residual_mpc.learning.forms.residual_robot import ResidualRobot, with_residual
+from residual_mpc.learning.forms.residual_robot import residual_robot, with_residual
 from residual_mpc.learning.h2 import summary
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
@@ -44,11 +44,11 @@ POSE = tuple(START)
 
 @pytest.mark.parametrize("form", ["body", "paper"])
 def test_a_corrected_wheeled_robot_is_a_robot(form):
-    check_robot(ResidualRobot(ROVER, residual(ROVER, form)), np.random.default_rng(0), 3.0)
+    check_robot(residual_robot(ROVER, residual(ROVER, form)), np.random.default_rng(0), 3.0)
 
 
 def test_a_corrected_joint_robot_is_a_robot():
-    robot = ResidualRobot(CART, residual(CART, "joint"))
+    robot = residual_robot(CART, residual(CART, "joint"))
     check_robot(robot, np.random.default_rng(0))
     assert optional.actuator_joints(robot) == ("rail",), "what it does not say itself, the robot that it corrects does"
 
@@ -66,15 +66,15 @@ def test_only_the_first_of_a_joint_robots_steps_begins_anew():
     r = residual(robot, "joint")
     one = Drive(0.01, 60, np.zeros((1, 160, len(robot.actuators))), None, np.zeros(1))
     states = [c for s in robot.states for c in (s.position, s.velocity)]
-    ResidualRobot(robot, r).replay({c: np.zeros(1) for c in states if c}, one, Settings(1), (states[0],))
+    residual_robot(robot, r).replay({c: np.zeros(1) for c in states if c}, one, Settings(1), (states[0],))
     assert seen == [False] + [True] * 19
 
 
 @pytest.mark.parametrize("form", ["body", "paper"])
 def test_a_residual_of_nothing_changes_nothing_but_rounding(form):
     r = residual(ROVER, form)
-    quiet = ResidualRobot(ROVER, r.with_theta(np.zeros(r.net.size)))
-    off = ResidualRobot(ROVER, r.without(r.outputs))
+    quiet = residual_robot(ROVER, r.with_theta(np.zeros(r.net.size)))
+    off = residual_robot(ROVER, r.without(r.outputs))
     wanted = ROVER.replay(START, drive(), Settings(2), POSE)
     for c in POSE:
         np.testing.assert_allclose(quiet.replay(START, drive(), Settings(2), POSE)[c], wanted[c], atol=1e-12)
@@ -82,14 +82,14 @@ def test_a_residual_of_nothing_changes_nothing_but_rounding(form):
 
 
 def test_the_body_form_is_the_same_in_every_heading():
-    robot = ResidualRobot(ROVER, residual(ROVER, "body"))
+    robot = residual_robot(ROVER, residual(ROVER, "body"))
     turn = 1.1
     a = robot.replay(START, drive(), Settings(2), POSE)
     turned = {**START, "pose.theta": START["pose.theta"] + turn}
     b = robot.replay(turned, drive(), Settings(2), POSE)
     ax, ay = a["pose.x"] - a["pose.x"][:, :1], a["pose.y"] - a["pose.y"][:, :1]
     np.testing.assert_allclose(b["pose.x"] - b["pose.x"][:, :1], np.cos(turn) * ax - np.sin(turn) * ay, atol=1e-12)
-    paper = ResidualRobot(ROVER, residual(ROVER, "paper"))
+    paper = residual_robot(ROVER, residual(ROVER, "paper"))
     a, b = (paper.replay(s, drive(), Settings(2), POSE) for s in (START, turned))
     assert np.abs((b["pose.theta"] - a["pose.theta"]) - turn).max() > 1e-4
 

@@ -24,7 +24,7 @@ from oracles.arms import (
 )
 
 from plants.mujoco_robot.simulation import replay as module
-from residual_mpc.effects.command import delayed_sequence
+from residual_mpc.effects.command import delay_sequence
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
@@ -131,7 +131,7 @@ def test_a_command_delay_is_a_late_control(tmp_path: Path) -> None:
     came = dict(
         robot.replay(start, drive, settings_of(robot, *[{("command_delay", "j1", "delay"): 0.0531}] * ROWS), CHANNELS)
     )
-    late = delayed_sequence(np.array([[0.0531, 0.0]] * ROWS), drive.command, drive.dt)
+    late = delay_sequence({"delay": np.array([[0.0531, 0.0]] * ROWS)}, drive.command, drive.dt)
     for row in range(ROWS):
         agree(came, row, *literal(robot.model, start, late[row, drive.lead :], row)[:2])
 

@@ -21,7 +21,7 @@ from plants.scaler_arm.kinematics.rotation import Vector, cross
 from residual_mpc.effects.chain import Chain, chain_of, scaled
 from residual_mpc.effects.effect import Site
 from residual_mpc.effects.library import BY_NAME, ORDER, changes, present
-from residual_mpc.effects.ops import NUMPY, Array, Ops
+from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Settings
 from residual_mpc.models.stepping import Correction, Kinks, Number, StepOptions, Stepped
@@ -288,11 +288,3 @@ def _along(arm: Arm) -> dict[str, Triple]:
 def _unit(state: str) -> str:
     kind = state.partition(".")[0]
     return UNIT.get(kind) or next((e.memory_unit for e in BY_NAME.values() if e.label == kind and e.memory_unit), "rad")
-
-
-def numpy_output(arm: Arm, q: np.ndarray) -> np.ndarray:
-    """(..., 6) tool point and turn of the gripper at motor angles q (..., 6)."""
-    nothing = Chain((), MOTORS, 1.0, {})
-    step = ArmStep(arm, 1.0, (), nothing, nothing, StepOptions(1.0), {}, {}, ())
-    found = step.output(NUMPY, [*np.moveaxis(q, -1, 0)])
-    return np.stack([np.broadcast_to(v, q.shape[:-1]) for v in found], axis=-1)

@@ -4,7 +4,7 @@ from math import atan2, hypot
 
 import numpy as np
 
-from plants.scaler_arm.kinematics.five_bar import meet, meeting_sine
+from plants.scaler_arm.kinematics.five_bar import meet
 from plants.scaler_arm.kinematics.forward import Chain, chain, forward_kinematics
 from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER, Arm
 from plants.scaler_arm.kinematics.rotation import Rotation, Vector, after, apply, minus, transposed
@@ -87,13 +87,6 @@ class Unreachable(BadInput):
             "inverse kinematics",
             "move the motion towards the centre of the workspace, or reduce its size",
         )
-
-
-def reach_margin(arm: Chain, tool: Vector, frame: Rotation) -> Array:
-    """Squared sine at the elbow of link f: 0 where the arm is stretched, below 0 out of reach (numpy)."""
-    centre = minus(tool, apply(after(frame, transposed(arm.gripper)), arm.tool))
-    pivot = (arm.bar.pivot_f[0], arm.bar.pivot_f[1])
-    return meeting_sine(_in_plane(NUMPY, centre), pivot, _reach(arm), arm.bar.crank_f)
 
 
 def _reach(arm: Chain) -> float:

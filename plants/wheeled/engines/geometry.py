@@ -80,7 +80,7 @@ def wheel_inertia(wheel: Wheel) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Slips:
-    """Spots on the floor without grip: each wheel meets `rate` of them a second, each `seconds` long."""
+    """Slippery patches on the floor: each wheel meets `rate` of them a second, each `seconds` long."""
 
     rate: float = 0.0  # 1/s, while the robot moves or not
     seconds: float = 0.3

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
@@ -287,36 +288,6 @@ def _finish(run: _Run) -> Fit:
     terms = tuple(dict.fromkeys(k.term for k in run.knobs if k.effect != TUNE))
     held = (run.x <= run.low + 1e-9) | (run.x >= run.high - 1e-9)
     return Fit(terms, run.knobs, run.values(run.x), run.scale, run.cost, run.r, run.jacobian, held, run.fresh)
-
-
-def elsewhere(problem: Problem, start: Values, settings: FitSettings) -> Values | None:
-    """Another place to start from: every effect's number moved by a few typical steps, away from its null in turn
-    with towards it, and turned back at a bound; None where there is no effect."""
-    moved = dict(start)
-    sign = 1.0
-    for knob, value in start.items():
-        if knob.effect == TUNE:
-            continue
-        low, high = problem.space.bounds(knob)
-        step = settings.least_squares.elsewhere * problem.space.scale(knob)
-        parameter = BY_NAME[knob.effect].parameter(knob.parameter)
-        if parameter.null == 1.0 or not np.isfinite(parameter.null):
-            step = min(step, 0.3 * abs(value))  # a ratio or a limit keeps its order of magnitude
-        target = value + sign * step
-        if not low <= target <= high:
-            target = value - sign * step
-        moved[knob] = float(np.clip(target, low, high))
-        sign = -sign
-    return None if moved == dict(start) else moved
-
-
-def possible(values: Values) -> bool:
-    """Whether every term has values that its effect can physically have."""
-    for term in {k.term for k in values if k.effect != TUNE}:
-        check = BY_NAME[term.effect].sensible
-        if check is not None and not check({k.parameter: v for k, v in values.items() if k.term == term}):
-            return False
-    return True
 
 
 def on_problem(problem: Problem, fit: Fit, settings: FitSettings) -> Fit:

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit.least_squares import Fit, elsewhere, fit_all
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.fit.start_values import elsewhere
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.models.settings import Knob, Values
 

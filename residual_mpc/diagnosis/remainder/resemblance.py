@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.subsampling import evenly
-from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, possible
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
+from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.remainder.records import Resemblance
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings

@@ -5,7 +5,8 @@ from typing import TypeVar
 import numpy as np
 
 from residual_mpc.diagnosis.fit.evidence import dispersion
-from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem, possible
+from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
+from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.screen import (

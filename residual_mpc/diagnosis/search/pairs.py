@@ -9,7 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from residual_mpc.diagnosis.fit.evidence import dispersion
-from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, possible
+from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all
+from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.search.additions import closer, compatible, distinct, mixed
 from residual_mpc.diagnosis.search.screen import drawn, gap_weights, smaller

@@ -5,17 +5,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import Scales, per_window
-from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem, possible
+from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
+from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
-from residual_mpc.diagnosis.search.additions import NONE, closer, compatible
-from residual_mpc.diagnosis.search.screen import glance, smaller
+from residual_mpc.diagnosis.search.additions import NONE, closer
+from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
 from residual_mpc.diagnosis.search.stepwise import Found, without
-from residual_mpc.effects.equivalents import together
-from residual_mpc.effects.library import BY_NAME, ORDER
-from residual_mpc.models.settings import TUNE, Knob, Term, Values
+from residual_mpc.effects.library import ORDER
+from residual_mpc.models.settings import TUNE, Term, Values
 
 
 @dataclass(frozen=True)
@@ -142,77 +143,15 @@ def _replacements(
     for t in gone:
         values = without(values, t)
     rest = fit_all(problem, [values], 4, near=[fit], fresh=[NONE], settings=settings.fit)[0]
-    kept = rest.terms
-    candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
-    starts = _on_all(problem, rest, fit, gone, candidates)
-    if len(gone) == 1:
-        starts = _elsewhere(problem, rest, fit, gone[0], candidates, settings=settings)
-        seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
-        most = tuned.looked_at + len(starts)
-        leads = glance(problem, rest, candidates, settings=settings)
-        own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
-        for lead in leads:
-            if lead.term not in seen and len(starts) < most and lead.gain > tuned.resembles * own:
-                seen.add(lead.term)
-                starts.append({**rest.values, **lead.start})
-        starts += _as_pair(problem, rest, fit, gone[0], candidates)
-    elif (word := _interchangeable(gone)) is not None:
-        rims = [c for c in candidates if BY_NAME[c.effect].interchangeable == word and c not in gone]
-        for i, a in enumerate(rims):
-            starts += [
-                {**rest.values, **problem.space.probes(a)[-1], **problem.space.probes(b)[-1]}
-                for b in rims[i + 1 :]
-                if compatible(b, (*kept, a))
-            ]
+    starts = stand_ins(problem, rest, fit, gone, settings=settings)
     out = []
     for other in (f for f in _fits(problem, rest, fit, starts, phi, settings=settings) if possible(f.values)):
-        came = tuple(t for t in other.terms if t not in kept)
+        came = tuple(t for t in other.terms if t not in rest.terms)
         difference = other.cost - fit.cost
         ratio = difference / phi + tuned.per_knob * (len(other.knobs) - len(fit.knobs))
         alike = ratio < settings.steps.alike and difference < tuned.parallel * (rest.cost - fit.cost)
         out.append(Rival(gone, came, other, ratio, alike))
     return out
-
-
-def _on_all(
-    problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], candidates: tuple[Term, ...]
-) -> list[Values]:
-    """One effect on several targets as the same on all of them, with the middle of the numbers that were found."""
-    all_alike = Term(gone[0].effect, None)
-    if len(gone) < 2 or len({t.effect for t in gone}) > 1 or all_alike not in candidates:
-        return []
-    found = [{k.parameter: v for k, v in fit.values.items() if k.term == t} for t in gone]
-    middle = {Knob(all_alike.effect, None, name): float(np.median([f[name] for f in found])) for name in found[0]}
-    return [_with(problem, rest, middle)]
-
-
-def _as_pair(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
-    """An effect on one target as the several effects that do the same together, where there are such."""
-    numbers = {k.parameter: v for k, v in fit.values.items() if k.term == gone}
-    found: Values = {Knob(*knob): v for knob, v in together(gone.effect, gone.target, numbers).items()}
-    return [_with(problem, rest, found)] if found and all(k.term in candidates for k in found) else []
-
-
-def _with(problem: Problem, rest: Fit, found: Values) -> Values:
-    """The rest of a set, and numbers of another term as far as its bounds let them."""
-    return {**rest.values, **{k: float(np.clip(v, *problem.space.bounds(k))) for k, v in found.items()}}
-
-
-def _elsewhere(
-    problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...], settings: SearchSettings
-) -> list[Values]:
-    """The same effect with the numbers that were found, on one target alone in place of all (the two that do best), or
-    on all in place of one: a probe need not come near what another target's fit has found."""
-    others = [t for t in candidates if t.effect == gone.effect and (t.target is None) != (gone.target is None)]
-    starts: list[Values] = []
-    for t in others:
-        found = {Knob(t.effect, t.target, k.parameter): v for k, v in fit.values.items() if k.term == gone}
-        starts.append(_with(problem, rest, found))
-    if len(starts) > settings.rivals.best:
-        small, _ = smaller(problem, rest, settings=settings)
-        costs = np.einsum("hwn,hwn->h", r := small.residuals(starts), r)
-        starts = [starts[i] for i in np.argsort(costs)[: settings.rivals.best]]
-    return starts
 
 
 def _fits(
@@ -247,14 +186,7 @@ def _fits(
 
 
 def _rim_pairs(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
-    return [(a, b) for i, a in enumerate(terms) for b in terms[i + 1 :] if _interchangeable((a, b)) is not None]
-
-
-def _interchangeable(terms: tuple[Term, ...]) -> str | None:
-    """What these effects do alike, so that a pair of them does what another pair does; None where they do not. Without
-    encoders gains, radius and mismatch scale the same two rims."""
-    words = {BY_NAME[t.effect].interchangeable for t in terms}
-    return words.pop() or None if len(words) == 1 else None
+    return [(a, b) for i, a in enumerate(terms) for b in terms[i + 1 :] if interchangeable((a, b)) is not None]
 
 
 def _on_targets(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:

@@ -7,8 +7,9 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
-from residual_mpc.diagnosis.fit.least_squares import Fit, Race, elsewhere, fit_all
+from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying
+from residual_mpc.diagnosis.fit.start_values import elsewhere
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge

@@ -189,10 +189,10 @@ def _recorded(
     """
     delta, rolled = sum_of_outputs((*problem.fixed, learned)), list[FormRollout]()
 
-    def replay(
-        start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    def replayed(
+        robot: Robot, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
     ) -> Mapping[str, np.ndarray]:
-        rolled.append(problem.form.roll(base, delta, learned.step, start, drive, settings, wanted, push))
+        rolled.append(problem.form.roll(robot, delta, learned.step, start, drive, settings, wanted, push))
         return rolled[-1].nodes
 
-    return Wrapped(base, replay), rolled
+    return Wrapped(base, replayed), rolled

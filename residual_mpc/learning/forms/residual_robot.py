@@ -1,86 +1,20 @@
 """A robot with a learned residual, as a robot: replayed, measured and diagnosed like any other."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.learning.forms.form import Form
 from residual_mpc.learning.forms.registry import form_named
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.models.protocol import Drive, Merging, Robot, State
+from residual_mpc.models.protocol import Drive, Robot
 from residual_mpc.models.settings import Settings
+from residual_mpc.models.wrapped import Replay, Wrapped
 
 
-@dataclass(frozen=True, eq=False)
-class ResidualRobot:
+def residual_robot(base: Robot, residual: Residual) -> Wrapped:
     """`base` plus `residual`: Real-to-Sim's corrected simulator where base is one. Effects act on the base."""
-
-    base: Robot
-    residual: Residual
-
-    @cached_property
-    def form(self) -> Form:
-        return form_named(self.residual.form)
-
-    @property
-    def name(self) -> str:
-        return self.base.name
-
-    @property
-    def actuators(self) -> tuple[str, ...]:
-        return self.base.actuators
-
-    @property
-    def command_kinds(self) -> tuple[str, ...]:
-        return self.base.command_kinds
-
-    @property
-    def wraps(self) -> Robot:
-        """See residual_mpc.models.optional.Wrapping."""
-        return self.base
-
-    @property
-    def states(self) -> tuple[State, ...]:
-        return self.base.states
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return self.base.channels
-
-    @property
-    def step(self) -> float | None:
-        return self.base.step
-
-    def slots(self, effect: str) -> tuple[str, ...]:
-        return self.base.slots(effect)
-
-    def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
-        return self.base.bounds(effect, parameter, slot)
-
-    def reference(self, kind: str, slot: str | None) -> float:
-        return self.base.reference(kind, slot)
-
-    def nominal(self) -> Mapping[str, float]:
-        return self.base.nominal()
-
-    def merged(self, others: "Sequence[Any]") -> "ResidualRobot | None":
-        """This robot and others as one, where their bases can be and the residual is the same."""
-        if not isinstance(self.base, Merging) or any(o.residual is not self.residual for o in others):
-            return None
-        whole = self.base.merged([o.base for o in others])
-        return None if whole is None else ResidualRobot(whole, self.residual)
-
-    def replay(
-        self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
-    ) -> Mapping[str, np.ndarray]:
-        if not self.residual.output_scale.any():
-            return self.base.replay(start, drive, settings, wanted)
-        step = self.residual.step
-        return self.form.roll(self.base, self.residual, step, start, drive, settings, wanted).nodes
+    return Wrapped(base, _corrected(residual))
 
 
 def with_residual(robots: Sequence[Robot], residual: Residual, source: str = "") -> list[Robot]:
@@ -109,5 +43,20 @@ def with_residual(robots: Sequence[Robot], residual: Residual, source: str = "")
                 source,
                 f"the residual was learned on {residual.robot}: give that robot's file",
             )
-    made = {id(r): ResidualRobot(r, residual) for r in robots}
+    corrected = _corrected(residual)  # the same for all, so that robots which can be merged stay so
+    made = {id(r): Wrapped(r, corrected) for r in robots}
     return [made[id(r)] for r in robots]
+
+
+def _corrected(residual: Residual) -> Replay:
+    """The replay of a robot with the residual."""
+    form = form_named(residual.form)
+
+    def replayed(
+        base: Robot, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]
+    ) -> Mapping[str, np.ndarray]:
+        if not residual.output_scale.any():
+            return base.replay(start, drive, settings, wanted)
+        return form.roll(base, residual, residual.step, start, drive, settings, wanted).nodes
+
+    return replayed

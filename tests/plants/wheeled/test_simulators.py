@@ -149,7 +149,7 @@ def test_the_same_seed_gives_the_same_run(make):
         return record(simulator, drive, Recording(2.0, 0.02, {}), np.random.default_rng(seed)).to_numpy()
 
     assert np.array_equal(run(1), run(1))
-    assert not np.array_equal(run(1), run(2))  # the spots without grip lie elsewhere
+    assert not np.array_equal(run(1), run(2))  # the slippery patches lie elsewhere
 
 
 @ENGINES

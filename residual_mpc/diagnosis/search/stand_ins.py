@@ -1,0 +1,87 @@
+"""What may stand in for a member of a set, as values that a fit starts from."""
+
+import numpy as np
+
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.search.additions import compatible
+from residual_mpc.diagnosis.search.screen import glance, smaller
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.effects.equivalents import together
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import Knob, Term, Values
+
+
+def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], settings: SearchSettings) -> list[Values]:
+    """What may stand in for the terms that are gone, with the values of the rest. rest: fit without them."""
+    tuned, kept = settings.rivals, rest.terms
+    candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
+    starts = _on_all(problem, rest, fit, gone, candidates)
+    if len(gone) == 1:
+        starts = _on_other_targets(problem, rest, fit, gone[0], candidates, settings=settings)
+        seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
+        most = tuned.looked_at + len(starts)
+        leads = glance(problem, rest, candidates, settings=settings)
+        own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
+        for lead in leads:
+            if lead.term not in seen and len(starts) < most and lead.gain > tuned.resembles * own:
+                seen.add(lead.term)
+                starts.append({**rest.values, **lead.start})
+        starts += _as_pair(problem, rest, fit, gone[0], candidates)
+    elif (word := interchangeable(gone)) is not None:
+        rims = [c for c in candidates if BY_NAME[c.effect].interchangeable == word and c not in gone]
+        for i, a in enumerate(rims):
+            starts += [
+                {**rest.values, **problem.space.probes(a)[-1], **problem.space.probes(b)[-1]}
+                for b in rims[i + 1 :]
+                if compatible(b, (*kept, a))
+            ]
+    return starts
+
+
+def interchangeable(terms: tuple[Term, ...]) -> str | None:
+    """What these effects do alike, so that a pair of them does what another pair does; None where they do not. Without
+    encoders gains, radius and mismatch scale the same two rims."""
+    words = {BY_NAME[t.effect].interchangeable for t in terms}
+    return words.pop() or None if len(words) == 1 else None
+
+
+def _on_all(
+    problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], candidates: tuple[Term, ...]
+) -> list[Values]:
+    """One effect on several targets as the same on all of them, with the middle of the numbers that were found."""
+    all_alike = Term(gone[0].effect, None)
+    if len(gone) < 2 or len({t.effect for t in gone}) > 1 or all_alike not in candidates:
+        return []
+    found = [{k.parameter: v for k, v in fit.values.items() if k.term == t} for t in gone]
+    middle = {Knob(all_alike.effect, None, name): float(np.median([f[name] for f in found])) for name in found[0]}
+    return [_with(problem, rest, middle)]
+
+
+def _as_pair(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
+    """An effect on one target as the several effects that do the same together, where there are such."""
+    numbers = {k.parameter: v for k, v in fit.values.items() if k.term == gone}
+    found: Values = {Knob(*knob): v for knob, v in together(gone.effect, gone.target, numbers).items()}
+    return [_with(problem, rest, found)] if found and all(k.term in candidates for k in found) else []
+
+
+def _on_other_targets(
+    problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...], settings: SearchSettings
+) -> list[Values]:
+    """The same effect with the numbers that were found, on one target alone in place of all (the two that do best), or
+    on all in place of one: a probe need not come near what another target's fit has found."""
+    others = [t for t in candidates if t.effect == gone.effect and (t.target is None) != (gone.target is None)]
+    starts: list[Values] = []
+    for t in others:
+        found = {Knob(t.effect, t.target, k.parameter): v for k, v in fit.values.items() if k.term == gone}
+        starts.append(_with(problem, rest, found))
+    if len(starts) > settings.rivals.best:
+        small, _ = smaller(problem, rest, settings=settings)
+        costs = np.einsum("hwn,hwn->h", r := small.residuals(starts), r)
+        starts = [starts[i] for i in np.argsort(costs)[: settings.rivals.best]]
+    return starts
+
+
+def _with(problem: Problem, rest: Fit, found: Values) -> Values:
+    """The rest of a set, and numbers of another term as far as its bounds let them."""
+    return {**rest.values, **{k: float(np.clip(v, *problem.space.bounds(k))) for k, v in found.items()}}
