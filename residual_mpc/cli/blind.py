@@ -187,15 +187,13 @@ def score(
     if as_json:
         emit({"score": first})
         return
-    from residual_mpc.blind.score.page import figures, settled
+    from residual_mpc.blind.score.page import text
 
     names = [s.method for s in scores.summaries]
     if len(names) > 1:
         click.echo("methods: " + ", ".join(names))
-    for figure, cells in figures(scores):
-        click.echo(f"{figure:<52} " + "   ".join(cells))
-    for figure, cell in settled(scores):
-        click.echo(f"{figure:<52} {cell}")
+    for line in text(scores):
+        click.echo(line)
 
 
 def _methods(given: tuple[str, ...]) -> dict[str, Path]:
