@@ -40,7 +40,8 @@ def confusion(outcomes: Sequence[Outcome]) -> Confusion:
     pairs = [pair for o in outcomes for pair in _pairs(o)]
     planted, named = {a for a, _ in pairs}, {b for _, b in pairs}
     rows = sorted(planted, key=_last)
-    columns = [*(r for r in rows if r in named), *sorted(named - planted, key=_last)]
+    own = [r for r in rows if not r.startswith("(")]
+    columns = [*own, *sorted(named - set(own), key=_last)]
     counts = np.zeros((len(rows), len(columns)))
     for a, b in pairs:
         counts[rows.index(a), columns.index(b)] += 1

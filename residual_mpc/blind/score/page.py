@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from residual_mpc.blind.score import plots, tables
+from residual_mpc.blind.score import explained, plots, tables
 from residual_mpc.blind.score.calibration import calibration_error
 from residual_mpc.blind.score.confusion import confusion
 from residual_mpc.blind.score.score import Scores
@@ -32,6 +32,10 @@ def write_page(scores: Scores, path: Path) -> None:
             reliability=plots.reliability_plot(first),
             shrink=plots.shrink_plot(first),
             settled=settled(scores),
+            wrong=tables.answers([o for o in first.outcomes if not o.match.right]),
+            inexact=tables.answers([o for o in first.outcomes if o.match.right and not o.strict.exact]),
+            explained=explained.table(scores.explained) if scores.explained else None,
+            faults=[(n, kind, explained.MEANING[kind]) for kind, n in explained.faults(scores.explained).items()],
             confusion=plots.confusion_plot(confusion(first.outcomes)),
             percent=percent,
             strict=first.strict.every,

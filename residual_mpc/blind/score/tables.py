@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from residual_mpc.blind.score.calibration import calibration_error
+from residual_mpc.blind.score.claim import Name
+from residual_mpc.blind.score.outcome import Outcome
 from residual_mpc.blind.score.rates import Rate, rate
 from residual_mpc.blind.score.strict import SURE
 from residual_mpc.blind.score.strict_figures import StrictFigures
@@ -109,6 +111,27 @@ def gaps(summaries: Sequence[Summary]) -> Table:
             )
         )  # fmt: skip
     return Table(columns, tuple(rows))
+
+
+def answers(outcomes: Sequence[Outcome]) -> Table:
+    """One row a case: what was planted, and what was said."""
+    rows = []
+    for o in outcomes:
+        a, c = o.answer, o.claim
+        planted = names([(p.effect, p.target) for p in a.effects]) or ", ".join(a.unknown) or "nothing"
+        extra = ", ".join(e if e in o.strict.wrong else f"{e} (background)" for e in o.strict.extra)
+        rows.append(
+            (
+                o.name, f"{a.family}, {a.level}, {a.seed}", planted + (", withheld" if a.withheld else ""),
+                c.verdict if c else o.trouble, names(c.named) if c else "", extra,
+            )
+        )  # fmt: skip
+    return Table(("case", "family, level, seed", "planted", "verdict", "named", "not planted"), tuple(rows))
+
+
+def names(effects: Sequence[Name]) -> str:
+    """Effects with their targets in brackets."""
+    return ", ".join(effect if target is None else f"{effect} ({target})" for effect, target in effects)
 
 
 Part = tuple[str, StrictFigures, Rate, list[tuple[StrictFigures, Rate]]]
