@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _TIMES_THE_FLOOR, _SMALL = 2.0, 0.05  # a gap that is as good as the sensors can tell: the rule of the verdict `effects`
 
+_HORIZON = 1.0  # s, of the headline
+
 
 @dataclass(frozen=True)
 class GapOverHorizons:
@@ -38,12 +40,13 @@ class GapOverHorizons:
 def measure_truth_gaps(case: Path, answer: Answer, said: Path | None, only: Path) -> dict[str, GapOverHorizons]:
     """Of the models "said" and "only" (diagnoses), "nominal", "drawn", "best fit" and "with background", on the
     windows that ``only`` kept back."""
-    from residual_mpc.api.gap import measure_gap
     from residual_mpc.api.robot import load_robot
-    from residual_mpc.api.runs import read_runs
+    from residual_mpc.api.runs import read_runs, usable
+    from residual_mpc.diagnosis.gap_figures import gap_figures
 
     robot = load_robot(case / "robot.toml")
-    runs = read_runs(robot, sorted(str(p) for p in case.iterdir() if p.suffix in (".csv", ".parquet")))
+    paths = sorted(str(p) for p in case.iterdir() if p.suffix in (".csv", ".parquet"))
+    runs = usable(read_runs(robot, paths))
     kept = read_written(only)
     fitted: Mapping[str, float] = answer.notes.get("best_fit", {})
     among: Mapping[str, float] = answer.notes.get("best_fit_among_background", fitted)
@@ -56,7 +59,10 @@ def measure_truth_gaps(case: Path, answer: Answer, said: Path | None, only: Path
         models["best fit"] = _model(answer.effects, fitted, robot.model)
     if answer.background:
         models["with background"] = _model(whole, among, robot.model)
-    found = {name: measure_gap(robot, runs, model=m, held_out_of=kept).document for name, m in models.items()}
+    found = {
+        name: gap_figures(runs.runs, runs.models, robot.file, _HORIZON, model, kept, seed=0)
+        for name, model in models.items()
+    }
     return {
         "nominal": _over_horizons(found["only"], "nominal"),
         **{name: _over_horizons(document, "model") for name, document in found.items()},

@@ -30,17 +30,10 @@ def levels_plot(summaries: Sequence[Summary]) -> str:
         values = np.array([r.value or 0.0 for r in rates])
         ends = np.array([r.ci95 or (0.0, 0.0) for r in rates]).T
         exact = [summary.strict.by_level[name].exact.value or 0.0 for name in names]
-        axes.hlines(
-            exact,
-            at - 0.46 * width,
-            at + 0.46 * width,
-            color="#1a202c",
-            lw=2.2,
-            zorder=3,
-            label="exact set (strict)" if i == len(summaries) - 1 else None,
-        )
         axes.bar(at, values, width * 0.92, color=_COLOURS[i % 4], label=summary.method)
         axes.errorbar(at, values, np.abs(ends - values), fmt="none", ecolor="#1a202c", capsize=2, lw=0.9)
+        last = "exact set (strict)" if i == len(summaries) - 1 else ""
+        axes.hlines(exact, at - 0.46 * width, at + 0.46 * width, color="#1a202c", lw=2.2, label=last, zorder=3)
     axes.set_xticks(range(len(names)), [n.replace("_", " ") for n in names])
     axes.set_ylim(0, 1.02)
     axes.set_ylabel("share of right answers")
