@@ -7,6 +7,7 @@ from residual_mpc.blind.records import Planted
 from residual_mpc.blind.score.claim import claim_of
 from residual_mpc.blind.score.match import Match, match
 from residual_mpc.blind.score.outcome import Outcome, _parameters
+from residual_mpc.blind.score.strict import statements
 from residual_mpc.blind.score.strict_figures import strict_figures, strict_summary
 from residual_mpc.blind.score.usefulness import usefulness
 
@@ -82,10 +83,18 @@ def test_how_sure_wrong_answers_are():
 
 def test_the_calibration_leaves_nothing_out():
     truth = answer(TRACK, background=(Planted("slope", None, {}),))
-    named, other = claim("effects", TRACK, SLOPE), claim("effects", ("track_width", "left"))
-    figures = strict_figures([scored(truth, named), scored(truth, other)])
-    assert sum(b.count for b in figures.bins) == 3
-    assert figures.bins[0].seen == pytest.approx(2 / 3)  # the slope is not planted; the left wheel is part of both
+    figures = strict_figures([scored(truth, claim("effects", TRACK, SLOPE))])
+    assert sum(b.count for b in figures.bins) == 2
+    assert figures.bins[0].seen == 0.5  # the slope is not planted
+
+
+def test_a_part_of_the_planted_place_is_true_if_named_and_a_rival_of_the_whole_if_not():
+    both = answer(("actuator_lag", None))
+    left = claim("effects", ("actuator_lag", "left"))
+    assert [true for _, _, true in statements(both, left)] == [True]
+    candidate = {"effect": "actuator_lag", "target": "left", "probability": 0.01}
+    rival = claim_of({"verdict": "unknown", "explanation": [], "candidates": [candidate]})
+    assert [true for _, _, true in statements(both, rival)] == [False]
 
 
 def test_gaps_are_compared_with_a_forecast_of_constant_velocity():

@@ -117,7 +117,7 @@ def _one(o: Outcome, entry: Entry, case: Path, first: Path, out: Path, command: 
         named=() if o.claim is None else o.claim.named,
         only=None if only is None else only.verdict,
         only_named=() if only is None else only.named,
-        gaps=_headline(gaps, only),
+        gaps=_headline(gaps),
         fault=fault,
         trouble=trouble,
     )
@@ -145,6 +145,6 @@ def _without_a_name(o: Outcome) -> str:
     return "unseen" if o.claim.verdict == "no_gap" else "stand-in"
 
 
-def _headline(gaps: Mapping[str, GapOverHorizons], only: Claim | None) -> dict[str, float]:
-    floor = {} if only is None or "noise_floor" not in only.gap else {"noise floor": only.gap["noise_floor"]}
+def _headline(gaps: Mapping[str, GapOverHorizons]) -> dict[str, float]:
+    floor = {"noise floor": gaps["nominal"].noise_floor} if gaps else {}
     return {**floor, **{name: gap.total for name, gap in gaps.items()}}

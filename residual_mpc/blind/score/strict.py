@@ -66,8 +66,9 @@ def to_find(answer: Answer) -> tuple[str, ...]:
 
 def statements(answer: Answer, claim: Claim) -> list[tuple[Name, float, bool]]:
     """(effect and target, stated probability, whether it is planted there) of all candidates; none is left out, and
-    an effect of the background counts as not planted."""
-    return [(name, p, _planted_at(answer, name)) for name, p in claim.probabilities.items()]
+    an effect of the background counts as not planted. A part of the planted place, such as one wheel of two, is true
+    where it is named: as a candidate it is a rival of the whole."""
+    return [(name, p, _planted_at(answer, name, name in claim.named)) for name, p in claim.probabilities.items()]
 
 
 def surest_wrong(answer: Answer, claim: Claim) -> tuple[Name, float] | None:
@@ -77,12 +78,13 @@ def surest_wrong(answer: Answer, claim: Claim) -> tuple[Name, float] | None:
     return max(wrong, key=lambda one: one[1], default=None)
 
 
-def _planted_at(answer: Answer, name: Name) -> bool:
+def _planted_at(answer: Answer, name: Name, named: bool) -> bool:
     effect, target = name
     if effect not in to_find(answer):
         return False
     claimed = where(answer, effect, target)
-    return any(claimed <= where(answer, effect, p.target) for p in answer.effects if p.effect == effect)
+    places = [where(answer, effect, p.target) for p in answer.effects if p.effect == effect]
+    return any(claimed == place or (named and claimed <= place) for place in places)
 
 
 def _targets(answer: Answer, claim: Claim) -> bool:
