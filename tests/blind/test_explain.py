@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import shutil
 import sys
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from residual_mpc.blind.make import MakeSettings, make_suite
 from residual_mpc.blind.records import Answer, Planted
 from residual_mpc.blind.run import RunSettings, run_suite
 from residual_mpc.blind.score.explained import read_explained
+from residual_mpc.blind.score.score import score_suite
 from residual_mpc.cli.blind import blind
 from residual_mpc.errors import BadInput
 
@@ -84,6 +86,10 @@ def test_wrong_answers_are_diagnosed_again_with_the_planted_effects_alone(suite)
     assert read_explained(suite / "out") == found.wrong
     again = explained(suite, "crash")
     assert again.resumed == 3 and again.wrong == found.wrong
+    shutil.rmtree(suite / "results")
+    run_suite(suite / "suite", suite / "results", RunSettings(stub("effects", "backlash", "-"), jobs=1))
+    other = explained(suite, "effects", "slope", "-")
+    assert other.resumed == 0 and all(e.named == (("backlash", None),) for e in other.wrong)
 
 
 def test_a_diagnosis_that_fails_again_and_gaps_that_cannot_be_measured(suite):
@@ -104,4 +110,14 @@ def test_the_command_line_explains_and_the_page_shows_it(suite):
     assert "3 of 3 answers are wrong" in done.stdout and "search          1" in done.stdout
     done = CliRunner().invoke(blind, ["score", *told, place["page"], "--explained", place["out"]])
     assert done.exit_code == 0, done.output
-    assert "right once told which effects to consider" in (suite / "page" / "blind.html").read_text()
+    shown = (suite / "page" / "blind.html").read_text()
+    assert "right once told which effects to consider" in shown
+
+
+def test_a_page_refuses_what_explains_other_answers(suite):
+    run_suite(suite / "suite", suite / "results", RunSettings(stub("effects", "track_width", "-"), jobs=1))
+    explained(suite, "effects", "slope", "-")
+    run_suite(suite / "suite", suite / "others", RunSettings(stub("no_gap"), jobs=1))
+    results = {"other": suite / "others", "diagnose": suite / "results"}
+    with pytest.raises(BadInput, match="not the wrong answers of other"):
+        score_suite(suite / "suite", suite / "answers", results, suite / "ledger.jsonl", explained=suite / "out")

@@ -15,7 +15,7 @@ from residual_mpc.blind.processes.isolated import program
 from residual_mpc.blind.processes.parallel import Progress, run_in_parallel, silent
 from residual_mpc.blind.run import diagnose_case
 from residual_mpc.blind.score.claim import Claim
-from residual_mpc.blind.score.explained import EXPLAINED, Explained, explained_from, faults
+from residual_mpc.blind.score.explained import EXPLAINED, Explained, answer_of, explained_from, faults
 from residual_mpc.blind.score.outcome import Outcome, outcome
 from residual_mpc.blind.score.score import score_suite
 from residual_mpc.blind.suite import Entry, read_suite, write_json
@@ -72,17 +72,26 @@ def explain_suite(
     entries = {e.name: e for e in suite.cases}
     wrong = [o for o in outcomes if not o.match.right]
     out.mkdir(parents=True, exist_ok=True)
-    todo = [o for o in wrong if not (out / o.name / _RECORD).exists()]
+    todo = [o for o in wrong if _kept(o, out / o.name) is None]
     calls = (
         delayed(_one)(o, entries[o.name], suite.case(entries[o.name]).resolve(), results / o.name,
                       (out / o.name).resolve(), command, settings.timeout)
         for o in todo
     )  # fmt: skip
     run_in_parallel(calls, [o.name for o in todo], progress, n_jobs=settings.jobs)
-    found = tuple(explained_from(json.loads((out / o.name / _RECORD).read_text())) for o in wrong)
+    found = tuple(e for o in wrong if (e := _kept(o, out / o.name)) is not None)
     document = {"cases": len(outcomes), "faults": faults(found), "wrong": [e.document() for e in found]}
     write_json(out / EXPLAINED, {"explain": document})
     return ExplainSummary(len(outcomes), found, len(wrong) - len(todo))
+
+
+def _kept(o: Outcome, out: Path) -> Explained | None:
+    """What ``out`` holds of this answer; None where it holds nothing, or another answer to the same case."""
+    try:
+        found = explained_from(json.loads((out / _RECORD).read_text()))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return found if answer_of(o) == (found.said, found.named) else None
 
 
 def _one(o: Outcome, entry: Entry, case: Path, first: Path, out: Path, command: list[str], timeout: float) -> None:
@@ -113,8 +122,8 @@ def _one(o: Outcome, entry: Entry, case: Path, first: Path, out: Path, command: 
         level=o.answer.level,
         seed=o.answer.seed,
         planted=tuple((p.effect, p.target) for p in o.answer.effects) or tuple((c, None) for c in o.answer.unknown),
-        said=None if o.claim is None else o.claim.verdict,
-        named=() if o.claim is None else o.claim.named,
+        said=answer_of(o)[0],
+        named=answer_of(o)[1],
         only=None if only is None else only.verdict,
         only_named=() if only is None else only.named,
         gaps=_headline(gaps),

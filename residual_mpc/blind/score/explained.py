@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from residual_mpc.blind.score.claim import Name
+from residual_mpc.blind.score.outcome import Outcome
 from residual_mpc.blind.score.tables import Table, names, number
 from residual_mpc.errors import BadInput
 
@@ -53,6 +54,11 @@ class Explained:
     def document(self) -> dict[str, Any]:
         """As plain JSON values."""
         return asdict(self)
+
+
+def answer_of(o: Outcome) -> tuple[str | None, tuple[Name, ...]]:
+    """The verdict and the names of an answer; None without a diagnosis."""
+    return (None, ()) if o.claim is None else (o.claim.verdict, o.claim.named)
 
 
 def explained_from(document: Mapping[str, Any]) -> Explained:
