@@ -37,7 +37,7 @@ def sweep(
     from residual_mpc.blind.levels import LEVELS
     from residual_mpc.blind.make import MakeSettings, make_suite
     from residual_mpc.blind.run import RunSettings, run_suite
-    from residual_mpc.blind.score.page import figures, settled, write_page
+    from residual_mpc.blind.score.page import text, write_page
     from residual_mpc.blind.score.score import score_suite
     from residual_mpc.blind.suite import write_json
     from residual_mpc.cli.progress import progress_bar
@@ -66,10 +66,8 @@ def sweep(
     first["experiments"] = None if found is None else found.document()
     write_json(out / "score.json", {"score": {**first, "methods": others}})
     write_page(scores, out / "blind.html")
-    for figure, cells in figures(scores):
-        click.echo(f"{figure:<52} " + "   ".join(cells))
-    for figure, cell in settled(scores):
-        click.echo(f"{figure:<52} {cell}")
+    for line in text(scores):
+        click.echo(line)
     click.echo(f"page: {out / 'blind.html'}")
 
 

@@ -1,4 +1,4 @@
-"""`residual-mpc blind make|run|score`: the benchmark whose answers are withheld."""
+"""`residual-mpc blind make|run|experiment|score|explain`: the benchmark whose answers are withheld."""
 
 from __future__ import annotations
 
@@ -152,6 +152,7 @@ def experiment(
 @click.option(
     "--experiments", type=_folder, help="Folder of `blind experiment`, to score what the experiments resolved."
 )
+@click.option("--explained", type=_folder, help="Folder of `blind explain`, to show why answers were wrong.")
 @click.option("--out", type=_folder, help="Folder for score.json and blind.html.")
 @click.option("--ledger", type=click.Path(path_type=Path, dir_okay=False),
               help="File that records each opening of test seeds  [default: beside the answers]")  # fmt: skip
@@ -162,6 +163,7 @@ def score(
     given: tuple[str, ...],
     answers: Path | None,
     experiments: Path | None,
+    explained: Path | None,
     out: Path | None,
     ledger: Path | None,
     seed: int,
@@ -172,7 +174,7 @@ def score(
     from residual_mpc.blind.score.score import score_suite
 
     kept = answers or default_answers(suite)
-    scores = score_suite(suite, kept, _methods(given), ledger or kept / "openings.jsonl", experiments)
+    scores = score_suite(suite, kept, _methods(given), ledger or kept / "openings.jsonl", experiments, explained)
     first = scores.summaries[0].document()
     first["methods"] = [s.document() for s in scores.summaries[1:]]
     if scores.experiments is not None:
@@ -187,15 +189,60 @@ def score(
     if as_json:
         emit({"score": first})
         return
-    from residual_mpc.blind.score.page import figures, settled
+    from residual_mpc.blind.score.page import text
 
     names = [s.method for s in scores.summaries]
     if len(names) > 1:
         click.echo("methods: " + ", ".join(names))
-    for figure, cells in figures(scores):
-        click.echo(f"{figure:<52} " + "   ".join(cells))
-    for figure, cell in settled(scores):
-        click.echo(f"{figure:<52} {cell}")
+    for line in text(scores):
+        click.echo(line)
+
+
+@blind.command()
+@click.argument("suite", type=_folder)
+@click.option("--results", type=_folder, required=True, help="Folder of `blind run`, with every case diagnosed.")
+@click.option("--out", type=_folder, required=True, help="Folder for explain.json and the new diagnoses.")
+@click.option("--answers", type=_folder, help="Folder of the sealed answers  [default: SUITE-answers]")
+@click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`.")
+@click.option("--jobs", type=int, default=-1, show_default=True, help="Cases at once; -1 for all cores.")
+@click.option("--timeout", type=float, default=600.0, show_default=True, help="Time limit per case in seconds.")
+@click.option("--ledger", type=click.Path(path_type=Path, dir_okay=False),
+              help="File that records each opening of test seeds  [default: beside the answers]")  # fmt: skip
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of every diagnosis.")
+@json_option
+def explain(
+    suite: Path,
+    results: Path,
+    out: Path,
+    answers: Path | None,
+    command: str,
+    jobs: int,
+    timeout: float,
+    ledger: Path | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Find out why answers are wrong: diagnose those cases again with the planted effects as the only candidates.
+
+    This opens the answers, so every case of SUITE must have been diagnosed. If interrupted, the same command resumes.
+    """
+    from residual_mpc.blind.explain.explain import ExplainSettings, explain_suite
+    from residual_mpc.blind.make import default_answers
+    from residual_mpc.blind.score.explained import MEANING, faults, table
+
+    kept = answers or default_answers(suite)
+    settings = ExplainSettings(command, jobs, timeout, seed)
+    with progress_bar() as progress:
+        found = explain_suite(suite, kept, results, out, ledger or kept / "openings.jsonl", settings, progress)
+    if as_json:
+        emit({"explain": {"cases": found.cases, "faults": faults(found.wrong), "resumed": found.resumed,
+                          "wrong": [e.document() for e in found.wrong]}})  # fmt: skip
+        return
+    for line in table(found.wrong).lines():
+        click.echo(line)
+    click.echo(f"{len(found.wrong)} of {found.cases} answers are wrong")
+    for kind, count in faults(found.wrong).items():
+        click.echo(f"{kind:<12} {count:>4}  {MEANING[kind]}")
 
 
 def _methods(given: tuple[str, ...]) -> dict[str, Path]:

@@ -5,9 +5,9 @@ from answers import answer, claim
 
 from residual_mpc.blind.records import Planted
 from residual_mpc.blind.score.calibration import calibration_error, reliability
+from residual_mpc.blind.score.confusion import confusion
 from residual_mpc.blind.score.match import match
 from residual_mpc.blind.score.outcome import Outcome, _parameters
-from residual_mpc.blind.score.plots import confusion
 from residual_mpc.blind.score.rates import Rate, rate
 from residual_mpc.blind.score.summary import summarise
 
@@ -63,9 +63,9 @@ def test_rates_by_level_family_and_effect_and_the_confusions():
     assert summary.by_level["single"].hits == 1 and summary.by_level["unknown"].value == 1.0
     assert summary.by_effect["slope"].value == 0.5
     assert summary.unknown_wrongly.hits == 1 and summary.unknown_said.value == 1.0
-    rows, columns, counts = confusion(summary)
-    assert counts[rows.index("slope"), columns.index("sensor_bias")] == 1
-    assert counts[rows.index("track_width"), columns.index("(unknown)")] == 1
+    found = confusion(outcomes)
+    assert _count(found, "slope", "slope") == 1 and _count(found, "slope", "sensor_bias") == 1
+    assert _count(found, "track_width", "(unknown)") == 1 and _count(found, "(unknown) gusts", "slope") == 1
 
 
 def test_where_runs_are_confounded_a_lucky_guess_is_told_from_a_reported_group():
@@ -82,3 +82,30 @@ def test_a_faint_background_counts_neither_way_in_the_calibration():
     truth = answer(("slope", None), background=faint)
     summary = summarise("m", [outcome_of(truth, claim("effects", ("slope", None), ("track_width", None)))])
     assert sum(b.count for b in summary.bins) == 1
+
+
+def _count(found, planted, named):
+    return found.counts[found.rows.index(planted), found.columns.index(named)]
+
+
+def test_the_confusion_matrix_holds_every_level():
+    faint = (Planted("slope", None, {}),)
+    outcomes = [
+        outcome_of(answer(level="none"), claim("no_gap")),
+        outcome_of(answer(level="none"), claim("effects", ("sensor_bias", "pose.theta"))),
+        outcome_of(
+            answer(("slope", None), withheld=("slope",), level="withheld"), claim("partial", ("backlash", None))
+        ),
+        outcome_of(
+            answer(("track_width", None), background=faint, level="hard"),
+            claim("effects", ("track_width", None), ("slope", None), ("backlash", None)),
+        ),
+        outcome_of(answer(("track_width", None), ("backlash", None)), None),
+    ]
+    found = confusion(outcomes)
+    assert _count(found, "(no gap)", "(no gap)") == 1 and _count(found, "(no gap)", "sensor_bias") == 1
+    assert _count(found, "(withheld) slope", "backlash") == 1
+    assert _count(found, "(extra, in the background)", "slope") == 1
+    assert _count(found, "(extra, not there)", "backlash") == 1
+    assert _count(found, "track_width", "track_width") == 1 and _count(found, "track_width", "(failed)") == 1
+    assert found.counts.sum() == 8

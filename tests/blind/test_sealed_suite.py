@@ -8,15 +8,19 @@ from pathlib import Path
 import pytest
 
 from residual_mpc.blind.experiment import ExperimentSettings, run_experiments
+from residual_mpc.blind.explain.explain import ExplainSettings, explain_suite
 from residual_mpc.blind.make import MakeSettings, make_suite
 from residual_mpc.blind.run import RunSettings, run_suite
 from residual_mpc.blind.score.score import score_suite
+
+# about two minutes on two cores; `hard` alone takes as long
+LEVELS = ("single", "double", "none", "noisy_none", "unknown", "confounded")
 
 
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
     place = tmp_path_factory.mktemp("sealed")
-    settings = MakeSettings(("wheeled",), ("single", "none"), cases=1, first_seed=2, jobs=1)
+    settings = MakeSettings(("wheeled",), LEVELS, cases=1, first_seed=2, jobs=1)
     made = make_suite(settings, place / "suite", place / "answers")
     assert not made.failed
     program = Path(sys.executable).with_name("residual-mpc")
@@ -30,11 +34,51 @@ def swept(tmp_path_factory):
 
 
 def test_the_diagnosis_answers_easy_cases_right(swept):
+    """Six cases, of which a change of the method may cost one; one that is lost for good is a matter for a sweep."""
     _, scores = swept
     summary = scores.summaries[0]
-    trouble = [(o.name, o.trouble, o.claim and (o.claim.verdict, o.claim.named)) for o in summary.outcomes]
-    assert summary.right.hits == 2, trouble
-    assert summary.false_alarms.hits == 0, trouble
+    trouble = [(o.answer.level, o.trouble, o.claim and (o.claim.verdict, o.claim.named)) for o in summary.outcomes]
+    assert summary.right.count == len(LEVELS) and summary.right.hits >= len(LEVELS) - 1, trouble
+    assert summary.by_level["single"].hits == summary.by_level["none"].hits == 1, trouble
+    assert summary.false_alarms.count == 2 and summary.false_alarms.hits == 0, trouble
+
+
+def test_the_strict_figures_stand_beside_the_lenient_ones(swept):
+    _, scores = swept
+    document = scores.summaries[0].document()
+    strict = document["strict"]
+    assert set(strict["by_level"]) == set(LEVELS) and set(strict["by_family"]) == {"wheeled"}
+    wanted = {
+        "exact", "exact_targets", "planted_named", "planted_named_or_in_group", "extra_effects", "wrong_in_partial",
+        "drawn_coverage", "best_fit_coverage", "calibration_error", "calibration_error_named",
+        "highest_wrong_probability", "wrong_and_sure", "gap",
+    }  # fmt: skip
+    for figures in (strict, *strict["by_level"].values()):
+        assert wanted <= set(figures)
+    assert 4 / 6 <= strict["exact"]["value"] <= document["right"]  # all six when this was written
+    assert strict["by_level"]["single"]["exact"]["hits"] == strict["by_level"]["none"]["exact"]["hits"] == 1
+    assert strict["planted_named"]["hits"] <= strict["planted_named_or_in_group"]["hits"]
+
+
+def test_the_models_are_better_than_a_forecast_of_constant_velocity(swept):
+    _, scores = swept
+    for summary in scores.summaries:
+        gap = summary.strict.every.gap
+        # a steady straight run, as at `confounded`, goes on at constant velocity all by itself
+        assert gap.useful.count == len(LEVELS) and gap.useful.hits >= len(LEVELS) - 1, summary.method
+        assert gap.constant_velocity is not None and 0.1 < gap.constant_velocity < 1.5
+
+
+def test_a_wrong_answer_of_a_baseline_is_explained(swept):
+    """The baseline names one effect; told which two there are, the diagnosis finds both."""
+    place, scores = swept
+    out, ledger = place / "explained", place / "openings.jsonl"
+    settings = ExplainSettings(jobs=2, timeout=300)
+    found = explain_suite(place / "suite", place / "answers", place / "single", out, ledger, settings)
+    assert len(found.wrong) == len(LEVELS) - scores.summaries[1].right.hits
+    (double,) = (e for e in found.wrong if e.level == "double")
+    assert double.fault == "search", double
+    assert double.gaps["drawn"] < 0.5 * double.gaps["nominal"] and "best fit" in double.gaps
 
 
 def test_the_baseline_keeps_to_the_same_contract(swept):
@@ -52,7 +96,7 @@ def test_the_best_fit_lies_near_what_was_drawn(swept):
         for planted in o.answer.effects:
             for parameter, drawn in planted.parameters.items():
                 fitted = o.answer.notes["best_fit"][f"{planted.effect}.{parameter}"]
-                assert fitted == pytest.approx(drawn, rel=0.1)
+                assert fitted == pytest.approx(drawn, rel=0.1, abs=1e-3)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.data.subsampling import thin
@@ -85,6 +86,8 @@ def document_of(problem: BaselineProblem, fit: Fit | None, robot: str) -> dict[s
         predicted = predict(problem.whole, problem.space.settings([values]))[0]
         return float(gap_of(problem.whole, scales, problem.whole.y - predicted, problem.held).total)
 
+    steady = problem.whole.y - constant_velocity(problem.whole)
+    forecast = float(gap_of(problem.whole, scales, steady, problem.held).total)
     before = gap({})
     after = before if fit is None else gap(fit.values)
     if fit is None or after > (1 - _LEAST_SHRINK) * before:
@@ -94,7 +97,9 @@ def document_of(problem: BaselineProblem, fit: Fit | None, robot: str) -> dict[s
         "robot": robot,
         "verdict": "no_gap" if fit is None else "effects",
         "held_out": [],
-        "gap": {"before": before, "after": after, "noise_floor": 0.0, "horizon": 1.0},
+        "gap": {
+            "before": before, "after": after, "noise_floor": 0.0, "constant_velocity": forecast, "horizon": 1.0
+        },
         "shrink": None if fit is None else {"value": 1 - after / before},
         "explanation": [] if fit is None else _explanation(fit),
         "candidates": [],

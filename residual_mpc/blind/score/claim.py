@@ -11,6 +11,7 @@ from typing import Any
 from residual_mpc.errors import BadInput
 
 Name = tuple[str, str | None]  # effect, target
+_GAPS = ("before", "after", "noise_floor", "constant_velocity")
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Claim:
     expected_shrink: float | None
     expected_interval: tuple[float, float] | None
     shrink: float | None  # achieved on the runs kept back
+    gap: Mapping[str, float]  # before, after, noise_floor, constant_velocity, as far as they are stated
 
 
 def read_claim(path: Path) -> Claim:
@@ -70,6 +72,7 @@ def claim_of(document: Mapping[str, Any]) -> Claim:
         expected_shrink=shrink.get("expected"),
         expected_interval=None if interval is None else (float(interval[0]), float(interval[1])),
         shrink=shrink.get("value"),
+        gap={k: float(v) for k, v in (document.get("gap") or {}).items() if k in _GAPS and v is not None},
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from residual_mpc.blind.records import Answer
 from residual_mpc.blind.score.claim import Claim, read_claim
 from residual_mpc.blind.score.match import Match, counterpart, match
+from residual_mpc.blind.score.strict import StrictMatch, strict_match
 from residual_mpc.errors import BadInput
 
 _NULL = {"gain": 1.0, "scale": 1.0, "ratio": 1.0}  # parameters whose null value is not 0
@@ -23,9 +25,11 @@ class ParameterOutcome:
 
     effect: str
     parameter: str
-    true: float
+    drawn: float  # planted
+    true: float  # the best fit under the library's law, moved towards the estimate as far as the background allows
     value: float
-    covered: bool | None  # None where no interval was given
+    covers_drawn: bool | None  # None where no interval was given
+    covered: bool | None  # likewise of `true`
     relative_error: float  # of the deviation from the null value
 
 
@@ -40,6 +44,11 @@ class Outcome:
     parameters: tuple[ParameterOutcome, ...]
     seconds: float | None
     trouble: str  # why there is no diagnosis
+
+    @cached_property
+    def strict(self) -> StrictMatch:
+        """The comparison without groups, twins and background."""
+        return strict_match(self.answer, self.claim, self.match)
 
 
 def outcome(name: str, answer: Answer, result: Path) -> Outcome:
@@ -86,9 +95,11 @@ def _parameters(answer: Answer, claim: Claim) -> tuple[ParameterOutcome, ...]:
             true = float(np.clip(estimate.value, min(true, other), max(true, other)))
             null = _NULL.get(parameter, 0.0)
             scale = 1.0 if parameter in _ANGLES else max(abs(true - null), 1e-12)
-            covered = None
-            if estimate.low == estimate.low:
-                covered = estimate.low <= true <= estimate.high
+            covers_drawn, covered = (
+                estimate.low <= x <= estimate.high if estimate.low == estimate.low else None for x in (drawn, true)
+            )
             error = abs(estimate.value - true) / scale
-            found.append(ParameterOutcome(planted.effect, parameter, true, estimate.value, covered, error))
+            found.append(
+                ParameterOutcome(planted.effect, parameter, drawn, true, estimate.value, covers_drawn, covered, error)
+            )
     return tuple(found)

@@ -1,14 +1,15 @@
-"""The scores as one page that needs no network, and as Markdown for the documentation."""
+"""The scores as one page that needs no network, and as text."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from residual_mpc.blind.score import plots
+from residual_mpc.blind.score import explained, plots, tables
 from residual_mpc.blind.score.calibration import calibration_error
-from residual_mpc.blind.score.rates import Rate
+from residual_mpc.blind.score.confusion import confusion
 from residual_mpc.blind.score.score import Scores
 from residual_mpc.blind.score.summary import Summary
+from residual_mpc.blind.score.tables import number, percent
 from residual_mpc.files import write_atomically
 
 
@@ -26,14 +27,18 @@ def write_page(scores: Scores, path: Path) -> None:
             scores=scores,
             first=first,
             table=figures(scores),
+            tables=_tables(scores),
             levels=plots.levels_plot(scores.summaries),
             reliability=plots.reliability_plot(first),
             shrink=plots.shrink_plot(first),
             settled=settled(scores),
-            confusion=plots.confusion_plot(first),
+            wrong=tables.answers([o for o in first.outcomes if not o.match.right]),
+            inexact=tables.answers([o for o in first.outcomes if o.match.right and not o.strict.exact]),
+            explained=explained.table(scores.explained) if scores.explained else None,
+            faults=[(n, kind, explained.MEANING[kind]) for kind, n in explained.faults(scores.explained).items()],
+            confusion=plots.confusion_plot(confusion(first.outcomes)),
             percent=percent,
-            number=number,
-            calibration_error=calibration_error(first.bins),
+            strict=first.strict.every,
         ),
     )
 
@@ -92,17 +97,22 @@ def settled(scores: Scores) -> list[tuple[str, str]]:
     return [(name, percent(r)) for name, r in rows if r.count]
 
 
-def percent(rate: Rate) -> str:
-    """A rate with its interval and count."""
-    if rate.value is None or rate.ci95 is None:
-        return "–"
-    low, high = rate.ci95
-    return f"{100 * rate.value:.0f} % ({100 * low:.0f} to {100 * high:.0f}), {rate.hits} of {rate.count}"
+def text(scores: Scores) -> list[str]:
+    """Everything on the page that needs no picture, for a terminal."""
+    found = [f"{figure:<52} " + "   ".join(cells) for figure, cells in figures(scores)]
+    found += [f"{figure:<52} {cell}" for figure, cell in settled(scores)]
+    for title, table in _tables(scores):
+        found += ["", title, *table.lines()]
+    return [*found, "", "planted: named", *confusion(scores.summaries[0].outcomes).lines()]
 
 
-def number(value: float | None) -> str:
-    """Three significant figures."""
-    return "–" if value is None else f"{value:.3g}"
+def _tables(scores: Scores) -> list[tuple[str, tables.Table]]:
+    first = scores.summaries[0].method
+    return [
+        (f"{first}: lenient and strict", tables.lenient_and_strict(scores.summaries[0])),
+        ("by level and family", tables.by_level(scores.summaries)),
+        ("gaps on held-out runs, medians", tables.gaps(scores.summaries)),
+    ]
 
 
 def _failed(summary: Summary) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from residual_mpc.blind.score.confusion import Confusion
 from residual_mpc.blind.score.summary import Summary
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ _COLOURS = ("#2b6cb0", "#c05621", "#718096", "#2f855a")
 
 
 def levels_plot(summaries: Sequence[Summary]) -> str:
-    """Right answers by level, with 95 % intervals, a bar a method."""
+    """Right answers by level, with 95 % intervals, a bar a method; the line across a bar: exact sets."""
     figure, axes = _figure(7.5, 3.2)
     names = list(summaries[0].by_level)
     width = 0.8 / len(summaries)
@@ -28,8 +29,11 @@ def levels_plot(summaries: Sequence[Summary]) -> str:
         rates = [summary.by_level[name] for name in names]
         values = np.array([r.value or 0.0 for r in rates])
         ends = np.array([r.ci95 or (0.0, 0.0) for r in rates]).T
+        exact = [summary.strict.by_level[name].exact.value or 0.0 for name in names]
         axes.bar(at, values, width * 0.92, color=_COLOURS[i % 4], label=summary.method)
         axes.errorbar(at, values, np.abs(ends - values), fmt="none", ecolor="#1a202c", capsize=2, lw=0.9)
+        last = "exact set (strict)" if i == len(summaries) - 1 else ""
+        axes.hlines(exact, at - 0.46 * width, at + 0.46 * width, color="#1a202c", lw=2.2, label=last, zorder=3)
     axes.set_xticks(range(len(names)), [n.replace("_", " ") for n in names])
     axes.set_ylim(0, 1.02)
     axes.set_ylabel("share of right answers")
@@ -41,9 +45,18 @@ def reliability_plot(summary: Summary) -> str:
     """Stated probability against how often it was true; the area of a dot is the number of candidates."""
     figure, axes = _figure(3.6, 3.4)
     axes.plot([0, 1], [0, 1], color="#a0aec0", lw=1, zorder=0)
-    for b in summary.bins:
-        axes.scatter(b.stated, b.seen, s=12 + 4 * b.count**0.6, color=_COLOURS[0])
-        axes.annotate(str(b.count), (b.stated, b.seen), textcoords="offset points", xytext=(6, -8), fontsize=7)
+    strict = summary.strict.every.named_bins
+    for bins, colour, label in (
+        (summary.bins, _COLOURS[0], "all candidates"),
+        (strict, _COLOURS[1], "named effects, strict"),
+    ):
+        at, seen = [b.stated for b in bins], [b.seen for b in bins]
+        axes.scatter(at, seen, s=[12 + 4 * b.count**0.6 for b in bins], color=colour, alpha=0.85, label=label)
+        for b in bins:
+            axes.annotate(
+                str(b.count), (b.stated, b.seen), textcoords="offset points", xytext=(6, -8), fontsize=7, color=colour
+            )
+    axes.legend(frameon=False, fontsize=7, loc="upper left", markerscale=0.7)
     axes.set(xlim=(-0.03, 1.05), ylim=(-0.05, 1.05), xlabel="stated probability", ylabel="observed frequency")
     return _svg(figure)
 
@@ -63,42 +76,34 @@ def shrink_plot(summary: Summary) -> str:
     return _svg(figure)
 
 
-def confusion_plot(summary: Summary) -> str:
-    """Rows: the one planted effect; columns: what was named instead, or nothing."""
-    rows, columns, counts = confusion(summary)
-    if not rows:
+def confusion_plot(found: Confusion) -> str:
+    """Rows: what was planted; columns: what was named. The shade is the share of the row; the frame, right."""
+    if not found.rows:
         return ""
-    figure, axes = _figure(0.32 * len(columns) + 2.4, 0.27 * len(rows) + 2.0)
+    rows, columns, counts = found.rows, found.columns, found.counts
+    figure, axes = _figure(0.32 * len(columns) + 2.6, 0.25 * len(rows) + 2.2)
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for i, j in zip(*np.nonzero(counts), strict=True):
         axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=7,
                   color="white" if share[i, j] > 0.6 else "#1a202c")  # fmt: skip
-    axes.set_xticks(range(len(columns)), columns, rotation=60, ha="right", fontsize=7)
-    axes.set_yticks(range(len(rows)), rows, fontsize=7)
+    for i, row in enumerate(rows):
+        if row in columns:
+            j = columns.index(row)
+            axes.plot(np.array([j, j + 1, j + 1, j, j]) - 0.5, np.array([i, i, i + 1, i + 1, i]) - 0.5,
+                      color=_COLOURS[3], lw=1.1, clip_on=False)  # fmt: skip
+    axes.set_xticks(range(len(columns)), [_words(c) for c in columns], rotation=60, ha="right", fontsize=7)
+    axes.set_yticks(range(len(rows)), [_words(r) for r in rows], fontsize=7)
+    axes.set(xlabel="named", ylabel="planted")
+    axes.set_xticks(np.arange(len(columns) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(rows) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color="#e2e8f0", lw=0.5)
+    axes.tick_params(which="minor", length=0)
     return _svg(figure)
 
 
-def confusion(summary: Summary) -> tuple[list[str], list[str], np.ndarray]:
-    """(planted names, named names, counts (rows, columns)) over cases with one planted effect to find."""
-    pairs: list[tuple[str, str]] = []
-    for o in summary.outcomes:
-        if len(o.answer.effects) != 1 or o.answer.withheld:
-            continue
-        true = o.answer.effects[0].effect
-        if o.claim is None:
-            pairs.append((true, "(failed)"))
-        elif o.match.right:
-            pairs.append((true, true))
-        else:
-            extra = [effect for effect, _ in o.claim.named if effect != true]
-            pairs += [(true, effect) for effect in extra or [f"({o.claim.verdict})"]]
-    rows = sorted({a for a, _ in pairs})
-    columns = rows + sorted({b for _, b in pairs} - set(rows))
-    counts = np.zeros((len(rows), len(columns)))
-    for a, b in pairs:
-        counts[rows.index(a), columns.index(b)] += 1
-    return rows, columns, counts
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _figure(width: float, height: float) -> tuple[Figure, Axes]:

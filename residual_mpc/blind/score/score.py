@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from residual_mpc.blind.score.explained import Explained, answer_of, read_explained
 from residual_mpc.blind.score.openings import Opening, read_openings, record_opening
 from residual_mpc.blind.score.outcome import outcome
 from residual_mpc.blind.score.resolved import ExperimentScores, score_experiments
@@ -26,15 +27,21 @@ class Scores:
     openings: tuple[Opening, ...]
     version: str
     experiments: ExperimentScores | None = None  # of the first method, where they were carried out
+    explained: tuple[Explained, ...] = ()  # its wrong answers, where `blind explain` looked at them
 
 
 def score_suite(
-    folder: Path, answers: Path, results: Mapping[str, Path], ledger: Path, experiments: Path | None = None
+    folder: Path,
+    answers: Path,
+    results: Mapping[str, Path],
+    ledger: Path,
+    experiments: Path | None = None,
+    explained: Path | None = None,
 ) -> Scores:
     """Reveal the answers, check every commitment, and score each method's ``results`` (name to folder).
 
-    ``experiments``: the folder of `blind experiment`, of the first method's diagnoses. Opening the answers of a suite
-    of test seeds is written to ``ledger`` first.
+    ``experiments`` and ``explained``: the folders of `blind experiment` and `blind explain`, of the first method's
+    diagnoses. Opening the answers of a suite of test seeds is written to ``ledger`` first.
     """
     suite = read_suite(folder)
     for name, place in results.items():
@@ -53,7 +60,21 @@ def score_suite(
     )
     first = next(iter(results.values()))
     settled = None if experiments is None else score_experiments(revealed, first, experiments)
-    return Scores(suite, summaries, read_openings(ledger), version, settled)
+    why = () if explained is None else _explained(explained, summaries[0])
+    return Scores(suite, summaries, read_openings(ledger), version, settled, why)
+
+
+def _explained(folder: Path, of: Summary) -> tuple[Explained, ...]:
+    """What ``folder`` says of the wrong answers of a method. Raises BadInput where it is of other answers."""
+    found = read_explained(folder)
+    wrong = [(o.name, *answer_of(o)) for o in of.outcomes if not o.match.right]
+    if wrong != [(e.case, e.said, e.named) for e in found]:
+        raise BadInput(
+            f"the explained answers are not the wrong answers of {of.method}",
+            str(folder),
+            "run `residual-mpc blind explain` on the results of the first method, into a new folder",
+        )
+    return found
 
 
 def _identity(suite: Suite) -> str:

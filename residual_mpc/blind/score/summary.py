@@ -11,6 +11,7 @@ from residual_mpc.blind.levels import LEVELS
 from residual_mpc.blind.score.calibration import Bin, calibration_error, reliability
 from residual_mpc.blind.score.outcome import Outcome
 from residual_mpc.blind.score.rates import Rate, rate
+from residual_mpc.blind.score.strict_figures import StrictSummary, strict_summary
 
 _LACKING = ("unknown", "partial")
 
@@ -37,6 +38,7 @@ class Summary:
     group_size: float | None  # mean size of the groups that right answers needed
     group_reported: Rate  # where the runs are confounded by design: a group holds the truth
     seconds: float | None  # median a case
+    strict: StrictSummary
 
     def document(self) -> dict[str, Any]:
         """The `score` object of the contract, with more keys."""
@@ -61,6 +63,7 @@ class Summary:
             "group_size": self.group_size,
             "group_reported": self.group_reported.value,
             "seconds_a_case": self.seconds,
+            "strict": self.strict.document(),
             "failed": sum(o.claim is None for o in self.outcomes),
             "rates": {
                 "right": self.right.document(),
@@ -124,6 +127,7 @@ def summarise(method: str, outcomes: Sequence[Outcome]) -> Summary:
         group_size=sum(sizes) / len(sizes) if sizes else None,
         group_reported=rate(_in_a_group(o) for o in every if o.answer.level == "confounded"),
         seconds=median(times) if times else None,
+        strict=strict_summary(every),
     )
 
 

@@ -1,0 +1,1 @@
+"""What explains a wrong answer: the search, the fit or the model."""
