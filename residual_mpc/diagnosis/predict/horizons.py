@@ -79,7 +79,7 @@ def windows_over(
     except BadInput:  # said already, of the first horizon
         return None
     clean = with_outliers_removed(raw, flagged)
-    spans = [_spans(r, kept) for r in runs]
+    spans = [held_spans(r, kept) for r in runs]
     held = np.array([_inside(spans[i], t, t + horizon) for i, t in zip(raw.run, raw.start, strict=True)])
     return HorizonWindows(
         horizon,
@@ -106,7 +106,7 @@ def _free(
     for length in (horizon, *(x for x in horizons.lengths if x < horizon)):
         if length < horizons.apart * shorter:
             break
-        between = [_free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
+        between = [free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
         if sum(map(len, between)) < horizons.fewest:
             continue
         try:
@@ -127,7 +127,7 @@ def foretold(clean: Dataset, scales: Scales, rng: np.random.Generator, settings:
     return bool(gap_of(some, scales, noise_errors(some, Settings(1), rng, 1)[0]).total < FORETOLD)
 
 
-def _spans(run: Run, kept: Sequence[KeptBack]) -> list[tuple[float, float]]:
+def held_spans(run: Run, kept: Sequence[KeptBack]) -> list[tuple[float, float]]:
     """What is held out of a run, s, neighbours joined, in order."""
     mine = sorted(
         (-np.inf, np.inf) if k.start is None or k.end is None else (k.start, k.end) for k in kept if k.run == run.name
@@ -145,7 +145,7 @@ def _inside(spans: Sequence[tuple[float, float]], begin: float, end: float) -> b
     return any(a - 1e-6 <= begin and end <= b + 1e-6 for a, b in spans)
 
 
-def _free_starts(run: Run, spans: Sequence[tuple[float, float]], horizon: float) -> np.ndarray:
+def free_starts(run: Run, spans: Sequence[tuple[float, float]], horizon: float) -> np.ndarray:
     """(W,) s: windows one after the other in each stretch between what is held out."""
     edges = [float(run.t[0]), *(x for span in spans for x in span), float(run.t[-1])]
     out = []

@@ -1,0 +1,1 @@
+"""What changed between two sets of runs of one robot."""

@@ -1,0 +1,224 @@
+"""The whole comparison: cut both sets into windows, account for the robot, look for changes, and judge them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from residual_mpc.comparison.account import account_of
+from residual_mpc.comparison.contrast import Units, build_units
+from residual_mpc.comparison.gaps import compared_gap
+from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison
+from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
+from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
+from residual_mpc.comparison.sets import TwoSets, cut, longer_windows, units_of
+from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.comparison.sizes import changed_numbers, jackknife, to_the_end
+from residual_mpc.comparison.space import ChangeSpace, change_space
+from residual_mpc.diagnosis.data.dataset import Dataset, joined
+from residual_mpc.diagnosis.data.gap import Scales, window_trust
+from residual_mpc.diagnosis.data.subsampling import evenly
+from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
+from residual_mpc.diagnosis.options import Options, Progress
+from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem, reweigh
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.results.next_experiment import next_experiment
+from residual_mpc.diagnosis.search.testable import not_testable
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.run import Run
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Term, Values
+
+
+@dataclass(frozen=True, eq=False)
+class ComparisonInput:
+    """robots: the nominal model of each run, those before first; noise, tunable: as a diagnosis has them."""
+
+    before: tuple[Run, ...]
+    after: tuple[Run, ...]
+    robots: tuple[Robot, ...]
+    noise: Mapping[str, float]
+    tunable: tuple[str, ...]
+    options: Options
+
+
+def compare(
+    given: ComparisonInput,
+    settings: ComparisonSettings,
+    rng: np.random.Generator,
+    progress: Progress = lambda stage, done: None,
+) -> Comparison:
+    """Name what differs between two sets of runs.
+
+    Raises BadInput where one of the sets cannot be compared.
+    """
+    with threadpool_limits(1, "blas"):
+        progress("splitting the runs into windows", 0.02)
+        sets = _cut(given, settings)
+        progress("accounting for the robot", 0.05)
+        account = account_of(
+            given.before, given.robots[: len(given.before)], given.noise, given.tunable, given.options, sets.kept, rng,
+            lambda stage, done: progress(stage, 0.05 + 0.45 * done),
+        )  # fmt: skip
+        space = _space(given, sets)
+        progress("searching for changes", 0.5)
+        found, problem, units = None, None, None
+        for data, scales in _windows(given, sets, rng, settings):
+            values = account if found is None else found.fit.values
+            problem = _problem(data, scales, space, values, settings.search.steps, settings)
+            units = _units(problem.data, sets, settings)
+            found = search_changes(problem, account, units, settings, found)
+        assert found is not None and problem is not None and units is not None
+        progress("comparing with alternative changes", 0.7)
+        rivals = find_change_rivals(problem, found, units, settings)
+        progress("fitting on all windows", 0.8)
+        return _judged(given, sets, space, problem, found, rivals, rng, settings)
+
+
+def _cut(given: ComparisonInput, settings: ComparisonSettings) -> TwoSets:
+    data = settings.results.data
+    return cut(given.before, given.after, given.robots, given.noise, given.options.horizon, data)
+
+
+def _windows(
+    given: ComparisonInput, sets: TwoSets, rng: np.random.Generator, settings: ComparisonSettings
+) -> list[tuple[Dataset, Scales]]:
+    """The windows that fits may see: those of the headline's horizon, and with them longer ones, where the motion can be
+    predicted that far: what adds up slowly shows there."""
+    results = settings.results
+    out = [(sets.fitting, sets.scales)]
+    for horizon in longer_horizons(sets.raw.runs, given.options.horizon, settings=results.predict)[:1]:
+        longer = longer_windows(sets, given.robots, given.noise, horizon, results.data)
+        if longer is not None and foretold(*longer, rng, settings=results.predict):
+            out.append((joined([sets.fitting, longer[0]]), longer[1]))
+    return out
+
+
+def _space(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
+    options = given.options
+    fitting = sets.fitting
+    whole = build_space(fitting, given.tunable, options.only, options.without, options.without_because)
+    return change_space(whole)
+
+
+def _problem(
+    data: Dataset, scales: Scales, space: ChangeSpace, values: Values, steps: int, settings: ComparisonSettings
+) -> Problem:
+    """The problem on `steps` simulation steps' worth of windows of each set, each channel weighed by what these values
+    leave, windows that diverge weighing less."""
+    results = settings.results
+    keep = np.zeros(data.count, dtype=bool)
+    later = np.concatenate([np.full(b.where.stop - b.where.start, b.later) for b in data.blocks])
+    for side in (later, ~later):
+        keep[np.flatnonzero(side)[evenly(data.take(side), steps // 2, settings=results.data)]] = True
+    few = data.take(keep)
+    problem = build_problem(few, space, few.sigma, scales.motion, settings=results.predict)
+    trust = window_trust(few, scales, few.y - problem.replays([values])[0], settings=results.data)
+    trusting = problem if (trust == 1.0).all() else replace(problem, count=trust)
+    r = trusting.residuals([values])[0].reshape(*few.y.shape)
+    seen = np.einsum("w,wmc->c", trust, np.isfinite(few.y).astype(float))
+    left = np.sqrt(np.einsum("wmc,wmc->c", r, r) / np.maximum(seen, 1.0))
+    return replace(reweigh(problem, few.sigma * np.maximum(left, 1.0)), count=trusting.count)
+
+
+def _units(data: Dataset, sets: TwoSets, settings: ComparisonSettings) -> Units:
+    number = units_of(data, sets.later, settings.contrast)
+    units = build_units(number, sets.side(data), data.run)
+    for name, n in (("before", int((~units.later).sum())), ("after", int(units.later.sum()))):
+        if n < 2:
+            raise BadInput(
+                f"at least 2 independent stretches are needed {name} the change, got {n}",
+                f"--{name}",
+                f"record more or longer runs: a stretch has {settings.contrast.unit:g} s or more",
+            )
+    return units
+
+
+def _judged(
+    given: ComparisonInput,
+    sets: TwoSets,
+    space: ChangeSpace,
+    problem: Problem,
+    found: FoundChanges,
+    rivals: ChangeRivals,
+    rng: np.random.Generator,
+    settings: ComparisonSettings,
+) -> Comparison:
+    """Sizes on all windows, gaps on those held out, and the verdict."""
+    whole = _problem(sets.fitting, sets.scales, space, found.fit.values, settings.search.final_steps, settings)
+    units = _units(whole.data, sets, settings)
+    fit = to_the_end(whole, found.fit, settings.results) if found.changes else on_problem(
+        whole, fit_all(whole, [found.fit.values], 4, settings=settings.results.fit)[0], settings=settings.results.fit
+    )  # fmt: skip
+    left = told_apart(whole, fit, units)
+    p_left = min((c.p for c in left), default=1.0)
+    spread = jackknife(fit, units)
+    gap = compared_gap(sets, whole, fit, rng, settings)
+    verdict = _verdict(found, p_left, settings)
+    sure = settings.sure if verdict == "changed" else settings.sure_partial
+    changes = []
+    for c in found.changes:
+        slots = space.slots[c.term.effect]
+        only = slots[0] if len(slots) == 1 and BY_NAME[c.term.effect].target in ("actuator", "joint") else None
+        share = rivals.shares.get(c.term, 1.0)
+        changes.append(
+            Change(
+                _plain(c.term), sure * share * (1.0 - c.p), c.p, changed_numbers(whole, fit, c.term, spread),
+                BY_NAME[c.term.effect].summary, only,
+            )
+        )  # fmt: skip
+    named = {c.term for c in found.changes}
+    others = {c.term: c for c in sorted(found.rest, key=lambda c: abs(c.t))}
+    candidates = [ChangeCandidate(c.term, c.probability, c.p) for c in changes]
+    for term, share in sorted(rivals.shares.items(), key=lambda item: -item[1]):
+        if term not in named:
+            candidates.append(
+                ChangeCandidate(_plain(term), sure * share, others[term].p if term in others else 1.0)
+            )
+    groups = tuple(tuple(tuple(_plain(t) for t in m) for m in g) for g in rivals.groups)
+    by_noise = reweigh(problem, problem.data.sigma)
+    base = on_problem(by_noise, found.account, settings=settings.results.fit)
+    unseen = not_testable(by_noise, base, tuple(named), settings=settings.results.search)
+    return Comparison(
+        robot=space.robot.name,
+        verdict=verdict,
+        changes=tuple(changes),
+        groups=groups,
+        candidates=tuple(candidates),
+        gap=gap,
+        unexplained=_unexplained(gap.before, gap.after, gap.after_explained, verdict),
+        not_testable=tuple(replace(n, term=_plain(n.term)) for n in unseen),
+        held_out=sets.kept,
+        account=tuple(t for t in found.account.terms if not t.changed),
+        units=(int((~units.later).sum()), int(units.later.sum())),
+        p_left=float(p_left),
+        values=fit.values,
+        next_experiment=next_experiment(
+            groups, wheeled="left" in space.robot.actuators, verdict="partial" if groups else "no_gap"
+        ),
+        notes=(),
+    )
+
+
+def _verdict(found: FoundChanges, p_left: float, settings: ComparisonSettings) -> str:
+    """`same`: nothing beyond what units of one set differ; `changed`: nothing beyond that is left."""
+    if found.changes:
+        return "changed" if p_left > settings.contrast.level else "partial"
+    p = min((c.p for c in found.rest), default=1.0)
+    return "same" if p > settings.contrast.level else "unknown"
+
+
+def _unexplained(before: float, after: float, explained: float, verdict: str) -> float:
+    """Share of what the squared gap rose by that is still there."""
+    if verdict in ("same", "unknown"):
+        return 0.0 if verdict == "same" else 1.0
+    risen = after**2 - before**2
+    return float(np.clip((explained**2 - before**2) / risen, 0.0, 1.0)) if risen > 0.0 else 0.0
+
+
+def _plain(term: Term) -> Term:
+    """The effect that changed."""
+    return term._replace(changed=False)

@@ -1,0 +1,80 @@
+"""The gaps of a comparison, on windows that no fit has seen."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.comparison.records import ComparedGap
+from residual_mpc.comparison.sets import TwoSets
+from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.diagnosis.data.gap import gap_of
+from residual_mpc.diagnosis.data.subsampling import evenly
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.predict.noise_floor import floor_of
+from residual_mpc.diagnosis.predict.problem import Problem, part_of
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.models.settings import TUNE, Values
+
+
+def compared_gap(
+    sets: TwoSets, problem: Problem, fit: Fit, rng: np.random.Generator, settings: ComparisonSettings
+) -> ComparedGap:
+    """Of the nominal model, and of the model fitted to the runs before, without and with the changes of `fit`."""
+    results = settings.results
+    space = problem.space
+    before = _fitted_before(sets, problem, fit, settings)
+    changed = {k: v for k, v in fit.values.items() if k.changed}
+    test = sets.held if sets.held.any() else np.ones(sets.raw.count, dtype=bool)
+    data = sets.raw.take(test)
+    data = data.take(_within(sets, problem, data, settings))
+    nominal = {k: space.null(k) for k in space.tunables}
+    rows = [nominal, before, {**before, **changed}]
+    errors = [data.y - p for p in predict(data, space.settings(rows))]
+    later = sets.side(data)
+    floor = floor_of(data, sets.scales, space.settings([before]), rng, settings=results.predict)
+
+    def total(error: np.ndarray, windows: np.ndarray) -> float:
+        return float(gap_of(data, sets.scales, error, windows).total)
+
+    channels = {}
+    parts = {
+        "before": gap_of(data, sets.scales, errors[1], ~later).channels,
+        "after": gap_of(data, sets.scales, errors[1], later).channels,
+        "after_explained": gap_of(data, sets.scales, errors[2], later).channels,
+        "noise_floor": floor.channels,
+    }
+    for k, c in enumerate(data.channels):
+        figures = {name: float(values[k]) for name, values in parts.items()}
+        if all(np.isfinite(v) for v in figures.values()):
+            channels[c] = figures
+    return ComparedGap(
+        total(errors[0], ~later),
+        total(errors[0], later),
+        total(errors[1], ~later),
+        total(errors[1], later),
+        total(errors[2], later),
+        floor.total,
+        data.horizon,
+        (int((~later).sum()), int(later.sum())),
+        channels,
+    )
+
+
+def _fitted_before(sets: TwoSets, problem: Problem, fit: Fit, settings: ComparisonSettings) -> Values:
+    """What acts on both sets, fitted to the runs before alone."""
+    start = {k: v for k, v in fit.values.items() if not k.changed}
+    mine = ~sets.side(problem.data)
+    if not any(k.effect != TUNE for k in start) and not start:
+        return start
+    return fit_all(part_of(problem, mine), [start], 6, settings=settings.results.fit)[0].values
+
+
+def _within(sets: TwoSets, problem: Problem, data, settings: ComparisonSettings) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """(W,) bool: evenly as many windows of each set as the figures may cost."""
+    keep = np.zeros(data.count, dtype=bool)
+    later = sets.side(data)
+    for side in (later, ~later):
+        if side.any():
+            steps = settings.search.final_steps
+            keep[np.flatnonzero(side)[evenly(data.take(side), steps, settings=settings.results.data)]] = True
+    return keep

@@ -1,0 +1,81 @@
+"""What a comparison is, once made."""
+
+from dataclasses import dataclass, field
+
+from residual_mpc.diagnosis.data.hold_out import KeptBack
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
+from residual_mpc.diagnosis.search.testable import NotTestable
+from residual_mpc.models.settings import Term, Values
+
+
+@dataclass(frozen=True)
+class ChangedNumber:
+    """A number before and after, None where the effect was not there; the change between (a ratio of gains, scales
+    and radii, else a difference) with its 95 % interval. note: what is wrong with it, empty where nothing is."""
+
+    name: str
+    before: float | None
+    after: float | None
+    change: float
+    ci95: tuple[float, float]
+    unit: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Change:
+    """term: the effect, on its target; p: probability of such a difference within one set of runs."""
+
+    term: Term
+    probability: float
+    p: float
+    parameters: tuple[ChangedNumber, ...]
+    summary: str
+    only_target: str | None = None
+
+
+@dataclass(frozen=True)
+class ChangeCandidate:
+    """What else was looked at: how much of the cost it would take away by itself, and its p."""
+
+    term: Term
+    probability: float
+    p: float
+
+
+@dataclass(frozen=True)
+class ComparedGap:
+    """Gaps of the model fitted to the runs before, on windows that no fit has seen, unitless: on the runs before, on
+    those after, and on those after with the changes; channels: the same by channel."""
+
+    nominal_before: float
+    nominal_after: float
+    before: float
+    after: float
+    after_explained: float
+    noise_floor: float
+    horizon: float
+    windows: tuple[int, int]
+    channels: dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The whole answer. account: the effects that act on both sets; units: independent stretches before and after;
+    p_left: probability that stretches of one set differ as much as the two sets still do."""
+
+    robot: str
+    verdict: str
+    changes: tuple[Change, ...]
+    groups: tuple[ConfoundedGroup, ...]
+    candidates: tuple[ChangeCandidate, ...]
+    gap: ComparedGap
+    unexplained: float
+    not_testable: tuple[NotTestable, ...]
+    held_out: tuple[KeptBack, ...]
+    account: tuple[Term, ...]
+    units: tuple[int, int]
+    p_left: float
+    values: Values
+    next_experiment: dict[str, object] | None
+    notes: tuple[str, ...] = field(default=())

@@ -1,0 +1,170 @@
+"""Which changes explain how two sets of runs differ: forward steps from none, and what could stand in their place."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.comparison.contrast import Contrast, Units, contrasts
+from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.diagnosis.fit.evidence import dispersion
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, possible
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
+
+
+@dataclass(frozen=True)
+class FoundChange:
+    """term: a change; p: probability of such a difference within one set of runs."""
+
+    term: Term
+    p: float
+
+
+@dataclass(frozen=True, eq=False)
+class FoundChanges:
+    """fit: the account with the changes; account: without; rest: contrasts of what is left, most telling first; phi: of
+    the fit's residuals over white noise's, by unit."""
+
+    fit: Fit
+    account: Fit
+    changes: tuple[FoundChange, ...]
+    rest: tuple[Contrast, ...]
+    phi: float
+
+
+def search_changes(
+    problem: Problem, account: Values, units: Units, settings: ComparisonSettings, start: FoundChanges | None = None
+) -> FoundChanges:
+    """Forward from the account, fitted to both sets, by the change that explains most, until none is beyond what units
+    of one set differ among themselves. start: what was found on other windows, to go on from."""
+    tuned, fits = settings.search, settings.results.fit
+    base = fit_all(problem, [account], settings=fits)[0]
+    current = base if start is None else fit_all(problem, [start.fit.values], settings=fits)[0]
+    changes = [] if start is None else list(start.changes)
+    while True:
+        told = told_apart(problem, current, units)
+        best = None
+        if len(changes) < tuned.most and told and min(c.p for c in told) <= settings.contrast.level:
+            best = _best(problem, current, units, told, settings)
+        if best is None:
+            phi = dispersion(current, units.number)
+            return FoundChanges(current, base, tuple(changes), tuple(sorted(told, key=lambda c: -abs(c.t))), phi)
+        current, change = best
+        changes.append(change)
+        current, changes = _pruned(problem, current, changes, units, settings)
+
+
+def told_apart(problem: Problem, current: Fit, units: Units, among: tuple[Term, ...] | None = None) -> list[Contrast]:
+    """The contrast of every probe of every change that may be added to a fit."""
+    there = changed_terms(current)
+    candidates = problem.space.candidates if among is None else among
+    open_ = [t for t in candidates if _compatible(t, there)]
+    return contrasts(problem, current, units, [(t, p) for t in open_ for p in problem.space.probes(t)])
+
+
+def changed_terms(fit: Fit) -> tuple[Term, ...]:
+    """The changes in a fit."""
+    return tuple(t for t in fit.terms if t.changed)
+
+
+def with_change(problem: Problem, values: Values, lead: Contrast) -> Values:
+    """Where the fit of a lead begins: its probe, scaled as the units tell, as a change and, where doing nothing is a
+    number, on both sets, so that the model's own error in it is none of the change."""
+    out = dict(values)
+    both = not any(p.shape for p in BY_NAME[lead.term.effect].parameters)
+    for knob, value in lead.probe.items():
+        p = BY_NAME[knob.effect].parameter(knob.parameter)
+        scaled = not p.shape and np.isfinite(p.null) and not p.threshold
+        out[knob] = _within(problem, knob, p.null + lead.dose * (value - p.null) if scaled else value)
+        own = knob._replace(changed=False)
+        if both and np.isfinite(p.null) and not {own, own._replace(target=None)} & values.keys():
+            out[own] = _within(problem, own, p.null + lead.before * (value - p.null) if scaled else p.null)
+    return out
+
+
+def _within(problem: Problem, knob: Knob, value: float) -> float:
+    return float(np.clip(value, *problem.space.bounds(knob)))
+
+
+def without_change(values: Values, term: Term) -> Values:
+    """The values without a change; what acts on both sets stays."""
+    return {k: v for k, v in values.items() if k.effect == TUNE or k.term != term}
+
+
+def fitted_leads(
+    problem: Problem, current: Fit, leads: list[Contrast], settings: ComparisonSettings
+) -> list[tuple[Contrast, Fit]]:
+    """The first few leads fitted with everything else, cheapest first, each term once."""
+    tuned, fits = settings.search, settings.results.fit
+    chosen = _varied(leads)[: tuned.shortlist]
+    starts = [with_change(problem, current.values, c) for c in chosen]
+    new = [frozenset(s).difference(current.knobs) for s in starts]
+    near = [current] * len(starts)
+    rough = fit_all(problem, starts, tuned.rough, rough=True, near=near, fresh=new, settings=fits)
+    order = sorted(range(len(rough)), key=lambda i: rough[i].cost)
+    seen: dict[Term, int] = {}
+    for i in order:
+        seen.setdefault(chosen[i].term, i)
+    finalists = list(seen.values())[: tuned.finalists]
+    ends = fit_all(problem, [rough[i].values for i in finalists], fresh=[new[i] for i in finalists], settings=fits)
+    pairs = [(chosen[i], f) for i, f in zip(finalists, ends, strict=True) if possible(f.values)]
+    return sorted(pairs, key=lambda pair: pair[1].cost)
+
+
+def _best(
+    problem: Problem, current: Fit, units: Units, told: list[Contrast], settings: ComparisonSettings
+) -> tuple[Fit, FoundChange] | None:
+    """The change that lowers the cost most, of those whose fitted size is beyond doubt; None where there is none."""
+    beyond = [c for c in told if c.p <= settings.contrast.level]
+    leads = _mixed(sorted(beyond, key=lambda c: -c.drop), sorted(beyond, key=lambda c: -abs(c.t)))
+    p = {term: min(c.p for c in beyond if c.term == term) for term in {c.term for c in beyond}}
+    for lead, fit in fitted_leads(problem, current, leads, settings):
+        worth = (current.cost - fit.cost) / dispersion(fit, units.number)
+        if worth >= settings.search.needed:
+            return fit, FoundChange(lead.term, p[lead.term])
+    return None
+
+
+def _pruned(
+    problem: Problem, current: Fit, changes: list[FoundChange], units: Units, settings: ComparisonSettings
+) -> tuple[Fit, list[FoundChange]]:
+    """Without the changes that later ones have made needless."""
+    while len(changes) > 1:
+        phi = dispersion(current, units.number)
+        starts = [without_change(current.values, c.term) for c in changes[:-1]]
+        fewer = fit_all(problem, starts, settings.search.rough, near=[current] * len(starts),
+                        fresh=[frozenset[Knob]()] * len(starts), settings=settings.results.fit)  # fmt: skip
+        least = int(np.argmin([f.cost for f in fewer]))
+        if (fewer[least].cost - current.cost) / phi > settings.search.needed:
+            break
+        current = on_problem(problem, fewer[least], settings=settings.results.fit)
+        changes = [c for i, c in enumerate(changes) if i != least]
+    return current, changes
+
+
+def _varied(leads: list[Contrast], each: int = 2) -> list[Contrast]:
+    """The leads in their order, of each term only the first few."""
+    taken: dict[Term, int] = {}
+    out = []
+    for lead in leads:
+        taken[lead.term] = taken.get(lead.term, 0) + 1
+        if taken[lead.term] <= each:
+            out.append(lead)
+    return out
+
+
+def _mixed(*rankings: list[Contrast]) -> list[Contrast]:
+    """Rankings of the same leads taken in turn, each lead once."""
+    seen: dict[int, Contrast] = {}
+    for places in zip(*rankings, strict=True):
+        for lead in places:
+            seen.setdefault(id(lead), lead)
+    return list(seen.values())
+
+
+def _compatible(term: Term, changes: tuple[Term, ...]) -> bool:
+    """Whether a change may join others: not twice the same, and never both on all targets and on one."""
+    return all(
+        t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in changes
+    )

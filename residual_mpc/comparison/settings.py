@@ -1,0 +1,54 @@
+"""What tunes a comparison."""
+
+from dataclasses import dataclass, field
+
+from residual_mpc.diagnosis.checks import check_positive, check_share
+from residual_mpc.diagnosis.results.settings import ResultSettings
+
+
+@dataclass(frozen=True)
+class ContrastSettings:
+    """unit: s, the shortest stretch of a run that counts as one observation; units: of such stretches that a set is cut
+    into, where it has no more runs than that. level: probability of a false change, over all hypotheses together."""
+
+    unit: float = 3.0
+    units: int = 12
+    level: float = 0.03
+
+    def __post_init__(self) -> None:
+        check_positive(self, "unit", "units")
+        check_share(self, "level")
+
+
+@dataclass(frozen=True)
+class ChangeSearchSettings:
+    """shortlist: hypotheses that are fitted roughly at each step, finalists: to the end, rough: steps of a rough fit;
+    most: changes. needed: likelihood ratio that a change has to be worth once others are found; alike: below which two
+    sets of changes are not told apart. steps: simulation steps that one hypothesis may cost in the search, final_steps:
+    in the last fit and the tests."""
+
+    shortlist: int = 14
+    finalists: int = 6
+    rough: int = 3
+    most: int = 4
+    needed: float = 6.0
+    alike: float = 6.0
+    steps: int = 24_000
+    final_steps: int = 100_000
+
+    def __post_init__(self) -> None:
+        check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "steps", "final_steps")
+
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes."""
+
+    sure: float = 0.97
+    sure_partial: float = 0.8
+    contrast: ContrastSettings = field(default_factory=ContrastSettings)
+    search: ChangeSearchSettings = field(default_factory=ChangeSearchSettings)
+    results: ResultSettings = field(default_factory=ResultSettings)
+
+    def __post_init__(self) -> None:
+        check_share(self, "sure", "sure_partial")

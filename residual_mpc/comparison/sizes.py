@@ -1,0 +1,91 @@
+"""How large each change is, with an interval that holds what differs between stretches of one set."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import stdtrit
+
+from residual_mpc.comparison.contrast import Units
+from residual_mpc.comparison.records import ChangedNumber
+from residual_mpc.comparison.space import ChangeSpace, change_between
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.results.causes import AT_BOUND, unit_of
+from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import Knob, Term
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """sigma (P,): standard deviation of each number of a fit, from the fits without one unit each (the jackknife; Efron
+    and Stein 1981); freedom (P,): degrees of freedom that the units' shares in it tell (Satterthwaite 1946)."""
+
+    sigma: np.ndarray
+    freedom: np.ndarray
+
+
+def jackknife(fit: Fit, units: Units) -> Spread:
+    """By one Gauss-Newton step from the whole fit. Units of the two sets are left out in turn, so that the difference
+    between them is as uncertain as they differ within each set."""
+    count, size = units.count, len(fit.knobs)
+    free = ~fit.held
+    j = fit.jacobian[..., free]
+    products = np.zeros((count, j.shape[2], j.shape[2]))
+    scores = np.zeros((count, j.shape[2]))
+    np.add.at(products, units.number, np.einsum("wnp,wnq->wpq", j, j, optimize=True))
+    np.add.at(scores, units.number, np.einsum("wnp,wn->wp", j, fit.r))
+    total, whole = products.sum(axis=0), scores.sum(axis=0)
+    here = -np.linalg.pinv(total, rcond=1e-10, hermitian=True) @ whole
+    without = np.stack(
+        [-np.linalg.pinv(total - products[u], rcond=1e-10, hermitian=True) @ (whole - scores[u]) for u in range(count)]
+    )
+    share = np.zeros((count, j.shape[2]))
+    for side in (units.later, ~units.later):
+        n = int(side.sum())
+        share[side] = (without[side] - here) ** 2 * (n - 1) / max(n, 1)
+    variance = share.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        freedom = np.where(variance > 0.0, variance**2 / np.sum(share**2, axis=0), count)
+    sigma, dof = np.zeros(size), np.full(size, float(count))
+    sigma[free] = np.sqrt(variance) * fit.scales[free]
+    dof[free] = np.clip(freedom, 1.5, None)
+    return Spread(sigma, dof)
+
+
+def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread) -> tuple[ChangedNumber, ...]:
+    """The numbers of one change."""
+    space = problem.space
+    assert isinstance(space, ChangeSpace)
+    after = space.later(fit.values)
+    out = []
+    for i, knob in enumerate(fit.knobs):
+        if not knob.changed or knob.term != term:
+            continue
+        p = BY_NAME[knob.effect].parameter(knob.parameter)
+        own, general = Knob(knob.effect, knob.target, knob.parameter), Knob(knob.effect, None, knob.parameter)
+        was = fit.values.get(own, fit.values.get(general, p.null))
+        now = after[own]
+        value = fit.values[knob] if p.shape else change_between(p, was, now)
+        half = float(stdtrit(spread.freedom[i], 0.975) * spread.sigma[i])
+        if not np.isfinite(p.null) and np.isfinite(was):
+            half /= was  # a ratio
+        unit = unit_of(space.robot, term, "1" if p.null == 1.0 or (np.isinf(p.null) and np.isfinite(was)) else p.unit)
+        out.append(
+            ChangedNumber(
+                p.name,
+                float(was) if np.isfinite(was) else None,
+                float(now) if np.isfinite(now) else None,
+                float(value),
+                (float(value - half), float(value + half)),
+                unit,
+                AT_BOUND if fit.held[i] else "",
+            )
+        )
+    return tuple(out)
+
+
+def to_the_end(problem: Problem, fit: Fit, settings: ResultSettings) -> Fit:
+    """The fit on these windows, to the end, with its Jacobian."""
+    ends = fit_all(problem, [fit.values], settings.fit.polish.steps, 1e-6, secants=0, settings=settings.fit)
+    return replace(ends[0], terms=fit.terms)

@@ -1,0 +1,115 @@
+"""The hypotheses of a comparison: effects that act on the later runs alone, on top of what acts on both sets."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.effects.effect import Parameter
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values
+
+LARGEST_RATIO = 20.0  # by which a factor may change
+
+
+@dataclass(frozen=True)
+class ChangeSpace(Space):
+    """A space in which terms may be changes: what is added to a number, or multiplies it, on the later runs."""
+
+    def knobs(self, term: Term) -> tuple[Knob, ...]:
+        """The free numbers of a term."""
+        return tuple(k._replace(changed=term.changed) for k in super().knobs(term))
+
+    def bounds(self, knob: Knob) -> tuple[float, float]:
+        """Limits of a free number; those of a change let the changed number reach any of its own."""
+        low, high = super().bounds(knob)
+        if not knob.changed:
+            return low, high
+        p = BY_NAME[knob.effect].parameter(knob.parameter)
+        if p.shape or not np.isfinite(p.null):
+            return low, high
+        if p.null == 1.0:
+            return max(low / max(high, 1.0), 1.0 / LARGEST_RATIO), LARGEST_RATIO
+        return min(low, -high), max(high, -low)
+
+    def probes(self, term: Term) -> list[Values]:
+        """Values worth a first look; those of a change also the other way."""
+        there = super().probes(term)
+        if not term.changed:
+            return there
+        there = [{k._replace(changed=True): v for k, v in probe.items()} for probe in there]
+        back = [{k: self._opposite(k, v) for k, v in probe.items()} for probe in there]
+        return [*there, *(b for b, t in zip(back, there, strict=True) if b != t)]
+
+    def _opposite(self, knob: Knob, value: float) -> float:
+        p = BY_NAME[knob.effect].parameter(knob.parameter)
+        if p.shape or not np.isfinite(p.null):
+            return value
+        turned = 1.0 / value if p.null == 1.0 and value > 0.0 else 2.0 * p.null - value
+        return float(np.clip(turned, *self.bounds(knob)))
+
+    def settings(self, hypotheses: Sequence[Values]) -> Settings:
+        """One row per hypothesis, with the values on the later runs beside those on the earlier ones."""
+        earlier = [{k: v for k, v in h.items() if not k.changed} for h in hypotheses]
+        before = super().settings(earlier)
+        if all(len(e) == len(h) for e, h in zip(earlier, hypotheses, strict=True)):
+            return before
+        return replace(before, later=super().settings([self.later(h) for h in hypotheses]))
+
+    def later(self, values: Values) -> Values:
+        """The values on the later runs: each change composed with what acts on both sets, target by target."""
+        out = {k: v for k, v in values.items() if not k.changed}
+        for knob in (k for k in values if k.changed):
+            for target in self._targets(knob, out):
+                own = Knob(knob.effect, target, knob.parameter)
+                general = Knob(knob.effect, None, knob.parameter)
+                p = BY_NAME[knob.effect].parameter(knob.parameter)
+                before = out.get(own, out.get(general))
+                composed = values[knob] if before is None else compose(p, before, values[knob])
+                out[own] = float(np.clip(composed, *Space.bounds(self, own)))
+        return out
+
+    def _targets(self, knob: Knob, values: Values) -> list[str | None]:
+        """Where a change acts: on its target, and where that is none on each target that has a value of its own."""
+        if knob.target is not None:
+            return [knob.target]
+        own = [k.target for k in values if (k.effect, k.parameter) == (knob.effect, knob.parameter)]
+        return [*(t for t in own if t is not None), None]
+
+
+def compose(p: Parameter, before: float, change: float) -> float:
+    """A number after a change: a factor multiplies, limits take the lower one, springs act in series, all else adds; a
+    number that says only how an effect acts stays."""
+    if p.shape:
+        return before
+    if not np.isfinite(p.null):
+        if not np.isfinite(before):
+            return change
+        return min(before, change) if p.threshold else 1.0 / (1.0 / before + 1.0 / change)
+    return before * change if p.null == 1.0 else before + change
+
+
+def change_between(p: Parameter, before: float, after: float) -> float:
+    """The size of a change: the ratio of factors, the difference of all else; of a limit or spring that was not there
+    before, what it is."""
+    if not np.isfinite(p.null):
+        return after if not np.isfinite(before) else after / before
+    return after / before if p.null == 1.0 else after - before
+
+
+def change_space(space: Space) -> ChangeSpace:
+    """The same robot and references, with a change of every candidate in place of the candidates."""
+    return ChangeSpace(
+        space.robot,
+        space.slots,
+        tuple(t._replace(changed=True) for t in space.candidates),
+        space.tunables,
+        space.references,
+        {t._replace(changed=True): why for t, why in space.ruled_out.items()},
+    )
+
+
+def unchanged(values: Values) -> Values:
+    """What acts on both sets."""
+    return {k: v for k, v in values.items() if not k.changed or k.effect == TUNE}
