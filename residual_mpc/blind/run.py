@@ -100,6 +100,7 @@ def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], ti
     with tempfile.TemporaryDirectory(prefix="case-") as place:
         work = Path(place) / "case"
         shutil.copytree(case, work)
+        kept: tuple[str, ...]
         if has_halves(work):
             what, kept = ["--before", "before", "--after", "after"], ("comparison.json",)
         else:

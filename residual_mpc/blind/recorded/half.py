@@ -63,13 +63,13 @@ class Half:
 
     def speed(self, column: str) -> float:
         """Root mean square rate of change of a column, seen over a twentieth of a second or a sample."""
-        squares = []
+        squares: list[float] = []
         for log in self.logs:
             t, y = log.columns[column].t, self._unwrapped(log, column)
             t, y = t[np.isfinite(y)], y[np.isfinite(y)]
             ahead = np.maximum(np.searchsorted(t, t + 0.05 - 1e-9), np.arange(len(t)) + 1)
             k = np.flatnonzero(ahead < len(t))
-            squares.append(np.mean(((y[ahead[k]] - y[k]) / (t[ahead[k]] - t[k])) ** 2) if len(k) else 0.0)
+            squares.append(float(np.mean(((y[ahead[k]] - y[k]) / (t[ahead[k]] - t[k])) ** 2)) if len(k) else 0.0)
         return float(np.sqrt(np.mean(squares)))
 
     def pace(self, columns: tuple[str, ...]) -> float:

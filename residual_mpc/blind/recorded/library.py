@@ -55,7 +55,8 @@ def carried_by(half: Half, wanted: Sequence[str] = ()) -> tuple[tuple[Kind, tupl
     carried = {kind.effect for kind, _ in found}
     for name in wanted:
         if name not in carried:
-            raise BadInput("; ".join(dict.fromkeys(refused[name])), f"--kind {name}", "choose another kind or other runs")
+            why = "; ".join(dict.fromkeys(refused[name]))
+            raise BadInput(why, f"--kind {name}", "choose another kind or other runs")
     return tuple(found)
 
 

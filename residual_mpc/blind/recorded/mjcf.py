@@ -66,7 +66,7 @@ class Mjcf:
         while name is None and above is not None:
             name = above.get("childclass")
             above = self.parents.get(above)
-        tops = [section for section in self.root.findall("default")]
+        tops = self.root.findall("default")
         every = [section for top in tops for section in top.iter("default")]
         section = next((s for s in every if name is not None and s.get("class") == name), None)
         while section is not None and section not in tops:

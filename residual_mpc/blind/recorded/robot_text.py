@@ -63,7 +63,8 @@ def robot_text(
 
 
 def _of(setting: Setting, model: str) -> dict[str, object]:
-    return ({"model": model} if model else {}) | ({"parameters": dict(setting.parameters)} if setting.parameters else {})
+    found: dict[str, object] = {"model": model, "parameters": dict(setting.parameters)}
+    return {key: value for key, value in found.items() if value}
 
 
 def _variant(table: Mapping[str, object]) -> str:

@@ -99,11 +99,10 @@ def _admissible(group: tuple[frozenset[Name], ...], planted: Collection[str]) ->
 
 
 def _targets_right(answer: Answer, reading: Collection[Name]) -> bool:
-    return all(
-        where(answer, p.effect, p.target)
-        == frozenset[str]().union(*(where(answer, p.effect, target) for effect, target in reading if effect == p.effect))
-        for p in answer.effects
-    )
+    def claimed(effect: str) -> frozenset[str]:
+        return frozenset[str]().union(*(where(answer, *name) for name in reading if name[0] == effect))
+
+    return all(where(answer, p.effect, p.target) == claimed(p.effect) for p in answer.effects)
 
 
 def where(answer: Answer, effect: str, target: str | None) -> frozenset[str]:
