@@ -127,19 +127,19 @@ def test_a_rotor():
 
 
 @pytest.mark.parametrize("target", [None, "m1", "m2"])
-def test_the_gain_of_an_actuator_weighs_its_whole_force(target):
-    model = mujoco.MjModel.from_xml_string(edited(FORCE, target, {"gain": 1.25}))
-    factors = np.array([1.25 if target in (None, a) else 1.0 for a in ("m1", "m2")])
+def test_the_gain_of_an_actuator_weighs_its_law_and_leaves_its_limit(target):
+    limited = ARM.replace('gear="2"', 'gear="2" forcerange="-0.5 0.5"')
+    model = mujoco.MjModel.from_xml_string(edited(FORCE, target, {"gain": 1.25}, limited))
+    g1, g2 = (1.25 if target in (None, a) else 1.0 for a in ("m1", "m2"))
     rng = np.random.default_rng(2)
     for _ in range(20):
-        q, w, u = rng.uniform(-1, 1, 2), rng.uniform(-3, 3, 2), rng.uniform(-1, 1, 2)
-        forces = []
-        for m in (model, ORIGINAL):
-            data = mujoco.MjData(m)
-            data.qpos[:], data.qvel[:], data.ctrl[:] = q, w, u
-            mujoco.mj_forward(m, data)
-            forces.append(data.qfrc_actuator.copy())
-        np.testing.assert_allclose(forces[0] * factors, forces[1], atol=1e-12)
+        q, w, u = rng.uniform(-0.2, 0.2, 2), rng.uniform(-1, 1, 2), rng.uniform(-1, 1, 2)
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = q, w, u
+        mujoco.mj_forward(model, data)
+        servo = np.clip((30 * (u[0] - q[0]) - 1.2 * w[0]) / g1, -4, 4)
+        motor = 2 * np.clip(u[1] / g2, -0.5, 0.5)
+        np.testing.assert_allclose(data.qfrc_actuator, [servo, motor], atol=1e-12)
 
 
 def test_the_stiffness_of_a_servo_leaves_its_damping_and_its_limit():

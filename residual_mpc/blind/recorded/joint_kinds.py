@@ -16,11 +16,13 @@ from residual_mpc.effects.actuator import ACTUATOR_GAIN
 from residual_mpc.effects.body import ARMATURE, COULOMB, VISCOUS
 
 SERVO_STIFFNESS = "servo_stiffness"
-GAIN_OF = {  # by kind of actuator, the attributes that its force is proportional to, with their defaults
-    "motor": (("gear", "1 0 0 0 0 0"),),
-    "position": (("kp", "1"), ("kv", "0"), ("forcerange", "")),
-    "velocity": (("kv", "1"), ("forcerange", "")),
-    "general": (("gainprm", "1"), ("biasprm", "0"), ("forcerange", "")),
+# by kind of actuator, the attributes that its force is proportional to, with their defaults and the power of the gain
+# that they are multiplied by; a motor's limit lies before its gear, which is the only factor that it has
+GAIN_OF = {
+    "motor": (("gear", "1 0 0 0 0 0", -1), ("forcerange", "", 1)),
+    "position": (("kp", "1", -1), ("kv", "0", -1)),
+    "velocity": (("kv", "1", -1),),
+    "general": (("gainprm", "1", -1), ("biasprm", "0", -1)),
 }
 STATED_OTHERWISE = ("dampratio", "timeconst", "inheritrange")
 
@@ -123,11 +125,11 @@ def _change_gain(half: Half, target: Target, sizes: Sizes, rng: np.random.Genera
     return half.with_models(changed)
 
 
-def _weaken(model: Mjcf, element: ET.Element, attributes: tuple[tuple[str, str], ...], gain: float) -> None:
-    for attribute, default in attributes:
+def _weaken(model: Mjcf, element: ET.Element, attributes: tuple[tuple[str, str, int], ...], gain: float) -> None:
+    for attribute, default, power in attributes:
         numbers = model.numbers(element, attribute, [float(x) for x in default.split()])
         if len(numbers):
-            element.set(attribute, vector_text(numbers / gain))
+            element.set(attribute, vector_text(numbers * gain**power))
 
 
 def _stiffness_targets(half: Half) -> tuple[Target, ...]:
@@ -146,7 +148,7 @@ def _stiffness_targets(half: Half) -> tuple[Target, ...]:
 def _change_stiffness(half: Half, target: Target, sizes: Sizes, rng: np.random.Generator) -> Half:
     def changed(text: str) -> str:
         model = parse(text)
-        _weaken(model, model.actuator(str(target)), (("kp", "1"),), sizes["gain"])
+        _weaken(model, model.actuator(str(target)), (("kp", "1", -1),), sizes["gain"])
         return model.text()
 
     return half.with_models(changed)
@@ -170,7 +172,8 @@ DAMPING = Kind(
 )  # fmt: skip
 FORCE = Kind(
     ACTUATOR_GAIN.name, "model",
-    "Everything that the actuator's force is proportional to, its limit included, is divided by the gain in the model.",
+    "Everything that the actuator's force is proportional to is divided by the gain in the model; its limit stays, as "
+    "in the library's law.",
     "gain", _gain_targets, _gain, _change_gain,
 )  # fmt: skip
 STIFFNESS = Kind(
