@@ -14,7 +14,8 @@ from residual_mpc.errors import BadInput
 
 RNG = np.random.default_rng(0)
 SPHERE = """<mujoco><worldbody><body name="arm"><joint name="shaft" axis="0 1 0"/>
-<geom type="sphere" size="0.02" pos="0 0 -0.1" mass="0.49" contype="0" conaffinity="0"/><site name="tip" pos="0 0 -0.1"/>
+<geom type="sphere" size="0.02" pos="0 0 -0.1" mass="0.49" contype="0" conaffinity="0"/>
+<site name="tip" pos="0 0 -0.1"/>
 </body></worldbody><actuator><motor name="servo" joint="shaft"/></actuator></mujoco>"""
 
 

@@ -89,7 +89,7 @@ def test_sizes_count_from_no_change_and_intervals_are_not_clipped():
 
 def test_the_figures_of_a_method():
     def outcome(answer, claim):
-        return Outcome("c", answer, claim, match(answer, claim), _sizes(answer, claim), 2.0, "")
+        return Outcome("c", "arm", answer, claim, match(answer, claim), _sizes(answer, claim), 2.0, "")
 
     summary = summarise("m", [
         outcome(truth(PAYLOAD, dose=5), said("changed", ("payload", None, 0.9, {"mass": (0.21, 0.19, 0.23)}))),

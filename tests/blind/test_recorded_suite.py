@@ -229,7 +229,8 @@ def test_measured_wheel_speeds_still_drive_the_model(tmp_path):
 )
 def test_bad_input_is_said_before_anything_is_written(arm_folder, tmp_path, options, why):
     done = CliRunner().invoke(blind, [
-        "make", "--from", str(arm_folder), "--robot", str(arm_folder / "robot.toml"), "--out", str(tmp_path / "s"), *options,
+        "make", "--from", str(arm_folder), "--robot", str(arm_folder / "robot.toml"), "--out", str(tmp_path / "s"),
+        *options,
     ])  # fmt: skip
     assert isinstance(done.exception, BadInput) and why in str(done.exception)
     assert not (tmp_path / "s").exists()

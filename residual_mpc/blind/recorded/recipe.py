@@ -52,17 +52,15 @@ class Change:
 def plan(robot: str, cases: int, first_seed: int, test: bool) -> list[Recipe]:
     """The recipes of a robot's suite. Numbers, kinds and doses come evenly, in an order that says nothing of them."""
     rng = np.random.default_rng([first_seed, cases, crc32(robot.encode())])
-    order = rng.permutation(cases)
     numbers = [NUMBERS[i % len(NUMBERS)] for i in range(cases)]
-    changed = [i for i in range(cases) if numbers[i]]
-    leads = dict(zip(changed, range(len(changed)), strict=True))
-    # kinds run through faster than doses, so that each kind comes with different doses
     first = int(rng.integers(1000))
-    return [
-        Recipe(f"case-{place + 1:04d}", first_seed + place, numbers[i], first + leads.get(i, 0),
-               1 + (leads.get(i, 0) * 2 + leads.get(i, 0) // DOSES) % DOSES, test)
-        for place, i in enumerate(order.tolist())
-    ]  # fmt: skip
+    recipes = []
+    for place, i in enumerate(rng.permutation(cases).tolist()):
+        turn = numbers[:i].count(numbers[i])  # among the cases with as many changes
+        # a kind that comes again comes with another dose
+        dose = 1 + (2 * turn + turn // DOSES) % DOSES
+        recipes.append(Recipe(f"case-{place + 1:04d}", first_seed + place, numbers[i], first + turn, dose, test))
+    return recipes
 
 
 def draw(half: Half, carried: Carried, recipe: Recipe, rng: np.random.Generator) -> tuple[Change, ...]:

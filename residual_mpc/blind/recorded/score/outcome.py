@@ -30,10 +30,11 @@ class SizeOutcome:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One case: what was changed, what was claimed, how they compare. claim: None where no comparison came out, which
+    """One case of a source's runs: what was changed, what was claimed, how they compare. claim: None where no comparison came out, which
     is wrong."""
 
     name: str
+    source: str
     answer: Answer
     claim: Claim | None
     match: Match
@@ -59,7 +60,7 @@ class Outcome:
         return not self.match.right and (self.surest_wrong or 0.0) >= SURE
 
 
-def outcome(name: str, answer: Answer, result: Path) -> Outcome:
+def outcome(name: str, source: str, answer: Answer, result: Path) -> Outcome:
     """Score the comparison in the folder ``result``."""
     seconds, trouble = _run_record(result)
     claim: Claim | None = None
@@ -70,8 +71,8 @@ def outcome(name: str, answer: Answer, result: Path) -> Outcome:
             trouble = str(error)
     if claim is None:
         nothing = Match(False, False, None, (False,) * len(answer.effects), (), ())
-        return Outcome(name, answer, None, nothing, (), seconds, trouble)
-    return Outcome(name, answer, claim, match(answer, claim), _sizes(answer, claim), seconds, "")
+        return Outcome(name, source, answer, None, nothing, (), seconds, trouble)
+    return Outcome(name, source, answer, claim, match(answer, claim), _sizes(answer, claim), seconds, "")
 
 
 def _run_record(result: Path) -> tuple[float | None, str]:

@@ -78,7 +78,7 @@ def _wrong(o: Outcome) -> dict[str, object]:
     said = o.trouble or (o.claim.verdict if o.claim else "")
     named = [] if o.claim is None else [_place(*n) + _probability(o, n) for n in o.claim.named]
     return {
-        "case": o.name, "source": o.answer.family, "changed": changed or ["nothing"], "said": said, "named": named,
+        "case": o.name, "source": o.source, "changed": changed or ["nothing"], "said": said, "named": named,
         "lacking": lacking(o.answer),
     }  # fmt: skip
 

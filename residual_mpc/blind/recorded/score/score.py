@@ -28,11 +28,12 @@ class RecordedScores:
 
 @dataclass(frozen=True)
 class Swept:
-    """A suite, its sealed answers, and each method's results (name to folder)."""
+    """A suite, its sealed answers, and each method's results (name to folder); source: what to call its runs."""
 
     folder: Path
     answers: Path
     results: Mapping[str, Path]
+    source: str = ""  # empty: the robot's name
 
 
 def score_recorded(swept: Sequence[Swept], ledger: Path) -> RecordedScores:
@@ -52,8 +53,9 @@ def score_recorded(swept: Sequence[Swept], ledger: Path) -> RecordedScores:
             _record(ledger, suite, one.results)
         for entry in suite.cases:
             answer = reveal(one.answers / f"{entry.name}.json", entry.commitment, suite.case(entry))
+            source = one.source or answer.family
             for method, place in one.results.items():
-                found.setdefault(method, []).append(outcome(entry.name, answer, place / entry.name))
+                found.setdefault(method, []).append(outcome(entry.name, source, answer, place / entry.name))
     summaries = tuple(summarise(method, outcomes) for method, outcomes in found.items())
     return RecordedScores(tuple(suites), summaries, read_openings(ledger), program_version())
 

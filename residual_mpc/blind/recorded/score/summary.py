@@ -62,7 +62,7 @@ class Summary:
 
 def _row(o: Outcome) -> dict[str, object]:
     return {
-        "case": o.name, "source": o.answer.family, "dose": o.answer.notes["dose"],
+        "case": o.name, "source": o.source, "dose": o.answer.notes["dose"],
         "changed": [{"effect": p.effect, "target": p.target, "parameters": dict(p.parameters)}
                     for p in o.answer.effects],
         "verdict": None if o.claim is None else o.claim.verdict,
@@ -98,7 +98,7 @@ def summarise(method: str, outcomes: Sequence[Outcome]) -> Summary:
         interval_coverage=rate(s.covered for s in sizes),
         surest_wrong=max((p for o in outcomes if (p := o.surest_wrong) is not None), default=None),
         sure_and_wrong=rate(o.sure_and_wrong for o in wrong),
-        by_source=_grouped(outcomes, lambda o: o.answer.family),
+        by_source=_grouped(outcomes, lambda o: o.source),
         by_number=_grouped(outcomes, lambda o: str(len(o.answer.effects)) if o.answer.effects else NONE),
         by_kind=_rates((effect, named) for effect, _, named in planted),
         by_dose=_rates((str(dose), named) for _, dose, named in planted),
