@@ -34,7 +34,8 @@ SOURCES = (
 
 
 @click.command()
-@click.option("--shared", type=click.Path(path_type=Path, file_okay=False), default=Path("../shared"), show_default=True)
+@click.option("--shared", type=click.Path(path_type=Path, file_okay=False), default=Path("../shared"),
+              show_default=True)  # fmt: skip
 @click.option("--source", "names", multiple=True, type=click.Choice([s.name for s in SOURCES]), help="[default: all]")
 @click.option("--cases", type=int, default=20, show_default=True, help="Cases of each source.")
 @click.option("--seed", type=int, default=0, show_default=True, help="First seed; seeds from 100000 are test seeds.")

@@ -30,8 +30,8 @@ class SizeOutcome:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One case of a source's runs: what was changed, what was claimed, how they compare. claim: None where no comparison came out, which
-    is wrong."""
+    """One case of a source's runs: what was changed, what was claimed, how they compare. claim: None where no
+    comparison came out, which is wrong."""
 
     name: str
     source: str
