@@ -158,7 +158,11 @@ def experiment(
     """
     from residual_mpc.blind.experiment import ExperimentSettings, run_experiments
     from residual_mpc.blind.make import default_answers
+    from residual_mpc.blind.recorded.case_files import is_recorded
+    from residual_mpc.blind.suite import read_suite
 
+    if is_recorded(read_suite(suite)):
+        raise BadInput("recorded robots run no experiments", str(suite), "make a suite of simulated families")
     settings = ExperimentSettings(command, planner, jobs, timeout, seed)
     with progress_bar() as progress:
         summary = run_experiments(suite, answers or default_answers(suite), results, out, settings, progress)

@@ -118,18 +118,18 @@ def _fill_zone(half: Half, target: Target, sizes: Sizes, rng: np.random.Generato
 RADIUS = Kind(
     WHEEL_RADIUS.name, "model",
     "The model is given wheels that are smaller by the scale, so the same robot has wheels larger by it.",
-    "radius", _radius_targets, _radius, _change_radius,
+    "wheels", _radius_targets, _radius, _change_radius,
 )  # fmt: skip
 TRACK = Kind(
     TRACK_WIDTH.name, "model",
     "The model is given a track that is narrower by the scale, so the same robot has one wider by it.",
-    "track", _track_targets, _track, _change_track,
+    "wheels", _track_targets, _track, _change_track,
 )  # fmt: skip
 MISMATCH = Kind(
     WHEEL_RADIUS_MISMATCH.name, "log",
     "A right wheel larger by the ratio covers the logged ground at a speed smaller by it. The measured speeds drive "
     "the model, so no motor has to answer differently.",
-    "radius", _mismatch_targets, _mismatch, _change_right,
+    "wheels", _mismatch_targets, _mismatch, _change_right,
 )  # fmt: skip
 WHEEL_GAIN = Kind(
     ACTUATOR_GAIN.name, "log",

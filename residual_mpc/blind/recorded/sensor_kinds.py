@@ -35,9 +35,9 @@ def _add_offset(half: Half, target: Target, sizes: Sizes, rng: np.random.Generat
 
 
 def _scale_targets(half: Half) -> tuple[Target, ...]:
-    found = _moving(half, ("twist.theta",))
-    if not found:
-        raise refuse("sensor_scale", "no run measures a position or a yaw rate that moves")
+    found = _moving(half, ())
+    if not found:  # a yaw rate that is scaled is what other wheels give
+        raise refuse("sensor_scale", "no run measures a joint's position that moves")
     return found
 
 
