@@ -81,7 +81,7 @@ def make_suite(settings: MakeSettings, folder: Path, answers: Path, progress: Pr
     """
     from joblib import delayed
 
-    _apart(folder, answers)
+    check_apart(folder, answers)
     (folder / "cases").mkdir(parents=True, exist_ok=True)
     answers.mkdir(parents=True, exist_ok=True)
     plan = _plan(settings)
@@ -155,7 +155,8 @@ def _kept(name: str, job: tuple[object, ...], folder: Path, answers: Path) -> En
     return _entry(name, answer.family, sealed)
 
 
-def _apart(folder: Path, answers: Path) -> None:
+def check_apart(folder: Path, answers: Path) -> None:
+    """Raises BadInput where the answers would travel with the suite."""
     inner, outer = answers.resolve(), folder.resolve()
     if inner == outer or outer in inner.parents:
         raise BadInput("the answers must not be inside the suite", str(answers), "give another folder")

@@ -1,4 +1,5 @@
-"""Diagnose the cases of a suite, each in a process and a folder of its own that hold no answer.
+"""Diagnose the cases of a suite, each in a process and a folder of its own that hold no answer; compare the halves of
+a case of recorded runs.
 
 Nothing here reads an answer or knows where one is kept. A case's files are copied to a fresh folder under a
 name that says nothing; the process that diagnoses them gets that folder, the command line and a short list of
@@ -16,16 +17,19 @@ from pathlib import Path
 
 from residual_mpc.blind.processes.isolated import program, run_isolated
 from residual_mpc.blind.processes.parallel import Progress, run_in_parallel, silent
+from residual_mpc.blind.recorded.case_files import has_halves, is_recorded
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
 from residual_mpc.errors import BadInput
 from residual_mpc.extras import extra
 
 ENGINES = ("processes", "dask")
+DIAGNOSE, COMPARE = "diagnose", "compare"
 
 
 @dataclass(frozen=True)
 class RunSettings:
-    """How to diagnose. ``command`` is any program that takes the options of `residual-mpc diagnose`."""
+    """How to diagnose. ``command`` is any program that takes the options of `residual-mpc diagnose`, or those of
+    `residual-mpc compare` on cases of recorded runs."""
 
     command: str = ""  # empty: this installation's own
     jobs: int = -1  # cases at once; -1: all cores
@@ -55,7 +59,8 @@ class RunSummary:
 def run_suite(folder: Path, results: Path, settings: RunSettings, progress: Progress = silent) -> RunSummary:
     """Diagnose every case that ``results`` does not hold yet; a failing case fails alone, kept as failed."""
     suite = read_suite(folder)
-    command = [*program(settings.command, "diagnose"), "--seed", str(settings.seed)]
+    own = COMPARE if is_recorded(suite) else DIAGNOSE
+    command = [*program(settings.command, own), "--seed", str(settings.seed)]
     results.mkdir(parents=True, exist_ok=True)
     todo = [entry for entry in suite.cases if not (results / entry.name / "run.json").exists()]
     begin = time.monotonic()
@@ -88,27 +93,33 @@ def _spread(
 
 
 def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], timeout: float) -> bool:
-    """Diagnose one case into ``result`` (``diagnosis.json``, ``run.json``); whether a diagnosis came out."""
+    """Diagnose one case into ``result`` (``diagnosis.json``, ``run.json``); whether a diagnosis came out.
+
+    The halves of a case of recorded runs are compared into ``comparison.json``.
+    """
     with tempfile.TemporaryDirectory(prefix="case-") as place:
         work = Path(place) / "case"
         shutil.copytree(case, work)
-        runs = sorted(p.name for p in work.iterdir() if p.suffix in (".csv", ".parquet"))
-        call = [*command, "--robot", "robot.toml", *runs, "--out", "out", "--json"]
+        kept: tuple[str, ...]
+        if has_halves(work):
+            what, kept = ["--before", "before", "--after", "after"], ("comparison.json",)
+        else:
+            what = sorted(p.name for p in work.iterdir() if p.suffix in (".csv", ".parquet"))
+            kept = ("diagnosis.json", "model.json")
+        call = [*command, "--robot", "robot.toml", *what, "--out", "out", "--json"]
         for effect in entry.without:
             call += ["--without", effect]
         begin = time.monotonic()
         ended = run_isolated(call, work, timeout)
         status, seconds = ended.status, time.monotonic() - begin
-        made = work / "out" / "diagnosis.json"
-        if status == "done" and not made.exists():
-            status = "no diagnosis.json"
+        if status == "done" and not (work / "out" / kept[0]).exists():
+            status = f"no {kept[0]}"
         shutil.rmtree(result, ignore_errors=True)
         result.mkdir(parents=True)
         if status == "done":
-            shutil.copyfile(made, result / "diagnosis.json")
-            for extra in ("model.json",):
-                if (work / "out" / extra).exists():
-                    shutil.copyfile(work / "out" / extra, result / extra)
+            for name in kept:
+                if (work / "out" / name).exists():
+                    shutil.copyfile(work / "out" / name, result / name)
         # written last: its presence says that the case is finished
         write_json(
             result / "run.json",

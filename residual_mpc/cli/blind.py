@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from residual_mpc.cli.common import emit, json_option, read, robot_option, runs_argument
+from residual_mpc.cli.common import ROBOT, emit, json_option, read, robot_option, runs_argument
 from residual_mpc.cli.progress import progress_bar
 from residual_mpc.errors import BadInput
+
+if TYPE_CHECKING:
+    from residual_mpc.blind.recorded.score.score import Swept
 
 _folder = click.Path(path_type=Path, file_okay=False)
 
@@ -23,7 +27,14 @@ def blind() -> None:
 @click.option("--answers", type=_folder, help="Folder for the sealed answers, outside --out  [default: OUT-answers]")
 @click.option("--family", "families", multiple=True, help="Family, or family=cases; repeatable  [default: all]")
 @click.option("--level", "levels", multiple=True, help="Level; repeatable  [default: all]")
-@click.option("--cases", type=int, default=5, show_default=True, help="Number of cases per family and level.")
+@click.option("--from", "runs_from", multiple=True, metavar="RUN",
+              help="Recorded runs to put known changes into (file, folder or pattern), in place of simulated families; "
+              "repeatable.")
+@click.option("--robot", metavar="R", help=f"{ROBOT}, for --from.")
+@click.option("--kind", "kinds", multiple=True, metavar="EFFECT",
+              help="Kind of change, for --from; repeatable  [default: all that the runs can carry]")
+@click.option("--cases", type=int, default=5, show_default=True,
+              help="Number of cases per family and level; with --from, of cases.")
 @click.option("--seed", type=int, default=0, show_default=True, help="First seed; seeds from 100000 are test seeds.")
 @click.option("--jobs", type=int, default=-1, show_default=True, help="Parallel processes; -1 for all cores.")
 @json_option
@@ -32,6 +43,9 @@ def make(
     answers: Path | None,
     families: tuple[str, ...],
     levels: tuple[str, ...],
+    runs_from: tuple[str, ...],
+    robot: str | None,
+    kinds: tuple[str, ...],
     cases: int,
     seed: int,
     jobs: int,
@@ -42,10 +56,23 @@ def make(
     from residual_mpc.blind.levels import LEVELS
     from residual_mpc.blind.make import MakeSettings, default_answers, make_suite
 
-    settings = MakeSettings(families or family_names(), levels or tuple(LEVELS), cases, seed, jobs)
     kept = answers or default_answers(out)
-    with progress_bar() as progress:
-        made = make_suite(settings, out, kept, progress)
+    if runs_from or robot is not None or kinds:
+        if not runs_from or robot is None or families or levels:
+            raise BadInput(
+                "--from and --robot go together, with --kind and without --family and --level", "--from",
+                "give the recorded runs with --from and their robot with --robot",
+            )  # fmt: skip
+        from residual_mpc.blind.recorded.make import RecordedSettings, make_recorded_suite
+
+        wanted = RecordedSettings(cases, seed, kinds)
+        nominal, logged = read(robot, runs_from, quiet=True)
+        with progress_bar() as progress:
+            made = make_recorded_suite(nominal.file, logged.runs, wanted, out, kept, progress)
+    else:
+        settings = MakeSettings(families or family_names(), levels or tuple(LEVELS), cases, seed, jobs)
+        with progress_bar() as progress:
+            made = make_suite(settings, out, kept, progress)
     for name, why in made.failed:
         click.echo(f"{name} could not be drawn: {why}", err=True)
     if as_json:
@@ -58,7 +85,8 @@ def make(
 @blind.command()
 @click.argument("suite", type=_folder)
 @click.option("--out", type=_folder, required=True, help="Folder for the diagnoses.")
-@click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`.")
+@click.option("--command", default="", help="Another method: a program that takes the options of `diagnose`, or of "
+              "`compare` where SUITE is of recorded runs.")
 @click.option("--jobs", type=int, default=-1, show_default=True, help="Cases at once; -1 for all cores.")
 @click.option("--timeout", type=float, default=600.0, show_default=True, help="Time limit per case in seconds.")
 @click.option("--engine", default="processes", show_default=True, help="processes, or dask for several machines.")
@@ -78,6 +106,7 @@ def run(
 ) -> None:
     """Diagnose every case of SUITE without its answer, each in its own process and folder.
 
+    In a suite of recorded runs, the halves of each case are compared with `residual-mpc compare`.
     If interrupted, the same command diagnoses only the missing cases.
     """
     from residual_mpc.blind.run import RunSettings, run_suite
@@ -129,7 +158,11 @@ def experiment(
     """
     from residual_mpc.blind.experiment import ExperimentSettings, run_experiments
     from residual_mpc.blind.make import default_answers
+    from residual_mpc.blind.recorded.case_files import is_recorded
+    from residual_mpc.blind.suite import read_suite
 
+    if is_recorded(read_suite(suite)):
+        raise BadInput("recorded robots run no experiments", str(suite), "make a suite of simulated families")
     settings = ExperimentSettings(command, planner, jobs, timeout, seed)
     with progress_bar() as progress:
         summary = run_experiments(suite, answers or default_answers(suite), results, out, settings, progress)
@@ -171,9 +204,19 @@ def score(
 ) -> None:
     """Open the answers of SUITE and score the methods against them; the report is about the first method."""
     from residual_mpc.blind.make import default_answers
+    from residual_mpc.blind.recorded.case_files import is_recorded
+    from residual_mpc.blind.recorded.score.score import Swept
     from residual_mpc.blind.score.score import score_suite
+    from residual_mpc.blind.suite import read_suite
 
     kept = answers or default_answers(suite)
+    if is_recorded(read_suite(suite)):
+        if experiments is not None:
+            raise BadInput("recorded robots run no experiments", "--experiments", "leave it out")
+        if explained is not None:
+            raise BadInput("comparisons are not explained", "--explained", "leave it out")
+        _score_recorded(Swept(suite, kept, _methods(given, "compare")), out, ledger or kept / "openings.jsonl", as_json)
+        return
     scores = score_suite(suite, kept, _methods(given), ledger or kept / "openings.jsonl", experiments, explained)
     first = scores.summaries[0].document()
     first["methods"] = [s.document() for s in scores.summaries[1:]]
@@ -245,12 +288,31 @@ def explain(
         click.echo(f"{kind:<12} {count:>4}  {MEANING[kind]}")
 
 
-def _methods(given: tuple[str, ...]) -> dict[str, Path]:
-    """Name to folder of each method."""
+def _score_recorded(swept: Swept, out: Path | None, ledger: Path, as_json: bool) -> None:
+    """`score` of a suite of recorded runs."""
+    from residual_mpc.blind.recorded.score.page import lines, write_recorded_page
+    from residual_mpc.blind.recorded.score.score import score_recorded
+    from residual_mpc.blind.suite import write_json
+
+    scores = score_recorded([swept], ledger)
+    first = scores.summaries[0].document() | {"methods": [s.document() for s in scores.summaries[1:]]}
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(out / "score.json", {"score": first})
+        write_recorded_page(scores, out / "blind.html")
+    if as_json:
+        emit({"score": first})
+        return
+    for line in lines(scores):
+        click.echo(line)
+
+
+def _methods(given: tuple[str, ...], unnamed: str = "diagnose") -> dict[str, Path]:
+    """Name to folder of each method; a folder without a name is the method ``unnamed``."""
     methods: dict[str, Path] = {}
     for text in given:
         name, equals, folder = text.partition("=")
-        name, folder = (name, folder) if equals else ("diagnose", text)
+        name, folder = (name, folder) if equals else (unnamed, text)
         if not name or not folder or name in methods:
             raise BadInput(f"must be NAME=FOLDER with a different name for each method, got {text!r}", "--results")
         methods[name] = Path(folder)

@@ -202,3 +202,13 @@ def test_texts_in_unknown_columns_are_kept_by_name(tmp_path: Path) -> None:
     assert result.runs[0].extra == ("note", "comand.left")
     assert list(result.runs[0].extra_columns) == ["comand.left"]
     assert any("command.left" in finding.remedy for finding in result.findings)
+
+
+def test_a_command_sent_before_the_first_row_that_is_kept_is_still_held(tmp_path: Path) -> None:
+    columns = table()
+    rows = np.arange(len(columns["t"]))
+    columns["command.left"] = np.where(rows % 2 == 0, 1.0 + rows, np.nan)
+    columns["command.right"] = np.where(rows % 2 == 1, 2.0, np.nan)
+    (run,) = read_runs([write_csv(tmp_path / "run.csv", columns)], ROBOT).runs
+    assert len(run.t) == len(rows) - 1
+    np.testing.assert_array_equal(run.columns["command.left"][:3], [1.0, 3.0, np.nan])

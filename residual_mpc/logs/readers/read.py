@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.clock import IntArray, Stamps, count_from_start
-from residual_mpc.logs.columns import GROUPS, group, is_measured, likely_run, likely_time
+from residual_mpc.logs.columns import GROUPS, PER_ACTUATOR, group, is_measured, likely_run, likely_time
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.readers.cells import labels, numbers, numbers_or_none, whole_numbers
 from residual_mpc.logs.readers.find import find_tables, stem
@@ -200,7 +200,7 @@ def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Fin
     run = Run(
         name,
         order.t[start:] - order.t[start],
-        {key: values[start:] for key, values in columns.items()},
+        {key: _from_row(start, key, values) for key, values in columns.items()},
         layout.served_as_command,
         layout.extra,
         {key: values[start:] for key, values in extra_columns.items()},
@@ -281,6 +281,15 @@ def _first_command(columns: dict[str, FloatArray]) -> int:
     """The first sample at which every actuator has had a command."""
     commands = [values for name, values in columns.items() if group(name) == "command"]
     return max(int(np.flatnonzero(np.isfinite(values))[0]) for values in commands)
+
+
+def _from_row(start: int, name: str, values: FloatArray) -> FloatArray:
+    """A column from a row on; what was last sent to an actuator before is still held there."""
+    rest = values[start:]
+    before = values[:start][np.isfinite(values[:start])]
+    if group(name) not in PER_ACTUATOR or np.isfinite(rest[0]) or not len(before):
+        return rest
+    return np.concatenate([before[-1:], rest[1:]])
 
 
 def _remarks(run: Run, piece: _Piece, layout: Layout) -> list[Finding]:

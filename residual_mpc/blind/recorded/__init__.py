@@ -1,0 +1,1 @@
+"""Known changes in a real robot's recorded runs: sealed cases for `compare`."""

@@ -1,0 +1,1 @@
+"""What `compare` said of sealed cases of recorded runs, against their answers."""
