@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from residual_mpc.api.check import Check as Check
     from residual_mpc.api.check import check as check
+    from residual_mpc.api.comparison import Comparison as Comparison
+    from residual_mpc.api.comparison import compare as compare
     from residual_mpc.api.diagnosis import Diagnosis as Diagnosis
     from residual_mpc.api.diagnosis import diagnose as diagnose
     from residual_mpc.api.excitation import Excitation as Excitation
@@ -38,6 +40,7 @@ _PLACES = {
     "AugmentedModel": "residual_mpc.api.model",
     "BadInput": "residual_mpc.errors",
     "Check": "residual_mpc.api.check",
+    "Comparison": "residual_mpc.api.comparison",
     "Diagnosis": "residual_mpc.api.diagnosis",
     "Excitation": "residual_mpc.api.excitation",
     "Gap": "residual_mpc.api.gap",
@@ -46,6 +49,7 @@ _PLACES = {
     "Runs": "residual_mpc.api.runs",
     "augment": "residual_mpc.api.model",
     "check": "residual_mpc.api.check",
+    "compare": "residual_mpc.api.comparison",
     "diagnose": "residual_mpc.api.diagnosis",
     "excite": "residual_mpc.api.excitation",
     "learn": "residual_mpc.api.learning",
@@ -58,6 +62,7 @@ __all__ = [
     "AugmentedModel",
     "BadInput",
     "Check",
+    "Comparison",
     "Diagnosis",
     "Excitation",
     "Gap",
@@ -67,6 +72,7 @@ __all__ = [
     "__version__",
     "augment",
     "check",
+    "compare",
     "diagnose",
     "excite",
     "learn",

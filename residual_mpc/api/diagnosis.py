@@ -130,8 +130,8 @@ def diagnose(
     because = not_commanded(robot.model, measured_over(robot.file, list(runs.names)))
     options = Options(
         horizon=horizon,
-        only=_effects(only, "--only"),
-        without=_effects(without, "--without"),
+        only=effect_names(only, "--only"),
+        without=effect_names(without, "--without"),
         without_because=because,
         held_out=_kept(held_out, runs.names) if held_out else None,
     )
@@ -192,7 +192,8 @@ def _command(robot: NominalRobot, runs: Runs, options: Options, held_out: Sequen
     return shlex.join([*words, "--horizon", f"{options.horizon:g}", "--seed", str(seed), "--out", "out"])
 
 
-def _effects(names: Iterable[str], option: str) -> tuple[str, ...]:
+def effect_names(names: Iterable[str], option: str) -> tuple[str, ...]:
+    """The names. Raises BadInput for one that is no effect."""
     names = tuple(names)
     for name in names:
         if name not in BY_NAME:

@@ -60,6 +60,11 @@ def read(robot: str, paths: Sequence[str], quiet: bool = False) -> "tuple[Nomina
     return nominal, runs
 
 
+def names(given: Sequence[str]) -> tuple[str, ...]:
+    """Comma-separated or repeated."""
+    return tuple(n.strip() for g in given for n in g.split(",") if n.strip())
+
+
 def show_findings(findings: "Sequence[Finding]") -> None:
     """Warnings on stderr; what is merely noted is counted."""
     for f in findings:

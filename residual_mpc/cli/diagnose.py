@@ -10,6 +10,7 @@ from residual_mpc.cli.common import (
     emit,
     horizon_option,
     json_option,
+    names,
     out_option,
     read,
     robot_option,
@@ -56,7 +57,7 @@ def diagnose(
 
     with progress_bar() as progress:
         found = run_diagnosis(
-            nominal, logged, only=_names(only), without=_names(without), held_out=held_out, horizon=horizon, seed=seed,
+            nominal, logged, only=names(only), without=names(without), held_out=held_out, horizon=horizon, seed=seed,
             out=out, command=shlex.join(["residual-mpc", *sys.argv[1:]]), progress=progress,
         )  # fmt: skip
     document = found.document_in(out)
@@ -71,8 +72,3 @@ def diagnose(
         planned = out / following["commands"] if following["commands"] else f"plan with: {following['excite']}"
         click.echo(f"  commands: {planned}")
     click.echo(f"  report: {out / 'report.html'}")
-
-
-def _names(given: tuple[str, ...]) -> tuple[str, ...]:
-    """Comma-separated or repeated."""
-    return tuple(n.strip() for g in given for n in g.split(",") if n.strip())

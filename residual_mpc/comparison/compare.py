@@ -1,6 +1,6 @@
 """The whole comparison: cut both sets into windows, account for the robot, look for changes, and judge them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,7 +75,7 @@ def compare(
         progress("comparing with alternative changes", 0.7)
         rivals = find_change_rivals(problem, found, units, settings)
         progress("fitting on all windows", 0.8)
-        return _judged(given, sets, space, problem, found, rivals, rng, settings)
+        return _judged(given, sets, space, problem, rivals, rng, settings)
 
 
 def _cut(given: ComparisonInput, settings: ComparisonSettings) -> TwoSets:
@@ -86,8 +86,8 @@ def _cut(given: ComparisonInput, settings: ComparisonSettings) -> TwoSets:
 def _windows(
     given: ComparisonInput, sets: TwoSets, rng: np.random.Generator, settings: ComparisonSettings
 ) -> list[tuple[Dataset, Scales]]:
-    """The windows that fits may see: those of the headline's horizon, and with them longer ones, where the motion can be
-    predicted that far: what adds up slowly shows there."""
+    """The windows that fits may see: those of the headline's horizon, and with them longer ones, where the motion can
+    be predicted that far: what adds up slowly shows there."""
     results = settings.results
     out = [(sets.fitting, sets.scales)]
     for horizon in longer_horizons(sets.raw.runs, given.options.horizon, settings=results.predict)[:1]:
@@ -142,12 +142,12 @@ def _judged(
     sets: TwoSets,
     space: ChangeSpace,
     problem: Problem,
-    found: FoundChanges,
     rivals: ChangeRivals,
     rng: np.random.Generator,
     settings: ComparisonSettings,
 ) -> Comparison:
     """Sizes on all windows, gaps on those held out, and the verdict."""
+    found = rivals.found
     whole = _problem(sets.fitting, sets.scales, space, found.fit.values, settings.search.final_steps, settings)
     units = _units(whole.data, sets, settings)
     fit = to_the_end(whole, found.fit, settings.results) if found.changes else on_problem(
@@ -207,8 +207,7 @@ def _verdict(found: FoundChanges, p_left: float, settings: ComparisonSettings) -
     """`same`: nothing beyond what units of one set differ; `changed`: nothing beyond that is left."""
     if found.changes:
         return "changed" if p_left > settings.contrast.level else "partial"
-    p = min((c.p for c in found.rest), default=1.0)
-    return "same" if p > settings.contrast.level else "unknown"
+    return "same" if p_left > settings.contrast.level else "unknown"
 
 
 def _unexplained(before: float, after: float, explained: float, verdict: str) -> float:

@@ -1,6 +1,5 @@
 """The gaps of a comparison, on windows that no fit has seen."""
 
-from dataclasses import replace
 
 import numpy as np
 

@@ -1,14 +1,14 @@
 """What could stand in place of each change: confounded groups, and each candidate's share of the likelihood."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual_mpc.comparison.contrast import Units
-from residual_mpc.comparison.search import FoundChanges, fitted_leads, told_apart, without_change
+from residual_mpc.comparison.search import FoundChange, FoundChanges, fitted_leads, told_apart, without_change
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.diagnosis.fit.least_squares import fit_all
-from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.rivals import place
 from residual_mpc.models.settings import Knob, Term
@@ -16,9 +16,10 @@ from residual_mpc.models.settings import Knob, Term
 
 @dataclass(frozen=True)
 class ChangeRivals:
-    """groups: changes that the runs do not tell apart, the one to prefer first; shares: of each change, and of what
-    could stand in its place."""
+    """found: the changes, where a group is at hand its first member; groups: changes that the runs do not tell apart;
+    shares: of the likelihood, of each change and of what could stand in its place."""
 
+    found: FoundChanges
     groups: tuple[ConfoundedGroup, ...]
     shares: dict[Term, float]
 
@@ -29,23 +30,45 @@ def find_change_rivals(
     """Each change in turn is taken out, and what explains the difference instead is fitted in its place."""
     groups: list[ConfoundedGroup] = []
     shares: dict[Term, float] = {}
-    fits = settings.results.fit
     for change in found.changes:
-        start = without_change(found.fit.values, change.term)
-        rest = fit_all(problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=fits)[0]
-        told = [c for c in told_apart(problem, rest, units) if c.term != change.term]
-        leads = sorted(told, key=lambda c: -c.drop)
-        rivals = fitted_leads(problem, rest, leads, settings)
-        weights = {change.term: 1.0}
-        alike = [(change.term,)]
-        for lead, fit in rivals:
-            ratio = (fit.cost - found.fit.cost) / found.phi
-            weights[lead.term] = max(weights.get(lead.term, 0.0), float(np.exp(-0.5 * np.clip(ratio, 0.0, 200.0))))
-            if ratio < settings.search.alike and (lead.term,) not in alike:
-                alike.append((lead.term,))
+        fits = _in_place_of(problem, found, change, units, settings)
+        ratios = {term: (fit.cost - found.fit.cost) / found.phi for term, fit in fits.items()}
+        weights = {term: float(np.exp(-0.5 * np.clip(ratio, 0.0, 200.0))) for term, ratio in ratios.items()}
         total = sum(weights.values())
         for term, weight in weights.items():
             shares[term] = max(shares.get(term, 0.0), weight / total)
+        alike: list[EffectSet] = [(term,) for term, ratio in ratios.items() if ratio < settings.search.alike]
         if len(alike) > 1:
-            groups.append(tuple(sorted(alike, key=place)))
-    return ChangeRivals(tuple(groups), shares)
+            group = tuple(sorted(alike, key=place))
+            groups.append(group)
+            found = _preferring(problem, found, change, group[0][0], fits, settings)
+    return ChangeRivals(found, tuple(groups), shares)
+
+
+def _in_place_of(
+    problem: Problem, found: FoundChanges, change: FoundChange, units: Units, settings: ComparisonSettings
+) -> dict[Term, Fit]:
+    """The fit with each change that explains the difference in place of one that was found, that one included."""
+    start = without_change(found.fit.values, change.term)
+    rest = fit_all(problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit)[0]
+    told = [c for c in told_apart(problem, rest, units) if c.term != change.term]
+    out = {change.term: found.fit}
+    for lead, fit in fitted_leads(problem, rest, sorted(told, key=lambda c: -c.drop), settings):
+        out.setdefault(lead.term, fit)
+    return out
+
+
+def _preferring(
+    problem: Problem,
+    found: FoundChanges,
+    change: FoundChange,
+    first: Term,
+    fits: dict[Term, Fit],
+    settings: ComparisonSettings,
+) -> FoundChanges:
+    """The changes with the first of a group, by the contract's table, in place of the one that was found."""
+    if first == change.term:
+        return found
+    fit = on_problem(problem, fits[first], settings=settings.results.fit)
+    changes = tuple(FoundChange(first, c.p) if c.term == change.term else c for c in found.changes)
+    return replace(found, fit=fit, changes=changes)

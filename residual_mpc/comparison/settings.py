@@ -33,7 +33,7 @@ class ChangeSearchSettings:
     most: int = 4
     needed: float = 6.0
     alike: float = 6.0
-    steps: int = 24_000
+    steps: int = 40_000
     final_steps: int = 100_000
 
     def __post_init__(self) -> None:

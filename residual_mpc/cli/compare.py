@@ -1,0 +1,83 @@
+"""`residual-mpc compare`."""
+
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+from residual_mpc.cli.common import (
+    emit,
+    horizon_option,
+    json_option,
+    names,
+    out_option,
+    read,
+    robot_option,
+    seed_option,
+    writable_folder,
+)
+from residual_mpc.cli.progress import progress_bar
+
+SETS = ("--before", "--after")
+
+
+class _Sets(click.Command):
+    """A command whose --before and --after take all the runs that follow them."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """`--before a b` as `--before a --before b`."""
+        out: list[str] = []
+        current = ""
+        for word in args:
+            if word.startswith("-") and len(word) > 1:
+                current = word if word in SETS else ""
+                out.append(word)
+            elif current and out[-1] != current:
+                out += [current, word]
+            else:
+                out.append(word)
+        return super().parse_args(ctx, out)
+
+
+@click.command(cls=_Sets)
+@robot_option
+@click.option("--before", multiple=True, required=True, metavar="RUN...", help="Runs before the change.")
+@click.option("--after", multiple=True, required=True, metavar="RUN...", help="Runs after the change.")
+@out_option("comparison.json and report.html")
+@click.option(
+    "--only", multiple=True, metavar="EFFECT", help="Consider only these effects; comma-separated, repeatable."
+)
+@click.option("--without", multiple=True, metavar="EFFECT", help="Exclude these effects; comma-separated, repeatable.")
+@horizon_option
+@json_option
+@seed_option
+def compare(
+    robot: str,
+    before: tuple[str, ...],
+    after: tuple[str, ...],
+    out: Path,
+    only: tuple[str, ...],
+    without: tuple[str, ...],
+    horizon: float,
+    as_json: bool,
+    seed: int,
+) -> None:
+    """Find what changed between two sets of runs of one robot, by how much, and what these runs cannot show."""
+    writable_folder(out)
+    nominal, earlier = read(robot, before)
+    _, later = read(robot, after)
+
+    from residual_mpc.api.comparison import compare as run_comparison
+
+    with progress_bar() as progress:
+        found = run_comparison(
+            nominal, earlier, later, only=names(only), without=names(without), horizon=horizon, seed=seed, out=out,
+            command=shlex.join(["residual-mpc", *sys.argv[1:]]), progress=progress,
+        )  # fmt: skip
+    if as_json:
+        emit({"compare": found.document})
+        return
+    for line in found.lines():
+        click.echo(line)
+    click.echo(f"  report: {out / 'report.html'}")
