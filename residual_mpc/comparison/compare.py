@@ -60,8 +60,8 @@ def compare(
         sets = _cut(given, settings)
         progress("accounting for the robot", 0.05)
         account = account_of(
-            given.before, given.robots[: len(given.before)], given.noise, given.tunable, given.options, sets.kept, rng,
-            lambda stage, done: progress(stage, 0.05 + 0.45 * done),
+            given.before, given.robots[: len(given.before)], given.noise, given.tunable, given.options, sets.kept,
+            settings.account, rng, lambda stage, done: progress(stage, 0.05 + 0.45 * done),
         )  # fmt: skip
         space = _space(given, sets)
         progress("searching for changes", 0.5)

@@ -21,6 +21,18 @@ class ContrastSettings:
 
 
 @dataclass(frozen=True)
+class AccountSettings:
+    """largest: effects in the account; steps: simulation steps that one hypothesis may cost in its search. What it
+    misses is missed on both sets, and cancels."""
+
+    largest: int = 5
+    steps: int = 12_000
+
+    def __post_init__(self) -> None:
+        check_positive(self, "largest", "steps")
+
+
+@dataclass(frozen=True)
 class ChangeSearchSettings:
     """shortlist: hypotheses that are fitted roughly at each step, finalists: to the end, rough: steps of a rough fit;
     most: changes. needed: likelihood ratio that a change has to be worth once others are found; alike: below which two
@@ -46,6 +58,7 @@ class ComparisonSettings:
 
     sure: float = 0.97
     sure_partial: float = 0.8
+    account: AccountSettings = field(default_factory=AccountSettings)
     contrast: ContrastSettings = field(default_factory=ContrastSettings)
     search: ChangeSearchSettings = field(default_factory=ChangeSearchSettings)
     results: ResultSettings = field(default_factory=ResultSettings)

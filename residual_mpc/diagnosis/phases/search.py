@@ -38,9 +38,8 @@ def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progr
     """Search the headline's horizon, then each longer one for what it adds; then compare with rival explanations."""
     progress("searching for effects", 0.1)
     options, settings = prepared.options, prepared.options.settings
-    # errors that grow within a window hide what made them
-    windows = [(shorten(prepared.fitting, 0.5) if prepared.unstable else prepared.fitting, prepared.scales)]
-    found = first = _on(prepared, *windows[0], None, rng, lambda text, done: progress(text, 0.1 + 0.4 * done))
+    windows = [(_headline(prepared), prepared.scales)]
+    found = first = search_headline(prepared, rng, lambda text, done: progress(text, 0.1 + 0.4 * done))
     for look in prepared.longer:
         if look.free is None:
             continue
@@ -59,6 +58,16 @@ def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progr
     by_noise = reweigh(first.problem, first.problem.data.sigma)
     untestable = not_testable(by_noise, first.base, rivalry.fit.terms, settings=settings.search)
     return Searched(prepared, found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])
+
+
+def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Progress) -> Found:
+    """The search on the windows of the headline's horizon alone."""
+    return _on(prepared, _headline(prepared), prepared.scales, None, rng, progress)
+
+
+def _headline(prepared: Prepared) -> Dataset:
+    """The windows of the headline's horizon that fits may see; errors that grow within a window hide what made them."""
+    return shorten(prepared.fitting, 0.5) if prepared.unstable else prepared.fitting
 
 
 def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:
