@@ -34,6 +34,7 @@ class Claim:
     expected_shrink: float | None
     expected_interval: tuple[float, float] | None
     shrink: float | None  # achieved on the runs kept back
+    changing: frozenset[Name] = frozenset()  # those of ``named`` that begin in the middle or differ from run to run
 
 
 def read_claim(path: Path) -> Claim:
@@ -70,6 +71,7 @@ def claim_of(document: Mapping[str, Any]) -> Claim:
         expected_shrink=shrink.get("expected"),
         expected_interval=None if interval is None else (float(interval[0]), float(interval[1])),
         shrink=shrink.get("value"),
+        changing=frozenset(_name(p) for p in document["explanation"] if p.get("since") or p.get("by_run")),
     )
 
 
