@@ -30,8 +30,11 @@ def draw_roughness(rng: np.random.Generator) -> Roughness:
     return Roughness(rng.uniform(0.02, 0.12), rng.uniform(0.2, 0.6), rng.uniform(0.3, 1.0), rng.uniform(0.5, 1.5))
 
 
-def draw_wild(rate: float, rng: np.random.Generator) -> Roughness:
-    """The roughness of a log of any kind; noise stays alike for up to 0.3 s, whatever the ``rate`` (Hz)."""
+def draw_wild(rate: float, latest: float, rng: np.random.Generator) -> Roughness:
+    """The roughness of a log of any kind; noise stays alike for up to 0.3 s, whatever the ``rate`` (Hz).
+
+    latest: s, the most that stamps vary by, so that what moves meanwhile is no more than the sensors' noise.
+    """
     colour = float(np.exp(-1.0 / (rate * rng.uniform(0.01, 0.3))))
     since = float(rng.choice([0.0, rng.uniform(1e2, 1e5), rng.uniform(1.6e9, 1.8e9)]))
     return Roughness(
@@ -39,7 +42,7 @@ def draw_wild(rate: float, rng: np.random.Generator) -> Roughness:
         colour=min(colour, 0.97),
         dropouts=float(rng.uniform(0.0, 1.0)),
         resolution=float(rng.uniform(0.0, 1.5)),
-        late=min(float(rng.uniform(0.0, 0.2)) / rate, 0.003),
+        late=min(float(rng.uniform(0.0, 0.2)) / rate, latest),
         lost=float(rng.uniform(0.0, 0.05)),
         origins=tuple(float(v) for v in since + np.cumsum(rng.uniform(20.0, 400.0, 5))) if since else (0.0,),
     )

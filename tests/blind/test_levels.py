@@ -123,7 +123,7 @@ def test_an_effect_that_begins_is_absent_before_and_there_afterwards():
 @pytest.mark.parametrize("rate", [10.0, 1000.0])
 def test_late_stamps_increase_and_are_late_by_nothing_on_average(rate):
     rng = np.random.default_rng(4)
-    rough = replace(draw_wild(rate, rng), late=0.2 / rate)
+    rough = replace(draw_wild(rate, 0.002, rng), late=0.2 / rate)
     t = stamps(20.0, rate, rough, rng)
     called = stamped(t, 1, rough, rng) - rough.origins[1 % len(rough.origins)]
     assert np.all(np.diff(called) > 0) and abs(np.mean(called - t)) < 0.05 / rate

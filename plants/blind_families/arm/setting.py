@@ -18,6 +18,7 @@ from residual_mpc.blind.levels import Level
 
 Array = NDArray[np.float64]
 _SPEED_NOISE = 0.02  # rad/s, of logged joint speeds
+_LATEST = 0.0005  # s, of an encoder of 1 mrad at 1 rad/s
 SIZES = (0.12, 5.0)  # of the lengths beside those of a usual arm: 5 g to 500 kg
 _SPIN_UP = 0.7  # s, reference held at home at the start of a run
 
@@ -42,7 +43,7 @@ def draw_setting(level: Level, rng: np.random.Generator) -> Setting | None:
     arm = draw_arm(rng, float(np.exp(rng.uniform(*np.log(SIZES))))) if level.wild else draw_arm(rng)
     n = len(arm.axes)
     rate = _rate(arm, level, rng) if level.wild else 0.0
-    rough = draw_roughness(rng) if level.rough else draw_wild(rate, rng) if level.wild else Roughness()
+    rough = draw_roughness(rng) if level.rough else draw_wild(rate, _LATEST, rng) if level.wild else Roughness()
     drops = bool(rng.random() < 0.5)
     motion = _motion(arm, level, replace(rough, resolution=0.0), rate, drops, rng)
     sigma = np.full(n, float(rng.uniform(0.0008, 0.0015))) * level.noise

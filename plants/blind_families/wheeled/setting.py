@@ -17,6 +17,7 @@ from plants.blind_families.wheeled.truth import Policy, Simulator, Trajectory, W
 from residual_mpc.blind.levels import Level
 
 Array = NDArray[np.float64]
+_LATEST = 0.002  # s
 LONG = 10.0  # s, the horizon of what is slow
 _USUAL_RADIUS = 0.067  # m, of the wheels that the usual speeds and noises belong to
 
@@ -55,7 +56,7 @@ def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np
     track = float(radius * rng.uniform(3.0, 6.0))
     speed, turn = float(rng.uniform(0.3, 0.8)) * size**0.5, float(rng.uniform(0.9, 1.8))
     rate = _any_rate(rng) if level.wild else float(rng.choice([20, 25, 30, 40, 50]))
-    rough = draw_roughness(rng) if level.rough else draw_wild(rate, rng) if level.wild else Roughness()
+    rough = draw_roughness(rng) if level.rough else draw_wild(rate, _LATEST, rng) if level.wild else Roughness()
     if straight:
         kinds: list[motions.Motion] = [motions.straight, motions.straight, motions.straight]
     else:
