@@ -20,11 +20,43 @@ class Roughness:
     colour: float = 0.0  # correlation of the noise from one sample to the next
     dropouts: float = 0.0  # stretches without a sample of a channel group, per 10 s
     resolution: float = 0.0  # quantisation step, in sigmas of the noise
+    late: float = 0.0  # s, standard deviation of what the log's stamps are late by, beyond their mean
+    lost: float = 0.0  # share of single samples that are missing
+    origins: tuple[float, ...] = (0.0,)  # s, stamps at the starts of the runs, by turns
 
 
 def draw_roughness(rng: np.random.Generator) -> Roughness:
     """The roughness of one case."""
     return Roughness(rng.uniform(0.02, 0.12), rng.uniform(0.2, 0.6), rng.uniform(0.3, 1.0), rng.uniform(0.5, 1.5))
+
+
+def draw_wild(rate: float, latest: float, rng: np.random.Generator) -> Roughness:
+    """The roughness of a log of any kind; noise stays alike for up to 0.3 s, whatever the ``rate`` (Hz).
+
+    latest: s, the most that stamps vary by, so that what moves meanwhile is no more than the sensors' noise.
+    """
+    colour = float(np.exp(-1.0 / (rate * rng.uniform(0.01, 0.3))))
+    since = float(rng.choice([0.0, rng.uniform(1e2, 1e5), rng.uniform(1.6e9, 1.8e9)]))
+    return Roughness(
+        jitter=float(rng.uniform(0.0, 0.12)),
+        colour=min(colour, 0.97),
+        dropouts=float(rng.uniform(0.0, 1.0)),
+        resolution=float(rng.uniform(0.0, 1.5)),
+        late=min(float(rng.uniform(0.0, 0.2)) / rate, latest),
+        lost=float(rng.uniform(0.0, 0.05)),
+        origins=tuple(float(v) for v in since + np.cumsum(rng.uniform(20.0, 400.0, 5))) if since else (0.0,),
+    )
+
+
+def stamped(t: Array, run: int, rough: Roughness, rng: np.random.Generator) -> Array:
+    """What the log calls the instants ``t`` (n,) s of its run number ``run``; still increasing."""
+    shift = np.zeros_like(t)
+    if rough.late:  # latencies are skewed; their mean would be a delay
+        shift = rough.late * (np.minimum(rng.standard_exponential(len(t)), 5.0) - 1.0)
+    least, called = 0.02 * float(np.median(np.diff(t))), t + shift
+    for k in range(1, len(t) if rough.late else 0):
+        called[k] = max(called[k], called[k - 1] + least)
+    return called + rough.origins[run % len(rough.origins)]
 
 
 def stamps(seconds: float, rate: float, rough: Roughness, rng: np.random.Generator) -> Array:
@@ -81,6 +113,8 @@ def write_table(table: dict[str, Array], name: str, kind: str, folder: Path) -> 
     import pandas as pd
 
     frame = pd.DataFrame(table)
+    if kind == "csv" and table["t"][0] > 1e3:  # nine digits do not hold an instant of such a clock
+        frame["t"] = [f"{value:.6f}" for value in table["t"]]
     if kind == "csv":
         frame.to_csv(folder / f"{name}.csv", index=False, float_format="%.9g")
     else:

@@ -17,23 +17,29 @@ def planar_ratio(
     sigma: tuple[float, float],
     horizon: float = 1.0,
 ) -> float:
-    """Noise-free one-second gap of the ideal robot over its noise floor, for planar poses.
+    """Noise-free gap of the ideal robot over its noise floor, for planar poses.
 
     ``runs`` holds (t (n,) s, measured pose (n, 3) without noise, commands (n, 2) rad/s); ``sigma`` is the
     noise of the position (m) and the heading (rad). Written apart from the program's own gap, as a second
     opinion.
     """
+    foretold = [(t, pose, dead_reckoned(t, command, wheel_radius, track_width)) for t, pose, command in runs]
+    return planar_gap(foretold, sigma, horizon)[0]
+
+
+def planar_gap(
+    runs: list[tuple[Array, Array, Array]], sigma: tuple[float, float], horizon: float = 1.0
+) -> tuple[float, float]:
+    """(gap over noise floor, gap) of a model that foretells whole runs.
+
+    ``runs`` holds (t (n,) s, pose (n, 3) without noise, foretold pose (n, 3)). Each window starts at the noise-free
+    pose, so that what is foretold need only be right as a motion.
+    """
     squares, moved, floors = np.zeros(2), np.zeros(2), np.zeros(2)
     count = 0
     start_variance = 17.0 / 35.0  # of the middle value of a quadratic through five samples
-    for t, pose, command in runs:
-        dt = np.diff(t)
-        v = 0.5 * wheel_radius * command.sum(axis=1)[:-1]
-        w = (wheel_radius * (command[:, 1] - command[:, 0]) / track_width)[:-1]
-        heading = np.concatenate([[0.0], np.cumsum(w * dt)])
-        chord = v * dt * np.sinc(w * dt / 2 / np.pi)
-        x = np.concatenate([[0.0], np.cumsum(chord * np.cos(heading[:-1] + w * dt / 2))])
-        y = np.concatenate([[0.0], np.cumsum(chord * np.sin(heading[:-1] + w * dt / 2))])
+    for t, pose, foretold in runs:
+        x, y, heading = foretold.T
         for begin in np.arange(0.0, t[-1] - horizon + 1e-9, horizon):
             inside = np.flatnonzero((t >= begin - 1e-9) & (t <= begin + horizon + 1e-9))
             a = inside[0]
@@ -55,7 +61,20 @@ def planar_ratio(
     # still channels are left out, as the gap does
     used = moved / count > 9 * np.array([2 * sigma[0] ** 2, sigma[1] ** 2])
     weight = np.where(used, 1.0 / np.where(used, moved, 1.0), 0.0)
-    return float(np.sqrt(np.sum(weight * squares) / np.sum(weight * floors)))
+    gap = np.sqrt(np.sum(weight * squares) / max(float(used @ [2, 1]), 1.0))  # x and y are two channels
+    return float(np.sqrt(np.sum(weight * squares) / np.sum(weight * floors))), float(gap)
+
+
+def dead_reckoned(t: Array, command: Array, wheel_radius: float, track_width: float) -> Array:
+    """Pose (n, 3) of the ideal robot from the origin, along the exact arcs of its wheel speeds (n, 2) rad/s."""
+    dt = np.diff(t)
+    v = 0.5 * wheel_radius * command.sum(axis=1)[:-1]
+    w = (wheel_radius * (command[:, 1] - command[:, 0]) / track_width)[:-1]
+    heading = np.concatenate([[0.0], np.cumsum(w * dt)])
+    chord = v * dt * np.sinc(w * dt / 2 / np.pi)
+    x = np.concatenate([[0.0], np.cumsum(chord * np.cos(heading[:-1] + w * dt / 2))])
+    y = np.concatenate([[0.0], np.cumsum(chord * np.sin(heading[:-1] + w * dt / 2))])
+    return np.stack([x, y, heading], axis=1)
 
 
 def tuned(ratio_of: Callable[[float], float], wanted: float, start: float = 0.3, tries: int = 6) -> tuple[float, float]:

@@ -33,7 +33,7 @@ def with_best_fit(answer: Answer, clean: Path, case: Path) -> Answer:
     notes = {**answer.notes, "best_fit": best_fit(answer.effects, clean, case)}
     if answer.background:
         planted = {p.effect for p in answer.effects}
-        every = (*answer.effects, *(p for p in answer.background if p.effect not in planted))
+        every = (*answer.effects, *(p for p in answer.background if p.effect not in planted and p.parameters))
         whole = best_fit(every, clean, case)
         notes["best_fit_among_background"] = {k: v for k, v in whole.items() if k in notes["best_fit"]}
     return replace(answer, notes=notes)

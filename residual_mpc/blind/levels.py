@@ -1,4 +1,7 @@
-"""The levels of the benchmark: how many effects a case has, and how rough its log is."""
+"""The levels of the benchmark: how many effects a case has, how rough its log is, and what else is wrong.
+
+What is right follows from the answer that a case of the level has (see ``score.match``).
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,18 @@ class Level:
     unknown: bool = False  # one cause that no library names, in place of effects
     withheld: bool = False  # the candidate of the planted effect is taken away
     confounded: bool = False  # effects and runs are chosen so that a group is the right answer
+    wild: bool = False  # robots of all sizes, logs of all rates, late stamps, lost samples, rare outliers
+    pairs: bool = False  # two effects that are easily mistaken for each other
+    changed: bool = False  # the effect begins or ends in the middle of the runs, or differs between them
+    slow: bool = False  # effects under the noise over one second, above it over ten
+    misspecified: bool = False  # the model is wrong in ways that no library names, beside the effects
+    ratio: tuple[float, float] = (2.5, 18.0)  # least and most gap that one effect adds, over the noise floor
+    rest: tuple[float, float] = (0.0, 0.0)  # the same of what no set of constant effects explains
+
+    @property
+    def wanted(self) -> tuple[float, float]:
+        """The ratios that strengths are tuned to, well inside ``ratio``."""
+        return 1.4 * self.ratio[0], self.ratio[1] * 13 / 18
 
 
 LEVELS: dict[str, Level] = {
@@ -30,5 +45,10 @@ LEVELS: dict[str, Level] = {
         Level("unknown", (0, 0), unknown=True),
         Level("withheld", (1, 1), withheld=True),
         Level("confounded", (1, 1), confounded=True),
+        Level("rough_none", (0, 0), wild=True),
+        Level("confusable", (2, 2), pairs=True),
+        Level("changed", (1, 1), changed=True, ratio=(6.0, 40.0), rest=(2.5, 30.0)),
+        Level("slow", (1, 2), slow=True, ratio=(3.0, 15.0)),
+        Level("misspecified", (1, 2), misspecified=True, ratio=(4.0, 50.0), rest=(5.0, 30.0)),
     )
 }

@@ -31,8 +31,10 @@ class Answer:
     level: str
     seed: int
     effects: tuple[Planted, ...]
-    background: tuple[Planted, ...] = ()  # faint effects: naming one is no error
-    unknown: tuple[str, ...] = ()  # causes that no library names
+    # naming one is no error: faint effects, one that comes and goes, or (without parameters) what describes a part of
+    # an unknown cause
+    background: tuple[Planted, ...] = ()
+    unknown: tuple[str, ...] = ()  # causes that no library names; with effects: beside them
     withheld: tuple[str, ...] = ()  # library effects whose candidate the diagnosis may not use
     twins: tuple[tuple[str, ...], ...] = ()  # per effect: the names that such data cannot part from it
     traits: tuple[str, ...] = ()  # what the runs are like, as the list of twins speaks of it

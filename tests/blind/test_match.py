@@ -1,5 +1,7 @@
 """The contract's rule for right answers."""
 
+from dataclasses import replace
+
 from answers import answer, claim
 
 from residual_mpc.blind.records import Planted
@@ -77,3 +79,30 @@ def test_where_the_library_lacks_the_cause_only_doubt_is_right():
 def test_without_a_gap_only_no_gap_is_right():
     assert match(answer(level="none"), claim("no_gap")).right
     assert not match(answer(level="none"), claim("unknown")).right
+
+
+def test_beside_flaws_the_planted_effects_are_named_and_doubt_is_stated():
+    truth = answer(("slope", None), unknown=("uneven_floor",), background=(Planted("actuator_lag", None, {}),))
+    for more in ((), (("actuator_lag", "left"),), (("fitted_law", None),)):
+        assert match(truth, claim("partial", ("slope", None), *more)).right
+    assert not match(truth, claim("effects", ("slope", None))).right
+    assert not match(truth, claim("partial", ("slope", None), ("backlash", None))).right
+    assert not match(truth, claim("partial", ("actuator_lag", None))).right
+    assert not match(truth, claim("unknown")).right
+
+
+def test_an_effect_that_comes_and_goes_may_be_named_but_not_as_the_whole_truth():
+    truth = answer(unknown=("track_width ends in run2 at 9.1 s",), background=(Planted("track_width", None, {}),))
+    assert match(truth, claim("unknown")).right and match(truth, claim("partial", ("track_width", None))).right
+    assert not match(truth, claim("partial", ("voltage_sag", None))).right
+    constant = claim("effects", ("track_width", None))
+    assert not match(truth, constant).right
+    assert match(truth, replace(constant, changing=frozenset({("track_width", None)}))).right
+    assert not match(truth, claim("no_gap")).right
+
+
+def test_outliers_that_are_there_are_no_false_alarm():
+    truth = answer(level="rough_none", background=(Planted("sensor_outliers", None, {"rate": 0.002}),))
+    assert match(truth, claim("no_gap")).right and match(truth, claim("effects", ("sensor_outliers", None))).right
+    assert not match(truth, claim("effects", ("slope", None))).right and not match(truth, claim("unknown")).right
+    assert not match(answer(level="rough_none"), claim("effects", ("sensor_outliers", None))).right

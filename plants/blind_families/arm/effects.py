@@ -36,6 +36,7 @@ class ArmSensor:
     delay: Array  # s
     bias: Array  # rad
     outliers: Array  # share of the samples
+    eccentric: float = 0.0  # rad, swing of the readings over a turn: a cause that no library names
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,14 @@ class ArmRobot:
     speed_rms: Array  # (n,) rad/s
     inertia: Array  # (n,) kg m^2
     command: Array  # (n,) largest command, in its unit
+    changes: tuple[tuple[float, ArmTruth], ...] = ()  # by run: from when on (s) it is another
+
+    def at(self, run: int) -> tuple[ArmTruth, tuple[float, ArmTruth] | None]:
+        """The truth at the start of a run, and what becomes of it in the middle, if anything."""
+        if not self.changes:
+            return self.truth, None
+        since, other = self.changes[run]
+        return (other, None) if since <= 0.0 else (self.truth, (since, other))
 
 
 @dataclass(frozen=True)

@@ -10,18 +10,34 @@ from typing import Any
 import numpy as np
 
 from plants.blind_families.arm.effects import PLANTINGS, ArmRobot, Draw, Place, draw_effect, target_of
+from plants.blind_families.arm.faults import (
+    BEYOND,
+    CHANGING,
+    FLAWS,
+    PAIRS,
+    UNNAMED,
+    UNNAMED_IN_TESTS,
+    caused,
+    changing,
+    flawed,
+)
 from plants.blind_families.arm.files import write_clean, write_played, write_robot, write_runs
-from plants.blind_families.arm.runs import play
-from plants.blind_families.arm.setting import Setting, draw_setting, ratio
-from plants.blind_families.arm.truth import ArmTruth
-from plants.blind_families.case import Drawn, Habits, choose, first_case, make
+from plants.blind_families.arm.runs import play_robot
+from plants.blind_families.arm.setting import Setting, draw_setting, left, ratio
+from plants.blind_families.bench import Habits
+from plants.blind_families.case import Drawn, choose_for, first_case, make
 from plants.blind_families.planting import Plantings, confounded
 from residual_mpc.blind.commanded_motion import CommandedMotion
-from residual_mpc.blind.levels import Level
+from residual_mpc.blind.levels import LEVELS, Level
 from residual_mpc.blind.records import Answer
 
 HABITS = Habits(
-    unnamed=("cogging", "dragging_cable", "warming_friction", "gusts"),
+    unnamed=UNNAMED,
+    unnamed_in_tests=UNNAMED_IN_TESTS,
+    flaws=FLAWS,
+    beyond=BEYOND,
+    pairs=PAIRS,
+    changing=CHANGING,
     first=(0.1, 0.4),
     tries=5,
     most=0.5,
@@ -31,11 +47,15 @@ _ATTEMPTS = 60  # draws of effects before a level is given up
 
 @dataclass(frozen=True)
 class ArmBench:
-    """See ``case.Bench``."""
+    """See ``bench.Bench``."""
 
     setting: Setting
     effects: tuple[str, ...]
+    flaws: tuple[str, ...] = ()
     habits: Habits = HABITS
+    always: tuple[str, ...] = ()
+    described: tuple[str, ...] = ()
+    rest: float = 0.0
 
     @property
     def robot(self) -> ArmRobot:
@@ -57,6 +77,9 @@ class ArmBench:
     def draw(self, effect: str, rng: np.random.Generator) -> Draw:
         return draw_effect(effect, len(self.robot.truth.arm.joints), rng)
 
+    def beside(self, draw: Draw, first: Draw) -> Draw:
+        return draw if draw.joint is None else replace(draw, joint=first.joint)
+
     def target(self, draw: Draw) -> str | None:
         joints = self.robot.truth.arm.joints
         return target_of(draw, joints, [f"link{i + 1}" for i in range(len(joints))])
@@ -64,38 +87,25 @@ class ArmBench:
     def plant(self, robot: ArmRobot, draw: Draw, strength: float) -> tuple[ArmRobot, dict[str, float]]:
         return PLANTINGS[draw.effect].plant(robot, draw, strength)
 
-    def ratio(self, robot: ArmRobot) -> float:
+    def ratio(self, robot: ArmRobot, horizon: float | None = None) -> float:
+        """Always over a second: no level of arms is slow."""
         return ratio(robot, self.setting)
 
+    def left(self, robot: ArmRobot) -> Callable[[ArmRobot], tuple[float, float]]:
+        return left(robot, self.setting)
+
     def unnamed(self, cause: str, rng: np.random.Generator) -> Callable[[float], ArmRobot]:
-        truth, torque = self.setting.robot.truth, self.setting.robot.torque_rms
-        n = len(torque)
-        one = np.zeros(n)
-        one[rng.integers(n)] = 1.0
-        teeth = int(rng.integers(9, 26))
-        blows = []
-        for begin in np.arange(1.5, self.setting.motion.t[-1] - 1.0, 1.6):
-            begin = float(begin + rng.uniform(0, 0.8))
-            blows.append([begin, begin + float(rng.uniform(0.2, 0.7)), *(rng.normal(size=n) * torque)])
+        return caused(cause, self.robot, float(self.setting.motion.t[-1]), rng)
 
-        def caused(s: float) -> ArmRobot:
-            changed: ArmTruth
-            if cause == "cogging":
-                changed = replace(truth, cogging=2.0 * s * torque * one, cogging_teeth=teeth)
-            elif cause == "dragging_cable":
-                changed = replace(truth, cable=6.0 * s * torque * one)
-            elif cause == "warming_friction":
-                changed = replace(truth, warm_up=3.0 * s * torque * one)
-            else:
-                gusts = np.array(blows)
-                gusts[:, 2:] *= 2.0 * s
-                changed = replace(truth, gusts=gusts)
-            return replace(self.setting.robot, truth=changed)
+    def flawed(self, rng: np.random.Generator) -> Callable[[float], tuple[ArmRobot, ArmRobot]]:
+        return flawed(self.flaws[0], self.robot, float(self.setting.motion.t[-1]), rng)
 
-        return caused
+    def changing(self, draw: Draw, rng: np.random.Generator) -> tuple[str, Callable[[float], ArmRobot]]:
+        motion = self.setting.motion
+        return changing(draw, self.robot, len(motion.on), float(motion.t[-1]), rng)
 
     def write(self, robot: ArmRobot, clean: bool, rng: np.random.Generator, folder: Path) -> bool:
-        happened = play(robot.truth, self.setting.motion)
+        happened = play_robot(robot, self.setting.motion)
         if happened is None:
             return False
         write_robot(self.setting, bool(rng.random() < 0.5), folder)
@@ -109,9 +119,10 @@ class ArmBench:
 
 
 class ArmFamily:
-    """Serial arms with position, velocity or torque actuators."""
+    """Serial arms with position, velocity or torque actuators; no case is ``slow``, since their servos hold them."""
 
     name = "arm"
+    levels = tuple(name for name, level in LEVELS.items() if not level.slow)
 
     def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
         """Draw a truth and write what its user would have."""
@@ -128,13 +139,17 @@ class ArmFamily:
 
 
 def _bench(level: Level, rng: np.random.Generator) -> ArmBench | None:
+    effects: tuple[str, ...]
+    flaws: tuple[str, ...]
     if level.confounded:
-        effects: tuple[str, ...] = (str(rng.choice(list(confounded(PLANTINGS)))),)
+        effects, flaws = (str(rng.choice(list(confounded(PLANTINGS)))),), ()
     else:
-        effects = choose(PLANTINGS, level, rng)
+        effects, flaws = choose_for(PLANTINGS, HABITS, level, rng)
     setting = draw_setting(level, rng)
+    if setting is None or ((level.pairs or level.changed) and setting.robot.truth.arm.kind != "position"):
+        return None  # what is left of a gap is measured over whole runs, which other actuators do not hold on course
     # stretches with the motor off would tell the members of the group apart
-    return None if setting is None or (level.confounded and setting.drops) else ArmBench(setting, effects)
+    return None if level.confounded and setting.drops else ArmBench(setting, effects, flaws)
 
 
 FAMILY = ArmFamily()

@@ -20,6 +20,7 @@ from plants.blind_families.sensing import (
     noisy,
     outlier_mask,
     quantised,
+    stamped,
     with_dropouts,
     write_table,
 )
@@ -60,7 +61,8 @@ def write_played(
     t = np.unique(np.round(jittered(motion.t, setting.rough, rng) / STEP)) * STEP
     row = np.clip(np.searchsorted(motion.t, t + 0.5 * (motion.t[1] - motion.t[0])) - 1, 0, len(motion.t) - 1)
     commands, on = motion.table(arm.joints)[None, row], motion.on(arm.joints)[None, row]
-    happened = replay(robot.truth, t, arm.home[None].copy(), commands, on)
+    truth = robot.changes[-1][1] if robot.changes else robot.truth  # what became of it in the last run
+    happened = replay(truth, t, arm.home[None].copy(), commands, on)
     if happened is None:
         return False
     switched = replace(setting, drops=bool(motion.enabled))
@@ -82,7 +84,7 @@ def _write(
     arm, rough = setting.robot.truth.arm, setting.rough
     seen, speed = happened.seen(t, robot.sensor), happened.speed(t, robot.sensor)
     for r, name in enumerate(names):
-        table = {"t": t}
+        table = {"t": stamped(t, r, rough, rng)}
         for j, joint in enumerate(arm.joints):
             table[f"command.{joint}"] = happened.command[r, :, j]
         channels = {}
@@ -92,6 +94,9 @@ def _write(
             size = jumps(setting.sigma[j], 20, 120, len(t), rng)
             channels[f"position.{joint}"] = quantised(values + np.where(away, size, 0.0), setting.resolution)
         with_dropouts(channels, t, rough.dropouts, rng)
+        if rough.lost:
+            gone = outlier_mask(len(t), rough.lost, rng)
+            channels = {name: np.where(gone, np.nan, values) for name, values in channels.items()}
         table |= channels
         if setting.velocities:
             for j, joint in enumerate(arm.joints):

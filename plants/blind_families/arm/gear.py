@@ -22,7 +22,7 @@ _BOUNCE = 0.4  # damping ratio against a stop
 class GearLaw:
     """The gears of g joints, (g,) each.
 
-    stiffness: N m/rad at rest, infinite behind play. usual: rad, what the spring is usually wound by. play: rad.
+    stiffness: N m/rad at rest, infinite behind play alone. usual: rad, what the spring is usually wound by. play: rad.
     rotor, link: kg m^2. damping: N m s/rad, of the rotor.
     """
 
@@ -39,9 +39,9 @@ class GearLaw:
         reduced = self.rotor * self.link / (self.rotor + self.link)
         soft = np.isfinite(self.stiffness)
         k = np.where(soft, self.stiffness, 0.0)
-        spring = k * wound * (1.0 + _HARDENS * (wound / self.usual) ** 2)
-        spring += 2.0 * _DAMPED * np.sqrt(k * reduced) * rate
         deep = wound - np.clip(wound, -0.5 * self.play, 0.5 * self.play)
+        spring = k * deep * (1.0 + _HARDENS * (deep / self.usual) ** 2)
+        spring += 2.0 * _DAMPED * np.sqrt(k * reduced) * np.where((self.play > 0.0) & (deep == 0.0), 0.0, rate)
         stop = reduced * (_RINGS**2 * deep + 2.0 * _BOUNCE * _RINGS * rate)
         stop = np.where(stop * deep > 0.0, stop, 0.0)  # a stop pushes and never pulls
         return np.where(soft, spring, stop)

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from plants.blind_families.arm.flaws import built_in
 from plants.blind_families.arm.gear import GearLaw
 from plants.blind_families.arm.truth import STEP, ArmTruth, Rigid
 
@@ -42,7 +43,9 @@ class Arm:
 
     def rigid(self, truth: ArmTruth) -> Rigid:
         """See ``arm.truth.NominalArm``: an open chain, so that every joint has a motor."""
-        return Rigid(compiled(truth, self), np.arange(len(self.axes)), lambda q, v: None, gear_law(truth, self))
+        model = compiled(truth, self)
+        places = np.array([model.joint(name).qposadr[0] for name in self.joints])  # links that bend have joints as well
+        return Rigid(model, places, lambda q, v: None, gear_law(truth, self))
 
     def write_model(self, folder: Path) -> list[str]:
         """See ``arm.truth.NominalArm``."""
@@ -50,24 +53,26 @@ class Arm:
         return ['plant = "mujoco"', 'model = "arm.xml"', 'payload_site = "tool"']
 
 
-def draw_arm(rng: np.random.Generator) -> Arm:
-    """An arm of 2 to 7 hinges with servos that are well damped."""
+def draw_arm(rng: np.random.Generator, size: float = 1.0) -> Arm:
+    """An arm of 2 to 7 hinges with servos that are well damped; size: of its lengths beside those of a usual one."""
     n = int(rng.integers(2, 8))
     axes = ["z" if rng.random() < 0.5 else "y"] + [("y", "y", "z")[rng.integers(3)] for _ in range(n - 1)]
     if "y" not in axes:
         axes[-1] = "y"
     scale = np.linspace(1.0, 0.55, n)
-    length = scale * rng.uniform(0.12, 0.3) * rng.uniform(0.8, 1.2, n)
-    mass = scale**2 * rng.uniform(0.3, 1.5) * rng.uniform(0.7, 1.3, n)
+    length = scale * rng.uniform(0.12, 0.3) * rng.uniform(0.8, 1.2, n) * size
+    mass = scale**2 * rng.uniform(0.3, 1.5) * rng.uniform(0.7, 1.3, n) * size**3
     radius = 0.12 * length
     home = rng.uniform(-0.6, 0.6, n)
     kind = ("position", "position", "position", "velocity", "torque")[rng.integers(5)]
-    bare = Arm(tuple(axes), length, mass, radius, np.full(n, 1e-6), np.zeros(n), kind, np.ones(n), np.ones(n), home)
+    bare = Arm(
+        tuple(axes), length, mass, radius, np.full(n, 1e-6 * size**5), np.zeros(n), kind, np.ones(n), np.ones(n), home
+    )
     inertia = inertia_at(bare, home)
-    armature = inertia * rng.uniform(0.5, 2.0, n) + 0.002
+    armature = inertia * rng.uniform(0.5, 2.0, n) + 0.002 * size**5
     inertia = inertia + armature
     damping = inertia * rng.uniform(0.5, 1.5, n)
-    w = rng.uniform(9, 14)
+    w = rng.uniform(9, 14) * (1.0 if kind == "torque" else size**-0.5)  # gravity bends them all alike
     if kind == "velocity":
         return Arm(tuple(axes), length, mass, radius, armature, damping, kind, np.zeros(n), inertia * w * 1.5, home)
     kp, kv = inertia * w**2, 2 * rng.uniform(0.8, 1.0) * inertia * w
@@ -170,4 +175,5 @@ def compiled(truth: ArmTruth, arm: Arm) -> mujoco.MjModel:
             pos=[arm.length[-1], 0, 0],
             mass=truth.payload,
         )
+    built_in(spec, truth.flaws, inertia_at(arm, arm.home))
     return spec.compile()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plants.blind_families.arm.effects import ArmSensor
+from plants.blind_families.arm.effects import ArmRobot, ArmSensor
 from plants.blind_families.arm.truth import STEP, ArmTruth, NominalArm, Stepper, ideal
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Happened:
         for r in range(out.shape[0]):
             for j in range(out.shape[2]):
                 out[r, :, j] = np.interp(t - sensor.delay[j], fine, self.q[r, :, j]) + sensor.bias[j]
-        return out
+        return out + sensor.eccentric * np.sin(out) if sensor.eccentric else out
 
     def speed(self, t: Array, sensor: ArmSensor) -> Array:
         """Joint speeds (r, k, n) rad/s seen at ``t``, half a fine step early: where the leapfrog keeps them.
@@ -54,15 +54,30 @@ class Happened:
         return (self.q[:, index, joint] - self.q[:, index - 1, joint]) / STEP
 
 
-def play(truth: ArmTruth, motion: ReferenceMotion) -> Happened | None:
-    """Drive all runs; None where the arm runs away."""
+def play_robot(robot: ArmRobot, motion: ReferenceMotion) -> Happened | None:
+    """Drive all runs, though the arm may not be the same in all of them; None where it runs away."""
+    if not robot.changes:
+        return play(robot.truth, motion)
+    alone = []
+    for r in range(len(motion.on)):
+        one = replace(motion, reference=motion.reference[r : r + 1], on=motion.on[r : r + 1])
+        happened = play(robot.at(r)[0], one, robot.at(r)[1])
+        if happened is None:
+            return None
+        alone.append(happened)
+    q, torque, command = (np.concatenate([getattr(h, name) for h in alone]) for name in ("q", "torque", "command"))
+    return Happened(q, torque, command)
+
+
+def play(truth: ArmTruth, motion: ReferenceMotion, change: tuple[float, ArmTruth] | None = None) -> Happened | None:
+    """Drive all runs; None where the arm runs away. change: the truth that takes over, and from when on (s)."""
     arm, start = truth.arm, motion.reference[:, 0].copy()
     hold = _hold_torque(arm, start)
 
     def controller(k: int, q: Array, rate: Array, trim: Array, dt: float) -> tuple[Array, Array]:
         return _controller(arm, motion, k, q, rate, trim, hold, dt)
 
-    return _driven(truth, motion.t, start, motion.on, controller)
+    return _driven(truth, motion.t, start, motion.on, controller, change)
 
 
 def replay(truth: ArmTruth, t: Array, start: Array, commands: Array, on: Array) -> Happened | None:
@@ -70,7 +85,14 @@ def replay(truth: ArmTruth, t: Array, start: Array, commands: Array, on: Array) 
     return _driven(truth, t, start, on, lambda k, q, rate, trim, dt: (commands[:, k], trim))
 
 
-def _driven(truth: ArmTruth, t: Array, start: Array, on: Array, controller: Controller) -> Happened | None:
+def _driven(
+    truth: ArmTruth,
+    t: Array,
+    start: Array,
+    on: Array,
+    controller: Controller,
+    change: tuple[float, ArmTruth] | None = None,
+) -> Happened | None:
     """All runs from rest at ``start`` (r, n), motors on where ``on`` (r, k, n) is 1; None where the arm runs away."""
     runs, _, n = on.shape
     index = np.round(t / STEP).astype(int)
@@ -91,6 +113,8 @@ def _driven(truth: ArmTruth, t: Array, start: Array, on: Array, controller: Cont
             if stepper is None:
                 stepper = Stepper(truth, start, np.zeros_like(start), command, np.zeros(runs))
         assert stepper is not None
+        if change is not None and i == round(change[0] / STEP):
+            stepper.become(change[1])
         q[:, i], torque[:, i] = stepper.q, stepper.torque
         stepper.step(command, on[:, k])
         if i % 2000 == 0 and not np.all(np.abs(stepper.q) < 15.0):
@@ -182,3 +206,24 @@ def gap_ratio(
     if not used.any():
         return 0.0
     return float(np.sqrt(np.sum((error / moved)[used]) / np.sum((floor / moved)[used])))
+
+
+def replayed_gap(
+    motion: ReferenceMotion, seen: Array, again: Array, sigma: Array, horizon: float = 1.0
+) -> tuple[float, float]:
+    """(gap over noise floor, gap) of a model that foretells whole runs; seen, again: (r, k, n) noise-free and foretold.
+
+    Each window starts at what was seen, as a motion: what an arm behind servos does hardly depends on where it was.
+    """
+    error, moved, count = np.zeros(seen.shape[2]), np.zeros(seen.shape[2]), 0
+    for begin in np.arange(0.0, motion.t[-1] - horizon + 1e-9, horizon):
+        inside = np.flatnonzero((motion.t >= begin - 1e-9) & (motion.t <= begin + horizon + 1e-9))
+        gone, foretold = (x[:, inside] - x[:, inside[:1]] for x in (seen, again))
+        error += ((gone - foretold) ** 2).sum(axis=(0, 1))
+        moved += (gone**2).sum(axis=(0, 1))
+        count += gone.shape[0] * gone.shape[1]
+    used = moved / count > 9 * sigma**2
+    if not used.any():
+        return 0.0, 0.0
+    share, floor = (error / moved)[used], (1.5 * count * sigma**2 / moved)[used]
+    return float(np.sqrt(share.sum() / floor.sum())), float(np.sqrt(share.mean()))

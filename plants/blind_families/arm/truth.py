@@ -18,6 +18,7 @@ import mujoco.batch
 import numpy as np
 from numpy.typing import NDArray
 
+from plants.blind_families.arm.flaws import ArmFlaws
 from plants.blind_families.arm.gear import GearLaw, Rotors
 from plants.mujoco_log import silence_mujoco
 
@@ -130,6 +131,7 @@ class ArmTruth:
     cable: Array  # N m, drag of a cable that takes hold on one side of the home pose
     warm_up: Array  # N m, friction lost as the joint warms
     gusts: Array  # (m, n + 2): from s, to s, torques N m
+    flaws: ArmFlaws = ArmFlaws()  # the rest of them, and what is wrong with the model
 
 
 def ideal(arm: NominalArm) -> ArmTruth:
@@ -171,7 +173,6 @@ class Stepper:
 
     def __init__(self, truth: ArmTruth, q: Array, v: Array, command: Array, seconds: Array):
         """Start at ``q``, ``v`` (s, n), ``command`` (s, n) held so far, ``seconds`` (s,) into each run."""
-        self.p = truth
         s, n = q.shape
         rigid = truth.arm.rigid(truth)
         self.motors = rigid.motors
@@ -190,8 +191,13 @@ class Stepper:
         self.slow, self.current = command.copy(), command.copy()
         self.charge = np.zeros(s)
         self.seconds = seconds.astype(float).copy()
-        self.rubbing = bool(np.any(truth.static) or np.any(truth.load) or np.any(truth.warm_up))
         self.torque = np.zeros((s, n))
+        self.become(truth)
+
+    def become(self, truth: ArmTruth) -> None:
+        """Go on as another truth with the same bodies, gears and delays."""
+        self.p = truth
+        self.rubbing = bool(np.any(truth.static) or np.any(truth.load) or np.any(truth.warm_up))
 
     @property
     def q(self) -> Array:
@@ -215,7 +221,7 @@ class Stepper:
         if self.rotors is not None:  # from here on q and v are the motors' side
             q, v = self.rotors.seen(q, v)
         torque = self._servo(u, q, v)
-        torque *= p.gain
+        torque = p.flaws.driven(torque) * p.gain
         if p.sag:
             torque *= (1.0 - np.minimum(self.charge, 0.9))[:, None]
             self.charge += STEP * p.sag * (0.7 + 0.3 * np.mean(np.abs(torque) / p.torque_scale, axis=1))
@@ -224,7 +230,7 @@ class Stepper:
             torque = torque / (1.0 + (np.abs(torque) / p.limit) ** 12) ** (1.0 / 12)
         torque *= on
         self.torque = torque
-        total = torque - p.viscous * v
+        total = torque - p.viscous * v + p.flaws.pull(q, v)
         if self.rubbing:
             total -= self._friction(v, torque)
         if p.cogging.any():

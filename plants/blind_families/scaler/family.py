@@ -11,19 +11,26 @@ import numpy as np
 
 from plants.blind_families.arm.effects import ArmRobot, Draw, Place, draw_effect, target_of
 from plants.blind_families.arm.family import ArmBench
+from plants.blind_families.arm.faults import UNNAMED, UNNAMED_IN_TESTS
 from plants.blind_families.arm.setting import Setting
-from plants.blind_families.case import Drawn, Habits, choose, first_case, make
+from plants.blind_families.bench import Habits
+from plants.blind_families.case import Drawn, choose, first_case, make
 from plants.blind_families.planting import Plantings, confounded
 from plants.blind_families.scaler.effects import PLANTINGS
 from plants.blind_families.scaler.model import CARRIED
 from plants.blind_families.scaler.setting import draw_setting
 from plants.scaler_arm.kinematics.geometry import MOTORS
 from residual_mpc.blind.commanded_motion import CommandedMotion
-from residual_mpc.blind.levels import LEVELS, Level
+from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer
 
 HABITS = Habits(
-    unnamed=("cogging", "dragging_cable", "warming_friction", "gusts"),
+    unnamed=UNNAMED,
+    unnamed_in_tests=UNNAMED_IN_TESTS,
+    flaws={},
+    beyond="",
+    pairs=(),
+    changing=(),
     first=(0.05, 0.3),
     tries=6,
     most=0.5,
@@ -33,15 +40,19 @@ _ATTEMPTS = 40  # draws of effects before a level is given up
 
 @dataclass(frozen=True)
 class ScalerBench:
-    """See ``case.Bench``; what the serial arms' bench does for any arm is asked of it."""
+    """See ``bench.Bench``; what the serial arms' bench does for any arm is asked of it."""
 
     setting: Setting
     effects: tuple[str, ...]
+    flaws: tuple[str, ...] = ()
     habits: Habits = HABITS
+    always: tuple[str, ...] = ()
+    described: tuple[str, ...] = ()
+    rest: float = 0.0
 
     @property
     def _arms(self) -> ArmBench:
-        return ArmBench(self.setting, self.effects, self.habits)
+        return ArmBench(self.setting, self.effects, self.flaws, self.habits)
 
     @property
     def robot(self) -> ArmRobot:
@@ -62,17 +73,29 @@ class ScalerBench:
     def draw(self, effect: str, rng: np.random.Generator) -> Draw:
         return draw_effect(effect, len(MOTORS), rng, PLANTINGS)
 
+    def beside(self, draw: Draw, first: Draw) -> Draw:
+        return self._arms.beside(draw, first)
+
     def target(self, draw: Draw) -> str | None:
         return target_of(draw, MOTORS, CARRIED)
 
     def plant(self, robot: ArmRobot, draw: Draw, strength: float) -> tuple[ArmRobot, dict[str, float]]:
         return PLANTINGS[draw.effect].plant(robot, draw, strength)
 
-    def ratio(self, robot: ArmRobot) -> float:
-        return self._arms.ratio(robot)
+    def ratio(self, robot: ArmRobot, horizon: float | None = None) -> float:
+        return self._arms.ratio(robot, horizon)
+
+    def left(self, robot: ArmRobot) -> Callable[[ArmRobot], tuple[float, float]]:
+        return self._arms.left(robot)
 
     def unnamed(self, cause: str, rng: np.random.Generator) -> Callable[[float], ArmRobot]:
         return self._arms.unnamed(cause, rng)
+
+    def flawed(self, rng: np.random.Generator) -> Callable[[float], tuple[ArmRobot, ArmRobot]]:
+        return self._arms.flawed(rng)
+
+    def changing(self, draw: Draw, rng: np.random.Generator) -> tuple[str, Callable[[float], ArmRobot]]:
+        return self._arms.changing(draw, rng)
 
     def write(self, robot: ArmRobot, clean: bool, rng: np.random.Generator, folder: Path) -> bool:
         return self._arms.write(robot, clean, rng, folder)
@@ -82,14 +105,14 @@ class ScalerBench:
 
 
 class ScalerFamily:
-    """The SCALER arm.
+    """The SCALER arm, at the levels that need nothing but effects and causes.
 
     No case is ``withheld``: behind these servos nearly every effect has a stand-in among the others, and which share of
     its gap each removes is not measured yet.
     """
 
     name = "scaler"
-    levels = tuple(name for name, level in LEVELS.items() if not level.withheld)
+    levels = ("single", "double", "hard", "none", "noisy_none", "unknown", "confounded")
 
     def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
         """Draw a truth and write what its user would have."""

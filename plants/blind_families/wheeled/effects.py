@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,10 @@ class PoseSensor:
     bias: float = 0.0  # rad, of the heading
     mounting: tuple[float, float] = (0.0, 0.0)  # m, in the body frame
     outliers: float = 0.0  # share of the samples
+    # causes that no library names
+    wander: tuple[tuple[float, float, float], ...] = ()  # (rad/s, rad, rad): slow swings of the heading, with phase
+    magnetic: tuple[float, float] = (0.0, 0.0)  # rad, rad: swing of the heading over a turn, and its phase
+    relocated: tuple[tuple[float, float, float, float], ...] = ()  # (s, m, m, rad): jumps of the map that stay
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,12 @@ class Rover:
 
     truth: WheeledTruth
     sensor: PoseSensor
+    changes: Mapping[str, tuple[float, Rover]] = field(default_factory=dict)  # by run: from when on (s) it is another
+
+    def at(self, run: str) -> tuple[Rover, tuple[float, Rover] | None]:
+        """The robot at the start of a run, and what becomes of it in the middle, if anything."""
+        change = self.changes.get(run)
+        return (self, None) if change is None else (change[1], None) if change[0] <= 0.0 else (self, change)
 
 
 @dataclass(frozen=True)

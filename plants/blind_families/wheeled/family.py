@@ -9,17 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from plants.blind_families.case import Drawn, Habits, choose, first_case, make
+from plants.blind_families.bench import Habits
+from plants.blind_families.case import Drawn, choose_for, first_case, make
 from plants.blind_families.planting import Plantings, confounded
-from plants.blind_families.wheeled.effects import PLANTINGS, Draw, Place, Rover, draw_effect
+from plants.blind_families.wheeled.effects import PLANTINGS, SIDES, Draw, Place, Rover, draw_effect
+from plants.blind_families.wheeled.faults import BEYOND, CHANGING, FLAWS, PAIRS, SLOW, caused, changing, flawed
 from plants.blind_families.wheeled.files import write_clean, write_played, write_robot, write_runs
-from plants.blind_families.wheeled.setting import Setting, draw_setting, ratio
+from plants.blind_families.wheeled.setting import Setting, draw_setting, left, ratio
 from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.levels import Level
 from residual_mpc.blind.records import Answer
 
 HABITS = Habits(
-    unnamed=("eccentric_wheel", "one_sided_turning", "warming_up", "gusts"),
+    unnamed=("eccentric_wheel", "one_sided_turning", "warming_up", "gusts", "drifting_gyro", "relocations"),
+    unnamed_in_tests=("flipping_castor", "carpet_nap", "magnetic_heading", "hot_motors"),
+    flaws=FLAWS,
+    beyond=BEYOND,
+    pairs=PAIRS,
+    changing=CHANGING,
     first=(0.15, 0.5),
     tries=6,
     most=1.0,
@@ -29,12 +36,16 @@ _ATTEMPTS = 40  # draws of effects before a level is given up
 
 @dataclass(frozen=True)
 class WheeledBench:
-    """See ``case.Bench``; straight: every run is a straight line."""
+    """See ``bench.Bench``; straight: every run is a straight line."""
 
     setting: Setting
     effects: tuple[str, ...]
     straight: bool
+    flaws: tuple[str, ...] = ()
     habits: Habits = HABITS
+    always: tuple[str, ...] = ()
+    described: tuple[str, ...] = ()
+    rest: float = 0.0  # gap over the noise floor that the robot has without any effect
 
     @property
     def robot(self) -> Rover:
@@ -51,12 +62,16 @@ class WheeledBench:
 
     @property
     def notes(self) -> dict[str, Any]:
-        return {}
+        return {"rest": self.rest} if self.rest else {}
 
     def draw(self, effect: str, rng: np.random.Generator) -> Draw:
         draw = draw_effect(effect, self.setting.encoders, rng)
         # a slope along the line, so that nothing gives it away
         return replace(draw, angle=float(rng.choice([0.0, np.pi]))) if self.straight else draw
+
+    def beside(self, draw: Draw, first: Draw) -> Draw:
+        at_wheels = draw.target in SIDES
+        return replace(draw, target=first.target if first.target in SIDES else None) if at_wheels else draw
 
     def target(self, draw: Draw) -> str | None:
         return draw.target
@@ -64,32 +79,21 @@ class WheeledBench:
     def plant(self, robot: Rover, draw: Draw, strength: float) -> tuple[Rover, dict[str, float]]:
         return PLANTINGS[draw.effect].plant(robot, draw, strength)
 
-    def ratio(self, robot: Rover) -> float:
-        return ratio(robot, self.setting)
+    def ratio(self, robot: Rover, horizon: float | None = None) -> float:
+        found = ratio(robot, self.setting, horizon)
+        return float(np.sqrt(max(found**2 - self.rest**2, 0.0))) if self.rest else found
+
+    def left(self, robot: Rover) -> Callable[[Rover], tuple[float, float]]:
+        return left(robot, self.setting)
 
     def unnamed(self, cause: str, rng: np.random.Generator) -> Callable[[float], Rover]:
-        left = float(rng.uniform(0.6, 1.0))
-        blows = []
-        for begin in np.arange(1.5, 24.0, 1.7):
-            blow = rng.normal(size=3)
-            begin = float(begin + rng.uniform(0, 0.8))
-            blows.append((begin, begin + float(rng.uniform(0.3, 0.9)), *(float(b) for b in blow)))
+        return caused(cause, self.robot, rng)
 
-        def caused(s: float) -> Rover:
-            truth = self.setting.rover.truth
-            if cause == "eccentric_wheel":
-                truth = replace(truth, eccentric=(0.5 * s, 0.5 * s * left))
-            elif cause == "one_sided_turning":
-                truth = replace(truth, one_sided=0.6 * s)
-            elif cause == "warming_up":
-                truth = replace(truth, warm_up=0.6 * s, warm_up_time=5.0)
-            else:
-                truth = replace(
-                    truth, gusts=tuple((a, b, 0.4 * s * x, 0.4 * s * y, 0.8 * s * w) for a, b, x, y, w in blows)
-                )
-            return replace(self.setting.rover, truth=truth)
+    def flawed(self, rng: np.random.Generator) -> Callable[[float], tuple[Rover, Rover]]:
+        return flawed(self.flaws[0], self.robot, rng)
 
-        return caused
+    def changing(self, draw: Draw, rng: np.random.Generator) -> tuple[str, Callable[[float], Rover]]:
+        return changing(draw, self.robot, [(plan.name, float(plan.t[-1])) for plan in self.setting.plans], rng)
 
     def write(self, robot: Rover, clean: bool, rng: np.random.Generator, folder: Path) -> bool:
         write_robot(self.setting, bool(rng.random() < 0.5), folder)
@@ -121,10 +125,14 @@ class WheeledFamily:
         return first_case(attempt, _ATTEMPTS, f"wheeled case of level {level.name} with seed {seed}")
 
 
+def _shown_at(level: Level) -> Plantings[Rover, Draw, Place]:
+    return {name: PLANTINGS[name] for name in SLOW} if level.slow else PLANTINGS
+
+
 def _bench(level: Level, rng: np.random.Generator) -> WheeledBench:
     if not level.confounded:
-        effects = choose(PLANTINGS, level, rng)
-        return WheeledBench(draw_setting(level, effects, False, rng), effects, False)
+        effects, flaws = choose_for(_shown_at(level), HABITS, level, rng)
+        return WheeledBench(draw_setting(level, effects, False, rng), effects, False, flaws)
     ways = confounded(PLANTINGS)
     drawn = str(rng.choice(list(ways)))
     straight, by = ways[drawn].straight, ways[drawn].by

@@ -15,12 +15,13 @@ from plants.blind_families.sensing import (
     noisy,
     outlier_mask,
     quantised,
+    stamped,
     with_dropouts,
     write_table,
 )
 from plants.blind_families.wheeled.effects import SIDES, Rover
 from plants.blind_families.wheeled.setting import Setting, drive, seen
-from plants.blind_families.wheeled.truth import Trajectory, simulate
+from plants.blind_families.wheeled.truth import Trajectory
 from residual_mpc.blind.commanded_motion import CommandedMotion
 
 ENCODERS = ("velocity.left", "velocity.right")
@@ -52,17 +53,22 @@ def write_clean(rover: Rover, setting: Setting, rng: np.random.Generator, folder
 
 def write_runs(rover: Rover, setting: Setting, rng: np.random.Generator, folder: Path) -> None:
     """The runs, noise and all."""
-    for plan in setting.plans:
+    for number, plan in enumerate(setting.plans):
         trajectory = drive(rover, setting, plan, _play(rng))
-        write_table(_logged(rover, setting, trajectory, plan.t, rng), plan.name, setting.table, folder)
+        began, _ = rover.at(plan.name)
+        table = _logged(began, setting, trajectory, plan.t, rng)
+        table["t"] = stamped(plan.t, number, setting.rough, rng)
+        write_table(table, plan.name, setting.table, folder)
 
 
 def write_played(
     rover: Rover, setting: Setting, motion: CommandedMotion, rng: np.random.Generator, name: str, folder: Path
 ) -> None:
     """One run under commands of somebody else's; encoders are logged as well where they are asked for."""
+    if rover.changes:  # what became of it in the last run that changed
+        rover = rover.changes[max(rover.changes)][1]
     t, u = jittered(motion.t, setting.rough, rng), motion.table(SIDES)
-    trajectory = simulate(rover.truth, t, lambda k, x, y, theta: (float(u[k, 0]), float(u[k, 1])), _play(rng))
+    trajectory = setting.simulate(rover.truth, t, lambda k, x, y, theta: (float(u[k, 0]), float(u[k, 1])), _play(rng))
     encoders = setting.encoders or any(c in ENCODERS for c in motion.sensors)
     write_table(_logged(rover, replace(setting, encoders=encoders), trajectory, t, rng), name, setting.table, folder)
 
@@ -87,6 +93,9 @@ def _logged(
         size = jumps(setting.sigma[min(i // 2, 1)], 15, 60, len(t), rng)
         channels[name] = channels[name] + np.where(away, size, 0.0)
     with_dropouts(channels, t, rough.dropouts, rng)
+    if rough.lost:
+        gone = outlier_mask(len(t), rough.lost, rng)
+        channels = {name: np.where(gone, np.nan, values) for name, values in channels.items()}
     table = {"t": t, "command.left": trajectory.command[:, 0], "command.right": trajectory.command[:, 1]}
     table |= channels
     if setting.encoders:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plants.blind_families.planting import needed
-from plants.blind_families.sensing import Roughness, draw_roughness, stamps
-from plants.blind_families.strength import planar_ratio
+from plants.blind_families.sensing import Roughness, draw_roughness, draw_wild, stamps
+from plants.blind_families.strength import dead_reckoned, planar_gap
 from plants.blind_families.wheeled import motions
 from plants.blind_families.wheeled.effects import NO_ENCODERS, NO_JERKS, PLANTINGS, REVERSALS, PoseSensor, Rover
-from plants.blind_families.wheeled.truth import Policy, Trajectory, WheeledTruth, simulate
+from plants.blind_families.wheeled.truth import Policy, Simulator, Trajectory, WheeledTruth, simulate
 from residual_mpc.blind.levels import Level
 
 Array = NDArray[np.float64]
+_LATEST = 0.002  # s
+LONG = 10.0  # s, the horizon of what is slow
+_USUAL_RADIUS = 0.067  # m, of the wheels that the usual speeds and noises belong to
 
 
 @dataclass(frozen=True)
@@ -40,15 +44,19 @@ class Setting:
     feedback: bool
     rough: Roughness
     table: str  # csv or parquet
+    horizon: float = 1.0  # s, over which the strength of effects is measured
+    simulate: Simulator = simulate
 
 
 def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np.random.Generator) -> Setting:
     """Everything of a case that is no effect."""
-    radius = float(np.exp(rng.uniform(np.log(0.03), np.log(0.15))))
+    least, most = (0.005, 0.4) if level.wild else (0.03, 0.15)  # m: 5 g to 500 kg, or what stands on a desk
+    radius = float(np.exp(rng.uniform(np.log(least), np.log(most))))
+    size = radius / _USUAL_RADIUS if level.wild else 1.0
     track = float(radius * rng.uniform(3.0, 6.0))
-    speed, turn = float(rng.uniform(0.3, 0.8)), float(rng.uniform(0.9, 1.8))
-    rate = float(rng.choice([20, 25, 30, 40, 50]))
-    rough = draw_roughness(rng) if level.rough else Roughness()
+    speed, turn = float(rng.uniform(0.3, 0.8)) * size**0.5, float(rng.uniform(0.9, 1.8))
+    rate = _any_rate(rng) if level.wild else float(rng.choice([20, 25, 30, 40, 50]))
+    rough = draw_roughness(rng) if level.rough else draw_wild(rate, _LATEST, rng) if level.wild else Roughness()
     if straight:
         kinds: list[motions.Motion] = [motions.straight, motions.straight, motions.straight]
     else:
@@ -59,7 +67,7 @@ def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np
     slow = needed(PLANTINGS, effects, NO_JERKS)
     plans = []
     for number, kind in enumerate(kinds):
-        t = stamps(float(rng.uniform(17, 24)), rate, rough, rng)
+        t = stamps(float(rng.uniform(*((40, 60) if level.slow else (17, 24)))), rate, rough, rng)
         v, w = kind(t, speed, turn, rng)
         v = motions.limited(v, t, float(rng.uniform(0.8, 1.6) if slow else rng.uniform(1.5, 5.0)))
         w = motions.limited(w, t, float(rng.uniform(4.0, 12.0)))
@@ -68,7 +76,8 @@ def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np
         [np.abs([p.forward - p.yaw * track / 2, p.forward + p.yaw * track / 2]).ravel() for p in plans]
     )
     truth = WheeledTruth(radius, track, speed_scale=float(wheel.max() / radius))
-    sigma = (float(rng.uniform(0.001, 0.003)) * level.noise, float(rng.uniform(0.003, 0.008)) * level.noise)
+    noise = level.noise * size**0.5  # a camera sees a small and slow robot from nearby
+    sigma = (float(rng.uniform(0.001, 0.003)) * noise, float(rng.uniform(0.003, 0.008)) * level.noise)
     encoders = bool(rng.random() < 0.5) and not needed(PLANTINGS, effects, NO_ENCODERS) and not straight
     return Setting(
         Rover(truth, PoseSensor()),
@@ -76,26 +85,65 @@ def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np
         sigma,
         encoders,
         0.004 * truth.speed_scale,
-        level.rough,
+        level.rough or (level.wild and bool(rng.random() < 0.5)),
         rough,
         str(rng.choice(["csv", "parquet"])),
+        LONG if level.slow else 1.0,
     )
 
 
-def ratio(rover: Rover, setting: Setting) -> float:
-    """What the rover's effects add to the gap, over the noise floor."""
+def _any_rate(rng: np.random.Generator) -> float:
+    """Hz"""
+    return float(rng.choice([10, 12.5, 20, 33, 60, 100, 200, 500, 1000]))
+
+
+def ratio(rover: Rover, setting: Setting, horizon: float | None = None) -> float:
+    """What the rover's effects add to the gap, over the noise floor; horizon: s, else the setting's."""
+    return gap(rover, setting, horizon)[0]
+
+
+def gap(rover: Rover, setting: Setting, horizon: float | None = None) -> tuple[float, float]:
+    """(gap over noise floor, gap) of the nominal model; horizon: s, else the setting's."""
+    nominal = setting.rover.truth
+    foretold = [
+        (t, pose, dead_reckoned(t, command, nominal.wheel_radius, nominal.track_width))
+        for t, pose, command in _noise_free(rover, setting)
+    ]
+    return planar_gap(foretold, setting.sigma, setting.horizon if horizon is None else horizon)
+
+
+def left(rover: Rover, setting: Setting) -> Callable[[Rover], tuple[float, float]]:
+    """What is left of the gap if the model were as another rover: (over the noise floor, gap)."""
+    runs = _noise_free(rover, setting)
+
+    def of(model: Rover) -> tuple[float, float]:
+        foretold = [(t, seen(setting.simulate(model.truth, t, _replayed(u)), t, model.sensor)) for t, _, u in runs]
+        return planar_gap(
+            [(t, pose, again) for (_, pose, _), (t, again) in zip(runs, foretold, strict=True)], setting.sigma
+        )
+
+    return of
+
+
+def _replayed(command: Array) -> Policy:
+    return lambda k, x, y, theta: (float(command[k, 0]), float(command[k, 1]))
+
+
+def _noise_free(rover: Rover, setting: Setting) -> list[tuple[Array, Array, Array]]:
+    """(stamps (n,) s, poses seen (n, 3), commands (n, 2) rad/s) of every run."""
     runs = []
     for plan in setting.plans:
         trajectory = drive(rover, setting, plan, (0.0, 0.0))
-        runs.append((plan.t, seen(trajectory, plan.t, rover.sensor), trajectory.command))
-    nominal = setting.rover.truth
-    return planar_ratio(runs, nominal.wheel_radius, nominal.track_width, setting.sigma)
+        runs.append((plan.t, seen(trajectory, plan.t, rover.at(plan.name)[0].sensor), trajectory.command))
+    return runs
 
 
 def drive(rover: Rover, setting: Setting, plan: Plan, play: tuple[float, float]) -> Trajectory:
     """What happens on one run; ``play`` says where each gear stands in its backlash, -0.5 to 0.5."""
     nominal = setting.rover.truth
-    return simulate(rover.truth, plan.t, _policy(plan, nominal, setting.feedback), play)
+    began, change = rover.at(plan.name)
+    becomes = None if change is None else (change[0], change[1].truth)
+    return setting.simulate(began.truth, plan.t, _policy(plan, nominal, setting.feedback), play, change=becomes)
 
 
 def seen(trajectory: Trajectory, t: Array, sensor: PoseSensor) -> Array:
@@ -103,7 +151,13 @@ def seen(trajectory: Trajectory, t: Array, sensor: PoseSensor) -> Array:
     pose = trajectory.pose(t - sensor.delay)
     c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     mx, my = sensor.mounting
-    return pose + np.stack([c * mx - s * my, s * mx + c * my, np.full(len(t), sensor.bias)], axis=1)
+    read = pose + np.stack([c * mx - s * my, s * mx + c * my, np.full(len(t), sensor.bias)], axis=1)
+    for speed, swing, phase in sensor.wander:
+        read[:, 2] += swing * np.sin(speed * t + phase)
+    read[:, 2] += sensor.magnetic[0] * np.sin(pose[:, 2] + sensor.magnetic[1])
+    for since, dx, dy, dtheta in sensor.relocated:
+        read[t >= since] += (dx, dy, dtheta)
+    return read
 
 
 def _policy(plan: Plan, truth: WheeledTruth, feedback: bool) -> Policy:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil, cos, exp, hypot, inf, sin, tanh
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,10 @@ _SLIP_LIMIT = 0.6  # 1, slip ratio at full sliding
 _CONTACT_TIME = 0.04  # s, relaxation of the contact patch
 _GEAR_FREQUENCY = 600.0  # rad/s, wheel against the closed gear
 _WHEEL_DRAG_TIME = 0.02  # s, a wheel let loose in its gap stops in this time
+_HEAT_TIME = 3.0  # s
+_TRAIL = 0.15  # track widths that a castor trails behind its pivot
+_SCRUB_TIME = 0.12  # s
+_SCRUB_RATE = 0.7  # rad/s, yaw rate at which half of the scrub has come
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,17 @@ class WheeledTruth:
     warm_up: float = 0.0  # share of the speed lost when cold
     warm_up_time: float = 6.0  # s
     gusts: tuple[tuple[float, float, float, float, float], ...] = ()  # (from s, to s, m/s, m/s, rad/s)
+    castor: float = 0.0  # share of the speed by which a castor that swivels round pushes the robot about
+    nap: float = 0.0  # share of the speed that a carpet takes along its nap and turns aside across it
+    nap_heading: float = 0.0  # rad
+    heat: float = 0.0  # share of the speed lost when a motor is hot; it cools again
+    # ways in which the nominal model is wrong
+    servo: float = 0.0  # speed error of a wheel whose servo has no integral part, as a share of ``speed_scale``
+    servo_time: float = 0.08  # s
+    scrub: float = 0.0  # share of the yaw rate lost in the tightest turns, after a while
+    soft: float = 0.0  # share of the speed that soft tyres lose at ``speed_scale``
+    # waves of an uneven floor: (1/m, 1/m, rad, share of the speed along, rad/m of turning)
+    floor: tuple[tuple[float, float, float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,7 +90,21 @@ class Trajectory:
 Policy = Callable[[int, float, float, float], tuple[float, float]]
 
 
-class _Drive:
+class Simulator(Protocol):
+    """A way to step a truth through a run; see ``simulate``."""
+
+    def __call__(
+        self,
+        truth: WheeledTruth,
+        t: Array,
+        policy: Policy,
+        play: tuple[float, float] = (0.0, 0.0),
+        *,
+        change: tuple[float, WheeledTruth] | None = None,
+    ) -> Trajectory: ...
+
+
+class Drive:
     """One wheel: command to wheel speed. A leaf with explicit memory, one instance a run."""
 
     def __init__(self, truth: WheeledTruth, side: int, play: float):
@@ -85,6 +115,7 @@ class _Drive:
         self.speed, self.acceleration = 0.0, 0.0  # motor side
         self.wheel, self.twist = 0.0, play * truth.gap[side]  # wheel speed, motor minus wheel angle
         self.motor = 0.0  # mean speed over the last step
+        self.driven, self.heat = 0.0, 0.0  # speed behind an own servo; share of the heat that a motor can have
 
     def send(self, t: float, value: float) -> None:
         self.events.append((t + self.truth.delay[self.side], value))
@@ -121,8 +152,21 @@ class _Drive:
             u = 0.5 * (before + self.speed)
         else:
             self.speed = u
+        if p.servo > 0.0:
+            u = self._servo(u, h)
+        if p.heat > 0.0:
+            self.heat += (min(abs(u) / p.speed_scale, 1.5) ** 2 - self.heat) * (1.0 - exp(-h / _HEAT_TIME))
+            u *= 1.0 - p.heat * self.heat
         self.motor = u
         return self._through_gear(u, h) if p.gap[i] > 0.0 else u
+
+    def _servo(self, wanted: float, h: float) -> float:
+        """A proportional speed loop: friction and drag leave an error, the more so near standstill."""
+        p, w = self.truth, self.driven
+        share = w / p.speed_scale
+        rub = (0.4 + 0.6 * exp(-abs(share) / 0.15)) * tanh(share / 0.02) + 0.8 * share * abs(share)
+        self.driven += h / p.servo_time * (wanted - w - p.servo * p.speed_scale * rub)
+        return 0.5 * (w + self.driven)
 
     def _through_gear(self, motor: float, h: float) -> float:
         half, k = 0.5 * self.truth.gap[self.side], _GEAR_FREQUENCY**2
@@ -145,22 +189,27 @@ def simulate(
     policy: Policy,
     play: tuple[float, float] = (0.0, 0.0),
     start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    change: tuple[float, WheeledTruth] | None = None,
 ) -> Trajectory:
     """Drive through the stamps ``t`` (n,) s; ``policy(k, x, y, theta)`` gives the commands sent at ``t[k]``.
 
-    ``play`` says where in its gap each wheel starts, from -0.5 to 0.5. A command acts after its stamp.
+    ``play`` says where in its gap each wheel starts, from -0.5 to 0.5. A command acts after its stamp. ``change``:
+    the truth that takes over, and from when on (s).
     """
     p = truth
-    wheels = (_Drive(p, 0, play[0]), _Drive(p, 1, play[1]))
+    wheels = (Drive(p, 0, play[0]), Drive(p, 1, play[1]))
     x, y, theta = start
     used, sideways, drift = 0.0, 0.0, p.drift
     angle, contact, last = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
+    swivel, scrubbed = 0.1, 0.0  # rad of the castor; share of the yaw rate lost
     rows: list[tuple[float, float, float, float, float, float]] = [(float(t[0]), x, y, theta, 0.0, 0.0)]
     sent: list[tuple[float, float]] = []
     stamps = [float(v) for v in t] + [float(t[-1])]
     gusts = p.gusts
     for k in range(len(t)):
         now, until = stamps[k], stamps[k + 1]
+        if change is not None and now >= change[0]:
+            p = wheels[0].truth = wheels[1].truth = change[1]
         command = policy(k, x, y, theta)
         sent.append(command)
         wheels[0].send(now, command[0])
@@ -183,6 +232,8 @@ def simulate(
                     contact[i] = contact[i] * fade + (v - last[i]) * (1.0 - fade) / h
                     last[i] = v
                     v *= 1.0 - _SLIP_LIMIT * tanh(p.slip * abs(contact[i]) / GRAVITY / _SLIP_LIMIT)
+                if p.soft > 0.0:
+                    v *= 1.0 - p.soft * (abs(w) / p.speed_scale) ** 1.5
                 ground[i] = v
             forward = 0.5 * (ground[0] + ground[1])
             yaw = (ground[1] - ground[0]) / (p.track_width * p.track)
@@ -193,9 +244,23 @@ def simulate(
                 wanted = _SIDE_LIMIT * tanh(p.lateral * forward * yaw / _SIDE_LIMIT)
                 sideways += (wanted - sideways) * (1.0 - exp(-h / _SIDE_TIME))
             vx, vy = 0.0, 0.0
+            if p.scrub > 0.0:
+                wanted = p.scrub * abs(yaw) / (abs(yaw) + _SCRUB_RATE)
+                scrubbed += (wanted - scrubbed) * (1.0 - exp(-h / _SCRUB_TIME))
+                yaw *= 1.0 - scrubbed
+            if p.floor:
+                height = [(sin(kx * x + ky * y + phase), a, b) for kx, ky, phase, a, b in p.floor]
+                yaw += forward * sum(z * b for z, _, b in height)
+                forward *= 1.0 + sum(z * a for z, a, _ in height)
+            if p.castor > 0.0:
+                swivel -= h * (forward / (_TRAIL * p.track_width) * sin(swivel) + yaw)
+                yaw -= p.castor * abs(forward) / p.track_width * sin(swivel)
             if p.drift:
                 drift += h / 0.05 * (p.drift * (0.95 + 0.1 * tanh(abs(forward) / 0.1)) - drift)
                 vx, vy = drift * cos(p.drift_heading), drift * sin(p.drift_heading)
+            if p.nap > 0.0:  # the heading, mirrored at the nap
+                vx -= p.nap * forward * cos(2.0 * p.nap_heading - theta)
+                vy -= p.nap * forward * sin(2.0 * p.nap_heading - theta)
             for begin, end, gx, gy, gw in gusts:
                 if begin <= at < end:
                     shape = sin(np.pi * (at - begin) / (end - begin))

@@ -36,6 +36,7 @@ class Claim:
     expected_interval: tuple[float, float] | None
     shrink: float | None  # achieved on the runs kept back
     gap: Mapping[str, float]  # before, after, noise_floor, constant_velocity, as far as they are stated
+    changing: frozenset[Name] = frozenset()  # those of ``named`` that begin in the middle or differ from run to run
 
 
 def read_claim(path: Path) -> Claim:
@@ -73,6 +74,7 @@ def claim_of(document: Mapping[str, Any]) -> Claim:
         expected_interval=None if interval is None else (float(interval[0]), float(interval[1])),
         shrink=shrink.get("value"),
         gap={k: float(v) for k, v in (document.get("gap") or {}).items() if k in _GAPS and v is not None},
+        changing=frozenset(_name(p) for p in document["explanation"] if p.get("since") or p.get("by_run")),
     )
 
 

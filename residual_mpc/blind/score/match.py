@@ -12,6 +12,8 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.sensor import SENSOR_BIAS
 
 _LARGEST_GROUP = 3
+_LACKING = ("unknown", "partial")
+_LAWS = frozenset({"fitted_law"})  # claims no name
 _MOST_READINGS = 4096
 
 
@@ -26,13 +28,18 @@ class Match:
 
 
 def match(answer: Answer, claim: Claim) -> Match:
-    """Compare. Where the library lacks the cause, and where there is no gap, the verdict alone counts."""
-    if answer.unknown or answer.withheld:
-        return Match(claim.verdict in ("unknown", "partial"), None, claim.named, 1)
-    if not answer.effects:
-        return Match(claim.verdict == "no_gap", None, claim.named, 1)
-    wanted = {p.effect for p in answer.effects}
+    """Compare. Where the library lacks the only cause, and where there is no gap, the verdict alone counts, unless
+    something is in the background."""
     faint = {p.effect for p in answer.background}
+    if answer.withheld or (answer.unknown and not answer.effects and not faint):
+        return Match(claim.verdict in _LACKING, None, claim.named, 1)
+    if not answer.effects:
+        return _without_effects(answer, claim)
+    if answer.unknown:
+        if claim.verdict not in _LACKING:
+            return Match(False, None, claim.named, 1)
+        faint |= _LAWS
+    wanted = {p.effect for p in answer.effects}
     best: Match | None = None
     for reading, size in readings(claim, answer):
         names = {effect for effect, _ in reading}
@@ -42,6 +49,22 @@ def match(answer: Answer, claim: Claim) -> Match:
         if best is None or (found.target_right, -found.group_size) > (best.target_right, -best.group_size):
             best = found
     return best or Match(False, None, claim.named, 1)
+
+
+def _without_effects(answer: Answer, claim: Claim) -> Match:
+    """No effect has to be named. Beside an unknown cause, doubt is right, and so is `effects` if all that is named
+    changes; without one, `no_gap`, and `effects` that names what is in the background. Nothing else may be named."""
+    faint = {p.effect for p in answer.background}
+    if answer.unknown:
+        doubted = claim.verdict in _LACKING
+        fine = doubted or (claim.verdict == "effects" and set(claim.named) <= claim.changing)
+        allowed = faint | _LAWS if doubted else faint
+    else:
+        fine, allowed = claim.verdict == "no_gap" or (claim.verdict == "effects" and bool(claim.named)), faint
+    for reading, size in readings(claim, answer):
+        if fine and {effect for effect, _ in reading} <= allowed:
+            return Match(True, None, reading, size)
+    return Match(False, None, claim.named, 1)
 
 
 def readings(claim: Claim, answer: Answer) -> Iterator[tuple[tuple[Name, ...], int]]:
@@ -103,11 +126,12 @@ def where(answer: Answer, effect: str, target: str | None) -> frozenset[str]:
 def _places(answer: Answer, effect: str) -> frozenset[str]:
     joints = int(answer.notes.get("joints", 0))
     names: tuple[str, ...] = tuple(answer.notes.get("names", ()))  # of actuators that are not numbered
+    drives = answer.family == "wheeled" or "wheeled" in answer.traits
     if _of_sensor(effect):
-        if answer.family == "wheeled":
+        if drives:
             return frozenset({"pose.theta"} if effect == SENSOR_BIAS.name else {"pose.x", "pose.y", "pose.theta"})
         return frozenset(f"position.{name}" for name in names or (f"j{i + 1}" for i in range(joints)))
-    if answer.family == "wheeled":
+    if drives:
         return frozenset({"left", "right"})
     if names:
         return frozenset(names)

@@ -157,7 +157,7 @@ def _true(answer: Answer, member: Member) -> bool:
 
 def _present(answer: Answer, effect: str, target: str | None) -> bool:
     planted = [p for p in answer.effects if p.effect == effect]
-    if answer.unknown or answer.withheld:
+    if answer.withheld:
         return False
     faint = any(p.effect == effect for p in answer.background)
     return faint or any(where(answer, effect, target) == where(answer, effect, p.target) for p in planted)

@@ -27,7 +27,7 @@ class Summary:
     by_level: dict[str, Rate]
     by_family: dict[str, Rate]
     by_effect: dict[str, Rate]  # an effect that was planted: how often it was in the explanation, groups used
-    false_alarms: Rate  # verdicts other than no_gap on robots without a gap
+    false_alarms: Rate  # anything but no_gap on robots without a gap; outliers that are there may be named
     unknown_said: Rate  # where the library lacks the cause
     unknown_wrongly: Rate  # where it does not
     interval_coverage: Rate
@@ -112,7 +112,7 @@ def summarise(method: str, outcomes: Sequence[Outcome]) -> Summary:
             for name in sorted({o.answer.family for o in every})
         },
         by_effect=_by_effect(planted),
-        false_alarms=rate(o.claim is None or o.claim.verdict != "no_gap" for o in empty),
+        false_alarms=rate(not o.match.right for o in empty),
         unknown_said=rate(o.claim is not None and o.claim.verdict in _LACKING for o in lacking),
         unknown_wrongly=rate(o.claim is not None and o.claim.verdict == "unknown" for o in planted),
         interval_coverage=rate(p.covered for p in parameters),
