@@ -7,6 +7,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from residual_mpc.comparison.account import account_of
+from residual_mpc.comparison.conditions import conditions_of
 from residual_mpc.comparison.contrast import Units, build_units
 from residual_mpc.comparison.gaps import compared_gap
 from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison
@@ -69,7 +70,7 @@ def compare(
         for data, scales in _windows(given, sets, rng, settings):
             values = account if found is None else found.fit.values
             problem = _problem(data, scales, space, values, settings.search.steps, settings)
-            units = _units(problem.data, sets, settings)
+            units = _units(problem.data, sets, given, settings)
             found = search_changes(problem, account, units, settings, found)
         assert found is not None and problem is not None and units is not None
         progress("comparing with alternative changes", 0.7)
@@ -124,9 +125,10 @@ def _problem(
     return replace(reweigh(problem, few.sigma * np.maximum(left, 1.0)), count=trusting.count)
 
 
-def _units(data: Dataset, sets: TwoSets, settings: ComparisonSettings) -> Units:
+def _units(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: ComparisonSettings) -> Units:
     number = units_of(data, sets.later, settings.contrast)
-    units = build_units(number, sets.side(data), data.run)
+    conditions = conditions_of(data, sets.scales, given.robots, sets.later)
+    units = build_units(number, sets.side(data), data.run, conditions)
     for name, n in (("before", int((~units.later).sum())), ("after", int(units.later.sum()))):
         if n < 2:
             raise BadInput(
@@ -149,7 +151,7 @@ def _judged(
     """Sizes on all windows, gaps on those held out, and the verdict."""
     found = rivals.found
     whole = _problem(sets.fitting, sets.scales, space, found.fit.values, settings.search.final_steps, settings)
-    units = _units(whole.data, sets, settings)
+    units = _units(whole.data, sets, given, settings)
     fit = to_the_end(whole, found.fit, settings.results) if found.changes else on_problem(
         whole, fit_all(whole, [found.fit.values], 4, settings=settings.results.fit)[0], settings=settings.results.fit
     )  # fmt: skip

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from residual_mpc.comparison.space import compose
+from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.predict.space import Space
@@ -22,17 +23,19 @@ from residual_mpc.models.settings import Knob, Term, Values
 
 ROWS = 48  # hypotheses replayed at once: bounds the memory
 SAMPLED = 8_000  # numbers of a direction, of which correlations are measured
+DIFFERS = 0.3  # typical steps by which a number of the account differs from unit to unit
 FAINT = 1e-6  # of the unit that tells most, under which one tells nothing
 
 
 @dataclass(frozen=True, eq=False)
 class Units:
     """number (W,): which of the U units each window lies in; later (U,) bool: those of the later set; run (U,): the
-    run that each is a stretch of."""
+    run that each is a stretch of; conditions (U, k): how each was driven, of which the model's errors may depend."""
 
     number: np.ndarray
     later: np.ndarray
     run: np.ndarray
+    conditions: np.ndarray
 
     @property
     def count(self) -> int:
@@ -54,17 +57,26 @@ class Contrast:
     p: float
 
 
-def build_units(number: np.ndarray, later_windows: np.ndarray, run_windows: np.ndarray) -> Units:
-    """number (W,) of each window's unit, later_windows (W,) bool, run_windows (W,) its run."""
+def build_units(
+    number: np.ndarray, later_windows: np.ndarray, run_windows: np.ndarray, conditions: np.ndarray
+) -> Units:
+    """number (W,) of each window's unit, later_windows (W,) bool, run_windows (W,) its run, conditions (W, k) of it."""
     number = np.unique(number, return_inverse=True)[1]
     later = np.zeros(int(number.max()) + 1, dtype=bool)
     run = np.zeros(len(later), dtype=int)
     later[number], run[number] = later_windows, run_windows
-    return Units(number, later, run)
+    return Units(number, later, run, _averaged(conditions, number, len(later)))
 
 
 def contrasts(problem: Problem, current: Fit, units: Units, probes: Sequence[tuple[Term, Values]]) -> list[Contrast]:
     """Each probe's contrast, in the order given, corrected for all of them; a probe holds knobs of a change."""
+    j = current.jacobian
+    own = _Known(
+        _by_unit(np.einsum("wnp,wnq->wpq", j, j, optimize=True), units),
+        _by_unit(np.einsum("wnp,wn->wp", j, current.r), units),
+        tuple(k.term._replace(changed=False) for k in current.knobs),
+        dispersion(current, units.number) / DIFFERS**2,
+    )
     out: list[Contrast] = []
     directions: list[np.ndarray] = []
     for a in range(0, len(probes), ROWS):
@@ -74,6 +86,8 @@ def contrasts(problem: Problem, current: Fit, units: Units, probes: Sequence[tup
             d = r - current.r
             directions.append(_short(d))
             size, score = (_by_unit(np.einsum("wn,wn->w", d, x), units) for x in (d, current.r))
+            along = _by_unit(np.einsum("wn,wnp->wp", d, j, optimize=True), units)
+            size, score = own.without(term, along, size, score)
             before, dose, drop, t, p = _tested(size, score, units)
             out.append(Contrast(term, probe, before, dose, drop, t, p))
     many = effective_number(np.array(directions))
@@ -109,6 +123,31 @@ def on_both(values: Values, probe: Values, space: Space) -> Values:
     return out
 
 
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """Of the account's P numbers, by unit: products (U, P, P) of the derivatives with each other, (U, P) with the
+    residuals; term of each; prior: dispersion over the variance with which a number differs from unit to unit."""
+
+    products: np.ndarray
+    scores: np.ndarray
+    terms: tuple[Term, ...]
+    prior: float
+
+    def without(
+        self, term: Term, along: np.ndarray, size: np.ndarray, score: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A direction's products with itself and the residuals (U,), less what the account's other numbers explain of
+        each unit, which differ a little from one to the next (random effects; Laird and Ware 1982, eq. 3.4)."""
+        keep = np.array([t != term._replace(changed=False) for t in self.terms], dtype=bool)
+        if not keep.any():
+            return size, score
+        h = along[:, keep]
+        gram = self.products[:, keep][:, :, keep] + self.prior * np.eye(int(keep.sum()))
+        taken = np.linalg.solve(gram, h[..., None])[..., 0]
+        left = size - np.einsum("up,up->u", h, taken)
+        return np.maximum(left, 0.0), score - np.einsum("up,up->u", taken, self.scores[:, keep])
+
+
 def _by_unit(x: np.ndarray, units: Units) -> np.ndarray:
     """(U, ...) sums over the windows of each unit of x (W, ...)."""
     out = np.zeros((units.count, *x.shape[1:]))
@@ -123,12 +162,13 @@ def _tested(size: np.ndarray, score: np.ndarray, units: Units) -> tuple[float, f
     seen = size > FAINT * size.max(initial=0.0)
     if not seen.any():
         return 0.0, 0.0, 0.0, 0.0, 1.0
-    by_stretch = _Means.of(size, score, units.later)
-    runs, at = np.unique(units.run, return_inverse=True)
-    size_of, score_of = (np.bincount(at, x, minlength=len(runs)) for x in (size, score))
-    later = np.zeros(len(runs), dtype=bool)
+    by_stretch = _compared(size, score, units.later, units.conditions)
+    at = np.unique(units.run, return_inverse=True)[1]
+    runs = int(at.max()) + 1
+    size_of, score_of = (np.bincount(at, x, minlength=runs) for x in (size, score))
+    later = np.zeros(runs, dtype=bool)
     later[at] = units.later
-    by_run = _Means.of(size_of, score_of, later)
+    by_run = _compared(size_of, score_of, later, _averaged(units.conditions, at, runs))
     # stretches are observations of their own unless their runs scatter more than that explains
     chosen = by_run if by_run.variance > by_stretch.variance else by_stretch
     if chosen.freedom < 1.0:
@@ -140,7 +180,7 @@ def _tested(size: np.ndarray, score: np.ndarray, units: Units) -> tuple[float, f
 
 
 @dataclass(frozen=True)
-class _Means:
+class _Difference:
     """The mean estimate before, the difference after, its variance, and the degrees of freedom of that."""
 
     before: float
@@ -148,25 +188,33 @@ class _Means:
     variance: float
     freedom: float
 
-    @staticmethod
-    def of(size: np.ndarray, score: np.ndarray, later: np.ndarray) -> "_Means":
-        """Of units with these products (U,); none is known from fewer than two a set."""
-        seen = size > FAINT * size.max(initial=0.0)
-        estimate = np.where(seen, -score / np.where(seen, size, 1.0), 0.0)
-        # a unit that tells much counts no more than twice one that tells as much as the middle one
-        weight = np.where(seen, size / (size + np.median(size[seen])), 0.0)
-        means, counts, spread = [], [], 0.0
-        for side in (~later, later):
-            w, x = weight[side], estimate[side]
-            if not w.any():
-                return _Means(0.0, 0.0, 0.0, 0.0)
-            n = float(w.sum() ** 2 / np.sum(w**2))
-            mean = float(w @ x / w.sum())
-            means.append(mean)
-            counts.append(n)
-            spread += n * float(w**2 @ (x - mean) ** 2 / np.sum(w**2))
-        freedom = sum(counts) - 2.0
-        if freedom < 1.0:
-            return _Means(means[0], means[1] - means[0], 0.0, 0.0)
-        variance = spread / freedom * (1.0 / counts[0] + 1.0 / counts[1])
-        return _Means(means[0], means[1] - means[0], variance, freedom)
+
+def _compared(size: np.ndarray, score: np.ndarray, later: np.ndarray, conditions: np.ndarray) -> _Difference:
+    """The two sets' mean estimates of units with these products (U,), given the conditions (U, k): weighted least
+    squares on the set and the conditions (analysis of covariance; Cochran 1957)."""
+    seen = size > FAINT * size.max(initial=0.0)
+    estimate = np.where(seen, -score / np.where(seen, size, 1.0), 0.0)
+    # a unit that tells much counts no more than twice one that tells as much as the middle one
+    weight = np.where(seen, size / (size + np.median(size[seen])), 0.0)
+    if not weight[later].any() or not weight[~later].any():
+        return _Difference(0.0, 0.0, 0.0, 0.0)
+    weight = weight / weight.mean()
+    centred = conditions - weight @ conditions / weight.sum()
+    x = np.column_stack([np.ones(len(later)), later, centred])
+    inverse = np.linalg.pinv((x * weight[:, None]).T @ x, rcond=1e-9, hermitian=True)
+    b = inverse @ (x.T @ (weight * estimate))
+    counts = [float(w.sum() ** 2 / np.sum(w**2)) for w in (weight[~later], weight[later])]
+    freedom = sum(counts) - np.linalg.matrix_rank(x)
+    if min(counts) < 1.0 or freedom < 1.0:
+        return _Difference(float(b[0]), float(b[1]), 0.0, 0.0)
+    spread = float(weight @ (estimate - x @ b) ** 2 / weight.sum()) * sum(counts) / freedom
+    spread *= len(later) / sum(counts)  # of units that weigh alike
+    variance = spread * float((inverse @ ((x * weight[:, None] ** 2).T @ x) @ inverse)[1, 1]) * sum(counts) / len(later)
+    return _Difference(float(b[0]), float(b[1]), variance, float(freedom))
+
+
+def _averaged(conditions: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
+    """(count, k) means of the conditions (n, k) over what `at` (n,) puts together."""
+    total = np.zeros((count, conditions.shape[1]))
+    np.add.at(total, at, conditions)
+    return np.asarray(total / np.maximum(np.bincount(at, minlength=count), 1)[:, None])

@@ -41,7 +41,8 @@ def find_change_rivals(
         if len(alike) > 1:
             group = tuple(sorted(alike, key=place))
             groups.append(group)
-            found = _preferring(problem, found, change, group[0][0], fits, settings)
+            nearest = [term for (term,) in group if ratios[term] < settings.search.equal]
+            found = _preferring(problem, found, change, nearest[0], fits, settings)
     return ChangeRivals(found, tuple(groups), shares)
 
 

@@ -36,20 +36,22 @@ class AccountSettings:
 class ChangeSearchSettings:
     """shortlist: hypotheses that are fitted roughly at each step, finalists: to the end, rough: steps of a rough fit;
     most: changes. needed: likelihood ratio that a change has to be worth once others are found; alike: below which two
-    sets of changes are not told apart. steps: simulation steps that one hypothesis may cost in the search, final_steps:
-    in the last fit and the tests."""
+    sets of changes are not told apart, equal: below which the first by the contract's table is preferred. steps:
+    simulation steps that one hypothesis may cost in the search, final_steps: in the last fit and the tests."""
 
     shortlist: int = 14
     finalists: int = 6
     rough: int = 3
     most: int = 4
     needed: float = 6.0
-    alike: float = 6.0
+    alike: float = 4.0
+    equal: float = 1.5
     steps: int = 40_000
     final_steps: int = 100_000
 
     def __post_init__(self) -> None:
-        check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "steps", "final_steps")
+        check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "equal")
+        check_positive(self, "steps", "final_steps")
 
 
 @dataclass(frozen=True)

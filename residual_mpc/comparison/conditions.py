@@ -1,0 +1,50 @@
+"""How each window was driven: the model's own errors depend on it, and are no change where the sets were driven
+differently."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales
+from residual_mpc.models.protocol import Robot
+
+LEAST = 1e-6
+
+
+def conditions_of(data: Dataset, scales: Scales, robots: Sequence[Robot], later: np.ndarray) -> np.ndarray:
+    """(W, 1 or 2): how far the robot moves within a window, and the setting of its run, as the main component of the
+    nominal parameters that differ within both sets (what differs between them alone may be a change). robots: of each
+    run; later (R,) bool. Each has mean 0 and variance 1."""
+    setting = _settings(robots, later)
+    columns = [_moved(data, scales)]
+    if setting is not None:
+        columns.append(setting[data.run])
+    return np.column_stack([_standard(c) for c in columns])
+
+
+def _moved(data: Dataset, scales: Scales) -> np.ndarray:
+    """(W,) logarithm of the root mean square of the motion, relative to that of all windows."""
+    y = np.where(data.compared[:, None, :] & ~scales.still, data.y, np.nan)
+    there = np.isfinite(y)
+    first = np.take_along_axis(y, np.argmax(there, axis=1)[:, None, :], axis=1)
+    square = np.where(there, ((y - first) / scales.s) ** 2, 0.0).sum(axis=(1, 2))
+    return np.asarray(np.log(np.sqrt(square / np.maximum(there.sum(axis=(1, 2)), 1)) + LEAST))
+
+
+def _settings(robots: Sequence[Robot], later: np.ndarray) -> np.ndarray | None:
+    """(R,) the setting of each run; None where all are alike."""
+    nominal = [robot.nominal() for robot in robots]
+    names = sorted(set.intersection(*(set(n) for n in nominal)))
+    table = np.array([[n[name] for name in names] for n in nominal]).reshape(len(robots), len(names))
+    varies = [np.ptp(table[later], axis=0) > 0.0, np.ptp(table[~later], axis=0) > 0.0]
+    table = table[:, varies[0] & varies[1]]
+    if not table.size:
+        return None
+    scaled = np.apply_along_axis(_standard, 0, np.sign(table) * np.log(np.abs(table) + LEAST))
+    return np.asarray(scaled @ np.linalg.svd(scaled, full_matrices=False)[2][0])
+
+
+def _standard(x: np.ndarray) -> np.ndarray:
+    spread = float(np.std(x))
+    return np.asarray((x - x.mean()) / spread if spread > 0.0 else np.zeros(len(x)))
