@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.search.measured_commands import not_commanded
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically, write_json
+from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run
 from residual_mpc.models.robot_file import measured_over, noise_over
 from residual_mpc.report.comparison import comparison_lines, comparison_page, comparison_sentence
@@ -135,7 +136,7 @@ def compare(
     )  # fmt: skip
     compared = run_comparison(given, settings, np.random.default_rng(seed), progress)
     document = to_document(compared)
-    document["audit"] = [asdict(finding) for finding in (*before.findings, *after.findings)]
+    document["audit"] = [asdict(finding) for finding in (*before.findings, *_findings(before, after))]
     document["command"] = command or _command(robot, before, after, options, seed)
     document["runs"] = {"before": list(before.names), "after": list(after.names)}
     document["verdict_sentence"] = comparison_sentence(document)
@@ -180,6 +181,12 @@ def _renamed(before: Runs, after: Runs) -> tuple[Run, ...]:
     """The runs after, with names that none of those before has."""
     taken = set(before.names)
     return tuple(replace(r, name=f"after/{r.name}") if r.name in taken else r for r in after.runs)
+
+
+def _findings(before: Runs, after: Runs) -> tuple[Finding, ...]:
+    """Those of the runs after, which are called as `_renamed` does."""
+    taken = set(before.names)
+    return tuple(replace(f, run=f"after/{f.run}") if f.run in taken else f for f in after.findings)
 
 
 def _command(robot: NominalRobot, before: Runs, after: Runs, options: Options, seed: int) -> str:

@@ -118,8 +118,10 @@ def _gap(document: Document) -> Section:
     if changes:
         bars.append(("after", f"runs after, with the {_noun(changes)} in the model", gap["after_explained"]))
     bars.append(("floor", "noise floor", gap["noise_floor"]))
+    bars = [b for b in bars if b[2] is not None]
     body = render(
-        "comparison/gap.html.jinja", rows=rows, gap=gap, bars=bars, largest=max(b[2] for b in bars) or 1.0,
+        "comparison/gap.html.jinja", rows=rows, gap=gap, bars=bars,
+        largest=max((b[2] for b in bars), default=0.0) or 1.0,
         changes=_noun(changes) if changes else "", account=_account(document), left=_left(document),
     )  # fmt: skip
     return Section("gap", "The gap before and after", body)
@@ -128,7 +130,8 @@ def _gap(document: Document) -> Section:
 def _left(document: Document) -> str:
     """What the changes leave of the rise; empty where there was none to explain."""
     gap = document["gap"]
-    if not document["changes"] or gap["after"] <= gap["before"]:
+    known = gap["before"] is not None and gap["after"] is not None
+    if not document["changes"] or not known or gap["after"] <= gap["before"]:
         return ""
     return percent(document["unexplained"]["share"])
 

@@ -33,9 +33,14 @@ def comparison_sentence(document: Document) -> str:
 
 
 def warnings(document: Document) -> list[str]:
-    """What casts doubt on the verdict: a gap that rises though no change was found."""
+    """What casts doubt on the figures or the verdict: sets without a held-out window, a gap that rises though no change
+    was found."""
     gap = document["gap"]
-    if document["verdict"] != "same" or gap["after"] <= WORSE * max(gap["before"], gap["noise_floor"]):
+    unseen = [side for side in ("before", "after") if gap[side] is None]
+    if unseen:
+        whose = listed(unseen)
+        return [f"No window of the runs {whose} was held out, so their gap is unknown: record more or longer runs."]
+    if document["verdict"] != "same" or gap["after"] <= WORSE * max(gap["before"], gap["noise_floor"] or 0.0):
         return []
     return [
         f"The gap is {number(gap['after'] / gap['before'], 2)} times as large on the runs after, but differs so much "
@@ -101,15 +106,19 @@ def capital(text: str) -> str:
 
 def _clause(change: Mapping[str, Any], parameter: str, n: Number) -> str:
     quantity = QUANTITIES.get(change["effect"], {}).get(parameter, Quantity(f"{name(change)} ({_plain(parameter)})"))
-    appears, own = quantity.appears or quantity.noun, quantity.kind == "own"
+    noun, own = quantity.noun, quantity.kind == "own"
+    if quantity.targeted and _of(change):
+        noun = quantity.targeted
+    appears = quantity.appears or noun
     if own and _absent(n["before"], n["after"]):
-        what = " ".join(word for word in (quantity.article, appears) if word)
+        article = "a" if noun == quantity.targeted else quantity.article
+        what = " ".join(word for word in (article, appears) if word)
         size = " ".join(word for word in (quantity.size, _written(change, parameter, n["after"])) if word)
-        return f"{what} appeared{_of(change, quantity.inside)} ({size})"
+        return f"{_happened(what, 'appeared', change, quantity)} ({_inside_brackets(size)})"
     if own and _absent(n["after"], n["before"]):
-        was = _written(change, parameter, n["before"])
-        return f"the {appears}{_of(change, quantity.inside)} disappeared ({was} before)"
-    the, value = f"the {quantity.noun}{_of(change)}", n["change"]["value"]
+        was = _inside_brackets(_written(change, parameter, n["before"]))
+        return f"{_happened(f'the {appears}', 'disappeared', change, quantity)} ({was} before)"
+    the, value = f"the {noun}{_of(change)}", n["change"]["value"]
     before, after = _ends(change, parameter)
     if is_ratio(change, parameter):
         if quantity.kind == "factor":
@@ -123,6 +132,17 @@ def _clause(change: Mapping[str, Any], parameter: str, n: Number) -> str:
     return f"{turned} by {_written(change, parameter, abs(value))}, from {before} to {after}"
 
 
+def _happened(what: str, verb: str, change: Mapping[str, Any], quantity: Quantity) -> str:
+    """ "a command delay of the left wheel appeared", "backlash appeared in the gear of j1"."""
+    where = _of(change, quantity.inside)
+    return f"{what} {verb}{where}" if quantity.inside == "in" else f"{what}{where} {verb}"
+
+
+def _inside_brackets(text: str) -> str:
+    """ "0.2 rad, 11°" of "0.2 rad (11°)"."""
+    return text.replace(" (", ", ").removesuffix(")")
+
+
 def _scaled(ratio: float) -> str:
     """ "increased by 10 %"; large ones as a factor."""
     if ratio >= 2.0:
@@ -131,9 +151,9 @@ def _scaled(ratio: float) -> str:
 
 
 def _of(change: Mapping[str, Any], preposition: str = "of") -> str:
-    """ " of the left wheel"; empty where the effect acts on the whole robot or on all targets."""
+    """ " of the left wheel"; empty where the effect acts on the whole robot, all actuators or all channels."""
     target, known = change.get("target") or change.get("only_target"), BY_NAME.get(change["effect"])
-    if not target:
+    if not target and (known is None or known.target not in ("joint", "body")):
         return ""
     who = known.phrase.who(target, known.target) if known and known.phrase else target
     return f" {preposition} {who}"
