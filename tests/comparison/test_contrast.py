@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,8 @@ from residual_mpc.comparison.contrast import Contrast, Units, build_units, contr
 from residual_mpc.comparison.sets import units_of
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.space import ChangeSpace, change_space
-from residual_mpc.models.settings import Knob
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.models.settings import Knob, Values
 
 RUNS, SECONDS, SAMPLES = 8, 12.0, 30
 DATA = windows(RUNS, SECONDS)
@@ -26,13 +26,20 @@ START = {SCALE: 1.0, GAIN: 1.0}
 DRAWS = 400
 
 
+def fit_at(problem: Any, values: Values) -> Fit:
+    """These values as a fit, though they are not the best."""
+    knobs, r = tuple(values), problem.residuals([values])[0]
+    jacobian, held = np.stack([problem.columns[k] for k in knobs], axis=-1), np.zeros(len(knobs), dtype=bool)
+    return Fit((), knobs, values, np.ones(len(knobs)), float((r**2).sum()), r, jacobian, held)
+
+
 def contrasts_of(
     sizes: np.ndarray, rng: np.random.Generator, units: Units = UNITS, knobs: tuple[Knob, ...] = (SCALE,)
 ) -> Any:
     """The contrasts of changes by these knobs, where each window's scale is off by `sizes` (W,)."""
     noise = rng.standard_normal((DATA.count, SAMPLES)) - sizes[:, None] * COLUMNS[SCALE]
     problem: Any = Linear(DATA, SPACE, COLUMNS, START, noise)
-    current: Any = SimpleNamespace(values=START, r=problem.residuals([START])[0])
+    current = fit_at(problem, START)
     probes = [(k._replace(changed=True).term, {k._replace(changed=True): 1.1}) for k in knobs]
     return contrasts(problem, current, units, probes)
 
@@ -90,7 +97,7 @@ def test_alike_units_give_students_statistic() -> None:
     even = np.bincount(UNITS.number)
     assert (even == even[0]).all()
     problem: Any = Linear(DATA, SPACE, {SCALE: column}, {SCALE: 1.0}, -estimate[UNITS.number, None] * column)
-    current: Any = SimpleNamespace(values={SCALE: 1.0}, r=problem.residuals([{SCALE: 1.0}])[0])
+    current = fit_at(problem, {SCALE: 1.0})
     knob = SCALE._replace(changed=True)
     (found,) = contrasts(problem, current, UNITS, [(knob.term, {knob: 2.0})])
     right = ttest_ind(estimate[UNITS.later], estimate[~UNITS.later])
