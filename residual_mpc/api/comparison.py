@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.search.measured_commands import not_commanded
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically, write_json
+from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run
 from residual_mpc.models.robot_file import measured_over, noise_over
 from residual_mpc.report.comparison import comparison_lines, comparison_page, comparison_sentence
@@ -110,14 +111,17 @@ def compare(
         command: the call as the report prints it; by default the command line that does the same.
 
     Raises:
-        BadInput: runs that cannot be used, a set too short to tell how much runs of it differ, or an effect that does
-            not exist.
+        BadInput: runs that cannot be used or are in both sets, a set too short to tell how much runs of it differ, or
+            an effect that does not exist.
     """
     for runs in (before, after):
         usable(runs)
     if not before.runs or not after.runs:
         raise BadInput("must name at least one run", "--after" if before.runs else "--before")
+    settings = ComparisonSettings()
     _distinct(before, after)
+    for runs, option in ((before, "--before"), (after, "--after")):
+        _long_enough(runs, option, horizon, settings.contrast.unit)
     names = (*before.names, *after.names)
     made = RunModels(robot)
     options = Options(
@@ -130,9 +134,9 @@ def compare(
         before.runs, _renamed(before, after), tuple(made.of(name) for name in names), noise_over(robot.file, names),
         robot.file.tunable, options,
     )  # fmt: skip
-    compared = run_comparison(given, ComparisonSettings(), np.random.default_rng(seed), progress)
+    compared = run_comparison(given, settings, np.random.default_rng(seed), progress)
     document = to_document(compared)
-    document["audit"] = [asdict(finding) for finding in (*before.findings, *after.findings)]
+    document["audit"] = [asdict(finding) for finding in (*before.findings, *_findings(before, after))]
     document["command"] = command or _command(robot, before, after, options, seed)
     document["runs"] = {"before": list(before.names), "after": list(after.names)}
     document["verdict_sentence"] = comparison_sentence(document)
@@ -144,11 +148,32 @@ def compare(
 
 
 def _distinct(before: Runs, after: Runs) -> None:
-    """Raises BadInput where one file is given as both."""
-    shared = {str(Path(p).resolve()) for p in before.paths} & {str(Path(p).resolve()) for p in after.paths}
-    if shared:
+    """Raises BadInput where a run is in both sets, be it as a copy."""
+    for run in after:
+        twin = next((r for r in before if _equal(r, run)), None)
+        if twin is not None:
+            where = run.name if run.name == twin.name else f"{run.name} and {twin.name}"
+            raise BadInput("the same run is in --before and in --after", where, "give two sets that share no run")
+
+
+def _equal(a: Run, b: Run) -> bool:
+    """Whether two runs hold the same samples."""
+    if a.t.shape != b.t.shape or a.columns.keys() != b.columns.keys() or not np.array_equal(a.t, b.t):
+        return False
+    return all(np.array_equal(a.columns[k], b.columns[k], equal_nan=True) for k in a.columns)
+
+
+def _long_enough(runs: Runs, option: str, horizon: float, unit: float) -> None:
+    """Raises BadInput where a set is one run too short for two stretches, before minutes are spent on the other.
+
+    unit: s, the shortest stretch."""
+    stretch = max(unit, horizon)
+    if len(runs) == 1 and np.ptp(runs[0].t) < 2.0 * stretch:
         raise BadInput(
-            "the same file or folder is given as --before and as --after", sorted(shared)[0], "give two sets of runs"
+            f"one run of {np.ptp(runs[0].t):.3g} s does not show how much the robot differs from itself; at least "
+            f"2 stretches of {stretch:g} s are needed",
+            f"{option}, {runs[0].name}",
+            "add more or longer runs",
         )
 
 
@@ -156,6 +181,12 @@ def _renamed(before: Runs, after: Runs) -> tuple[Run, ...]:
     """The runs after, with names that none of those before has."""
     taken = set(before.names)
     return tuple(replace(r, name=f"after/{r.name}") if r.name in taken else r for r in after.runs)
+
+
+def _findings(before: Runs, after: Runs) -> tuple[Finding, ...]:
+    """Those of the runs after, which are called as `_renamed` does."""
+    taken = set(before.names)
+    return tuple(replace(f, run=f"after/{f.run}") if f.run in taken else f for f in after.findings)
 
 
 def _command(robot: NominalRobot, before: Runs, after: Runs, options: Options, seed: int) -> str:

@@ -26,18 +26,23 @@ class _Sets(click.Command):
     """A command whose --before and --after take all the runs that follow them."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """`--before a b` as `--before a --before b`."""
+        """`--before a b` and `--before=a b` as `--before a --before b`."""
         out: list[str] = []
-        current = ""
-        for word in args:
-            if word.startswith("-") and len(word) > 1:
-                current = word if word in SETS else ""
+        current, named = "", 0  # the set whose runs are being read, and how many of them there are
+        for word in [*args, "--"]:
+            option, _, first = word.partition("=")
+            if not word.startswith("-") or word == "-":
+                out += [current, word] if current else [word]
+                named += 1
+                continue
+            if current and not named:
+                raise click.UsageError(f"Option '{current}' needs at least one run.", ctx)
+            current, named = (option, int(bool(first))) if option in SETS else ("", 0)
+            if option not in SETS:
                 out.append(word)
-            elif current and out[-1] != current:
-                out += [current, word]
-            else:
-                out.append(word)
-        return super().parse_args(ctx, out)
+            elif first:
+                out += [option, first]
+        return super().parse_args(ctx, out[:-1])
 
 
 @click.command(cls=_Sets)

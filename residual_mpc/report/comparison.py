@@ -3,37 +3,47 @@
 from collections.abc import Mapping
 from typing import Any
 
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.sections.audit import audit
 from residual_mpc.report.sections.section import Section, render
 from residual_mpc.report.words.changes import (
+    alike_sentence,
+    capital,
     change_clause,
     change_line,
     comparison_sentence,
+    is_ratio,
     number_words,
     stretch_words,
+    warnings,
 )
-from residual_mpc.report.words.groups import group_sentence, member_name
-from residual_mpc.report.words.numbers import number, percent, plain
+from residual_mpc.report.words.groups import member_name
+from residual_mpc.report.words.numbers import listed, number, percent, plain
 
 __all__ = ["comparison_lines", "comparison_page", "comparison_sentence"]
 
 Document = Mapping[str, Any]  # comparison.json
 
-TITLES = {"same": "Same", "changed": "Changed", "partial": "Partly explained", "unknown": "Unknown"}
+TITLES = {"same": "No change", "changed": "Changed", "partial": "Partly explained", "unknown": "Unknown"}
 BADGES = {"same": "no_gap", "changed": "effects", "partial": "partial", "unknown": "unknown"}
+LIKELY = 0.005  # probability from which another candidate is listed
 
 
 def comparison_lines(document: Document) -> list[str]:
     """The verdict, then a line for each figure, change and doubt."""
-    gap = document["gap"]
-    explained = f" -> {number(gap['after_explained'])} with the changes" if document["changes"] else ""
+    gap, changes = document["gap"], document["changes"]
+    explained = f" -> {number(gap['after_explained'])} with the {_noun(changes)}" if changes else ""
     details = [
-        f"gap of the model fitted to the runs before: {number(gap['before'])} on them, {number(gap['after'])} on those "
-        f"after{explained}; noise floor {number(gap['noise_floor'], 2)} ({stretch_words(document)})",
-        *(change_line(change) for change in document["changes"]),
-        *(group_sentence(group) for group in document["confounded"]),
+        f"gap at {number(gap['horizon'])} s of the model fitted to the runs before: {number(gap['before'])} on these "
+        f"runs, {number(gap['after'])} on the runs after{explained} (noise floor {number(gap['noise_floor'], 2)})",
+        *warnings(document),
+        *(change_line(change) for change in changes),
+        *(alike_sentence(group) for group in document["confounded"]),
     ]
     if document["account"]:
-        details.append(f"common to both sets: {', '.join(member_name(t) for t in document['account'])}")
+        details.append(f"model errors common to both sets: {_account(document)}")
+    details.append(f"observations: {stretch_words(document)} (a stretch is a run or a part of one)")
+    details += list(document["notes"])
     if document["next_experiment"]:
         details.append(f"next experiment: {document['next_experiment']['what']}")
     headline = document.get("verdict_sentence") or comparison_sentence(document)
@@ -42,50 +52,88 @@ def comparison_lines(document: Document) -> list[str]:
 
 def comparison_page(document: Document) -> str:
     """The page as text: it needs no network, no script and no second file."""
-    sections = [_verdict(document), _changes(document), _gap(document), _groups(document), _unseen(document)]
+    sections = [
+        _verdict(document), _changes(document), _gap(document), _groups(document), _unseen(document),
+        audit(document, Evidence()), _definitions(document),
+    ]  # fmt: skip
     there = [s for s in sections if s is not None]
     return str(render("comparison.html.jinja", robot=document["robot"], sections=there)) + "\n"
 
 
 def _verdict(document: Document) -> Section:
+    headline = document.get("verdict_sentence") or comparison_sentence(document)
     body = render(
         "comparison/verdict.html.jinja",
         badge=BADGES[document["verdict"]],
         title=TITLES[document["verdict"]],
-        headline=document.get("verdict_sentence") or comparison_sentence(document),
+        headline=headline,
+        verdict=document["verdict"],
         gap=document["gap"],
-        explained=bool(document["changes"]),
-        stretches=stretch_words(document),
+        changes=_noun(document["changes"]) if document["changes"] else "",
+        stretches=capital(stretch_words(document)),
+        warnings=warnings(document),
         notes=document["notes"],
     )
     return Section("verdict", "Verdict", body)
 
 
 def _changes(document: Document) -> Section | None:
-    """There where something changed: each change with its numbers, and the candidates."""
+    """There where something changed: each change with its numbers and intervals, and the other candidates."""
     if not document["changes"]:
         return None
     cards = [
-        (change_clause(change), change, {k: number_words(n) for k, n in change["parameters"].items()})
-        for change in document["changes"]
+        (change_clause(c), c, [(k, number_words(c, k), interval_of(c, k)) for k in c["parameters"]])
+        for c in document["changes"]
     ]
     named = {(c["effect"], c["target"]) for c in document["changes"]}
-    others = [c for c in document["candidates"] if (c["effect"], c["target"]) not in named and c["probability"] > 0.005]
+    likely = [c for c in document["candidates"] if c["probability"] > LIKELY]
+    others = [c for c in likely if (c["effect"], c["target"]) not in named]
     body = render("comparison/changes.html.jinja", cards=cards, others=others)
     return Section("changes", "What changed", body)
 
 
+def interval_of(change: Mapping[str, Any], parameter: str) -> dict[str, Any] | None:
+    """Where "no change", the change and its interval lie on an axis, in per cent of its length; None where there is no
+    interval or nothing before."""
+    n = change["parameters"][parameter]
+    size = n["change"]
+    low, high = size["ci95"]
+    if n["before"] is None or low is None or high is None or size["value"] is None:
+        return None
+    none = 1.0 if is_ratio(change, parameter) else 0.0
+    ends = (min(none, low, size["value"]), max(none, high, size["value"]))
+    margin = 0.08 * (ends[1] - ends[0]) or 1.0
+    start, length = ends[0] - margin, ends[1] - ends[0] + 2.0 * margin
+    place = {"none": none, "low": low, "high": high, "value": size["value"]}
+    return {k: 100.0 * (v - start) / length for k, v in place.items()}
+
+
 def _gap(document: Document) -> Section:
-    channels = document["gap"]["channels"]
+    gap, changes = document["gap"], document["changes"]
     rows = [
         (name, number(c["before"]), number(c["after"]), number(c["after_explained"]), number(c["noise_floor"]))
-        for name, c in channels.items()
+        for name, c in gap["channels"].items()
     ]
+    bars = [("after", "runs before", gap["before"]), ("before", "runs after", gap["after"])]
+    if changes:
+        bars.append(("after", f"runs after, with the {_noun(changes)} in the model", gap["after_explained"]))
+    bars.append(("floor", "noise floor", gap["noise_floor"]))
+    bars = [b for b in bars if b[2] is not None]
     body = render(
-        "comparison/gap.html.jinja", rows=rows, gap=document["gap"], explained=bool(document["changes"]),
-        account=[member_name(t) for t in document["account"]], left=percent(document["unexplained"]["share"]),
+        "comparison/gap.html.jinja", rows=rows, gap=gap, bars=bars,
+        largest=max((b[2] for b in bars), default=0.0) or 1.0,
+        changes=_noun(changes) if changes else "", account=_account(document), left=_left(document),
     )  # fmt: skip
     return Section("gap", "The gap before and after", body)
+
+
+def _left(document: Document) -> str:
+    """What the changes leave of the rise; empty where there was none to explain."""
+    gap = document["gap"]
+    known = gap["before"] is not None and gap["after"] is not None
+    if not document["changes"] or not known or gap["after"] <= gap["before"]:
+        return ""
+    return percent(document["unexplained"]["share"])
 
 
 def _groups(document: Document) -> Section | None:
@@ -105,3 +153,22 @@ def _unseen(document: Document) -> Section | None:
         reasons.setdefault(effect["why"], []).append(effect)
     body = render("sections/not_testable.html.jinja", reasons=reasons)
     return Section("not-testable", "Changes that these runs cannot show", body)
+
+
+def _definitions(document: Document) -> Section:
+    body = render(
+        "comparison/definitions.html.jinja",
+        horizon=document["gap"]["horizon"],
+        runs=document.get("runs") or {},
+        schema=document.get("schema"),
+        command=document.get("command"),
+    )
+    return Section("definitions", "Definitions", body)
+
+
+def _account(document: Document) -> str:
+    return listed([member_name(t) for t in document["account"]]) if document["account"] else ""
+
+
+def _noun(changes: list[Any]) -> str:
+    return "change" if len(changes) == 1 else "changes"

@@ -5,13 +5,17 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from comparison.rovers import write_sets
 from oracles.arms import SERVOS, arm_xml
 from oracles.rover_log import ROBOT, rover_run, write_run
+
+from residual_mpc.comparison.settings import ComparisonSettings
 
 HOUSE = Path(__file__).resolve().parents[2]
 DOCS = HOUSE / "docs"
@@ -59,6 +63,22 @@ def test_python(rover: Path) -> None:
     assert space["diagnosis"].verdict == "effects"
     assert {p.name for p in (rover / "out").iterdir()} >= {"diagnosis.json", "model.json", "report.html"}
     assert space["opti"].ng == 20 * len(space["model"].states)
+
+
+def test_compare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_sets(tmp_path, track=1.1)
+    monkeypatch.chdir(tmp_path)
+    space = run("compare.md")
+    assert space["found"].verdict == "changed" and list(space["table"].effect) == ["track_width"]
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"comparison.json", "report.html"}
+
+
+def test_the_defaults_of_a_comparison_are_those_of_the_page() -> None:
+    page = text(DOCS / "reference" / "comparison.md")
+    told = re.findall(r"^\| `([a-z_.]+)` \| ([0-9.]+) \|", page, flags=re.M)
+    assert {name for name, _ in told} >= {"contrast.unit", "contrast.level", "search.most", "sure"}
+    for name, value in told:
+        assert float(value) == attrgetter(name)(ComparisonSettings()), name
 
 
 def test_controllers(rover: Path) -> None:

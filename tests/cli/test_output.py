@@ -90,10 +90,10 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         main(["--help"])
     said = capsys.readouterr().out
     assert end.value.code == 0
-    assert all(f"  {name}" in said for name in ("check", "gap", "diagnose", "blind"))
+    assert all(f"  {name}" in said for name in ("check", "gap", "diagnose", "compare", "blind"))
 
 
-@pytest.mark.parametrize("command", ["gap", "diagnose", "check"])
+@pytest.mark.parametrize("command", ["gap", "diagnose", "check", "compare"])
 def test_every_command_has_help_json_and_seed(capsys: pytest.CaptureFixture[str], command: str) -> None:
     with pytest.raises(SystemExit) as end:
         main([command, "--help"])

@@ -1,78 +1,215 @@
 """What changed between two sets of runs, in words."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
-from residual_mpc.report.words.effects import name_at
-from residual_mpc.report.words.numbers import count, listed, measure, measure_interval, number, percent
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.report.words.effects import name
+from residual_mpc.report.words.groups import Member, member_name
+from residual_mpc.report.words.numbers import ARROW, listed, measure, measure_interval, number, percent
+from residual_mpc.report.words.quantities import QUANTITIES, Quantity
 
 Document = Mapping[str, Any]  # comparison.json
+Number = Mapping[str, Any]  # an entry of `parameters` of a change
 
 SURE = 0.5  # probability from which a change is stated without "possibly"
+WORSE = 1.5  # times the gap before, from which a larger gap after is remarked where no change was found
+NONE = 0.02  # share of a number's value on the other side under which something is said to be absent
 
 
 def comparison_sentence(document: Document) -> str:
     """The verdict in one sentence."""
-    stretches = document["stretches"]
-    units = f"{stretches['before']} stretches of motion before and {stretches['after']} after"
     verdict = document["verdict"]
     if verdict == "same":
-        return f"The two sets differ by no more than runs of one set differ among themselves ({units})."
+        return "No change found: the two sets differ by no more than parts of one set differ among themselves."
     if verdict == "unknown":
-        return f"The robot has changed, but no effect in the library explains how ({units})."
-    said = listed([change_clause(change) for change in document["changes"]])
-    headline = f"{said[:1].upper()}{said[1:]}"
-    return f"{headline}." if verdict == "changed" else f"{headline}; this is only part of what changed."
+        return "The two sets differ, but no change of an effect in the library explains how."
+    clauses = [change_clause(change) for change in document["changes"]]
+    said = capital(listed(clauses))
+    if verdict == "changed":
+        return f"{said}."
+    return f"{said}; this explains only part of the difference between the two sets."
+
+
+def warnings(document: Document) -> list[str]:
+    """What casts doubt on the figures or the verdict: sets without a held-out window, a gap that rises though no change
+    was found."""
+    gap = document["gap"]
+    unseen = [side for side in ("before", "after") if gap[side] is None]
+    if unseen:
+        whose = listed(unseen)
+        return [f"No window of the runs {whose} was held out, so their gap is unknown: record more or longer runs."]
+    if document["verdict"] != "same" or gap["after"] <= WORSE * max(gap["before"], gap["noise_floor"] or 0.0):
+        return []
+    return [
+        f"The gap is {number(gap['after'] / gap['before'], 2)} times as large on the runs after, but differs so much "
+        "from stretch to stretch that no change was found."
+    ]
 
 
 def change_clause(change: Mapping[str, Any]) -> str:
-    """ "command delay rose by 45 ms", after "possibly" where that is less likely than not."""
+    """ "the command delay increased by 45 ms, from 71 ms to 116 ms", after "possibly" where that is less likely than
+    not. Of several numbers, only those are named whose interval excludes that they stayed."""
+    numbers = {k: n for k, n in change["parameters"].items() if not _is_shape(change, k)}
+    clear = {k: n for k, n in numbers.items() if not _may_have_stayed(change, k, n)}
+    clauses = [_clause(change, k, n) for k, n in (clear or numbers).items()]
     doubt = "possibly " if change["probability"] < SURE else ""
-    clauses = [_clause(parameter, n) for parameter, n in change["parameters"].items()]
-    return f"{doubt}{_who(change)} {listed(clauses)}"
+    return f"{doubt}{listed(clauses)}" if clauses else f"{doubt}{name(change)}{_of(change)} changed"
 
 
 def change_line(change: Mapping[str, Any]) -> str:
-    """A change with its numbers and probability."""
-    numbers = [f"{name.replace('_', ' ')} {number_words(n)}" for name, n in change["parameters"].items()]
-    return f"{_who(change)}: {'; '.join(numbers)}; probability {percent(change['probability'])}"
+    """ "command_delay: delay 71 ms → 116 ms, change 45 ms (26 to 64), probability 0.97"."""
+    named = f"{change['effect']} [{change['target']}]" if change["target"] else str(change["effect"])
+    parts = [f"{parameter} {number_words(change, parameter)}" for parameter in change["parameters"]]
+    return f"{named}: {', '.join(parts)}, probability {change['probability']:.2f}"
 
 
-def number_words(n: Mapping[str, Any]) -> str:
-    """ "+45 ms (26 to 64), from 71 ms to 116 ms"."""
-    change = n["change"]
-    factor = "times " if _is_ratio(n) else ""
-    size = measure_interval(change["value"], change["ci95"], change["unit"])
-    unit = "1" if _is_ratio(n) else change["unit"]
-    between = ", ".join(f"{word} {measure(n[word], unit)}" for word in ("before", "after") if n[word] is not None)
-    note = f" [{n['note']}]" if n.get("note") else ""
-    return f"{factor}{size}{f' ({between})' if between else ''}{note}"
+def number_words(change: Mapping[str, Any], parameter: str) -> str:
+    """ "71 ms → 116 ms, change 45 ms (26 to 64)"."""
+    n = change["parameters"][parameter]
+    note = f" ({n['note']})" if n.get("note") else ""
+    if _is_shape(change, parameter):
+        return f"{measure(n['after'], n['change']['unit'])}{note}"
+    before, after = _ends(change, parameter)
+    size = measure_interval(n["change"]["value"], n["change"]["ci95"], n["change"]["unit"])
+    if n["before"] is None:
+        return f"none {ARROW} {size}{note}"
+    return f"{before} {ARROW} {after}, {'ratio' if is_ratio(change, parameter) else 'change'} {size}{note}"
+
+
+def is_ratio(change: Mapping[str, Any], parameter: str) -> bool:
+    """Whether the change of a number is its ratio: of a factor, or of a limit or stiffness that was there before."""
+    known = _parameter(change, parameter)
+    if known is None:
+        return _seems_a_ratio(change["parameters"][parameter])
+    there = change["parameters"][parameter]["before"] is not None
+    return known.null == 1.0 or (math.isinf(known.null) and there)
 
 
 def stretch_words(document: Document) -> str:
-    """ "15 stretches before, 15 after"."""
+    """ "15 stretches of the runs before against 15 of the runs after"."""
     there = document["stretches"]
-    return f"{count(there['before'], 'stretch')} before, {there['after']} after".replace("stretchs", "stretches")
+    noun = "stretch" if there["before"] == 1 else "stretches"
+    return f"{there['before']} {noun} of the runs before against {there['after']} of the runs after"
 
 
-def _who(change: Mapping[str, Any]) -> str:
-    return name_at(change)
+def alike_sentence(group: list[Member]) -> str:
+    """ "These runs cannot tell apart changes of command delay and sensor delay."."""
+    return f"These runs cannot tell apart changes of {listed([member_name(member) for member in group])}."
 
 
-def _clause(parameter: str, n: Mapping[str, Any]) -> str:
-    change = n["change"]
-    what = parameter.replace("_", " ")
-    if _is_ratio(n):
-        return f"({what}) is {number(change['value'])} times what it was"
-    if n["before"] is None:
-        return f"appeared ({what} {measure(change['value'], change['unit'])})"
-    turn = "rose" if change["value"] >= 0.0 else "fell"
-    return f"({what}) {turn} by {measure(abs(change['value']), change['unit'])}"
+def capital(text: str) -> str:
+    """The text with its first letter large."""
+    return f"{text[:1].upper()}{text[1:]}"
 
 
-def _is_ratio(n: Mapping[str, Any]) -> bool:
-    """Whether the change of a number is its ratio."""
+def _clause(change: Mapping[str, Any], parameter: str, n: Number) -> str:
+    quantity = QUANTITIES.get(change["effect"], {}).get(parameter, Quantity(f"{name(change)} ({_plain(parameter)})"))
+    noun, own = quantity.noun, quantity.kind == "own"
+    if quantity.targeted and _of(change):
+        noun = quantity.targeted
+    appears = quantity.appears or noun
+    if own and _absent(n["before"], n["after"]):
+        article = "a" if noun == quantity.targeted else quantity.article
+        what = " ".join(word for word in (article, appears) if word)
+        size = " ".join(word for word in (quantity.size, _written(change, parameter, n["after"])) if word)
+        return f"{_happened(what, 'appeared', change, quantity)} ({_inside_brackets(size)})"
+    if own and _absent(n["after"], n["before"]):
+        was = _inside_brackets(_written(change, parameter, n["before"]))
+        return f"{_happened(f'the {appears}', 'disappeared', change, quantity)} ({was} before)"
+    the, value = f"the {noun}{_of(change)}", n["change"]["value"]
+    before, after = _ends(change, parameter)
+    if is_ratio(change, parameter):
+        if quantity.kind == "factor":
+            before, after = percent(n["before"]), f"{percent(n['after'])} of the modelled value"
+        return f"{the} {_scaled(value)}, from {before} to {after}"
+    turned = f"{the} {'increased' if value >= 0.0 else 'decreased'}"
+    if _is_share(change, parameter):
+        return f"{turned} from {before} to {after}"
+    if quantity.kind == "excess":
+        return f"{turned} by {_written(change, parameter, abs(value))}"
+    return f"{turned} by {_written(change, parameter, abs(value))}, from {before} to {after}"
+
+
+def _happened(what: str, verb: str, change: Mapping[str, Any], quantity: Quantity) -> str:
+    """ "a command delay of the left wheel appeared", "backlash appeared in the gear of j1"."""
+    where = _of(change, quantity.inside)
+    return f"{what} {verb}{where}" if quantity.inside == "in" else f"{what}{where} {verb}"
+
+
+def _inside_brackets(text: str) -> str:
+    """ "0.2 rad, 11°" of "0.2 rad (11°)"."""
+    return text.replace(" (", ", ").removesuffix(")")
+
+
+def _scaled(ratio: float) -> str:
+    """ "increased by 10 %"; large ones as a factor."""
+    if ratio >= 2.0:
+        return f"increased by a factor of {number(ratio)}"
+    return f"{'increased' if ratio >= 1.0 else 'decreased'} by {percent(abs(ratio - 1.0))}"
+
+
+def _of(change: Mapping[str, Any], preposition: str = "of") -> str:
+    """ " of the left wheel"; empty where the effect acts on the whole robot, all actuators or all channels."""
+    target, known = change.get("target") or change.get("only_target"), BY_NAME.get(change["effect"])
+    if not target and (known is None or known.target not in ("joint", "body")):
+        return ""
+    who = known.phrase.who(target, known.target) if known and known.phrase else target
+    return f" {preposition} {who}"
+
+
+def _ends(change: Mapping[str, Any], parameter: str) -> tuple[str, str]:
+    """Both values, a zero without a unit of its own."""
+    n = change["parameters"][parameter]
+    before, after = (
+        "none" if v is None else "0" if v == 0.0 else _written(change, parameter, v) for v in (n["before"], n["after"])
+    )
+    return before, after
+
+
+def _written(change: Mapping[str, Any], parameter: str, value: float) -> str:
+    """A value with its unit; a share as a percentage."""
+    unit = str(change["parameters"][parameter]["change"]["unit"])
+    if _is_share(change, parameter):
+        return percent(value) + (" per second" if unit == "1/s" else "")
+    return measure(value, unit)
+
+
+def _is_share(change: Mapping[str, Any], parameter: str) -> bool:
+    """Whether a number that changes by a difference reads better as a percentage."""
+    known = BY_NAME.get(change["effect"])
+    return bool(known and known.phrase and parameter in known.phrase.shares and not is_ratio(change, parameter))
+
+
+def _absent(value: float | None, other: float | None) -> bool:
+    return value is None or (other is not None and abs(value) < NONE * abs(other))
+
+
+def _parameter(change: Mapping[str, Any], parameter: str) -> Any:
+    known = BY_NAME.get(change["effect"])
+    return next((p for p in known.parameters if p.name == parameter), None) if known else None
+
+
+def _is_shape(change: Mapping[str, Any], parameter: str) -> bool:
+    """Whether the number says only how the effect acts."""
+    known = _parameter(change, parameter)
+    return bool(known is not None and known.shape)
+
+
+def _may_have_stayed(change: Mapping[str, Any], parameter: str, n: Number) -> bool:
+    low, high = n["change"]["ci95"]
+    stayed = 1.0 if is_ratio(change, parameter) else 0.0
+    return low is not None and high is not None and low <= stayed <= high
+
+
+def _seems_a_ratio(n: Number) -> bool:
+    """The same for an effect that the library does not have, from its numbers alone."""
     before, after, change = n["before"], n["after"], n["change"]
     if before is None or after is None or change["unit"] != "1" or before == 0.0:
         return False
     return bool(abs(after / before - change["value"]) < abs(after - before - change["value"]))
+
+
+def _plain(parameter: str) -> str:
+    return parameter.replace("_", " ")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 SPACE = "\N{NO-BREAK SPACE}"
 MINUS = "\N{MINUS SIGN}"
+ARROW = "\N{RIGHTWARDS ARROW}"
 DEGREE = "\N{DEGREE SIGN}"
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -123,7 +124,7 @@ def in_brackets(unit: str) -> str:
 
 def plain(text: str) -> str:
     """`text` for a terminal: the spaces and signs that a keyboard has, so that a search finds them."""
-    return text.replace(SPACE, " ").replace(MINUS, "-")
+    return text.replace(SPACE, " ").replace(MINUS, "-").replace(ARROW, "->")
 
 
 def _suffix(unit: str) -> str:

@@ -1,0 +1,87 @@
+"""The jackknife's standard deviations against refits without each unit in turn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosis.linear import GAIN, HEADING, SCALE, Linear, fitted, space_of, windows
+
+from residual_mpc.comparison.contrast import Units, build_units
+from residual_mpc.comparison.sets import units_of
+from residual_mpc.comparison.settings import ContrastSettings
+from residual_mpc.comparison.sizes import changed_numbers, jackknife
+from residual_mpc.comparison.space import ChangeSpace, change_space
+
+RUNS, SAMPLES = 6, 20
+DATA = windows(RUNS, 12.0)
+SPACE: ChangeSpace = change_space(space_of(DATA))
+LATER = np.arange(RUNS) >= RUNS // 2
+UNITS: Units = build_units(units_of(DATA, LATER, ContrastSettings()), LATER[DATA.run], DATA.run)
+CHANGED = SCALE._replace(changed=True)
+TRUTH = {SCALE: 1.2, GAIN: 0.9, CHANGED: 1.1}
+
+
+def linear(rng: np.random.Generator, own: float = 0.1) -> Any:
+    """A change that moves later windows alone; every unit has a scale of its own."""
+    columns = dict(zip((SCALE, GAIN), 3.0 * rng.standard_normal((2, DATA.count, SAMPLES)), strict=True))
+    columns[CHANGED] = 1.2 * columns[SCALE] * UNITS.later[UNITS.number][:, None]
+    noise = rng.standard_normal((DATA.count, SAMPLES))
+    noise += own * rng.standard_normal(UNITS.count)[UNITS.number, None] * columns[SCALE]
+    return Linear(DATA, SPACE, columns, TRUTH, noise)
+
+
+def refit(problem: Any, knobs: Any, keep: np.ndarray) -> np.ndarray:
+    """The least-squares values on the windows `keep` (W,) alone, from the normal equations."""
+    j = np.stack([problem.columns[k][keep].ravel() for k in knobs], axis=1)
+    offset = problem.noise[keep].ravel() - j @ np.array([problem.truth[k] for k in knobs])
+    return np.asarray(np.linalg.solve(j.T @ j, -j.T @ offset))
+
+
+def literal(problem: Any, knobs: Any) -> np.ndarray:
+    """Standard deviations: for each set (n - 1) / n times the sum of squares of what leaving one unit out does."""
+    everything = refit(problem, knobs, np.ones(DATA.count, dtype=bool))
+    variance = np.zeros(len(knobs))
+    for side in (True, False):
+        mine = np.flatnonzero(UNITS.later == side)
+        for unit in mine:
+            moved = refit(problem, knobs, UNITS.number != unit) - everything
+            variance += (len(mine) - 1) / len(mine) * moved**2
+    return np.sqrt(variance)
+
+
+def test_the_jackknife_is_the_one_that_refits() -> None:
+    problem = linear(np.random.default_rng(0))
+    fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0, CHANGED: 1.0})
+    assert not fit.held.any()
+    spread = jackknife(fit, UNITS)
+    np.testing.assert_allclose(spread.sigma, literal(problem, fit.knobs), rtol=1e-3)
+    assert (spread.freedom >= 1.5).all() and (spread.freedom <= UNITS.count).all()
+
+
+def test_an_interval_covers_the_change_as_often_as_it_says() -> None:
+    """Where stretches differ by more than the noise, which least squares alone would take for certainty."""
+    rng = np.random.default_rng(1)
+    inside, halves, values = [], [], []
+    for _ in range(60):
+        problem = linear(rng)
+        fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0, CHANGED: 1.0})
+        (number,) = changed_numbers(problem, fit, CHANGED.term, jackknife(fit, UNITS))
+        low, high = number.ci95
+        inside.append(low <= 1.1 <= high)
+        halves.append(0.5 * (high - low))
+        values.append(number.change)
+    assert np.mean(inside) > 0.85
+    assert 0.6 < np.mean(halves) / (1.96 * np.std(values, ddof=1)) < 1.7
+
+
+def test_a_change_states_what_was_what_is_and_the_ratio() -> None:
+    problem = linear(np.random.default_rng(2), own=0.0)
+    fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0, CHANGED: 1.0})
+    (number,) = changed_numbers(problem, fit, CHANGED.term, jackknife(fit, UNITS))
+    assert number.name == "scale" and number.unit == "1" and number.note == ""
+    assert number.before == pytest.approx(1.2, abs=0.05)
+    assert number.after == pytest.approx(number.before * number.change)
+    assert number.change == pytest.approx(fit.values[CHANGED])
+    assert changed_numbers(problem, fit, HEADING._replace(changed=True).term, jackknife(fit, UNITS)) == ()
