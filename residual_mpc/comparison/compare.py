@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from residual_mpc.comparison.account import account_of
 from residual_mpc.comparison.conditions import conditions_of
-from residual_mpc.comparison.contrast import Units, build_units
+from residual_mpc.comparison.contrast import Units, build_units, scatter_p
 from residual_mpc.comparison.gaps import compared_gap
 from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
@@ -102,6 +102,12 @@ def _space(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
     options = given.options
     fitting = sets.fitting
     whole = build_space(fitting, given.tunable, options.only, options.without, options.without_because)
+    if not whole.candidates:
+        raise BadInput(
+            "no effect is left that these runs of this robot could show to have changed",
+            "--only" if options.only else "--without" if options.without else "",
+            "leave out fewer effects, or record longer runs",
+        )
     return change_space(whole)
 
 
@@ -130,9 +136,9 @@ def _units(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: Compa
     conditions = conditions_of(data, sets.scales, given.robots, sets.later)
     units = build_units(number, sets.side(data), data.run, conditions)
     for name, n in (("before", int((~units.later).sum())), ("after", int(units.later.sum()))):
-        if n < 2:
+        if n < settings.contrast.fewest:
             raise BadInput(
-                f"at least 2 independent stretches are needed {name} the change, got {n}",
+                f"at least {settings.contrast.fewest} independent stretches are needed {name} the change, got {n}",
                 f"--{name}",
                 f"record more or longer runs: a stretch has {settings.contrast.unit:g} s or more",
             )
@@ -156,7 +162,7 @@ def _judged(
         whole, fit_all(whole, [found.fit.values], 4, settings=settings.results.fit)[0], settings=settings.results.fit
     )  # fmt: skip
     left = told_apart(whole, fit, units)
-    p_left = min((c.p for c in left), default=1.0)
+    p_left = min([scatter_p(fit, units), *(c.p for c in left)])
     spread = jackknife(fit, units)
     gap = compared_gap(sets, whole, fit, rng, settings)
     verdict = _verdict(found, p_left, settings)

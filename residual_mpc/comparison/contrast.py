@@ -162,6 +162,26 @@ def _tested(size: np.ndarray, score: np.ndarray, units: Units) -> tuple[float, f
     seen = size > FAINT * size.max(initial=0.0)
     if not seen.any():
         return 0.0, 0.0, 0.0, 0.0, 1.0
+    found, p = _at_both_levels(size, score, units)
+    if found.freedom < 1.0:
+        return found.before, found.dose, 0.0, 0.0, 1.0
+    information = [float(size[side].sum()) for side in (~units.later, units.later)]
+    drop = found.dose**2 * information[0] * information[1] / max(sum(information), 1e-300)
+    return found.before, found.dose, drop, found.t, p
+
+
+def scatter_p(fit: Fit, units: Units) -> float:
+    """Probability that the sizes of what a fit leaves differ by chance as much between the sets: a change that no
+    effect of the library describes shows there, even where it has no direction."""
+    samples = _by_unit(np.count_nonzero(fit.r, axis=1).astype(float), units)
+    squares = _by_unit(fit.per_window, units)
+    size = (samples > 0.0).astype(float)
+    return _at_both_levels(size, -np.log(np.maximum(squares, 1e-12) / np.maximum(samples, 1.0)) * size, units)[1]
+
+
+def _at_both_levels(size: np.ndarray, score: np.ndarray, units: Units) -> "tuple[_Difference, float]":
+    """The difference between the sets and its p; stretches are observations of their own unless their runs scatter by
+    more than that explains."""
     by_stretch = _compared(size, score, units.later, units.conditions)
     at = np.unique(units.run, return_inverse=True)[1]
     runs = int(at.max()) + 1
@@ -169,14 +189,11 @@ def _tested(size: np.ndarray, score: np.ndarray, units: Units) -> tuple[float, f
     later = np.zeros(runs, dtype=bool)
     later[at] = units.later
     by_run = _compared(size_of, score_of, later, _averaged(units.conditions, at, runs))
-    # stretches are observations of their own unless their runs scatter more than that explains
-    chosen = by_run if by_run.variance > by_stretch.variance else by_stretch
-    if chosen.freedom < 1.0:
-        return by_stretch.before, by_stretch.dose, 0.0, 0.0, 1.0
-    information = [float(size[side].sum()) for side in (~units.later, units.later)]
-    drop = by_stretch.dose**2 * information[0] * information[1] / max(sum(information), 1e-300)
-    t = by_stretch.dose / float(np.sqrt(max(chosen.variance, 1e-300)))
-    return by_stretch.before, by_stretch.dose, drop, t, float(2.0 * stdtr(chosen.freedom, -abs(t)))
+    if by_run.variance > by_stretch.variance:
+        by_stretch = replace(by_stretch, variance=by_run.variance, freedom=by_run.freedom)
+    if by_stretch.freedom < 1.0:
+        return by_stretch, 1.0
+    return by_stretch, float(2.0 * stdtr(by_stretch.freedom, -abs(by_stretch.t)))
 
 
 @dataclass(frozen=True)
@@ -187,6 +204,10 @@ class _Difference:
     dose: float
     variance: float
     freedom: float
+
+    @property
+    def t(self) -> float:
+        return self.dose / float(np.sqrt(max(self.variance, 1e-300)))
 
 
 def _compared(size: np.ndarray, score: np.ndarray, later: np.ndarray, conditions: np.ndarray) -> _Difference:

@@ -6,13 +6,14 @@ import numpy as np
 from residual_mpc.comparison.records import ComparedGap
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import gap_of
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.models.settings import TUNE, Values
+from residual_mpc.models.settings import Values
 
 
 def compared_gap(
@@ -23,9 +24,9 @@ def compared_gap(
     space = problem.space
     before = _fitted_before(sets, problem, fit, settings)
     changed = {k: v for k, v in fit.values.items() if k.changed}
-    test = sets.held if sets.held.any() else np.ones(sets.raw.count, dtype=bool)
+    test = _tested(sets)
     data = sets.raw.take(test)
-    data = data.take(_within(sets, problem, data, settings))
+    data = data.take(_within(sets, data, settings))
     nominal = {k: space.null(k) for k in space.tunables}
     rows = [nominal, before, {**before, **changed}]
     errors = [data.y - p for p in predict(data, space.settings(rows))]
@@ -59,16 +60,23 @@ def compared_gap(
     )
 
 
+def _tested(sets: TwoSets) -> np.ndarray:
+    """(W,) bool: the windows held out, and all of a set of which none is."""
+    later = sets.side(sets.raw)
+    whole = [side & (sets.held if (sets.held & side).any() else True) for side in (later, ~later)]
+    return np.asarray(whole[0] | whole[1])
+
+
 def _fitted_before(sets: TwoSets, problem: Problem, fit: Fit, settings: ComparisonSettings) -> Values:
     """What acts on both sets, fitted to the runs before alone."""
     start = {k: v for k, v in fit.values.items() if not k.changed}
     mine = ~sets.side(problem.data)
-    if not any(k.effect != TUNE for k in start) and not start:
+    if not start:
         return start
     return fit_all(part_of(problem, mine), [start], 6, settings=settings.results.fit)[0].values
 
 
-def _within(sets: TwoSets, problem: Problem, data, settings: ComparisonSettings) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _within(sets: TwoSets, data: Dataset, settings: ComparisonSettings) -> np.ndarray:
     """(W,) bool: evenly as many windows of each set as the figures may cost."""
     keep = np.zeros(data.count, dtype=bool)
     later = sets.side(data)

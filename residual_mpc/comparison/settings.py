@@ -9,14 +9,16 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 @dataclass(frozen=True)
 class ContrastSettings:
     """unit: s, the shortest stretch of a run that counts as one observation; units: of such stretches that a set is cut
-    into, where it has no more runs than that. level: probability of a false change, over all hypotheses together."""
+    into, where it has no more runs than that; fewest: that a set
+    must have. level: probability of a false change, over all hypotheses together."""
 
     unit: float = 3.0
     units: int = 12
+    fewest: int = 3
     level: float = 0.03
 
     def __post_init__(self) -> None:
-        check_positive(self, "unit", "units")
+        check_positive(self, "unit", "units", "fewest")
         check_share(self, "level")
 
 

@@ -10,6 +10,7 @@ from residual_mpc.comparison.records import ChangedNumber
 from residual_mpc.comparison.space import ChangeSpace, change_between
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.results.causes import AT_BOUND, unit_of
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.effects.library import BY_NAME
@@ -67,7 +68,11 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread) -> t
         was = fit.values.get(own, fit.values.get(general, p.null))
         now = after[own]
         value = fit.values[knob] if p.shape else change_between(p, was, now)
-        half = float(stdtrit(spread.freedom[i], 0.975) * spread.sigma[i])
+        low, high = Space.bounds(space, own)
+        held = bool(fit.held[i] or now in (low, high))
+        # a number that has come to its bound is as uncertain as it was before
+        known = fit.knobs.index(own) if held and own in fit.knobs else i
+        half = float(stdtrit(spread.freedom[known], 0.975) * spread.sigma[known])
         if not np.isfinite(p.null) and np.isfinite(was):
             half /= was  # a ratio
         unit = unit_of(space.robot, term, "1" if p.null == 1.0 or (np.isinf(p.null) and np.isfinite(was)) else p.unit)
@@ -79,7 +84,7 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread) -> t
                 float(value),
                 (float(value - half), float(value + half)),
                 unit,
-                AT_BOUND if fit.held[i] else "",
+                AT_BOUND if held else "",
             )
         )
     return tuple(out)
