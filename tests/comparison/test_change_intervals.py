@@ -18,7 +18,8 @@ RUNS, SAMPLES = 6, 20
 DATA = windows(RUNS, 12.0)
 SPACE: ChangeSpace = change_space(space_of(DATA))
 LATER = np.arange(RUNS) >= RUNS // 2
-UNITS: Units = build_units(units_of(DATA, LATER, ContrastSettings()), LATER[DATA.run], DATA.run)
+NUMBER = units_of(DATA, LATER, ContrastSettings())
+UNITS: Units = build_units(NUMBER, LATER[DATA.run], DATA.run, np.zeros((DATA.count, 0)))
 CHANGED = SCALE._replace(changed=True)
 TRUTH = {SCALE: 1.2, GAIN: 0.9, CHANGED: 1.1}
 
