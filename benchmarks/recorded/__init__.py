@@ -1,1 +1,1 @@
-"""Diagnoses of recorded robots: gaps on runs kept back, causes, and what is known of them from elsewhere."""
+"""Diagnoses of recorded robots: gaps on held-out runs, causes, and what is known of them from elsewhere."""

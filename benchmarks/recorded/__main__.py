@@ -1,4 +1,4 @@
-"""Diagnoses of recorded robots as a page of Markdown: gaps on runs kept back, causes, and the commands.
+"""Diagnoses of recorded robots as a page of Markdown: gaps on held-out runs, causes, and the commands.
 
 python -m benchmarks.recorded [--data ../shared/data] [--row NAME ...] [--keep build/recorded] [--again] [--page FILE]
 

@@ -1,10 +1,9 @@
 """Whether two sets of runs differ in an effect by more than stretches of one set differ among themselves.
 
 For every hypothesis each unit (a run, or a stretch of one) gives an estimate of its own, one Gauss-Newton step from the
-account. The two sets' means are compared by a t test in which units, not samples,
-are the observations, so that it holds however coloured the residuals are and however much the robot differs from run to
-run (Moulton 1990; Cameron and Miller 2015, section VI). Bonferroni's factor corrects for how many
-independent hypotheses there are.
+account. The two sets' means are compared by a t test in which units, not samples, are the observations. It therefore
+holds however coloured the residuals are and however much the robot differs from run to run (Moulton 1990; Cameron and
+Miller 2015, section VI). Bonferroni's factor corrects for the number of independent hypotheses.
 """
 
 from collections.abc import Sequence
@@ -30,7 +29,7 @@ FAINT = 1e-6  # of the unit that tells most, under which one tells nothing
 @dataclass(frozen=True, eq=False)
 class Units:
     """number (W,): which of the U units each window lies in; later (U,) bool: those of the later set; run (U,): the
-    run that each is a stretch of; conditions (U, k): how each was driven, of which the model's errors may depend."""
+    run that each is a stretch of; conditions (U, k): how each was driven, on which the model's errors may depend."""
 
     number: np.ndarray
     later: np.ndarray

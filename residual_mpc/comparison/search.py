@@ -9,6 +9,7 @@ from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, possible
 from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.search.additions import compatible, mixed
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
@@ -55,11 +56,10 @@ def search_changes(
         current, changes = _pruned(problem, current, changes, units, settings)
 
 
-def told_apart(problem: Problem, current: Fit, units: Units, among: tuple[Term, ...] | None = None) -> list[Contrast]:
+def told_apart(problem: Problem, current: Fit, units: Units) -> list[Contrast]:
     """The contrast of every probe of every change that may be added to a fit."""
     there = changed_terms(current)
-    candidates = problem.space.candidates if among is None else among
-    open_ = [t for t in candidates if _compatible(t, there)]
+    open_ = [t for t in problem.space.candidates if compatible(t, there)]
     return contrasts(problem, current, units, [(t, p) for t in open_ for p in problem.space.probes(t)])
 
 
@@ -115,9 +115,10 @@ def fitted_leads(
 def _best(
     problem: Problem, current: Fit, units: Units, told: list[Contrast], settings: ComparisonSettings
 ) -> tuple[Fit, FoundChange] | None:
-    """The change that lowers the cost most, of those whose fitted size is beyond doubt; None where there is none."""
+    """The change that lowers the cost most, of those that are significant; None where none is worth its likelihood
+    ratio."""
     beyond = [c for c in told if c.p <= settings.contrast.level]
-    leads = _mixed(sorted(beyond, key=lambda c: -c.drop), sorted(beyond, key=lambda c: -abs(c.t)))
+    leads = mixed(sorted(beyond, key=lambda c: -c.drop), sorted(beyond, key=lambda c: -abs(c.t)))
     p = {term: min(c.p for c in beyond if c.term == term) for term in {c.term for c in beyond}}
     for lead, fit in fitted_leads(problem, current, leads, settings):
         worth = (current.cost - fit.cost) / dispersion(fit, units.number)
@@ -152,19 +153,3 @@ def _varied(leads: list[Contrast], each: int = 2) -> list[Contrast]:
         if taken[lead.term] <= each:
             out.append(lead)
     return out
-
-
-def _mixed(*rankings: list[Contrast]) -> list[Contrast]:
-    """Rankings of the same leads taken in turn, each lead once."""
-    seen: dict[int, Contrast] = {}
-    for places in zip(*rankings, strict=True):
-        for lead in places:
-            seen.setdefault(id(lead), lead)
-    return list(seen.values())
-
-
-def _compatible(term: Term, changes: tuple[Term, ...]) -> bool:
-    """Whether a change may join others: not twice the same, and never both on all targets and on one."""
-    return all(
-        t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in changes
-    )

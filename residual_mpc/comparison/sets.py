@@ -9,7 +9,7 @@ from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, joined, window_starts
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
-from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
+from residual_mpc.diagnosis.data.outliers import find_outliers
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.predict.horizons import free_starts, held_spans
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
@@ -22,7 +22,7 @@ from residual_mpc.models.settings import Settings
 @dataclass(frozen=True, eq=False)
 class TwoSets:
     """raw: all W windows of both sets, clean: less the samples that jump away; later (R,) bool: which runs are of the
-    later set; kept, held (W,) bool: what no fit may see; outliers by set, the earlier one first."""
+    later set; kept, held (W,) bool: what no fit may see."""
 
     raw: Dataset
     clean: Dataset
@@ -30,7 +30,6 @@ class TwoSets:
     later: np.ndarray
     kept: tuple[KeptBack, ...]
     held: np.ndarray
-    outliers: tuple[Outliers, Outliers]
 
     @property
     def fitting(self) -> Dataset:
@@ -65,8 +64,7 @@ def cut(
     for mine in (~later[raw.run], later[raw.run]):
         kept += choose_held_out(raw.take(mine), missed[mine], settings=settings)
     held = held_out_mask(raw, kept) if kept else np.zeros(raw.count, dtype=bool)
-    by_set = tuple(find_outliers(_signals_of(raw, ~later if k == 0 else later), settings=settings) for k in (0, 1))
-    return TwoSets(raw, clean, scales, later, tuple(kept), held, (by_set[0], by_set[1]))
+    return TwoSets(raw, clean, scales, later, tuple(kept), held)
 
 
 def windows(
@@ -91,11 +89,6 @@ def windows(
         blocks = tuple(replace(b, later=name == "after") for b in part.blocks)
         parts.append(replace(part, blocks=blocks))
     return joined(parts)
-
-
-def _signals_of(data: Dataset, mine: np.ndarray) -> Dataset:
-    """The dataset with the signals of some of its runs (R,) alone."""
-    return replace(data, signals={(i, c): s for (i, c), s in data.signals.items() if mine[i]})
 
 
 def units_of(data: Dataset, later: np.ndarray, settings: ContrastSettings) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.effect import Parameter
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values
+from residual_mpc.models.settings import Knob, Settings, Term, Values
 
 LARGEST_RATIO = 20.0  # by which a factor may change
 
@@ -108,8 +108,3 @@ def change_space(space: Space) -> ChangeSpace:
         space.references,
         {t._replace(changed=True): why for t, why in space.ruled_out.items()},
     )
-
-
-def unchanged(values: Values) -> Values:
-    """What acts on both sets."""
-    return {k: v for k, v in values.items() if not k.changed or k.effect == TUNE}

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from oracles.rover_log import SIGMA
 
-from residual_mpc.comparison.space import ChangeSpace, change_between, change_space, compose, unchanged
+from residual_mpc.comparison.space import ChangeSpace, change_between, change_space, compose
 from residual_mpc.diagnosis.data.dataset import build_dataset, joined
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.effects.effect import Parameter
 from residual_mpc.effects.library import LIBRARY
-from residual_mpc.models.settings import TUNE, Knob, Settings, Term
+from residual_mpc.models.settings import Knob, Settings, Term
 
 DATA = windows(2, 10.0)
 SPACE: ChangeSpace = change_space(space_of(DATA))
@@ -120,11 +120,6 @@ def test_values_after_are_there_only_where_something_changed() -> None:
     assert both.later is not None
     np.testing.assert_allclose(both.effects["track_width"]["scale"].ravel(), [1.2, 1.2])
     np.testing.assert_allclose(both.later.effects["track_width"]["scale"].ravel(), [1.2, 1.32])
-
-
-def test_what_acts_on_both_sets_is_what_is_left_without_changes() -> None:
-    tuned = Knob(TUNE, None, "mass", True)
-    assert unchanged({own(TRACK): 1.2, change(TRACK): 1.1, tuned: 3.0}) == {own(TRACK): 1.2, tuned: 3.0}
 
 
 def test_probes_of_a_change_go_both_ways() -> None:

@@ -147,7 +147,7 @@ def _bench(level: Level, rng: np.random.Generator) -> ArmBench | None:
         effects, flaws = choose_for(PLANTINGS, HABITS, level, rng)
     setting = draw_setting(level, rng)
     if setting is None or ((level.pairs or level.changed) and setting.robot.truth.arm.kind != "position"):
-        return None  # what is left of a gap is measured over whole runs, which other actuators do not hold on course
+        return None  # the remaining gap needs whole runs, and only position servos keep to the planned motion
     # stretches with the motor off would tell the members of the group apart
     return None if level.confounded and setting.drops else ArmBench(setting, effects, flaws)
 

@@ -43,7 +43,7 @@ _BETWEEN_RUNS = (PAYLOAD.name,)
 _NEVER = 1e6  # s
 _WEIGHTS = tuple(e.name for e in (LINK_LENGTH, LINK_MASS, PAYLOAD))
 _FRICTIONS = tuple(e.name for e in (COULOMB, VISCOUS, STRIBECK, LOAD_FRICTION))
-# flaws of the model, with the effects that describe a part of each: naming one of these is no error beside it
+# flaws of the model, with the effects that describe a part of each: naming one of these is no error
 FLAWS = {
     "links_that_bend": (JOINT_COMPLIANCE.name, ARMATURE.name, *_WEIGHTS),
     "axes_out_of_true": _WEIGHTS,

@@ -85,7 +85,7 @@ def ratio(robot: ArmRobot, setting: Setting) -> float:
 
 
 def left(robot: ArmRobot, setting: Setting) -> Callable[[ArmRobot], tuple[float, float]]:
-    """What is left of the gap if the model were as another arm: (over the noise floor, gap)."""
+    """The gap that would remain with another arm as the model: (multiple of the noise floor, gap)."""
     motion, sigma = setting.motion, np.sqrt(setting.sigma**2 + setting.resolution**2 / 12)
     happened = play_robot(robot, motion)
 

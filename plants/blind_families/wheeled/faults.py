@@ -40,7 +40,7 @@ CHANGING = tuple(
     e.name
     for e in (ACTUATOR_GAIN, WHEEL_RADIUS_MISMATCH, TRACK_WIDTH, COMMAND_DELAY, ACTUATOR_LAG, SATURATION, LATERAL_SLIP)
 )
-# flaws of the model, with the effects that describe a part of each: naming one of these is no error beside it
+# flaws of the model, with the effects that describe a part of each: naming one of these is no error
 FLAWS = {
     "servo_without_integral": tuple(
         e.name for e in (ACTUATOR_LAG, ACTUATOR_GAIN, WHEEL_RADIUS, DEAD_ZONE, SATURATION, COMMAND_DELAY)

@@ -113,7 +113,7 @@ def gap(rover: Rover, setting: Setting, horizon: float | None = None) -> tuple[f
 
 
 def left(rover: Rover, setting: Setting) -> Callable[[Rover], tuple[float, float]]:
-    """What is left of the gap if the model were as another rover: (over the noise floor, gap)."""
+    """The gap that would remain with another rover as the model: (multiple of the noise floor, gap)."""
     runs = _noise_free(rover, setting)
 
     def of(model: Rover) -> tuple[float, float]:

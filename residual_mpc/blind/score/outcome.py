@@ -53,7 +53,7 @@ class Outcome:
 
 def outcome(name: str, answer: Answer, result: Path) -> Outcome:
     """Score the diagnosis in the folder ``result``."""
-    seconds, trouble = _run_record(result)
+    seconds, trouble = run_record(result)
     claim: Claim | None = None
     if not trouble:
         try:
@@ -65,8 +65,8 @@ def outcome(name: str, answer: Answer, result: Path) -> Outcome:
     return Outcome(name, answer, claim, match(answer, claim), _parameters(answer, claim), seconds, "")
 
 
-def _run_record(result: Path) -> tuple[float | None, str]:
-    """(seconds, why there is no diagnosis)."""
+def run_record(result: Path) -> tuple[float | None, str]:
+    """(seconds, why there is no answer) of the folder of a case."""
     try:
         record = json.loads((result / "run.json").read_text())
     except (OSError, ValueError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from residual_mpc.blind.recorded.score.claim import Claim, read_claim
 from residual_mpc.blind.recorded.score.match import Match, counterpart, match
 from residual_mpc.blind.records import Answer
+from residual_mpc.blind.score.outcome import run_record
 from residual_mpc.errors import BadInput
 
 RATIOS = ("gain", "scale", "ratio")  # parameters whose change is a ratio: 1 is none
@@ -62,7 +62,7 @@ class Outcome:
 
 def outcome(name: str, source: str, answer: Answer, result: Path) -> Outcome:
     """Score the comparison in the folder ``result``."""
-    seconds, trouble = _run_record(result)
+    seconds, trouble = run_record(result)
     claim: Claim | None = None
     if not trouble:
         try:
@@ -73,15 +73,6 @@ def outcome(name: str, source: str, answer: Answer, result: Path) -> Outcome:
         nothing = Match(False, False, None, (False,) * len(answer.effects), (), ())
         return Outcome(name, source, answer, None, nothing, (), seconds, trouble)
     return Outcome(name, source, answer, claim, match(answer, claim), _sizes(answer, claim), seconds, "")
-
-
-def _run_record(result: Path) -> tuple[float | None, str]:
-    """(seconds, why there is no comparison)."""
-    try:
-        record = json.loads((result / "run.json").read_text())
-    except (OSError, ValueError):
-        return None, "not run"
-    return float(record["seconds"]), "" if record["status"] == "done" else str(record["status"])
 
 
 def _sizes(answer: Answer, claim: Claim) -> tuple[SizeOutcome, ...]:
