@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from residual_mpc.cli.blind_methods import methods_of, score_recorded_runs
 from residual_mpc.cli.common import ROBOT, emit, json_option, read, robot_option, runs_argument
 from residual_mpc.cli.progress import progress_bar
 from residual_mpc.errors import BadInput
-
-if TYPE_CHECKING:
-    from residual_mpc.blind.recorded.score.score import Swept
 
 _folder = click.Path(path_type=Path, file_okay=False)
 
@@ -215,9 +212,10 @@ def score(
             raise BadInput("recorded robots run no experiments", "--experiments", "leave it out")
         if explained is not None:
             raise BadInput("comparisons are not explained", "--explained", "leave it out")
-        _score_recorded(Swept(suite, kept, _methods(given, "compare")), out, ledger or kept / "openings.jsonl", as_json)
+        swept = Swept(suite, kept, methods_of(given, "compare"))
+        score_recorded_runs(swept, out, ledger or kept / "openings.jsonl", as_json)
         return
-    scores = score_suite(suite, kept, _methods(given), ledger or kept / "openings.jsonl", experiments, explained)
+    scores = score_suite(suite, kept, methods_of(given), ledger or kept / "openings.jsonl", experiments, explained)
     first = scores.summaries[0].document()
     first["methods"] = [s.document() for s in scores.summaries[1:]]
     if scores.experiments is not None:
@@ -286,37 +284,6 @@ def explain(
     click.echo(f"{len(found.wrong)} of {found.cases} answers are wrong")
     for kind, count in faults(found.wrong).items():
         click.echo(f"{kind:<12} {count:>4}  {MEANING[kind]}")
-
-
-def _score_recorded(swept: Swept, out: Path | None, ledger: Path, as_json: bool) -> None:
-    """`score` of a suite of recorded runs."""
-    from residual_mpc.blind.recorded.score.page import lines, write_recorded_page
-    from residual_mpc.blind.recorded.score.score import score_recorded
-    from residual_mpc.blind.suite import write_json
-
-    scores = score_recorded([swept], ledger)
-    first = scores.summaries[0].document() | {"methods": [s.document() for s in scores.summaries[1:]]}
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        write_json(out / "score.json", {"score": first})
-        write_recorded_page(scores, out / "blind.html")
-    if as_json:
-        emit({"score": first})
-        return
-    for line in lines(scores):
-        click.echo(line)
-
-
-def _methods(given: tuple[str, ...], unnamed: str = "diagnose") -> dict[str, Path]:
-    """Name to folder of each method; a folder without a name is the method ``unnamed``."""
-    methods: dict[str, Path] = {}
-    for text in given:
-        name, equals, folder = text.partition("=")
-        name, folder = (name, folder) if equals else (unnamed, text)
-        if not name or not folder or name in methods:
-            raise BadInput(f"must be NAME=FOLDER with a different name for each method, got {text!r}", "--results")
-        methods[name] = Path(folder)
-    return methods
 
 
 @blind.command()
