@@ -29,7 +29,14 @@ def account_of(
     """The values of the set that the search finds on the runs before; kept: what no fit may see."""
     names = {r.name for r in before}
     results = options.settings
-    search = replace(results.search, largest=settings.largest)
+    search = replace(
+        results.search,
+        largest=settings.largest,
+        shortlist=settings.shortlist,
+        finalists=settings.finalists,
+        beam=1,
+        steps=replace(results.search.steps, much=1.0),
+    )
     cheaper = replace(
         options,
         held_out=tuple(k for k in kept if k.run in names),

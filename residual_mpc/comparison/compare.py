@@ -8,15 +8,17 @@ from threadpoolctl import threadpool_limits
 
 from residual_mpc.comparison.account import account_of
 from residual_mpc.comparison.conditions import conditions_of
-from residual_mpc.comparison.contrast import Units, build_units, scatter_p
+from residual_mpc.comparison.contrast import scatter_p
 from residual_mpc.comparison.gaps import compared_gap
 from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
-from residual_mpc.comparison.sets import TwoSets, cut, longer_windows, units_of
+from residual_mpc.comparison.sets import TwoSets, cut, free_windows, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.sizes import changed_numbers, jackknife, to_the_end
 from residual_mpc.comparison.space import ChangeSpace, change_space
+from residual_mpc.comparison.units import Units, build_units
+from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Scales, window_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
@@ -67,7 +69,8 @@ def compare(
         space = _space(given, sets)
         progress("searching for changes", 0.5)
         found, problem, units = None, None, None
-        for data, scales in _windows(given, sets, rng, settings):
+        windows = _windows(given, sets, rng, settings)
+        for data, scales in windows:
             values = account if found is None else found.fit.values
             problem = _problem(data, scales, space, values, settings.search.steps, settings)
             units = _units(problem.data, sets, given, settings)
@@ -76,7 +79,7 @@ def compare(
         progress("comparing with alternative changes", 0.7)
         rivals = find_change_rivals(problem, found, units, settings)
         progress("fitting on all windows", 0.8)
-        return _judged(given, sets, space, problem, rivals, rng, settings)
+        return _judged(given, sets, windows[0], space, problem, rivals, rng, settings)
 
 
 def _cut(given: ComparisonInput, settings: ComparisonSettings) -> TwoSets:
@@ -88,14 +91,19 @@ def _windows(
     given: ComparisonInput, sets: TwoSets, rng: np.random.Generator, settings: ComparisonSettings
 ) -> list[tuple[Dataset, Scales]]:
     """The windows that fits may see: those of the headline's horizon, and with them longer ones, where the motion can
-    be predicted that far: what adds up slowly shows there."""
-    results = settings.results
-    out = [(sets.fitting, sets.scales)]
-    for horizon in longer_horizons(sets.raw.runs, given.options.horizon, settings=results.predict)[:1]:
-        longer = longer_windows(sets, given.robots, given.noise, horizon, results.data)
-        if longer is not None and foretold(*longer, rng, settings=results.predict):
-            out.append((joined([sets.fitting, longer[0]]), longer[1]))
-    return out
+    be predicted that far: what adds up slowly shows there. Where it cannot, since errors grow, shorter ones alone: the
+    few windows that diverge hide there what changed."""
+    results, horizon = settings.results, given.options.horizon
+    for longer in longer_horizons(sets.raw.runs, horizon, settings=results.predict)[:1]:
+        far = free_windows(sets, given.robots, given.noise, longer, results.data)
+        if far is None:
+            continue
+        if foretold(*far, rng, settings=results.predict):
+            return [(sets.fitting, sets.scales), (joined([sets.fitting, far[0]]), far[1])]
+        near = free_windows(sets, given.robots, given.noise, horizon * settings.contrast.shorter, results.data)
+        if near is not None:
+            return [near]
+    return [(sets.fitting, sets.scales)]
 
 
 def _space(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
@@ -148,6 +156,7 @@ def _units(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: Compa
 def _judged(
     given: ComparisonInput,
     sets: TwoSets,
+    windows: tuple[Dataset, Scales],
     space: ChangeSpace,
     problem: Problem,
     rivals: ChangeRivals,
@@ -156,13 +165,13 @@ def _judged(
 ) -> Comparison:
     """Sizes on all windows, gaps on those held out, and the verdict."""
     found = rivals.found
-    whole = _problem(sets.fitting, sets.scales, space, found.fit.values, settings.search.final_steps, settings)
+    whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
     units = _units(whole.data, sets, given, settings)
     fit = to_the_end(whole, found.fit, settings.results) if found.changes else on_problem(
         whole, fit_all(whole, [found.fit.values], 4, settings=settings.results.fit)[0], settings=settings.results.fit
     )  # fmt: skip
-    left = told_apart(whole, fit, units)
-    p_left = min([scatter_p(fit, units), *(c.p for c in left)])
+    left = told_apart(whole, fit, units, settings)
+    p_left = min([scatter_p(fit, units, settings.contrast), *(c.p for c in left)])
     spread = jackknife(fit, units)
     gap = compared_gap(sets, whole, fit, rng, settings)
     verdict = _verdict(found, p_left, settings)
@@ -179,7 +188,7 @@ def _judged(
             )
         )  # fmt: skip
     named = {c.term for c in found.changes}
-    others = {c.term: c for c in sorted(found.rest, key=lambda c: abs(c.t))}
+    others = {c.term: c for c in sorted(found.rest, key=lambda c: abs(c.z))}
     candidates = [ChangeCandidate(c.term, c.probability, c.p) for c in changes]
     for term, share in sorted(rivals.shares.items(), key=lambda item: -item[1]):
         if term not in named:
@@ -202,6 +211,7 @@ def _judged(
         held_out=sets.kept,
         account=tuple(t for t in found.account.terms if not t.changed),
         units=(int((~units.later).sum()), int(units.later.sum())),
+        visible=tuple(replace(v, term=_plain(v.term)) for v in smallest_visible(space.robot, left)),
         p_left=float(p_left),
         values=fit.values,
         next_experiment=next_experiment(

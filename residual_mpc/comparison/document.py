@@ -41,6 +41,9 @@ def to_document(c: Comparison) -> dict[str, Any]:
         },
         "unexplained": {"share": c.unexplained, "p": c.p_left},
         "not_testable": [{**_term(n.term), "why": n.why} for n in c.not_testable],
+        "visible": [
+            {**_term(v.term), "parameters": {v.name: {"change": v.size, "unit": v.unit}}} for v in c.visible
+        ],
         "account": [_term(t) for t in c.account],
         "stretches": {"before": c.units[0], "after": c.units[1]},
         "held_out": [k.document() for k in c.held_out],

@@ -44,6 +44,17 @@ class ChangeCandidate:
 
 
 @dataclass(frozen=True)
+class VisibleChange:
+    """size: of the change of a number that four comparisons of five would find: a difference, or by how much a ratio
+    differs from 1."""
+
+    term: Term
+    name: str
+    size: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class ComparedGap:
     """Gaps of the model fitted to the runs before, on windows that no fit has seen, unitless: on the runs before, on
     those after, and on those after with the changes; channels: the same by channel."""
@@ -62,7 +73,8 @@ class ComparedGap:
 @dataclass(frozen=True)
 class Comparison:
     """The whole answer. account: the effects that act on both sets; units: independent stretches before and after;
-    p_left: probability that stretches of one set differ as much as the two sets still do."""
+    visible: the smallest changes that these runs would show; p_left: probability that stretches of one set differ as
+    much as the two sets still do."""
 
     robot: str
     verdict: str
@@ -75,6 +87,7 @@ class Comparison:
     held_out: tuple[KeptBack, ...]
     account: tuple[Term, ...]
     units: tuple[int, int]
+    visible: tuple[VisibleChange, ...]
     p_left: float
     values: Values
     next_experiment: dict[str, object] | None

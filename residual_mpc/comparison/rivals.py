@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.comparison.contrast import Units
 from residual_mpc.comparison.search import FoundChange, FoundChanges, fitted_leads, told_apart, without_change
 from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
@@ -60,13 +60,16 @@ def _ratio(chosen: Fit, other: Fit, units: Units, phi: float) -> float:
 def _in_place_of(
     problem: Problem, found: FoundChanges, change: FoundChange, units: Units, settings: ComparisonSettings
 ) -> dict[Term, Fit]:
-    """The fit with each change that explains the difference in place of one that was found, that one included."""
+    """The fit with each change that explains much of the difference in place of one that was found, that one
+    included."""
     start = without_change(found.fit.values, change.term)
     rest = fit_all(problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit)[0]
-    told = [c for c in told_apart(problem, rest, units) if c.term != change.term]
+    told = [c for c in told_apart(problem, rest, units, settings) if c.term != change.term]
     out = {change.term: found.fit}
+    least = settings.search.resembles * (rest.cost - found.fit.cost)
     for lead, fit in fitted_leads(problem, rest, sorted(told, key=lambda c: -c.drop), settings):
-        out.setdefault(lead.term, fit)
+        if rest.cost - fit.cost >= least:
+            out.setdefault(lead.term, fit)
     return out
 
 

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.comparison.contrast import Contrast, Units, contrasts
+from residual_mpc.comparison.contrast import Contrast, contrasts
 from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, possible
 from residual_mpc.diagnosis.predict.problem import Problem
@@ -44,23 +45,24 @@ def search_changes(
     current = base if start is None else fit_all(problem, [start.fit.values], settings=fits)[0]
     changes = [] if start is None else list(start.changes)
     while True:
-        told = told_apart(problem, current, units)
+        told = told_apart(problem, current, units, settings)
         best = None
         if len(changes) < tuned.most and told and min(c.p for c in told) <= settings.contrast.level:
             best = _best(problem, current, units, told, settings)
         if best is None:
             phi = dispersion(current, units.number)
-            return FoundChanges(current, base, tuple(changes), tuple(sorted(told, key=lambda c: -abs(c.t))), phi)
+            return FoundChanges(current, base, tuple(changes), tuple(sorted(told, key=lambda c: -abs(c.z))), phi)
         current, change = best
         changes.append(change)
         current, changes = _pruned(problem, current, changes, units, settings)
 
 
-def told_apart(problem: Problem, current: Fit, units: Units) -> list[Contrast]:
+def told_apart(problem: Problem, current: Fit, units: Units, settings: ComparisonSettings) -> list[Contrast]:
     """The contrast of every probe of every change that may be added to a fit."""
     there = changed_terms(current)
     open_ = [t for t in problem.space.candidates if compatible(t, there)]
-    return contrasts(problem, current, units, [(t, p) for t in open_ for p in problem.space.probes(t)])
+    probes = [(t, p) for t in open_ for p in problem.space.probes(t)]
+    return contrasts(problem, current, units, probes, settings.contrast)
 
 
 def changed_terms(fit: Fit) -> tuple[Term, ...]:
@@ -118,7 +120,7 @@ def _best(
     """The change that lowers the cost most, of those that are significant; None where none is worth its likelihood
     ratio."""
     beyond = [c for c in told if c.p <= settings.contrast.level]
-    leads = mixed(sorted(beyond, key=lambda c: -c.drop), sorted(beyond, key=lambda c: -abs(c.t)))
+    leads = mixed(sorted(beyond, key=lambda c: -c.drop), sorted(beyond, key=lambda c: -abs(c.z)))
     p = {term: min(c.p for c in beyond if c.term == term) for term in {c.term for c in beyond}}
     for lead, fit in fitted_leads(problem, current, leads, settings):
         worth = (current.cost - fit.cost) / dispersion(fit, units.number)

@@ -110,11 +110,11 @@ def units_of(data: Dataset, later: np.ndarray, settings: ContrastSettings) -> np
     return number
 
 
-def longer_windows(
+def free_windows(
     sets: TwoSets, robots: Sequence[Robot], noise: Mapping[str, float], horizon: float, settings: DataSettings
 ) -> tuple[Dataset, Scales] | None:
-    """Longer windows between what is held out, without outliers, with the size of their motion; None where one of the
-    sets has none."""
+    """Windows of another length between what is held out, without outliers, with the size of their motion; None where
+    one of the sets has none."""
     runs = sets.raw.runs
     starts = [free_starts(r, held_spans(r, sets.kept), horizon) for r in runs]
     try:

@@ -9,37 +9,48 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 @dataclass(frozen=True)
 class ContrastSettings:
     """unit: s, the shortest stretch of a run that counts as one observation; units: of such stretches that a set is cut
-    into, where it has no more runs than that; fewest: that a set
-    must have. level: probability of a false change, over all hypotheses together."""
+    into, where it has no more runs than that; fewest: that a set must have. level: probability of a false change, over
+    all hypotheses together. lots: permutations; labellings: of the runs, below which their stretches are permuted;
+    divisions: of the stretches, below which Student's distribution is used; clip: standard deviations beyond which an estimate counts no more. shorter: share of the horizon that windows have
+    where errors grow too fast to predict longer ones."""
 
     unit: float = 3.0
     units: int = 12
     fewest: int = 3
     level: float = 0.03
+    lots: int = 2000
+    labellings: int = 10_000
+    divisions: int = 1_000
+    clip: float = 1.5
+    shorter: float = 0.25
 
     def __post_init__(self) -> None:
-        check_positive(self, "unit", "units", "fewest")
-        check_share(self, "level")
+        check_positive(self, "unit", "units", "fewest", "lots", "labellings", "divisions", "clip")
+        check_share(self, "level", "shorter")
 
 
 @dataclass(frozen=True)
 class AccountSettings:
-    """largest: effects in the account; steps: simulation steps that one hypothesis may cost in its search. What it
-    misses is missed on both sets, and cancels."""
+    """A search in single file: largest: effects in the account; steps: simulation steps that one hypothesis may cost;
+    shortlist: starts that are fitted roughly at each step, finalists: to the end. What it misses is missed on both
+    sets, and cancels."""
 
     largest: int = 5
     steps: int = 12_000
+    shortlist: int = 8
+    finalists: int = 3
 
     def __post_init__(self) -> None:
-        check_positive(self, "largest", "steps")
+        check_positive(self, "largest", "steps", "shortlist", "finalists")
 
 
 @dataclass(frozen=True)
 class ChangeSearchSettings:
     """shortlist: hypotheses that are fitted roughly at each step, finalists: to the end, rough: steps of a rough fit;
     most: changes. needed: likelihood ratio that a change has to be worth once others are found; alike: below which two
-    sets of changes are not told apart, equal: below which the first by the contract's table is preferred. steps:
-    simulation steps that one hypothesis may cost in the search, final_steps: in the last fit and the tests."""
+    sets of changes are not told apart, where a rival holds at least the share `resembles` of what the change explains;
+    equal: below which the first by the contract's table is preferred. steps: simulation steps that one hypothesis may
+    cost in the search, final_steps: in the last fit and the tests."""
 
     shortlist: int = 14
     finalists: int = 6
@@ -47,12 +58,13 @@ class ChangeSearchSettings:
     most: int = 4
     needed: float = 6.0
     alike: float = 4.0
+    resembles: float = 0.5
     equal: float = 1.5
     steps: int = 40_000
     final_steps: int = 100_000
 
     def __post_init__(self) -> None:
-        check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "equal")
+        check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "resembles", "equal")
         check_positive(self, "steps", "final_steps")
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
-from residual_mpc.comparison.contrast import Units
 from residual_mpc.comparison.records import ChangedNumber
 from residual_mpc.comparison.space import ChangeSpace, change_between
+from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.predict.space import Space

@@ -11,6 +11,7 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Settings, Term, Values
 
 LARGEST_RATIO = 20.0  # by which a factor may change
+FEW = 3  # probes of a change
 
 
 @dataclass(frozen=True)
@@ -34,20 +35,24 @@ class ChangeSpace(Space):
         return min(low, -high), max(high, -low)
 
     def probes(self, term: Term) -> list[Values]:
-        """Values worth a first look; those of a change also the other way."""
+        """Values worth a first look; of a change no more than tell its direction, since its size, which may be
+        negative, follows from the units."""
         there = super().probes(term)
         if not term.changed:
             return there
         there = [{k._replace(changed=True): v for k, v in probe.items()} for probe in there]
-        back = [{k: self._opposite(k, v) for k, v in probe.items()} for probe in there]
-        return [*there, *(b for b, t in zip(back, there, strict=True) if b != t)]
-
-    def _opposite(self, knob: Knob, value: float) -> float:
-        p = BY_NAME[knob.effect].parameter(knob.parameter)
-        if p.shape or not np.isfinite(p.null):
-            return value
-        turned = 1.0 / value if p.null == 1.0 and value > 0.0 else 2.0 * p.null - value
-        return float(np.clip(turned, *self.bounds(knob)))
+        (first, *others) = (p for p in BY_NAME[term.effect].parameters if not p.shape)
+        if others or len(there) <= FEW:
+            return there
+        knob = Knob(term.effect, term.target, first.name, True)
+        values = sorted(((probe[knob], i) for i, probe in enumerate(there)), key=lambda v: v[0])
+        if np.isfinite(first.null) and not first.threshold:
+            below = [v for v in values if v[0] < first.null][-1:]
+            above = [v for v in values if v[0] > first.null]
+            chosen = [*below, *above[:1], *above[1:][-1:]]
+        else:
+            chosen = [values[0], values[len(values) // 2], values[-1]]
+        return [there[i] for _, i in chosen]
 
     def settings(self, hypotheses: Sequence[Values]) -> Settings:
         """One row per hypothesis, with the values on the later runs beside those on the earlier ones."""

@@ -15,6 +15,7 @@ from residual_mpc.report.words.changes import (
     is_ratio,
     number_words,
     stretch_words,
+    visible_words,
     warnings,
 )
 from residual_mpc.report.words.groups import member_name
@@ -26,6 +27,7 @@ Document = Mapping[str, Any]  # comparison.json
 
 TITLES = {"same": "No change", "changed": "Changed", "partial": "Partly explained", "unknown": "Unknown"}
 BADGES = {"same": "no_gap", "changed": "effects", "partial": "partial", "unknown": "unknown"}
+MENTIONED = 6  # of the smallest changes that the runs would show, in the terminal
 LIKELY = 0.005  # probability from which another candidate is listed
 
 
@@ -42,6 +44,9 @@ def comparison_lines(document: Document) -> list[str]:
     ]
     if document["account"]:
         details.append(f"model errors common to both sets: {_account(document)}")
+    if document["verdict"] == "same" and document["visible"]:
+        told = [visible_words(v) for v in document["visible"] if v["target"] is None]
+        details.append(f"smallest changes that these runs would show: {', '.join(told[:MENTIONED])}")
     details.append(f"observations: {stretch_words(document)} (a stretch is a run or a part of one)")
     details += list(document["notes"])
     if document["next_experiment"]:
@@ -53,8 +58,8 @@ def comparison_lines(document: Document) -> list[str]:
 def comparison_page(document: Document) -> str:
     """The page as text: it needs no network, no script and no second file."""
     sections = [
-        _verdict(document), _changes(document), _gap(document), _groups(document), _unseen(document),
-        audit(document, Evidence()), _definitions(document),
+        _verdict(document), _changes(document), _gap(document), _groups(document), _visible(document),
+        _unseen(document), audit(document, Evidence()), _definitions(document),
     ]  # fmt: skip
     there = [s for s in sections if s is not None]
     return str(render("comparison.html.jinja", robot=document["robot"], sections=there)) + "\n"
@@ -143,6 +148,15 @@ def _groups(document: Document) -> Section | None:
     groups = [[member_name(m) for m in group] for group in document["confounded"]]
     body = render("comparison/groups.html.jinja", groups=groups, what=following.get("what"))
     return Section("confounded", "Changes that cannot be told apart", body)
+
+
+def _visible(document: Document) -> Section | None:
+    """How large a change has to be to be found: what a verdict of no change leaves open."""
+    if not document["visible"]:
+        return None
+    rows = [(v, visible_words(v)) for v in document["visible"]]
+    body = render("comparison/visible.html.jinja", rows=rows, stretches=stretch_words(document))
+    return Section("visible", "The smallest changes that these runs would show", body)
 
 
 def _unseen(document: Document) -> Section | None:

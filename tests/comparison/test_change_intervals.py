@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from diagnosis.linear import GAIN, HEADING, SCALE, Linear, fitted, space_of, windows
 
-from residual_mpc.comparison.contrast import Units, build_units
 from residual_mpc.comparison.sets import units_of
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.sizes import changed_numbers, jackknife
 from residual_mpc.comparison.space import ChangeSpace, change_space
+from residual_mpc.comparison.units import Units, build_units
 
 RUNS, SAMPLES = 6, 20
 DATA = windows(RUNS, 12.0)

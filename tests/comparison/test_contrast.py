@@ -1,4 +1,4 @@
-"""The t test between two sets: false alarms at most at the level, and a planted difference is seen."""
+"""The test between two sets: false alarms at most at the level, and a planted difference is seen."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnosis.linear import GAIN, SCALE, Linear, space_of, windows
-from scipy.stats import ttest_ind
 
-from residual_mpc.comparison.contrast import Contrast, Units, build_units, contrasts, effective_number
+from residual_mpc.comparison.contrast import Contrast, contrasts
 from residual_mpc.comparison.sets import units_of
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.space import ChangeSpace, change_space
+from residual_mpc.comparison.units import Units, build_units
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.models.settings import Knob, Values
 
@@ -42,7 +42,7 @@ def contrasts_of(
     problem: Any = Linear(DATA, SPACE, COLUMNS, START, noise)
     current = fit_at(problem, START)
     probes = [(k._replace(changed=True).term, {k._replace(changed=True): 1.1}) for k in knobs]
-    return contrasts(problem, current, units, probes)
+    return contrasts(problem, current, units, probes, ContrastSettings())
 
 
 def scatter(by: str, size: float, rng: np.random.Generator) -> np.ndarray:
@@ -87,26 +87,6 @@ def test_the_size_of_the_scatter_decides_and_not_the_number_of_samples() -> None
     assert np.mean(np.array(p) <= 0.03) < 0.3
 
 
-def test_alike_units_give_students_statistic() -> None:
-    """Units that tell equally much, and stretches that scatter more than their runs: the textbook's t test, counted
-    twice since it is made with and without numbers of the account that differ from unit to unit."""
-    rng = np.random.default_rng(4)
-    column = np.ones((DATA.count, SAMPLES))
-    estimate = rng.standard_normal(UNITS.count)
-    for run in np.unique(UNITS.run):
-        estimate[UNITS.run == run] -= estimate[UNITS.run == run].mean()  # nothing is a run's own
-    estimate += 0.4 * UNITS.later
-    even = np.bincount(UNITS.number)
-    assert (even == even[0]).all()
-    problem: Any = Linear(DATA, SPACE, {SCALE: column}, {SCALE: 1.0}, -estimate[UNITS.number, None] * column)
-    current = fit_at(problem, {SCALE: 1.0})
-    knob = SCALE._replace(changed=True)
-    (found,) = contrasts(problem, current, UNITS, [(knob.term, {knob: 2.0})])
-    right = ttest_ind(estimate[UNITS.later], estimate[~UNITS.later])
-    assert found.t == pytest.approx(right.statistic) and found.p == pytest.approx(2.0 * right.pvalue)
-    assert found.dose == pytest.approx(0.4)
-
-
 def test_several_hypotheses_are_paid_for() -> None:
     rng = np.random.default_rng(6)
     state = rng.bit_generator.state
@@ -114,20 +94,7 @@ def test_several_hypotheses_are_paid_for() -> None:
     (alone,) = contrasts_of(sizes, rng)
     rng.bit_generator.state = state
     first, _ = contrasts_of(sizes, rng, knobs=(SCALE, GAIN))
-    assert first.t == alone.t and first.p == pytest.approx(min(1.0, 2.0 * alone.p), rel=0.1)
-
-
-@pytest.mark.parametrize("many", [1, 2, 7])
-def test_identical_directions_count_once_and_orthogonal_ones_each(many: int) -> None:
-    one = np.random.default_rng(7).standard_normal(40)
-    assert effective_number(np.array([scale * one for scale in range(1, many + 1)])) == pytest.approx(1.0)
-    assert effective_number(np.array([-one] * many)) == pytest.approx(1.0)
-    assert effective_number(3.0 * np.eye(many, 40)) == pytest.approx(many)
-
-
-def test_directions_that_do_nothing_count_for_nothing() -> None:
-    assert effective_number(np.zeros((0, 4))) == effective_number(np.zeros((3, 4))) == 1.0
-    assert effective_number(np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])) == pytest.approx(2.0)
+    assert first.z == alone.z and alone.p <= first.p <= 2.5 * alone.p
 
 
 def test_nothing_is_told_apart_by_one_unit_a_set() -> None:

@@ -48,6 +48,13 @@ def warnings(document: Document) -> list[str]:
     ]
 
 
+def visible_words(entry: Mapping[str, Any]) -> str:
+    """ "command delay 12 ms", "actuator gain (left) 3 %"."""
+    ((_, size),) = entry["parameters"].items()
+    words = percent(size["change"]) if size["unit"] == "1" else measure(size["change"], size["unit"])
+    return f"{member_name(entry)} {words}"
+
+
 def change_clause(change: Mapping[str, Any]) -> str:
     """ "the command delay increased by 45 ms, from 71 ms to 116 ms", after "possibly" where that is less likely than
     not. Of several numbers, only those are named whose interval excludes that they stayed."""

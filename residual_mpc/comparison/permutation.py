@@ -1,0 +1,172 @@
+"""Whether two sets of units differ by more than the labels before and after would make them differ if they were drawn
+by lot.
+
+Each hypothesis gives every unit an estimate. A robust regression (Huber 1981, section 7.6) on the conditions alone
+leaves of each unit a clipped residual; the statistic is their sum over the later set, less what the conditions predict
+of the labels. Residuals are permuted among the runs (Freedman and Lane 1983) and the largest statistic of all
+hypotheses is compared with its own distribution (Westfall and Young 1993, algorithm 2.8), so that neither heavy tails
+nor hypotheses that do nearly the same need a correction. Where too few runs are there to permute, stretches are, and
+the statistic is reduced where runs scatter by more than their stretches explain.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+
+import numpy as np
+from scipy.special import fdtrc, ndtr, ndtri, stdtr
+
+from residual_mpc.comparison.settings import ContrastSettings
+from residual_mpc.comparison.units import Units, averaged
+
+FAINT = 1e-6  # of the unit that tells most, under which one tells nothing
+STEPS = 12  # of the robust regression
+MAD = 1.4826  # standard deviations in a median absolute deviation of a normal distribution
+TINY = 1e-300
+POOLED = 0.4  # probability of as large a ratio by chance from which stretches count as independent
+POWER = float(ndtri(0.8))  # standard deviations beyond the threshold at which four cases of five are found
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Of N hypotheses, (N,) each. before: mean estimate of the earlier set, dose: by which the later set's is larger;
+    z: standardised statistic; p: probability that any of the hypotheses is as far off by chance; visible: the dose that
+    would be found in four cases of five."""
+
+    before: np.ndarray
+    dose: np.ndarray
+    z: np.ndarray
+    p: np.ndarray
+    visible: np.ndarray
+
+
+def permuted(size: np.ndarray, score: np.ndarray, units: Units, settings: ContrastSettings) -> Differences:
+    """size, score (U, N): of each unit and hypothesis, the products of a direction with itself and with the residuals;
+    a unit's estimate is -score / size."""
+    size, score = np.atleast_2d(size.T).T, np.atleast_2d(score.T).T
+    seen = size > FAINT * size.max(axis=0, initial=TINY)
+    estimate = np.where(seen, -score / np.where(seen, size, 1.0), 0.0)
+    # a unit that tells much counts no more than twice one that tells as much as the middle one
+    middle = np.array([np.median(s[m]) if m.any() else 1.0 for s, m in zip(size.T, seen.T, strict=True)])
+    weight = np.where(seen, size / (size + middle), 0.0)
+    x = np.column_stack([np.ones(units.count), units.conditions - units.conditions.mean(axis=0)])
+    dosed, _, slope = _robust(estimate, weight, np.column_stack([x, units.later]), settings.clip)
+    _, left, _ = _robust(estimate, weight, x, settings.clip)
+    z, lots, widened = _statistics(left, x, units, settings)
+    largest = np.abs(lots).max(axis=1, initial=0.0)
+    p = np.array([(1.0 + np.count_nonzero(largest >= a * (1.0 - 1e-9))) / (1.0 + len(largest)) for a in np.abs(z)])
+    if comb(units.count, int(units.later.sum())) < settings.divisions:
+        p = _student(z, units.count, x.shape[1])
+    sets = [np.count_nonzero(weight[side] > 0.0, axis=0) for side in (units.later, ~units.later)]
+    there = np.minimum(*sets) > 0
+    label = _unforeseen(units.later, x)
+    spread = np.sqrt(np.sum(label**2) * np.var(left, axis=0)) * widened
+    needed = float(np.quantile(largest, 1.0 - settings.level)) + POWER if len(largest) else np.inf
+    visible = needed * spread / np.maximum(np.sum(label[:, None] ** 2 * slope, axis=0), TINY)
+    return Differences(
+        np.where(there, dosed[0], 0.0), np.where(there, dosed[-1], 0.0), z, np.where(there, p, 1.0),
+        np.where(there, visible, np.inf),
+    )  # fmt: skip
+
+
+def _unforeseen(later: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(n,) what the conditions x (n, k) do not predict of the labels (n,)."""
+    return np.asarray(later - x @ (np.linalg.pinv(x) @ later.astype(float)))
+
+
+def _robust(
+    y: np.ndarray, weight: np.ndarray, x: np.ndarray, clip: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Huber's regression of y (U, N) on x (U, k): coefficients (k, N), the units' clipped residuals (U, N), in standard
+    deviations times the root of their weights, and by how much one grows with y."""
+    root, w = np.sqrt(weight), weight
+    for _ in range(STEPS):
+        gram = np.einsum("up,un,uq->npq", x, w, x, optimize=True)
+        right = np.einsum("up,un->np", x, w * y)
+        b = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ right[..., None])[..., 0].T
+        z = root * (y - x @ b)
+        there = zip(np.abs(z).T, (weight > 0.0).T, strict=True)
+        spread = np.array([np.median(a[m]) if m.any() else 0.0 for a, m in there])
+        scale = np.maximum(MAD * spread, np.sqrt(np.mean(z**2, axis=0)) * 1e-3 + TINY)
+        z = z / scale
+        w = weight * np.minimum(1.0, clip / np.maximum(np.abs(z), TINY))
+    return b, root * np.clip(z, -clip, clip), np.where(np.abs(z) < clip, weight / scale, 0.0)
+
+
+def _statistics(
+    left: np.ndarray, x: np.ndarray, units: Units, settings: ContrastSettings
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """z (N,), and the same for lots (L, N): of what the regression left, with the labels as they are, and with the
+    units permuted; (N,) by which runs scatter more than their stretches explain, at least 1."""
+    at = np.unique(units.run, return_inverse=True)[1]
+    runs = int(at.max()) + 1
+    later = np.zeros(runs, dtype=bool)
+    later[at] = units.later
+    if comb(runs, int(later.sum())) >= settings.labellings:
+        summed = np.zeros((runs, left.shape[1]))
+        np.add.at(summed, at, left)
+        z, lots = _against_lots(summed, averaged(x, at, runs), later, settings)
+        return z, lots, np.sqrt(_by_run(left, at, units.later, x.shape[1]))
+    z, lots = _against_lots(left, x, units.later, settings)
+    ratio = _by_run(left, at, units.later, x.shape[1])
+    return _with_few_runs(z, ratio, runs - 1 - x.shape[1]), lots, np.sqrt(ratio)
+
+
+def _against_lots(
+    left: np.ndarray, x: np.ndarray, later: np.ndarray, settings: ContrastSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    label = _unforeseen(later, x)
+    left = left - left.mean(axis=0)
+    scale = np.sqrt(np.sum(left**2, axis=0) * np.sum(label**2) / max(len(later) - 1, 1)) + TINY
+    return (label @ left) / scale, (_lots(later, label, settings.lots) @ left) / scale
+
+
+def _lots(later: np.ndarray, label: np.ndarray, most: int) -> np.ndarray:
+    """(L, n) the labels permuted: every other division of the units into two such sets where these are few."""
+    n, k = len(later), int(later.sum())
+    alike = 0 < k < n and np.ptp(label[later]) + np.ptp(label[~later]) < 1e-12
+    if alike and comb(n, k) <= most:
+        out = np.full((comb(n, k), n), label[~later][0])
+        for i, chosen in enumerate(combinations(range(n), k)):
+            out[i, list(chosen)] = label[later][0]
+        return out[~(np.abs(out - label).max(axis=1) < 1e-12)]
+    return np.random.default_rng(most).permuted(np.tile(label, (most, 1)), axis=1)
+
+
+def _student(z: np.ndarray, count: int, known: int) -> np.ndarray:
+    """(N,) Student's p with Bonferroni's factor, where units are too few to divide in another way: the statistic is a
+    correlation times the root of its degrees of freedom."""
+    freedom = count - 1 - known
+    if freedom < 1:
+        return np.ones(len(z))
+    share = np.minimum(z**2 / (count - 1), 1.0 - 1e-9)
+    t = np.sqrt(freedom * share / (1.0 - share))
+    return np.minimum(1.0, 2.0 * len(z) * stdtr(freedom, -t))
+
+
+def _by_run(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int) -> np.ndarray:
+    """(N,) variance of the sums over runs over what the stretches' variance makes of them; 1 where a preliminary F test
+    lets stretches of one run count as independent (Bancroft 1964)."""
+    runs = int(at.max()) + 1
+    freedom = runs - 1 - known
+    if freedom < 1:
+        return np.ones(left.shape[1])
+    centred = left.copy()
+    for side in (later, ~later):
+        centred[side] -= centred[side].mean(axis=0)
+    summed = np.zeros((runs, left.shape[1]))
+    np.add.at(summed, at, centred)
+    others = len(left) - 1 - known
+    by_run = np.sum(summed**2, axis=0) / freedom * runs
+    by_stretch = np.sum(centred**2, axis=0) / max(others, 1) * len(left)
+    ratio = by_run / np.maximum(by_stretch, TINY)
+    return np.where(fdtrc(freedom, max(others, 1), ratio) < POOLED, np.maximum(ratio, 1.0), 1.0)
+
+
+def _with_few_runs(z: np.ndarray, ratio: np.ndarray, freedom: int) -> np.ndarray:
+    """The statistic of stretches where runs are too few to permute: less where runs scatter by more than their
+    stretches explain, with the tails of Student's distribution that so few runs have."""
+    if freedom < 1:
+        return z
+    tails = np.maximum(stdtr(freedom, -np.abs(z) / np.sqrt(ratio)), ndtr(-37.0))
+    return np.asarray(np.where(ratio > 1.0, -np.sign(z) * ndtri(tails), z))

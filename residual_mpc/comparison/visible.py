@@ -1,0 +1,28 @@
+"""The smallest changes that two sets of runs would show: what `same` rules out, and what it does not."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from residual_mpc.comparison.contrast import Contrast
+from residual_mpc.comparison.records import VisibleChange
+from residual_mpc.diagnosis.results.causes import unit_of
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Term
+
+
+def smallest_visible(robot: Robot, told: Sequence[Contrast]) -> tuple[VisibleChange, ...]:
+    """Of each change with one number that scales with it, the size that four comparisons of five would find, from the
+    contrast that needs least; in the order of the contrasts."""
+    least: dict[Term, VisibleChange] = {}
+    for c in told:
+        numbers = [p for p in BY_NAME[c.term.effect].parameters if not p.shape]
+        if len(numbers) != 1 or numbers[0].threshold or not np.isfinite(numbers[0].null) or not np.isfinite(c.visible):
+            continue
+        p, (value,) = numbers[0], (v for k, v in c.probe.items() if k.parameter == numbers[0].name)
+        size = abs(c.visible * (value - p.null))
+        if c.term not in least or size < least[c.term].size:
+            unit = unit_of(robot, c.term, "1" if p.null == 1.0 else p.unit)
+            least[c.term] = VisibleChange(c.term, p.name, size, unit)
+    return tuple(least.values())
