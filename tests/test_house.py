@@ -65,7 +65,7 @@ def effect_names(tree: ast.AST) -> list[str]:
 
 
 def test_an_effect_is_known_to_its_own_record():
-    """What holds for an effect is said in `effects`: elsewhere its name is hardly written, and nothing depends on it."""
+    """What holds for an effect is said in `effects`: elsewhere its name is rare, and nothing depends on it."""
     literals, decided = [], []
     for path in [p for name in PACKAGES for p in (ROOT / name).rglob("*.py") if "effects" not in p.parts]:
         tree = ast.parse(path.read_text())
