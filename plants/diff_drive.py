@@ -132,7 +132,7 @@ def build(robot: RobotFile) -> DiffDrive:
     if robot.parameters and len(robot.parameters) < 2:
         missing = (TURTLEBOT3.keys() - robot.parameters.keys()).pop()
         raise BadInput(f"parameter {missing} is missing", where, f"add {missing} in metres under [parameters]")
-    return DiffDrive(robot.name, **parameters)
+    return DiffDrive(robot.name, parameters["wheel_radius"], parameters["track_width"])
 
 
 def _motor_speed(effects: Effects, drive: Drive, lead: int) -> np.ndarray:

@@ -12,10 +12,9 @@ from residual_mpc.errors import BadInput
 from residual_mpc.logs.clock import IntArray
 from residual_mpc.logs.readers.cells import labels, numbers, numbers_or_none, whole_numbers
 from residual_mpc.logs.readers.find import stem
-from residual_mpc.logs.readers.layout import lay_out, logs_of, recognised
+from residual_mpc.logs.readers.layout import ColumnNames, lay_out, recognised
 from residual_mpc.logs.readers.table import Header, read_table
 from residual_mpc.logs.run import FloatArray
-from residual_mpc.models.robot_file import RobotFile
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Piece:
     warnings: tuple[str, ...]
 
 
-def pieces_of(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterator[Piece]:
+def pieces_of(header: Header, names: tuple[str, ...], robot: ColumnNames) -> Iterator[Piece]:
     """A table's runs in the order in which they begin; of its columns only `names` are read."""
     where = str(header.path)
     table = read_table(header, names)
@@ -68,12 +67,12 @@ def pieces_of(header: Header, names: tuple[str, ...], robot: RobotFile) -> Itera
         yield Piece(header, label, rows, *rest)
 
 
-def _is_time(name: str, robot: RobotFile) -> bool:
+def _is_time(name: str, robot: ColumnNames) -> bool:
     """Whether a column holds the time stamps of some run."""
-    return name in {log.get("t", "t") for log in logs_of(robot)}
+    return name in {log.get("t", "t") for log in robot.logs}
 
 
-def _shown(name: str, robot: RobotFile) -> str:
+def _shown(name: str, robot: ColumnNames) -> str:
     """The log name where [log] renames the time column, whose cells have a message of their own."""
     return "t" if robot.log.get("t") == name else name
 

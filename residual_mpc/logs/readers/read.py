@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,13 +13,12 @@ from residual_mpc.logs.clock import Stamps, count_from_start
 from residual_mpc.logs.columns import PER_ACTUATOR, group, is_measured, likely_run, likely_time
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.readers.find import find_tables
-from residual_mpc.logs.readers.layout import Layout, check_log, lay_out, recognised
+from residual_mpc.logs.readers.layout import ColumnNames, Layout, check_log, lay_out, recognised
 from residual_mpc.logs.readers.pieces import Piece, pieces_of, unique_names
 from residual_mpc.logs.readers.remarks import gathered, remarks_on_columns
 from residual_mpc.logs.readers.stamps import CLASHES, Order, order_rows
 from residual_mpc.logs.readers.table import Header, read_header
 from residual_mpc.logs.run import FloatArray, Run
-from residual_mpc.models.robot_file import RobotFile, for_run
 
 MEMORY_LIMIT = 2 << 30  # bytes of numbers in one call
 
@@ -32,12 +31,12 @@ class ReadResult:
     findings: tuple[Finding, ...]
 
 
-def read_runs(paths: Sequence[Path | str], robot: RobotFile, memory_limit: float = MEMORY_LIMIT) -> ReadResult:
+def read_runs(paths: Sequence[Path | str], robot: ColumnNames, memory_limit: float = MEMORY_LIMIT) -> ReadResult:
     """Read runs from CSV or Parquet files, folders of them, or glob patterns.
 
     Args:
         paths: files, folders or patterns; a file that they mean twice is read once.
-        robot: its [log] (of the variant that fits a run) names the columns.
+        robot: a robot file, whose [log] (of the variant that fits a run) names the columns.
         memory_limit: bytes of numbers up to which tables are read.
 
     Raises:
@@ -48,13 +47,13 @@ def read_runs(paths: Sequence[Path | str], robot: RobotFile, memory_limit: float
     pieces = [piece for header in _within(headers, robot, memory_limit) for piece in pieces_of(*header, robot)]
     runs, findings = [], []
     for name, piece in zip(unique_names(pieces), pieces, strict=True):
-        run, seen = _read_run(name, piece, for_run(robot, name))
+        run, seen = _read_run(name, piece, robot.log_of(name))
         runs.append(run)
         findings.extend(seen)
     return ReadResult(tuple(runs), tuple(gathered(findings, len(runs))))
 
 
-def _within(headers: Sequence[Header], robot: RobotFile, limit: float) -> list[tuple[Header, tuple[str, ...]]]:
+def _within(headers: Sequence[Header], robot: ColumnNames, limit: float) -> list[tuple[Header, tuple[str, ...]]]:
     """Each table with the columns to read: all, or where memory would not do, those that are needed."""
     if sum(header.size for header in headers) <= limit:
         return [(header, header.names) for header in headers]
@@ -76,10 +75,10 @@ def _stamps(piece: Piece, column: str) -> Stamps:
     return count_from_start(piece.cells[column][piece.rows], None if whole is None else whole[piece.rows])
 
 
-def _read_run(name: str, piece: Piece, robot: RobotFile) -> tuple[Run, list[Finding]]:
+def _read_run(name: str, piece: Piece, log: Mapping[str, str]) -> tuple[Run, list[Finding]]:
     where = f"{piece.header.path}" + (f", run {piece.label}" if piece.label else "")
-    layout = lay_out(piece.header.names, robot.log)
-    _check_columns(layout, where, robot)
+    layout = lay_out(piece.header.names, log)
+    _check_columns(layout, where)
     findings = [Finding("warning", "table format", name, "", None, text) for text in piece.warnings]
     if piece.header.note:
         findings.append(Finding("info", "list columns", name, "", None, piece.header.note))
@@ -125,7 +124,7 @@ def _read_run(name: str, piece: Piece, robot: RobotFile) -> tuple[Run, list[Find
     return run, findings + remarks_on_columns(run, layout, piece.left_out)
 
 
-def _check_columns(layout: Layout, where: str, robot: RobotFile) -> None:
+def _check_columns(layout: Layout, where: str) -> None:
     here = [*layout.columns, *layout.extra]
     listed = ", ".join(here[:30]) + (", ..." if len(here) > 30 else "")
     if "t" not in layout.columns:
