@@ -1,11 +1,13 @@
 """Every change of every effect as a sentence that says what it was and what it is."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from fabricated_comparison import change, document, number
 
-from residual_mpc.effects.library import BUILT_IN, LIBRARY
+from residual_mpc.effects.library import BUILT_IN, BY_NAME, LIBRARY
+from residual_mpc.effects.phrase import Noun
 from residual_mpc.report.words.changes import change_clause, change_line, comparison_sentence, is_ratio
 from residual_mpc.report.words.numbers import plain
 
@@ -118,6 +120,13 @@ def test_a_stranger_is_called_by_its_name():
     assert not is_ratio(one, "force")
     assert is_ratio(change("cable_drag", None, scale=number(0.5, 1.0, 2.0, 0.05)), "scale")
     assert plain(change_clause(change("cable_drag", "j2"))) == "cable drag of j2 changed"
+
+
+def test_an_own_effect_names_its_parameters(monkeypatch):
+    own = replace(BY_NAME["command_delay"], name="slack", nouns={"delay": Noun("slack of the belt")}, own=True)
+    monkeypatch.setitem(BY_NAME, "slack", own)
+    said = clause("slack", delay=number(0.1, 0.3, 0.2, 0.05, "s"))
+    assert said == "the slack of the belt increased by 200 ms, from 100 ms to 300 ms"
 
 
 def test_only_target_is_named():
