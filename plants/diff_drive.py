@@ -18,6 +18,7 @@ from residual_mpc.models.stepping import StepOptions, Stepped
 
 WHEELS = ("left", "right")
 POSE = ("pose.x", "pose.y", "pose.theta")
+TURTLEBOT3 = {"wheel_radius": 0.033, "track_width": 0.16}  # m, the Burger's: the built-in robot
 RESPONSE = 0.05  # s, over which a wheel's acceleration is taken: a tyre's relaxation and a small motor's response
 
 
@@ -117,14 +118,10 @@ def build(robot: RobotFile) -> DiffDrive:
     """The robot of a file whose plant is `diff_drive`. Raises BadInput for parameters that are missing or not
     positive.
     """
-    parameters = {
-        "wheel_radius": 0.033,
-        "track_width": 0.16,
-        **robot.parameters,
-    }  # the TurtleBot3 Burger's where built in
+    parameters = {**TURTLEBOT3, **robot.parameters}
     where = robot.source or robot.name
     for name, value in parameters.items():
-        if name not in ("wheel_radius", "track_width"):
+        if name not in TURTLEBOT3:
             raise BadInput(
                 f"unknown parameter {name!r}",
                 where,
@@ -133,7 +130,7 @@ def build(robot: RobotFile) -> DiffDrive:
         if not (np.isfinite(value) and value > 0):
             raise BadInput(f"parameter {name} must be a positive length in metres, got {value}", where)
     if robot.parameters and len(robot.parameters) < 2:
-        missing = ({"wheel_radius", "track_width"} - set(robot.parameters)).pop()
+        missing = (TURTLEBOT3.keys() - robot.parameters.keys()).pop()
         raise BadInput(f"parameter {missing} is missing", where, f"add {missing} in metres under [parameters]")
     return DiffDrive(robot.name, parameters["wheel_radius"], parameters["track_width"])
 

@@ -1,5 +1,6 @@
 """The rules of the house that a machine can check: style, types, imports, packaging, forbidden words."""
 
+import ast
 import re
 import subprocess
 import sys
@@ -8,6 +9,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+
+from residual_mpc.effects.library import BY_NAME
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("residual_mpc", "controllers", "plants", "scenarios")
@@ -55,6 +58,25 @@ def test_help_imports_nothing_heavy():
     result = run("-c", program)
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines()[-1] == "HEAVY []"
+
+
+def effect_names(tree: ast.AST) -> list[str]:
+    return [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and n.value in BY_NAME]
+
+
+def test_an_effect_is_known_to_its_own_record():
+    """What holds for an effect is said in `effects`: elsewhere its name is rare, and nothing depends on it."""
+    literals, decided = [], []
+    for path in [p for name in PACKAGES for p in (ROOT / name).rglob("*.py") if "effects" not in p.parts]:
+        tree = ast.parse(path.read_text())
+        literals += effect_names(tree)
+        for node in ast.walk(tree):
+            tests = [node.test] if isinstance(node, ast.If | ast.IfExp | ast.While) else []
+            tests += [node] if isinstance(node, ast.Compare | ast.match_case) else []
+            tests += node.ifs if isinstance(node, ast.comprehension) else []
+            decided += [f"{path.relative_to(ROOT)}: {name}" for test in tests for name in effect_names(test)]
+    assert not decided, decided
+    assert len(literals) < 60, len(literals)
 
 
 @pytest.mark.parametrize("what", ["robots", "model_structures", "scenarios", "blind_families"])

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from residual_mpc.api.display import page
+from residual_mpc.api.gap_figures import gap_figures
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.api.written import Source, written
-from residual_mpc.diagnosis.gap_figures import gap_figures
 from residual_mpc.files import write_json
 from residual_mpc.report import gap_lines
 

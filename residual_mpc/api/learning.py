@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from residual_mpc.api.display import page
+from residual_mpc.api.gap_figures import kept_back_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.api.written import Source, name_robot_file, written
-from residual_mpc.diagnosis.gap_figures import kept_back_of
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically, write_json
 from residual_mpc.learning.batch import checkpoint

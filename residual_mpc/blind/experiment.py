@@ -24,11 +24,8 @@ from residual_mpc.blind.processes.isolated import program, run_isolated
 from residual_mpc.blind.processes.parallel import Progress, run_in_parallel
 from residual_mpc.blind.run import diagnose_case
 from residual_mpc.blind.seal import digest, read_sealed
-from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
+from residual_mpc.blind.suite import NOTHING_OPEN, RECORD, Entry, Suite, program_version, read_suite, write_json
 from residual_mpc.errors import BadInput
-
-NOTHING = "nothing is open"
-RECORD = "experiment.json"
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ def run_experiments(
     calls = (delayed(_one)(suite, e, answers, results / e.name, (out / e.name).resolve(), settings) for e in todo)
     run_in_parallel(calls, [entry.name for entry in todo], progress, n_jobs=settings.jobs)
     status = [str(json.loads((out / e.name / RECORD).read_text())["status"]) for e in suite.cases]
-    opened = [s for s in status if s != NOTHING]
+    opened = [s for s in status if s != NOTHING_OPEN]
     failed = sum(s != "done" for s in opened)
     return ExperimentSummary(len(status), len(opened), failed, len(status) - len(todo), time.monotonic() - begin)
 
@@ -105,7 +102,7 @@ def _carried_out(
 ) -> dict[str, Any]:
     document = first / "diagnosis.json"
     if not document.exists() or not is_open(json.loads(document.read_text())):
-        return {"status": NOTHING}
+        return {"status": NOTHING_OPEN}
     case = suite.case(entry).resolve()
     with tempfile.TemporaryDirectory(prefix="plan-") as place:
         plan = _plan(case, document, Path(place), settings)

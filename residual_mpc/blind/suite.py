@@ -15,6 +15,8 @@ from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
 
 SCHEMA = "residual-mpc/blind-suite/1"
+RECORD = "experiment.json"  # of each case, beside a suite: its second answer, after the proposed experiment
+NOTHING_OPEN = "nothing is open"  # its status where no experiment was proposed
 FIRST_TEST_SEED = 100_000  # seeds under it are for development, the others for tests
 
 

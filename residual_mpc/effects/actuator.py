@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
 from residual_mpc.effects.ops import Array, Ops, clip
-from residual_mpc.effects.phrase import Phrase
+from residual_mpc.effects.phrase import Noun, Phrase
 
 TINY = 1e-12  # s: keeps exp(-dt / tau) defined at tau = 0, where it is exactly 0
 
@@ -90,6 +90,7 @@ ACTUATOR_LAG = Effect(
     sequence=lag_sequence,
     label="lag",
     phrase=Phrase("{who} follows its command with a lag of {time_constant}"),
+    nouns={"time_constant": Noun("actuator lag", article="an", targeted="lag")},
 )
 
 ACTUATOR_GAIN = Effect(
@@ -108,6 +109,7 @@ ACTUATOR_GAIN = Effect(
     imitates=frozenset({"time", "position", "speed"}),
     interchangeable="rim speed",
     phrase=Phrase("{who} delivers {gain} of its modelled output", shares=("gain",)),
+    nouns={"gain": Noun("actuator gain", "factor", targeted="gain")},
 )
 
 SATURATION = Effect(
@@ -138,6 +140,7 @@ SATURATION = Effect(
     kink="signal",
     unseen="no command near the actuator's limit",
     phrase=Phrase("the {quantity} of {who} saturates at {limit}"),
+    nouns={"limit": Noun("output limit", article="an")},
 )
 
 VOLTAGE_SAG = Effect(
@@ -156,6 +159,7 @@ VOLTAGE_SAG = Effect(
     unseen="the runs are too short for the supply to weaken",
     imitates=frozenset({"time"}),
     phrase=Phrase("the gain of {who} falls by {rate} per second", shares=("rate",)),
+    nouns={"rate": Noun("loss of gain")},
     not_in_mjcf="MuJoCo has no actuator whose gain falls with time",
 )
 
@@ -181,6 +185,7 @@ BACKLASH = Effect(
     stalls=("gap",),
     unseen="the motion hardly reverses",
     phrase=Phrase("{who} has {gap} of play", "every gear", "the gear of {}"),
+    nouns={"gap": Noun("backlash", article="", inside="in")},
     not_in_mjcf="it needs an additional joint behind the motor, which only the built-in simulator has",
 )
 

@@ -4,7 +4,7 @@ import math
 
 from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
-from residual_mpc.effects.phrase import Phrase
+from residual_mpc.effects.phrase import Noun, Phrase
 
 
 def coulomb_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
@@ -55,6 +55,7 @@ COULOMB = Effect(
     stalls=("torque",),
     imitates=frozenset({"time", "position"}),
     phrase=Phrase("{who} has {torque} more dry friction than modelled"),
+    nouns={"torque": Noun("dry friction", "excess")},
 )
 
 VISCOUS = Effect(
@@ -80,6 +81,7 @@ VISCOUS = Effect(
     site="damping",
     imitates=frozenset({"time", "speed"}),
     phrase=Phrase("{who} has {coefficient} more viscous friction than modelled"),
+    nouns={"coefficient": Noun("viscous friction", "excess")},
 )
 
 STRIBECK = Effect(
@@ -99,6 +101,7 @@ STRIBECK = Effect(
     stalls=("static", "kinetic"),
     unseen="no slow motion in which the friction would rise",
     phrase=Phrase("the friction of {who} differs from the model by {static} near standstill and {kinetic} at speed"),
+    nouns={"static": Noun("friction near standstill", "excess"), "kinetic": Noun("friction at speed", "excess")},
     in_mjcf="constant dry friction midway between static and kinetic, since MuJoCo's has no speed dependence",
     settled=lambda p: 0.5 * (p["static"] + p["kinetic"]),
 )
@@ -116,6 +119,7 @@ LOAD_FRICTION = Effect(
     unseen="the torque hardly varies",
     imitates=frozenset({"position"}),
     phrase=Phrase("friction in {who} takes {coefficient} of the transmitted torque", shares=("coefficient",)),
+    nouns={"coefficient": Noun("load-dependent friction", article="", inside="in")},
     not_in_mjcf="MuJoCo's dry friction does not depend on the load",
 )
 
@@ -131,6 +135,7 @@ PAYLOAD = Effect(
     site="tool",
     imitates=frozenset({"position"}),
     phrase=Phrase("the robot carries {mass} more than modelled"),
+    nouns={"mass": Noun("payload", "excess")},
 )
 
 LINK_MASS = Effect(
@@ -147,6 +152,7 @@ LINK_MASS = Effect(
     site="link",
     imitates=frozenset({"position"}),
     phrase=Phrase("{who} is {mass} heavier than modelled"),
+    nouns={"mass": Noun("mass", "excess"), "com": Noun("distance of the centre of mass", "excess")},
 )
 
 ARMATURE = Effect(
@@ -170,6 +176,7 @@ ARMATURE = Effect(
     summary="rotor inertia seen through the gear",
     site="rotor",
     phrase=Phrase("{who} has {inertia} more rotor inertia than modelled"),
+    nouns={"inertia": Noun("rotor inertia", "excess")},
 )
 
 JOINT_COMPLIANCE = Effect(
@@ -187,6 +194,7 @@ JOINT_COMPLIANCE = Effect(
     site="spring",
     unseen="the torque that the gear carries hardly varies",
     phrase=Phrase("{who} is elastic, with a stiffness of {stiffness}", "every gear", "the gear of {}"),
+    nouns={"stiffness": Noun("stiffness", appears="elasticity", article="", size="stiffness", inside="in")},
     not_in_mjcf="it needs an additional joint behind the motor, which only the built-in simulator has",
 )
 
@@ -205,6 +213,7 @@ LINK_LENGTH = Effect(
     site="length",
     unseen="the joints before it hardly move, or carry little",
     phrase=Phrase("{who} is {offset} longer than modelled"),
+    nouns={"offset": Noun("length", "excess")},
 )
 
 EFFECTS = (

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
 from residual_mpc.effects.ops import NUMPY, Array, Ops
-from residual_mpc.effects.phrase import Phrase
+from residual_mpc.effects.phrase import Noun, Phrase
 
 LONGEST_DELAY = 0.3  # s: longer dead times are a different fault (a lost connection), and cost memory
 
@@ -86,6 +86,7 @@ COMMAND_DELAY = Effect(
     # a motor of higher order adds about a tenth of its lag to a first-order law's as dead time
     shadows=(("command lag", 0.1),),
     phrase=Phrase("{who} take effect {delay} late", "commands", "commands to {}"),
+    nouns={"delay": Noun("command delay", targeted="delay")},
 )
 
 DEAD_ZONE = Effect(
@@ -119,6 +120,7 @@ DEAD_ZONE = Effect(
     phrase=Phrase(
         "{who} ignores commands smaller than {width}", by_unit={"rad": POSITION_ERRORS, "m": POSITION_ERRORS}
     ),
+    nouns={"width": Noun("dead zone", inside="in")},
     not_in_mjcf="MuJoCo has no actuator with a dead zone",
 )
 

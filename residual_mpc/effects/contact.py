@@ -4,7 +4,7 @@ import math
 
 from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
-from residual_mpc.effects.phrase import Phrase
+from residual_mpc.effects.phrase import Noun, Phrase
 
 GRAVITY = 9.81  # m/s^2
 WHEELS_UNCHANGED = "wheel bodies and shapes are not modified in the MJCF"
@@ -40,6 +40,7 @@ WHEEL_RADIUS = Effect(
     imitates=frozenset({"time", "speed"}),
     interchangeable="rim speed",
     phrase=Phrase("the effective wheel radius is {scale} of the modelled one", shares=("scale",)),
+    nouns={"scale": Noun("effective wheel radius", "factor")},
     not_in_mjcf=WHEELS_UNCHANGED,
 )
 
@@ -53,6 +54,7 @@ WHEEL_RADIUS_MISMATCH = Effect(
     site="rolling",
     interchangeable="rim speed",
     phrase=Phrase("the radius of the right wheel is {ratio} of that of the left wheel", shares=("ratio",)),
+    nouns={"ratio": Noun("ratio of right to left wheel radius", "ratio")},
     not_in_mjcf=WHEELS_UNCHANGED,
 )
 
@@ -66,6 +68,7 @@ TRACK_WIDTH = Effect(
     site="rolling",
     unseen="the robot hardly turns",
     phrase=Phrase("the robot turns as if its track were {scale} times as wide"),
+    nouns={"scale": Noun("effective track width", "factor")},
     not_in_mjcf=WHEELS_UNCHANGED,
 )
 
@@ -80,6 +83,7 @@ LATERAL_SLIP = Effect(
     site="side",
     unseen="the robot hardly turns while it drives",
     phrase=Phrase("the robot slips outwards in turns (coefficient {coefficient})"),
+    nouns={"coefficient": Noun("coefficient of lateral slip", appears="lateral slip", article="", size="coefficient")},
 )
 
 LONGITUDINAL_SLIP = Effect(
@@ -93,6 +97,7 @@ LONGITUDINAL_SLIP = Effect(
     site="rim",
     unseen="the robot hardly accelerates",
     phrase=Phrase("the wheels slip when they accelerate (coefficient {coefficient})"),
+    nouns={"coefficient": Noun("coefficient of wheel slip", appears="wheel slip", article="", size="coefficient")},
 )
 
 SLOPE = Effect(
@@ -108,6 +113,7 @@ SLOPE = Effect(
     step=slope_drift,
     site="drift",
     phrase=Phrase("the robot drifts at {rate} in a fixed direction"),
+    nouns={"rate": Noun("drift in a fixed direction")},
 )
 
 EFFECTS = (WHEEL_RADIUS, WHEEL_RADIUS_MISMATCH, TRACK_WIDTH, LATERAL_SLIP, LONGITUDINAL_SLIP, SLOPE)

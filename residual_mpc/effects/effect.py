@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, cast
 
 from residual_mpc.effects.ops import Array, Ops
-from residual_mpc.effects.phrase import Phrase
+from residual_mpc.effects.phrase import Noun, Phrase
 
 Stage = Literal["command", "actuator", "body", "contact", "sensor"]
 Port = Literal["command", "output", "friction", "ground", "sensor", "model"]
@@ -138,6 +138,7 @@ class Effect:
 
     # the words
     phrase: Phrase | None = None
+    nouns: Mapping[str, Noun] = field(default_factory=dict)  # parameter -> what it is called where it changed
     not_in_mjcf: str = ""  # why an MJCF cannot hold it; empty where it can
     in_mjcf: str = ""  # what of it an MJCF holds, where that is not all
     settled: Callable[[Values], Array] | None = None  # constant dry friction that comes nearest to it, N m

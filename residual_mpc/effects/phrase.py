@@ -1,7 +1,8 @@
-"""How a report states an effect: one clause, for arms and for robots that drive."""
+"""How a report states an effect: one clause, for arms and for robots that drive; and what its parameters are called."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 # How a target is called, by the kind of target.
 TARGETS = {"actuator": "actuator {}", "joint": "joint {}", "body": "link {}", "channel": "channel {}", "robot": "{}"}
@@ -32,3 +33,23 @@ class Phrase:
         if target in WHEELS and not self.someone:
             return WHEELS[target]
         return (self.someone or TARGETS[kind]).format(WHEELS.get(target, target))
+
+
+@dataclass(frozen=True)
+class Noun:
+    """What a parameter is called where its value before and after are compared.
+
+    text: as it follows "the"; targeted: the shorter one before "of" and a target.
+
+    kind: `own`, of something that the model lacks and that may appear or disappear; `excess`, what a quantity has more
+    than the model says; `factor`, of what the model says; `ratio`, of two quantities of the robot. Where it appears or
+    disappears: appears: what, if not the noun; article: the one that it takes; size: what its number is called, if that
+    needs saying; inside: the preposition before the target."""
+
+    text: str
+    kind: Literal["own", "excess", "factor", "ratio"] = "own"
+    appears: str = ""
+    article: str = "a"
+    size: str = ""
+    inside: str = "of"
+    targeted: str = ""

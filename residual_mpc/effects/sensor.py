@@ -4,7 +4,7 @@ import math
 
 from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
-from residual_mpc.effects.phrase import Phrase
+from residual_mpc.effects.phrase import Noun, Phrase
 
 READ_ELSEWHERE = "sensor effects are not part of the model"
 
@@ -30,6 +30,7 @@ SENSOR_DELAY = Effect(
     summary="measurements arrive late",
     site="delay",
     phrase=Phrase("{who} arrive {delay} late", "the measurements", "the measurements of {}"),
+    nouns={"delay": Noun("sensor delay", targeted="delay")},
     not_in_mjcf=READ_ELSEWHERE,
 )
 
@@ -49,6 +50,7 @@ SENSOR_BIAS = Effect(
     unseen="the robot hardly drives in the direction that it biases",
     imitates=frozenset({"position"}),
     phrase=Phrase("{who} reads {bias} too high"),
+    nouns={"bias": Noun("bias", "excess")},
     not_in_mjcf=READ_ELSEWHERE,
 )
 
@@ -67,6 +69,10 @@ SENSOR_MOUNTING = Effect(
     site="point",
     unseen="the robot hardly turns",
     phrase=Phrase("the tracked point sits at ({x}, {y}) in the body frame, not where the model has it"),
+    nouns={
+        "x": Noun("x coordinate of the tracked point in the body frame", "excess"),
+        "y": Noun("y coordinate of the tracked point in the body frame", "excess"),
+    },
     not_in_mjcf=READ_ELSEWHERE,
 )
 
@@ -80,6 +86,7 @@ SENSOR_OUTLIERS = Effect(
     site="samples",
     fitted=False,
     phrase=Phrase("{rate} of the samples are outliers", shares=("rate",)),
+    nouns={"rate": Noun("share of outliers", appears="outliers", article="")},
     not_in_mjcf=READ_ELSEWHERE,
 )
 

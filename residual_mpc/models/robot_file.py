@@ -80,6 +80,16 @@ class RobotFile:
             if group(name) == "command" and (is_measured(column) or column in measured)
         )
 
+    @property
+    def logs(self) -> tuple[Mapping[str, str], ...]:
+        """Every [log] that may apply to a run: the robot's own, and its variants' on top of it."""
+        variants = [v.overrides["log"] for v in self.variants if "log" in v.overrides]
+        return (self.log, *({**self.log, **v} for v in variants if isinstance(v, Mapping)))
+
+    def log_of(self, run_name: str) -> Mapping[str, str]:
+        """The [log] that applies to a run."""
+        return for_run(self, run_name).log
+
 
 def read_robot_file(path_or_name: str | Path) -> RobotFile:
     """Read a robot file, or take an MJCF or URDF file or the name of a built-in robot.

@@ -33,9 +33,9 @@ def blocks(page: Path) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```", text(page), flags=re.S | re.M)
 
 
-def run(page: str) -> dict[str, Any]:
-    """All blocks of a page of the guide, one after the other, in the working folder."""
-    found = blocks(GUIDE / page)
+def run(page: str, folder: Path = GUIDE) -> dict[str, Any]:
+    """All blocks of a page, one after the other, in the working folder."""
+    found = blocks(folder / page)
     assert found
     space: dict[str, Any] = {"__name__": page}
     exec(compile("\n".join(found), page, "exec"), space)
@@ -56,6 +56,13 @@ def rover(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_every_python_page_of_the_guide_is_run_here() -> None:
     own = text(Path(__file__))
     assert [p.name for p in sorted(GUIDE.glob("*.md")) if blocks(p) and f'run("{p.name}")' not in own] == []
+
+
+def test_readme(rover: Path) -> None:
+    space = run("README.md", HOUSE)
+    f, model = space["f"], space["model"]
+    assert f(model.x0, [1.0, 1.0], model.p).shape == (len(model.states), 1)
+    assert "actuator_lag" in str(model.parameters)
 
 
 def test_python(rover: Path) -> None:
@@ -107,7 +114,9 @@ def test_own_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run("your-own-model.md")["my_robot"].actuators == ("motor",)
 
 
-def test_own_effect() -> None:
+def test_own_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "own_effects.py").write_text(blocks(GUIDE / "your-own-effect.md")[0])
+    monkeypatch.syspath_prepend(str(tmp_path))
     assert run("your-own-effect.md")["SOFT"].name == "soft_command"
 
 

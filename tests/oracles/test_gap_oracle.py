@@ -16,8 +16,8 @@ from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
+from residual_mpc.api.gap_figures import gap_figures
 from residual_mpc.diagnosis.data.dataset import build_dataset
-from residual_mpc.diagnosis.gap_figures import gap_figures
 from residual_mpc.logs.run import Run
 from residual_mpc.models.model_file import read_written
 from residual_mpc.models.protocol import Robot

@@ -1,31 +1,32 @@
 """Every change of every effect as a sentence that says what it was and what it is."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from fabricated_comparison import change, document, number
 
-from residual_mpc.effects.library import BUILT_IN, LIBRARY
+from residual_mpc.effects.library import BUILT_IN, BY_NAME, LIBRARY
+from residual_mpc.effects.phrase import Noun
 from residual_mpc.report.words.changes import change_clause, change_line, comparison_sentence, is_ratio
 from residual_mpc.report.words.numbers import plain
-from residual_mpc.report.words.quantities import QUANTITIES
 
-NUMBERS = [(e.name, p) for e in BUILT_IN for p in e.parameters if not p.shape]
+NUMBERS = [(e, p) for e in BUILT_IN for p in e.parameters if not p.shape]
 
 
 def clause(*arguments, **keywords):
     return plain(change_clause(change(*arguments, **keywords)))
 
 
-@pytest.mark.parametrize(("effect", "p"), NUMBERS, ids=[f"{e}.{p.name}" for e, p in NUMBERS])
+@pytest.mark.parametrize(("effect", "p"), NUMBERS, ids=[f"{e.name}.{p.name}" for e, p in NUMBERS])
 def test_every_number_of_every_effect_has_a_noun(effect, p):
-    assert p.name in QUANTITIES[effect], "give it a noun"
-    kind = QUANTITIES[effect][p.name].kind
+    assert p.name in effect.nouns, "give it a noun"
+    kind = effect.nouns[p.name].kind
     assert (kind in ("factor", "ratio")) == (p.null == 1.0)
 
 
 def test_every_noun_is_of_a_number_that_there_is():
-    assert {(e, p) for e, ps in QUANTITIES.items() for p in ps} == {(e, p.name) for e, p in NUMBERS}
+    assert {(e.name, p) for e in BUILT_IN for p in e.nouns} == {(e.name, p.name) for e, p in NUMBERS}
 
 
 def numbers_of(effect, before, after):
@@ -51,7 +52,7 @@ def test_every_change_has_a_sentence(effect, numbers, target):
     said = clause(effect.name, target, **numbers)
     assert "{" not in said and "None" not in said and "  " not in said and "(scale)" not in said
     assert any(verb in said for verb in (" increased ", " decreased ", " appeared", " disappeared"))
-    bare = [q.appears or q.noun for q in QUANTITIES[effect.name].values() if not q.article]
+    bare = [n.appears or n.text for n in effect.nouns.values() if not n.article]
     assert said.startswith(("the ", "a ", "an ", *bare))
     line = plain(change_line(change(effect.name, target, **numbers)))
     assert line.startswith(f"{effect.name} [{target}]: " if target else f"{effect.name}: ") and "None" not in line
@@ -119,6 +120,13 @@ def test_a_stranger_is_called_by_its_name():
     assert not is_ratio(one, "force")
     assert is_ratio(change("cable_drag", None, scale=number(0.5, 1.0, 2.0, 0.05)), "scale")
     assert plain(change_clause(change("cable_drag", "j2"))) == "cable drag of j2 changed"
+
+
+def test_an_own_effect_names_its_parameters(monkeypatch):
+    own = replace(BY_NAME["command_delay"], name="slack", nouns={"delay": Noun("slack of the belt")}, own=True)
+    monkeypatch.setitem(BY_NAME, "slack", own)
+    said = clause("slack", delay=number(0.1, 0.3, 0.2, 0.05, "s"))
+    assert said == "the slack of the belt increased by 200 ms, from 100 ms to 300 ms"
 
 
 def test_only_target_is_named():

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import mujoco
 
 TUNABLE_JOINT = {"damping": "dof_damping", "armature": "dof_armature", "frictionloss": "dof_frictionloss"}
+DERIVED_FROM = {"dof_armature"}  # what MuJoCo computes constants of the model from
 
 
 def edit_batch(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
@@ -123,7 +124,7 @@ def _tune(batch: Any, model: "mujoco.MjModel", settings: Settings) -> bool:
         if kind == "joint":
             dof = int(model.jnt_dofadr[model.joint(target).id])
             batch.expand(TUNABLE_JOINT[short])[:, dof] = value
-            derived |= short == "armature"
+            derived |= TUNABLE_JOINT[short] in DERIVED_FROM
         elif kind == "actuator":
             i = model.actuator(target).id
             if short == "kp":

@@ -46,9 +46,9 @@ class GapOverHorizons:
 def measure_truth_gaps(case: Path, answer: Answer, said: Path | None, only: Path) -> dict[str, GapOverHorizons]:
     """Of the models "said" and "only" (diagnoses), "nominal", "drawn", "best fit" and "with background", on the
     windows that ``only`` kept back."""
+    from residual_mpc.api.gap_figures import gap_figures
     from residual_mpc.api.robot import load_robot
     from residual_mpc.api.runs import read_runs, usable
-    from residual_mpc.diagnosis.gap_figures import gap_figures
 
     robot = load_robot(case / "robot.toml")
     paths = sorted(str(p) for p in case.iterdir() if p.suffix in (".csv", ".parquet"))

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from residual_mpc.blind.experiment import NOTHING, RECORD
 from residual_mpc.blind.records import Answer
 from residual_mpc.blind.score.claim import Claim, Name, read_claim
 from residual_mpc.blind.score.match import match, where
 from residual_mpc.blind.score.rates import Rate, rate
+from residual_mpc.blind.suite import NOTHING_OPEN, RECORD
 from residual_mpc.errors import BadInput
 
 RESOLVED, STAYED, WRONG, FAILED = "resolved", "stayed", "became wrong", "failed"
@@ -76,7 +76,7 @@ def score_experiments(answers: Mapping[str, Answer], results: Path, out: Path) -
     right: list[tuple[bool, bool, bool, bool]] = []  # before, after, named after, whether the library lacks the cause
     for name, answer in answers.items():
         record = _record(out / name)
-        if record["status"] == NOTHING:
+        if record["status"] == NOTHING_OPEN:
             continue
         document = json.loads((results / name / "diagnosis.json").read_text())
         first = read_claim(results / name / "diagnosis.json")

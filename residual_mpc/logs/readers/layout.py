@@ -4,10 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import SPECIAL, did_you_mean, group, is_measured
-from residual_mpc.models.robot_file import RobotFile
+
+
+class ColumnNames(Protocol):
+    """What a robot file says of the columns of its logs: each [log] maps a name of the log format to a column."""
+
+    @property
+    def source(self) -> str:
+        """Where that was read, for messages."""
+        ...
+
+    @property
+    def log(self) -> Mapping[str, str]:
+        """The [log] of the robot, whose variants may override entries of it."""
+        ...
+
+    @property
+    def logs(self) -> tuple[Mapping[str, str], ...]:
+        """Every [log] that may apply to a run: the robot's, and its variants' on top of it."""
+        ...
+
+    def log_of(self, run_name: str) -> Mapping[str, str]:
+        """The [log] that applies to a run."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -47,26 +70,20 @@ def lay_out(names: Sequence[str], log: Mapping[str, str]) -> Layout:
     return Layout(columns, served, extra, absent)
 
 
-def logs_of(robot: RobotFile) -> tuple[Mapping[str, str], ...]:
-    """Every [log] that the robot file may apply to a run: its own, and its variants' on top of it."""
-    variants = [v.overrides["log"] for v in robot.variants if "log" in v.overrides]
-    return (robot.log, *({**robot.log, **v} for v in variants if isinstance(v, Mapping)))
-
-
-def recognised(names: Iterable[str], robot: RobotFile) -> set[str]:
+def recognised(names: Iterable[str], robot: ColumnNames) -> set[str]:
     """The columns of a table that some run may need."""
-    sources = {column for log in logs_of(robot) for column in log.values()}
+    sources = {column for log in robot.logs for column in log.values()}
     return {name for name in names if _kind(name) is not None or name in sources}
 
 
-def check_log(robot: RobotFile, tables: Sequence[Sequence[str]]) -> None:
+def check_log(robot: ColumnNames, tables: Sequence[Sequence[str]]) -> None:
     """Refuse a [log] that names a column which no table of the call has.
 
     Raises:
         BadInput: with the nearest column that the tables do have.
     """
     known = dict.fromkeys(name for names in tables for name in names)
-    for log in logs_of(robot):
+    for log in robot.logs:
         for name, column in log.items():
             # a table that uses the log's own name already needs no renaming
             if column not in known and (name not in known or name in log.values()):

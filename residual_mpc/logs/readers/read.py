@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.clock import IntArray, Stamps, count_from_start
-from residual_mpc.logs.columns import GROUPS, PER_ACTUATOR, group, is_measured, likely_run, likely_time
+from residual_mpc.logs.clock import Stamps, count_from_start
+from residual_mpc.logs.columns import PER_ACTUATOR, group, is_measured, likely_run, likely_time
 from residual_mpc.logs.finding import Finding
-from residual_mpc.logs.readers.cells import labels, numbers, numbers_or_none, whole_numbers
-from residual_mpc.logs.readers.find import find_tables, stem
-from residual_mpc.logs.readers.layout import Layout, check_log, lay_out, logs_of, recognised
+from residual_mpc.logs.readers.find import find_tables
+from residual_mpc.logs.readers.layout import ColumnNames, Layout, check_log, lay_out, recognised
+from residual_mpc.logs.readers.pieces import Piece, pieces_of, unique_names
+from residual_mpc.logs.readers.remarks import gathered, remarks_on_columns
 from residual_mpc.logs.readers.stamps import CLASHES, Order, order_rows
-from residual_mpc.logs.readers.table import Header, read_header, read_table
+from residual_mpc.logs.readers.table import Header, read_header
 from residual_mpc.logs.run import FloatArray, Run
-from residual_mpc.models.robot_file import RobotFile, for_run
 
 MEMORY_LIMIT = 2 << 30  # bytes of numbers in one call
 
@@ -33,26 +31,12 @@ class ReadResult:
     findings: tuple[Finding, ...]
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """The rows of one run within a table."""
-
-    header: Header
-    label: str  # the value of the column `run`, empty without one
-    rows: NDArray[np.intp]  # (m,) rows of the table
-    cells: dict[str, FloatArray]  # column of the table -> (rows of the table,)
-    whole: dict[str, IntArray]  # those that may be the time and hold whole numbers alone
-    texts: frozenset[str]  # unknown columns that hold no numbers
-    left_out: tuple[str, ...]  # unknown columns that were too large to keep
-    warnings: tuple[str, ...]
-
-
-def read_runs(paths: Sequence[Path | str], robot: RobotFile, memory_limit: float = MEMORY_LIMIT) -> ReadResult:
+def read_runs(paths: Sequence[Path | str], robot: ColumnNames, memory_limit: float = MEMORY_LIMIT) -> ReadResult:
     """Read runs from CSV or Parquet files, folders of them, or glob patterns.
 
     Args:
         paths: files, folders or patterns; a file that they mean twice is read once.
-        robot: its [log] (of the variant that fits a run) names the columns.
+        robot: a robot file, whose [log] (of the variant that fits a run) names the columns.
         memory_limit: bytes of numbers up to which tables are read.
 
     Raises:
@@ -60,16 +44,16 @@ def read_runs(paths: Sequence[Path | str], robot: RobotFile, memory_limit: float
     """
     headers = [read_header(path) for path in find_tables(paths)]
     check_log(robot, [header.names for header in headers])
-    pieces = [piece for header in _within(headers, robot, memory_limit) for piece in _pieces(*header, robot)]
+    pieces = [piece for header in _within(headers, robot, memory_limit) for piece in pieces_of(*header, robot)]
     runs, findings = [], []
-    for name, piece in zip(_unique_names(pieces), pieces, strict=True):
-        run, seen = _read_run(name, piece, for_run(robot, name))
+    for name, piece in zip(unique_names(pieces), pieces, strict=True):
+        run, seen = _read_run(name, piece, robot.log_of(name))
         runs.append(run)
         findings.extend(seen)
-    return ReadResult(tuple(runs), tuple(_gathered(findings, len(runs))))
+    return ReadResult(tuple(runs), tuple(gathered(findings, len(runs))))
 
 
-def _within(headers: Sequence[Header], robot: RobotFile, limit: float) -> list[tuple[Header, tuple[str, ...]]]:
+def _within(headers: Sequence[Header], robot: ColumnNames, limit: float) -> list[tuple[Header, tuple[str, ...]]]:
     """Each table with the columns to read: all, or where memory would not do, those that are needed."""
     if sum(header.size for header in headers) <= limit:
         return [(header, header.names) for header in headers]
@@ -86,85 +70,15 @@ def _within(headers: Sequence[Header], robot: RobotFile, limit: float) -> list[t
     return list(zip(headers, needed, strict=True))
 
 
-def _pieces(header: Header, names: tuple[str, ...], robot: RobotFile) -> Iterator[_Piece]:
-    where = str(header.path)
-    table = read_table(header, names)
-    needed = recognised(header.names, robot)
-    run_column = lay_out(header.names, robot.log).columns.get("run")
-    cells, texts = {}, set()
-    for name in names:
-        if name == run_column:
-            continue
-        if name in table.faults:
-            if name in needed:
-                raise BadInput(table.faults[name], where, "write lists of equal length, or one column per element")
-            texts.add(name)
-            continue
-        values = numbers(table.columns[name], _shown(name, robot), where) if name in needed else None
-        values = numbers_or_none(table.columns[name]) if values is None else values
-        if values is None:
-            texts.add(name)
-        else:
-            cells[name] = values
-    left_out = tuple(name for name in header.names if name not in names)
-    clocks = {name: whole_numbers(table.columns[name]) for name in cells if _is_time(name, robot)}
-    whole = {name: values for name, values in clocks.items() if values is not None}
-    rest = (cells, whole, frozenset(texts), left_out, table.warnings)
-    count = max((len(column) for column in table.columns.values()), default=0)
-    if count == 0:
-        raise BadInput("the table has no rows", where, "remove it, or record the run again")
-    if run_column is None:
-        yield _Piece(header, "", np.arange(count), *rest)
-        return
-    of_row = labels(table.columns[run_column], run_column, where)
-    unique = {label: i for i, label in enumerate(dict.fromkeys(of_row))}
-    codes = np.array([unique[label] for label in of_row])
-    order = np.argsort(codes, kind="stable")
-    splits = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
-    for label, rows in zip(unique, splits, strict=True):
-        yield _Piece(header, label, rows, *rest)
-
-
-def _is_time(name: str, robot: RobotFile) -> bool:
-    """Whether a column holds the time stamps of some run."""
-    return name in {log.get("t", "t") for log in logs_of(robot)}
-
-
-def _shown(name: str, robot: RobotFile) -> str:
-    """The log name where [log] renames the time column, whose cells have a message of their own."""
-    return "t" if robot.log.get("t") == name else name
-
-
-def _stamps(piece: _Piece, column: str) -> Stamps:
+def _stamps(piece: Piece, column: str) -> Stamps:
     whole = piece.whole.get(column)
     return count_from_start(piece.cells[column][piece.rows], None if whole is None else whole[piece.rows])
 
 
-def _unique_names(pieces: Sequence[_Piece]) -> list[str]:
-    """The shortest names that tell the runs apart: the run's own, or behind its file and folders."""
-    choices = []
-    for piece in pieces:
-        parts = [*piece.header.path.resolve().parent.parts[1:], stem(piece.header.path)]
-        tail = [piece.label] if piece.label else []
-        full = parts + tail
-        choices.append(["/".join(full[-k:]) for k in range(1, len(full) + 1)])
-    level = [0] * len(pieces)
-    while True:
-        names = [choice[k] for choice, k in zip(choices, level, strict=True)]
-        counts: dict[str, int] = {}
-        for name in names:
-            counts[name] = counts.get(name, 0) + 1
-        clashing = [i for i, name in enumerate(names) if counts[name] > 1 and level[i] + 1 < len(choices[i])]
-        if not clashing:
-            return names
-        for i in clashing:
-            level[i] += 1
-
-
-def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Finding]]:
+def _read_run(name: str, piece: Piece, log: Mapping[str, str]) -> tuple[Run, list[Finding]]:
     where = f"{piece.header.path}" + (f", run {piece.label}" if piece.label else "")
-    layout = lay_out(piece.header.names, robot.log)
-    _check_columns(layout, where, robot)
+    layout = lay_out(piece.header.names, log)
+    _check_columns(layout, where)
     findings = [Finding("warning", "table format", name, "", None, text) for text in piece.warnings]
     if piece.header.note:
         findings.append(Finding("info", "list columns", name, "", None, piece.header.note))
@@ -207,10 +121,10 @@ def _read_run(name: str, piece: _Piece, robot: RobotFile) -> tuple[Run, list[Fin
         str(piece.header.path),
         float(stamps.start + order.t[start]),
     )
-    return run, findings + _remarks(run, piece, layout)
+    return run, findings + remarks_on_columns(run, layout, piece.left_out)
 
 
-def _check_columns(layout: Layout, where: str, robot: RobotFile) -> None:
+def _check_columns(layout: Layout, where: str) -> None:
     here = [*layout.columns, *layout.extra]
     listed = ", ".join(here[:30]) + (", ..." if len(here) > 30 else "")
     if "t" not in layout.columns:
@@ -260,7 +174,7 @@ def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str) ->
         raise BadInput(what, where, "leave the run out")
 
 
-def _check_clashes(layout: Layout, piece: _Piece, order: Order, where: str) -> None:
+def _check_clashes(layout: Layout, piece: Piece, order: Order, where: str) -> None:
     """Rows of one stamp may share out the columns between them; contradictions mean stamps too coarse."""
     if len(order.first) == len(order.rows):
         return
@@ -290,40 +204,3 @@ def _from_row(start: int, name: str, values: FloatArray) -> FloatArray:
     if group(name) not in PER_ACTUATOR or np.isfinite(rest[0]) or not len(before):
         return rest
     return np.concatenate([before[-1:], rest[1:]])
-
-
-def _remarks(run: Run, piece: _Piece, layout: Layout) -> list[Finding]:
-    remarks = []
-    for name, column in layout.absent.items():
-        message = f"[log] refers to column {column!r}, which this table does not have"
-        remarks.append(Finding("warning", "absent column", run.name, name, None, message))
-    for name in run.extra:
-        if name in piece.left_out:
-            message = f"unknown column {name!r} was dropped to save memory"
-        else:
-            message = f"unknown column {name!r} is kept but not compared"
-        remarks.append(Finding("info", "unknown column", run.name, name, None, message, _near(name)))
-    return remarks
-
-
-def _near(name: str) -> str:
-    """A remedy where an unknown column looks like a slip of the pen (`postion.j1`)."""
-    head, dot, tail = name.partition(".")
-    near = difflib.get_close_matches(head.lower(), [*GROUPS, "t"], n=1, cutoff=0.8)
-    return f"did you mean {near[0] + dot + tail!r}?" if near and near[0] != head else ""
-
-
-def _gathered(findings: Sequence[Finding], runs: int) -> Iterator[Finding]:
-    """What was found in every run alike is said once, without a run's name."""
-    alike: dict[Finding, int] = {}
-    for finding in findings:
-        general = replace(finding, run="")
-        alike[general] = alike.get(general, 0) + 1
-    said = set()
-    for finding in findings:
-        general = replace(finding, run="")
-        if runs == 1 or alike[general] < runs:
-            yield finding
-        elif general not in said:
-            said.add(general)
-            yield general

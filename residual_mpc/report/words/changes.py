@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.effects.phrase import Noun
 from residual_mpc.report.words.effects import name
 from residual_mpc.report.words.groups import Member, member_name
 from residual_mpc.report.words.numbers import ARROW, listed, measure, measure_interval, number, percent
-from residual_mpc.report.words.quantities import QUANTITIES, Quantity
 
 Document = Mapping[str, Any]  # comparison.json
 Number = Mapping[str, Any]  # an entry of `parameters` of a change
@@ -112,37 +112,39 @@ def capital(text: str) -> str:
 
 
 def _clause(change: Mapping[str, Any], parameter: str, n: Number) -> str:
-    quantity = QUANTITIES.get(change["effect"], {}).get(parameter, Quantity(f"{name(change)} ({_plain(parameter)})"))
-    noun, own = quantity.noun, quantity.kind == "own"
-    if quantity.targeted and _of(change):
-        noun = quantity.targeted
-    appears = quantity.appears or noun
+    known = BY_NAME.get(change["effect"])
+    noun = known.nouns.get(parameter) if known else None
+    noun = noun or Noun(f"{name(change)} ({_plain(parameter)})")
+    text, own = noun.text, noun.kind == "own"
+    if noun.targeted and _of(change):
+        text = noun.targeted
+    appears = noun.appears or text
     if own and _absent(n["before"], n["after"]):
-        article = "a" if noun == quantity.targeted else quantity.article
+        article = "a" if text == noun.targeted else noun.article
         what = " ".join(word for word in (article, appears) if word)
-        size = " ".join(word for word in (quantity.size, _written(change, parameter, n["after"])) if word)
-        return f"{_happened(what, 'appeared', change, quantity)} ({_inside_brackets(size)})"
+        size = " ".join(word for word in (noun.size, _written(change, parameter, n["after"])) if word)
+        return f"{_happened(what, 'appeared', change, noun)} ({_inside_brackets(size)})"
     if own and _absent(n["after"], n["before"]):
         was = _inside_brackets(_written(change, parameter, n["before"]))
-        return f"{_happened(f'the {appears}', 'disappeared', change, quantity)} ({was} before)"
-    the, value = f"the {noun}{_of(change)}", n["change"]["value"]
+        return f"{_happened(f'the {appears}', 'disappeared', change, noun)} ({was} before)"
+    the, value = f"the {text}{_of(change)}", n["change"]["value"]
     before, after = _ends(change, parameter)
     if is_ratio(change, parameter):
-        if quantity.kind == "factor":
+        if noun.kind == "factor":
             before, after = percent(n["before"]), f"{percent(n['after'])} of the modelled value"
         return f"{the} {_scaled(value)}, from {before} to {after}"
     turned = f"{the} {'increased' if value >= 0.0 else 'decreased'}"
     if _is_share(change, parameter):
         return f"{turned} from {before} to {after}"
-    if quantity.kind == "excess":
+    if noun.kind == "excess":
         return f"{turned} by {_written(change, parameter, abs(value))}"
     return f"{turned} by {_written(change, parameter, abs(value))}, from {before} to {after}"
 
 
-def _happened(what: str, verb: str, change: Mapping[str, Any], quantity: Quantity) -> str:
+def _happened(what: str, verb: str, change: Mapping[str, Any], noun: Noun) -> str:
     """ "a command delay of the left wheel appeared", "backlash appeared in the gear of j1"."""
-    where = _of(change, quantity.inside)
-    return f"{what} {verb}{where}" if quantity.inside == "in" else f"{what}{where} {verb}"
+    where = _of(change, noun.inside)
+    return f"{what} {verb}{where}" if noun.inside == "in" else f"{what}{where} {verb}"
 
 
 def _inside_brackets(text: str) -> str:

@@ -10,8 +10,8 @@ import pytest
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
+from residual_mpc.api.gap_figures import gap_figures
 from residual_mpc.diagnosis.data.dataset import build_dataset
-from residual_mpc.diagnosis.gap_figures import gap_figures
 from residual_mpc.logs.run import Run
 from residual_mpc.models.model_file import read_written
 from residual_mpc.models.robot_file import RobotFile
