@@ -40,7 +40,7 @@ def account_of(
     cheaper = replace(
         options,
         held_out=tuple(k for k in kept if k.run in names),
-        search_steps=settings.steps,
+        search_steps=settings.steps if robots[0].step else settings.steps_of_equations,
         settings=replace(results, remainder=replace(results.remainder, search=search)),
     )
     prepared = prepare(DiagnosisInput(tuple(before), tuple(robots), noise, tuple(tunable), cheaper), rng, _silent)

@@ -8,12 +8,11 @@ from threadpoolctl import threadpool_limits
 
 from residual_mpc.comparison.account import account_of
 from residual_mpc.comparison.conditions import conditions_of
-from residual_mpc.comparison.contrast import scatter_p
 from residual_mpc.comparison.gaps import compared_gap
 from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
-from residual_mpc.comparison.sets import TwoSets, cut, free_windows, units_of
+from residual_mpc.comparison.sets import TwoSets, cut, units_of, windows_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.sizes import changed_numbers, jackknife, to_the_end
 from residual_mpc.comparison.space import ChangeSpace, change_space
@@ -94,16 +93,17 @@ def _windows(
     be predicted that far: what adds up slowly shows there. Where it cannot, since errors grow, shorter ones alone: the
     few windows that diverge hide there what changed."""
     results, horizon = settings.results, given.options.horizon
+    here = (sets.fitting, sets.scales)
     for longer in longer_horizons(sets.raw.runs, horizon, settings=results.predict)[:1]:
-        far = free_windows(sets, given.robots, given.noise, longer, results.data)
-        if far is None:
+        whole = windows_of(sets, given.robots, given.noise, longer, results.data)
+        if whole is None:
             continue
-        if foretold(*far, rng, settings=results.predict):
-            return [(sets.fitting, sets.scales), (joined([sets.fitting, far[0]]), far[1])]
-        near = free_windows(sets, given.robots, given.noise, horizon * settings.contrast.shorter, results.data)
-        if near is not None:
-            return [near]
-    return [(sets.fitting, sets.scales)]
+        if foretold(*whole, rng, settings=results.predict):
+            far = windows_of(sets, given.robots, given.noise, longer, results.data, free=True)
+            return [here] if far is None else [here, (joined([sets.fitting, far[0]]), far[1])]
+        near = windows_of(sets, given.robots, given.noise, horizon * settings.contrast.shorter, results.data, free=True)
+        return [here if near is None else near]
+    return [here]
 
 
 def _space(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
@@ -171,10 +171,9 @@ def _judged(
         whole, fit_all(whole, [found.fit.values], 4, settings=settings.results.fit)[0], settings=settings.results.fit
     )  # fmt: skip
     left = told_apart(whole, fit, units, settings)
-    p_left = min([scatter_p(fit, units, settings.contrast), *(c.p for c in left)])
     spread = jackknife(fit, units)
     gap = compared_gap(sets, whole, fit, rng, settings)
-    verdict = _verdict(found, p_left, settings)
+    verdict = _verdict(found, left.p, settings)
     sure = settings.sure if verdict == "changed" else settings.sure_partial
     changes = []
     for c in found.changes:
@@ -211,8 +210,8 @@ def _judged(
         held_out=sets.kept,
         account=tuple(t for t in found.account.terms if not t.changed),
         units=(int((~units.later).sum()), int(units.later.sum())),
-        visible=tuple(replace(v, term=_plain(v.term)) for v in smallest_visible(space.robot, left)),
-        p_left=float(p_left),
+        visible=tuple(replace(v, term=_plain(v.term)) for v in smallest_visible(space.robot, left.told)),
+        p_left=left.p,
         values=fit.values,
         next_experiment=next_experiment(
             groups, wheeled="left" in space.robot.actuators, verdict="partial" if groups else "no_gap"

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from residual_mpc.comparison.permutation import permuted
 from residual_mpc.comparison.settings import ContrastSettings
@@ -41,6 +42,26 @@ class Contrast:
     p: float
     visible: float
 
+    @property
+    def alone(self) -> float:
+        """Probability that this hypothesis alone is as far off by chance."""
+        return float(2.0 * ndtr(-abs(self.z)))
+
+
+@dataclass(frozen=True)
+class Contrasts:
+    """told: of each probe, in the order given; scatter_p: probability that the sizes of what the fit leaves of the
+    units differ by chance as much between the sets: a change that no effect of the library describes shows there, even
+    where it has no direction. All are corrected for all of them together."""
+
+    told: tuple[Contrast, ...]
+    scatter_p: float
+
+    @property
+    def p(self) -> float:
+        """Probability that the sets differ by chance as much in anything that is tested."""
+        return min([self.scatter_p, *(c.p for c in self.told)])
+
 
 def contrasts(
     problem: Problem,
@@ -48,10 +69,8 @@ def contrasts(
     units: Units,
     probes: Sequence[tuple[Term, Values]],
     settings: ContrastSettings,
-) -> list[Contrast]:
-    """Each probe's contrast, in the order given, corrected for all of them; a probe holds knobs of a change."""
-    if not probes:
-        return []
+) -> Contrasts:
+    """The contrasts of these probes, each of which holds knobs of a change, with a fit."""
     j = current.jacobian
     own = _Known(
         units.summed(np.einsum("wnp,wnq->wpq", j, j, optimize=True)),
@@ -71,26 +90,24 @@ def contrasts(
             for products in ((size, score), own.without(term, along, size, score)):
                 sizes.append(products[0])
                 scores.append(products[1])
-    size, score = np.array(sizes).T, np.array(scores).T
+    logs, there = _scatter(current, units)
+    size, score = np.array([*sizes, there]).T, np.array([*scores, -logs * there]).T
     found = permuted(size, score, units, settings)
     information = [size[side].sum(axis=0) for side in (~units.later, units.later)]
     drop = found.dose**2 * information[0] * information[1] / np.maximum(sum(information), 1e-300)
-    out = []
+    told = []
     for i, (term, probe) in enumerate(probes):
         k = 2 * i + int(found.p[2 * i + 1] < found.p[2 * i])
         numbers = (x[k] for x in (found.before, found.dose, drop, found.z, found.p, found.visible))
-        out.append(Contrast(term, probe, *(float(n) for n in numbers)))
-    return out
+        told.append(Contrast(term, probe, *(float(n) for n in numbers)))
+    return Contrasts(tuple(told), float(found.p[-1]))
 
 
-def scatter_p(fit: Fit, units: Units, settings: ContrastSettings) -> float:
-    """Probability that the sizes of what a fit leaves differ by chance as much between the sets: a change that no
-    effect of the library describes shows there, even where it has no direction."""
+def _scatter(fit: Fit, units: Units) -> tuple[np.ndarray, np.ndarray]:
+    """(U,) logarithm of the mean square that the fit leaves of each unit, and (U,) 1 where it has samples."""
     samples = units.summed(np.count_nonzero(fit.r, axis=1).astype(float))
     squares = units.summed(fit.per_window)
-    size = (samples > 0.0).astype(float)
-    logs = np.log(np.maximum(squares, 1e-12) / np.maximum(samples, 1.0))
-    return float(permuted(size, -logs * size, units, settings).p[0])
+    return np.log(np.maximum(squares, 1e-12) / np.maximum(samples, 1.0)), (samples > 0.0).astype(float)
 
 
 def on_both(values: Values, probe: Values, space: Space) -> Values:

@@ -14,7 +14,7 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from scipy.special import fdtrc, ndtr, ndtri, stdtr
+from scipy.special import fdtrc, ndtri, stdtr, stdtrit
 
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.units import Units, averaged
@@ -56,7 +56,7 @@ def permuted(size: np.ndarray, score: np.ndarray, units: Units, settings: Contra
     largest = np.abs(lots).max(axis=1, initial=0.0)
     p = np.array([(1.0 + np.count_nonzero(largest >= a * (1.0 - 1e-9))) / (1.0 + len(largest)) for a in np.abs(z)])
     if comb(units.count, int(units.later.sum())) < settings.divisions:
-        p = _student(z, units.count, x.shape[1])
+        p = _student_p(z, units.count - 1 - x.shape[1])
     sets = [np.count_nonzero(weight[side] > 0.0, axis=0) for side in (units.later, ~units.later)]
     there = np.minimum(*sets) > 0
     label = _unforeseen(units.later, x)
@@ -109,7 +109,7 @@ def _statistics(
         return z, lots, np.sqrt(_by_run(left, at, units.later, x.shape[1]))
     z, lots = _against_lots(left, x, units.later, settings)
     ratio = _by_run(left, at, units.later, x.shape[1])
-    return _with_few_runs(z, ratio, runs - 1 - x.shape[1]), lots, np.sqrt(ratio)
+    return _with_few_runs(z, ratio, runs - 1 - x.shape[1], units.count - 1 - x.shape[1]), lots, np.sqrt(ratio)
 
 
 def _against_lots(
@@ -133,15 +133,11 @@ def _lots(later: np.ndarray, label: np.ndarray, most: int) -> np.ndarray:
     return np.random.default_rng(most).permuted(np.tile(label, (most, 1)), axis=1)
 
 
-def _student(z: np.ndarray, count: int, known: int) -> np.ndarray:
-    """(N,) Student's p with Bonferroni's factor, where units are too few to divide in another way: the statistic is a
-    correlation times the root of its degrees of freedom."""
-    freedom = count - 1 - known
+def _student_p(z: np.ndarray, freedom: int) -> np.ndarray:
+    """(N,) Student's p with Bonferroni's factor, where units are too few to divide in another way."""
     if freedom < 1:
         return np.ones(len(z))
-    share = np.minimum(z**2 / (count - 1), 1.0 - 1e-9)
-    t = np.sqrt(freedom * share / (1.0 - share))
-    return np.minimum(1.0, 2.0 * len(z) * stdtr(freedom, -t))
+    return np.minimum(1.0, 2.0 * len(z) * stdtr(freedom, -np.abs(_student_of(z, freedom))))
 
 
 def _by_run(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int) -> np.ndarray:
@@ -163,10 +159,19 @@ def _by_run(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int) -> 
     return np.where(fdtrc(freedom, max(others, 1), ratio) < POOLED, np.maximum(ratio, 1.0), 1.0)
 
 
-def _with_few_runs(z: np.ndarray, ratio: np.ndarray, freedom: int) -> np.ndarray:
+def _with_few_runs(z: np.ndarray, ratio: np.ndarray, runs: int, stretches: int) -> np.ndarray:
     """The statistic of stretches where runs are too few to permute: less where runs scatter by more than their
-    stretches explain, with the tails of Student's distribution that so few runs have."""
-    if freedom < 1:
+    stretches explain, with the tails of Student's distribution that so few runs have; runs: their degrees of freedom,
+    stretches: of the stretches' variance."""
+    if runs < 1 or stretches < 1:
         return z
-    tails = np.maximum(stdtr(freedom, -np.abs(z) / np.sqrt(ratio)), ndtr(-37.0))
-    return np.asarray(np.where(ratio > 1.0, -np.sign(z) * ndtri(tails), z))
+    t = np.abs(_student_of(z, stretches)) / np.sqrt(ratio)
+    t = -stdtrit(stretches, np.maximum(stdtr(runs, -t), TINY))
+    lower = np.sqrt((stretches + 1) / (stretches + t**2)) * t
+    return np.asarray(np.where(ratio > 1.0, np.sign(z) * lower, z))
+
+
+def _student_of(z: np.ndarray, freedom: int) -> np.ndarray:
+    """Student's statistic of a standardised one, which is a correlation times the root of freedom + 1."""
+    share = np.minimum(z**2 / (freedom + 1), 1.0 - 1e-9)
+    return np.asarray(np.sign(z) * np.sqrt(freedom * share / (1.0 - share)))

@@ -64,7 +64,7 @@ def _in_place_of(
     included."""
     start = without_change(found.fit.values, change.term)
     rest = fit_all(problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit)[0]
-    told = [c for c in told_apart(problem, rest, units, settings) if c.term != change.term]
+    told = [c for c in told_apart(problem, rest, units, settings).told if c.term != change.term]
     out = {change.term: found.fit}
     least = settings.search.resembles * (rest.cost - found.fit.cost)
     for lead, fit in fitted_leads(problem, rest, sorted(told, key=lambda c: -c.drop), settings):

@@ -1,10 +1,11 @@
 """Which changes explain how two sets of runs differ: forward steps from none, and what could stand in their place."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.comparison.contrast import Contrast, contrasts
+from residual_mpc.comparison.contrast import Contrast, Contrasts, contrasts
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.evidence import dispersion
@@ -45,19 +46,19 @@ def search_changes(
     current = base if start is None else fit_all(problem, [start.fit.values], settings=fits)[0]
     changes = [] if start is None else list(start.changes)
     while True:
-        told = told_apart(problem, current, units, settings)
+        differences = told_apart(problem, current, units, settings)
         best = None
-        if len(changes) < tuned.most and told and min(c.p for c in told) <= settings.contrast.level:
-            best = _best(problem, current, units, told, settings)
+        if len(changes) < tuned.most and differences.p <= settings.contrast.level:
+            best = _best(problem, current, units, differences.told, settings)
         if best is None:
-            phi = dispersion(current, units.number)
-            return FoundChanges(current, base, tuple(changes), tuple(sorted(told, key=lambda c: -abs(c.z))), phi)
+            phi, rest = dispersion(current, units.number), sorted(differences.told, key=lambda c: -abs(c.z))
+            return FoundChanges(current, base, tuple(changes), tuple(rest), phi)
         current, change = best
         changes.append(change)
         current, changes = _pruned(problem, current, changes, units, settings)
 
 
-def told_apart(problem: Problem, current: Fit, units: Units, settings: ComparisonSettings) -> list[Contrast]:
+def told_apart(problem: Problem, current: Fit, units: Units, settings: ComparisonSettings) -> Contrasts:
     """The contrast of every probe of every change that may be added to a fit."""
     there = changed_terms(current)
     open_ = [t for t in problem.space.candidates if compatible(t, there)]
@@ -115,11 +116,11 @@ def fitted_leads(
 
 
 def _best(
-    problem: Problem, current: Fit, units: Units, told: list[Contrast], settings: ComparisonSettings
+    problem: Problem, current: Fit, units: Units, told: Sequence[Contrast], settings: ComparisonSettings
 ) -> tuple[Fit, FoundChange] | None:
-    """The change that lowers the cost most, of those that are significant; None where none is worth its likelihood
-    ratio."""
-    beyond = [c for c in told if c.p <= settings.contrast.level]
+    """The change that lowers the cost most, of those that are significant by themselves, since something differs beyond
+    doubt; None where none is worth its likelihood ratio."""
+    beyond = [c for c in told if c.alone <= settings.contrast.level]
     leads = mixed(sorted(beyond, key=lambda c: -c.drop), sorted(beyond, key=lambda c: -abs(c.z)))
     p = {term: min(c.p for c in beyond if c.term == term) for term in {c.term for c in beyond}}
     for lead, fit in fitted_leads(problem, current, leads, settings):

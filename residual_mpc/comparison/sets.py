@@ -110,13 +110,18 @@ def units_of(data: Dataset, later: np.ndarray, settings: ContrastSettings) -> np
     return number
 
 
-def free_windows(
-    sets: TwoSets, robots: Sequence[Robot], noise: Mapping[str, float], horizon: float, settings: DataSettings
+def windows_of(
+    sets: TwoSets,
+    robots: Sequence[Robot],
+    noise: Mapping[str, float],
+    horizon: float,
+    settings: DataSettings,
+    free: bool = False,
 ) -> tuple[Dataset, Scales] | None:
-    """Windows of another length between what is held out, without outliers, with the size of their motion; None where
-    one of the sets has none."""
+    """Windows of another length, without outliers, with the size of their motion; free: only those between what is held
+    out. None where one of the sets has none."""
     runs = sets.raw.runs
-    starts = [free_starts(r, held_spans(r, sets.kept), horizon) for r in runs]
+    starts = [free_starts(r, held_spans(r, sets.kept), horizon) for r in runs] if free else None
     try:
         data = windows(runs, robots, noise, sets.later, horizon, settings, starts)
         data = with_outliers_removed(data, find_outliers(data, settings=settings).flagged)

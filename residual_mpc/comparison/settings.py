@@ -11,8 +11,9 @@ class ContrastSettings:
     """unit: s, the shortest stretch of a run that counts as one observation; units: of such stretches that a set is cut
     into, where it has no more runs than that; fewest: that a set must have. level: probability of a false change, over
     all hypotheses together. lots: permutations; labellings: of the runs, below which their stretches are permuted;
-    divisions: of the stretches, below which Student's distribution is used; clip: standard deviations beyond which an estimate counts no more. shorter: share of the horizon that windows have
-    where errors grow too fast to predict longer ones."""
+    divisions: of the stretches, below which Student's distribution is used; clip: standard deviations beyond which an
+    estimate counts no more. shorter: share of the horizon that windows have where errors grow too fast to predict
+    longer ones."""
 
     unit: float = 3.0
     units: int = 12
@@ -31,17 +32,18 @@ class ContrastSettings:
 
 @dataclass(frozen=True)
 class AccountSettings:
-    """A search in single file: largest: effects in the account; steps: simulation steps that one hypothesis may cost;
-    shortlist: starts that are fitted roughly at each step, finalists: to the end. What it misses is missed on both
-    sets, and cancels."""
+    """A search in single file: largest: effects in the account; steps: simulation steps that one hypothesis may cost,
+    steps_of_equations: where the model is a few equations, of any step; shortlist: starts that are fitted roughly at
+    each step, finalists: to the end. What it misses is missed on both sets, and cancels."""
 
     largest: int = 5
     steps: int = 12_000
+    steps_of_equations: int = 30_000
     shortlist: int = 8
     finalists: int = 3
 
     def __post_init__(self) -> None:
-        check_positive(self, "largest", "steps", "shortlist", "finalists")
+        check_positive(self, "largest", "steps", "steps_of_equations", "shortlist", "finalists")
 
 
 @dataclass(frozen=True)

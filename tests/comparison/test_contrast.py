@@ -42,7 +42,7 @@ def contrasts_of(
     problem: Any = Linear(DATA, SPACE, COLUMNS, START, noise)
     current = fit_at(problem, START)
     probes = [(k._replace(changed=True).term, {k._replace(changed=True): 1.1}) for k in knobs]
-    return contrasts(problem, current, units, probes, ContrastSettings())
+    return contrasts(problem, current, units, probes, ContrastSettings()).told
 
 
 def scatter(by: str, size: float, rng: np.random.Generator) -> np.ndarray:
