@@ -136,7 +136,8 @@ def compare(
     )  # fmt: skip
     compared = run_comparison(given, settings, np.random.default_rng(seed), progress)
     document = to_document(compared)
-    document["audit"] = [asdict(finding) for finding in (*before.findings, *_findings(before, after))]
+    findings = dict.fromkeys((*before.findings, *_findings(before, after)))
+    document["audit"] = [asdict(finding) for finding in findings]
     document["command"] = command or _command(robot, before, after, options, seed)
     document["runs"] = {"before": list(before.names), "after": list(after.names)}
     document["verdict_sentence"] = comparison_sentence(document)

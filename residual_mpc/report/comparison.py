@@ -25,7 +25,7 @@ __all__ = ["comparison_lines", "comparison_page", "comparison_sentence"]
 
 Document = Mapping[str, Any]  # comparison.json
 
-TITLES = {"same": "No change", "changed": "Changed", "partial": "Partly explained", "unknown": "Unknown"}
+TITLES = {"same": "No change found", "changed": "Changed", "partial": "Partly explained", "unknown": "Unknown"}
 BADGES = {"same": "no_gap", "changed": "effects", "partial": "partial", "unknown": "unknown"}
 MENTIONED = 6  # of the smallest changes that the runs would show, in the terminal
 LIKELY = 0.005  # probability from which another candidate is listed
@@ -155,7 +155,12 @@ def _visible(document: Document) -> Section | None:
     if not document["visible"]:
         return None
     rows = [(v, visible_words(v)) for v in document["visible"]]
-    body = render("comparison/visible.html.jinja", rows=rows, stretches=stretch_words(document))
+    body = render(
+        "comparison/visible.html.jinja",
+        rows=rows,
+        stretches=stretch_words(document),
+        shown=document["verdict"] == "same",
+    )
     return Section("visible", "The smallest changes that these runs would show", body)
 
 
