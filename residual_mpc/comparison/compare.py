@@ -223,8 +223,8 @@ def _judged(
 def _verdict(found: FoundChanges, p_left: float, settings: ComparisonSettings) -> str:
     """`same`: nothing beyond what units of one set differ; `changed`: nothing beyond that is left."""
     if found.changes:
-        return "changed" if p_left > settings.contrast.level else "partial"
-    return "same" if p_left > settings.contrast.level else "unknown"
+        return "changed" if p_left > settings.contrast.left else "partial"
+    return "same" if p_left > settings.contrast.left else "unknown"
 
 
 def _unexplained(before: float, after: float, explained: float, verdict: str) -> float:

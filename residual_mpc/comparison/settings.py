@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 class ContrastSettings:
     """unit: s, the shortest stretch of a run that counts as one observation; units: of such stretches that a set is cut
     into, where it has no more runs than that; fewest: that a set must have. level: probability of a false change, over
-    all hypotheses together. lots: permutations; labellings: of the runs, below which their stretches are permuted;
+    all hypotheses together; left: of a false "the sets differ by more", once changes are named. lots: permutations; labellings: of the runs, below which their stretches are permuted;
     divisions: of the stretches, below which Student's distribution is used; clip: standard deviations beyond which an
     estimate counts no more. shorter: share of the horizon that windows have where errors grow too fast to predict
     longer ones."""
@@ -18,7 +18,8 @@ class ContrastSettings:
     unit: float = 3.0
     units: int = 12
     fewest: int = 3
-    level: float = 0.03
+    level: float = 0.02
+    left: float = 0.01
     lots: int = 2000
     labellings: int = 10_000
     divisions: int = 1_000
@@ -27,7 +28,7 @@ class ContrastSettings:
 
     def __post_init__(self) -> None:
         check_positive(self, "unit", "units", "fewest", "lots", "labellings", "divisions", "clip")
-        check_share(self, "level", "shorter")
+        check_share(self, "level", "left", "shorter")
 
 
 @dataclass(frozen=True)
