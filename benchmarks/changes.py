@@ -108,8 +108,8 @@ def compared(kind: Planted, seed: int) -> dict[str, Any]:
     stands = {t: next((n for n in named if n == t or any({n, t} <= g for g in groups)), None) for t in kind.truth}
     sizes = {t[0]: _size(named[t]["parameters"][name], true) for t, (name, true) in kind.truth.items() if t in named}
     wrong = [c["probability"] for t, c in named.items() if t not in stands.values()]
-    exact = set(named) == set(kind.truth)
-    right = exact or (len(named) == len(kind.truth) and None not in stands.values())
+    exact = set(named) == set(kind.truth) and (bool(kind.truth) or found.verdict == "same")
+    right = exact or (bool(kind.truth) and len(named) == len(kind.truth) and None not in stands.values())
     return {
         "kind": kind.name, "seed": seed, "verdict": found.verdict, "right": right, "exact": exact,
         "named": [f"{e}{'' if t is None else f' ({t})'}" for e, t in named], "sizes": sizes,

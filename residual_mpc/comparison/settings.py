@@ -10,10 +10,10 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 class ContrastSettings:
     """unit: s, the shortest stretch of a run that counts as one observation; units: of such stretches that a set is cut
     into, where it has no more runs than that; fewest: that a set must have. level: probability of a false change, over
-    all hypotheses together; left: of a false "the sets differ by more", once changes are named. lots: permutations; labellings: of the runs, below which their stretches are permuted;
-    divisions: of the stretches, below which Student's distribution is used; clip: standard deviations beyond which an
-    estimate counts no more. shorter: share of the horizon that windows have where errors grow too fast to predict
-    longer ones."""
+    all hypotheses together; left: the same for a difference beyond the named changes. lots: permutations; labellings:
+    of the runs, below which their stretches are permuted; divisions: of the stretches, below which Student's
+    distribution is used; clip: standard deviations beyond which an estimate counts no more. shorter: share of the
+    horizon that windows have where errors grow too fast to predict longer ones."""
 
     unit: float = 3.0
     units: int = 12
