@@ -31,7 +31,7 @@ DIFFERS = 0.3  # typical steps by which a number of the account differs from uni
 class Contrast:
     """One probe of one hypothesis. before, dose: by which the probe is to be multiplied in what acts on both sets, and
     in the change; drop: in cost, that this promises; z, p: the standardised statistic and the probability that any of
-    the hypotheses is as far off by chance; visible: the dose that would be found in four cases of five."""
+    the hypotheses is as far off by chance; visible: the dose that would be found in at least four cases of five."""
 
     term: Term
     probe: Values

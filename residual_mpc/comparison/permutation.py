@@ -31,7 +31,7 @@ POWER = float(ndtri(0.8))  # standard deviations beyond the threshold at which f
 class Differences:
     """Of N hypotheses, (N,) each. before: mean estimate of the earlier set, dose: by which the later set's is larger;
     z: standardised statistic; p: probability that any of the hypotheses is as far off by chance; visible: the dose that
-    would be found in four cases of five."""
+    would be found in at least four cases of five."""
 
     before: np.ndarray
     dose: np.ndarray
@@ -59,10 +59,7 @@ def permuted(size: np.ndarray, score: np.ndarray, units: Units, settings: Contra
         p = _student_p(z, units.count - 1 - x.shape[1])
     sets = [np.count_nonzero(weight[side] > 0.0, axis=0) for side in (units.later, ~units.later)]
     there = np.minimum(*sets) > 0
-    label = _unforeseen(units.later, x)
-    spread = np.sqrt(np.sum(label**2) * np.var(left, axis=0)) * widened
-    needed = float(np.quantile(largest, 1.0 - settings.level)) + POWER if len(largest) else np.inf
-    visible = needed * spread / np.maximum(np.sum(label[:, None] ** 2 * slope, axis=0), TINY)
+    visible = _visible(left, slope, largest, widened, x, units, settings)
     return Differences(
         np.where(there, dosed[0], 0.0), np.where(there, dosed[-1], 0.0), z, np.where(there, p, 1.0),
         np.where(there, visible, np.inf),
@@ -102,7 +99,7 @@ def _statistics(
     runs = int(at.max()) + 1
     later = np.zeros(runs, dtype=bool)
     later[at] = units.later
-    if comb(runs, int(later.sum())) >= settings.labellings:
+    if _many(runs, units, settings):
         summed = np.zeros((runs, left.shape[1]))
         np.add.at(summed, at, left)
         z, lots = _against_lots(summed, averaged(x, at, runs), later, settings)
@@ -138,6 +135,36 @@ def _student_p(z: np.ndarray, freedom: int) -> np.ndarray:
     if freedom < 1:
         return np.ones(len(z))
     return np.minimum(1.0, 2.0 * len(z) * stdtr(freedom, -np.abs(_student_of(z, freedom))))
+
+
+def _visible(
+    left: np.ndarray,
+    slope: np.ndarray,
+    largest: np.ndarray,
+    widened: np.ndarray,
+    x: np.ndarray,
+    units: Units,
+    settings: ContrastSettings,
+) -> np.ndarray:
+    """(N,) the dose that brings the statistic so far beyond its threshold that four cases of five pass it, as if runs
+    that are too few to permute always scattered more than their stretches explain."""
+    if not len(largest):
+        return np.full(left.shape[1], np.inf)
+    runs, known = len(np.unique(units.run)), 1 + x.shape[1]
+    freedom, by_run = units.count - known, runs - known
+    many = _many(runs, units, settings)
+    # a change adds to what the regression leaves, so that the statistic itself grows less than Student's
+    threshold = _student_of(np.quantile(largest, [1.0 - settings.level]), max(by_run if many else freedom, 1))
+    if runs < units.count and min(freedom, by_run) > 0 and not many:
+        threshold = -stdtrit(by_run, stdtr(freedom, -threshold))
+    label = _unforeseen(units.later, x)
+    spread = np.sqrt(np.sum(label**2) * np.var(left, axis=0)) * widened
+    return np.asarray((threshold[0] + POWER) * spread / np.maximum(np.sum(label[:, None] ** 2 * slope, axis=0), TINY))
+
+
+def _many(runs: int, units: Units, settings: ContrastSettings) -> bool:
+    """Whether there are enough runs to permute."""
+    return comb(runs, len(np.unique(units.run[units.later]))) >= settings.labellings
 
 
 def _by_run(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int) -> np.ndarray:

@@ -45,8 +45,8 @@ class ChangeCandidate:
 
 @dataclass(frozen=True)
 class VisibleChange:
-    """size: of the change of a number that four comparisons of five would find: a difference, or by how much a ratio
-    differs from 1."""
+    """size: of the change of a number that at least four comparisons of five would find: a difference, or by how much a
+    ratio differs from 1."""
 
     term: Term
     name: str

@@ -1,0 +1,95 @@
+"""The test by permutation, on estimates drawn directly: level, power, outlying stretches, conditions, few runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_ind
+
+from residual_mpc.comparison.permutation import Differences, permuted
+from residual_mpc.comparison.settings import ContrastSettings
+from residual_mpc.comparison.units import Units
+
+SETTINGS = replace(ContrastSettings(), lots=300)
+DRAWS = 150
+
+
+def units(runs: int, each: int, conditions: np.ndarray | None = None) -> Units:
+    """So many runs in each set, cut into so many stretches each."""
+    run = np.repeat(np.arange(2 * runs), each)
+    there = np.zeros((len(run), 0)) if conditions is None else conditions
+    return Units(np.arange(len(run)), run >= runs, run, there)
+
+
+def differences_of(estimates: np.ndarray, given: Units, settings: ContrastSettings = SETTINGS) -> Differences:
+    """Of hypotheses with these estimates (U, N) in units that all tell equally much."""
+    return permuted(np.ones_like(estimates), -estimates, given, settings)
+
+
+@pytest.mark.parametrize("runs", [4, 12])
+@pytest.mark.parametrize("tails", ["normal", "heavy"])
+def test_false_alarms_over_many_hypotheses(runs: int, tails: str) -> None:
+    rng, given = np.random.default_rng(1), units(runs, 24 // runs)
+    draw = rng.standard_normal if tails == "normal" else rng.standard_cauchy
+    p = np.array([differences_of(draw((given.count, 20)), given).p.min() for _ in range(DRAWS)])
+    for level in (0.05, 0.2):
+        assert (p <= level).mean() <= level + 3.0 * np.sqrt(level * (1.0 - level) / DRAWS)
+    assert (p <= 0.2).mean() > 0.05
+
+
+def test_an_outlying_stretch_hides_no_difference() -> None:
+    rng, given = np.random.default_rng(2), units(12, 1)
+    found = []
+    for _ in range(40):
+        estimates = rng.standard_normal(given.count) + 3.0 * given.later
+        estimates[3] = 500.0
+        found.append(differences_of(estimates[:, None], given))
+    assert np.mean([f.p[0] <= 0.02 for f in found]) > 0.9
+    assert np.mean([f.dose[0] for f in found]) == pytest.approx(3.0, abs=0.4)
+
+
+@pytest.mark.parametrize("runs", [3, 12])
+def test_at_least_four_in_five_changes_of_the_smallest_visible_size_are_found(runs: int) -> None:
+    """Of runs that are few, nearly all: the size assumes that they scatter more than their stretches."""
+    rng, given = np.random.default_rng(3), units(runs, 36 // runs)
+    shape = (given.count, 10)
+    size = float(np.median([differences_of(rng.standard_normal(shape), given).visible for _ in range(20)]))
+    found = 0
+    for _ in range(DRAWS):
+        estimates = rng.standard_normal(shape)
+        estimates[:, 0] += size * given.later
+        found += bool(differences_of(estimates, given).p[0] <= SETTINGS.level)
+    assert found / DRAWS > 0.7
+    small = 0.25 * size * given.later[:, None]
+    smaller = [differences_of(rng.standard_normal(shape) + small, given) for _ in range(20)]
+    assert np.mean([f.p[0] <= SETTINGS.level for f in smaller]) < 0.5
+
+
+def test_what_the_conditions_explain_is_no_change() -> None:
+    """Later stretches are driven faster, and the estimate grows with speed."""
+    rng = np.random.default_rng(4)
+    p, plain = [], []
+    for _ in range(60):
+        speed = rng.standard_normal(24) + 1.5 * (np.arange(24) >= 12)
+        estimates = (2.0 * speed + 0.5 * rng.standard_normal(24))[:, None]
+        p.append(differences_of(estimates, units(12, 1, speed[:, None])).p[0])
+        plain.append(differences_of(estimates, units(12, 1)).p[0])
+    assert np.mean(np.array(p) <= 0.05) <= 0.15 and np.mean(np.array(plain) <= 0.05) > 0.5
+
+
+def test_runs_that_differ_are_the_observations() -> None:
+    """Three runs a set, each with a value of its own: twelve stretches of a run are one observation."""
+    rng, given = np.random.default_rng(5), units(3, 12)
+    draws = [rng.standard_normal(6)[given.run] + 0.1 * rng.standard_normal(given.count) for _ in range(100)]
+    p = np.array([differences_of(d[:, None], given).p[0] for d in draws])
+    assert (p <= 0.05).mean() <= 0.12
+
+
+def test_with_few_stretches_the_p_is_students() -> None:
+    given = units(4, 1)
+    estimates = np.random.default_rng(6).standard_normal((8, 3)) + 2.0 * given.later[:, None]
+    found = differences_of(estimates, given, replace(SETTINGS, clip=1e6))
+    right = ttest_ind(estimates[given.later], estimates[~given.later]).pvalue
+    assert found.p == pytest.approx(np.minimum(1.0, 3.0 * right), rel=1e-6)
