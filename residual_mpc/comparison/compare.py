@@ -14,14 +14,14 @@ from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
 from residual_mpc.comparison.sets import TwoSets, cut, units_of, windows_of
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.sizes import changed_numbers, jackknife, to_the_end
+from residual_mpc.comparison.sizes import Spread, changed_numbers, jackknife, to_the_end
 from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, build_units
 from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Scales, window_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
-from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem, reweigh
@@ -167,43 +167,27 @@ def _judged(
     found = rivals.found
     whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
     units = _units(whole.data, sets, given, settings)
-    fit = to_the_end(whole, found.fit, settings.results) if found.changes else on_problem(
-        whole, fit_all(whole, [found.fit.values], 4, settings=settings.results.fit)[0], settings=settings.results.fit
-    )  # fmt: skip
+    fits = settings.results.fit
+    if found.changes:
+        fit = to_the_end(whole, found.fit, settings.results)
+    else:
+        (fit,) = fit_all(whole, [found.fit.values], 4, settings=fits)
     left = told_apart(whole, fit, units, settings)
     spread = jackknife(fit, units)
     gap = compared_gap(sets, whole, fit, rng, settings)
     verdict = _verdict(found, left.p, settings)
     sure = settings.sure if verdict == "changed" else settings.sure_partial
-    changes = []
-    for c in found.changes:
-        slots = space.slots[c.term.effect]
-        only = slots[0] if len(slots) == 1 and BY_NAME[c.term.effect].target in ("actuator", "joint") else None
-        share = rivals.shares.get(c.term, 1.0)
-        changes.append(
-            Change(
-                _plain(c.term), sure * share * (1.0 - c.p), c.p, changed_numbers(whole, fit, c.term, spread),
-                BY_NAME[c.term.effect].summary, only,
-            )
-        )  # fmt: skip
-    named = {c.term for c in found.changes}
-    others = {c.term: c for c in sorted(found.rest, key=lambda c: abs(c.z))}
-    candidates = [ChangeCandidate(c.term, c.probability, c.p) for c in changes]
-    for term, share in sorted(rivals.shares.items(), key=lambda item: -item[1]):
-        if term not in named:
-            candidates.append(
-                ChangeCandidate(_plain(term), sure * share, others[term].p if term in others else 1.0)
-            )
+    changes = _named(whole, fit, rivals, spread, sure)
     groups = tuple(tuple(tuple(_plain(t) for t in m) for m in g) for g in rivals.groups)
     by_noise = reweigh(problem, problem.data.sigma)
-    base = on_problem(by_noise, found.account, settings=settings.results.fit)
-    unseen = not_testable(by_noise, base, tuple(named), settings=settings.results.search)
+    base = on_problem(by_noise, found.account, settings=fits)
+    unseen = not_testable(by_noise, base, tuple(c.term for c in found.changes), settings=settings.results.search)
     return Comparison(
         robot=space.robot.name,
         verdict=verdict,
-        changes=tuple(changes),
+        changes=changes,
         groups=groups,
-        candidates=tuple(candidates),
+        candidates=(*(ChangeCandidate(c.term, c.probability, c.p) for c in changes), *_others(rivals, sure)),
         gap=gap,
         unexplained=_unexplained(gap.before, gap.after, gap.after_explained, verdict),
         not_testable=tuple(replace(n, term=_plain(n.term)) for n in unseen),
@@ -218,6 +202,28 @@ def _judged(
         ),
         notes=(),
     )
+
+
+def _named(
+    problem: Problem, fit: Fit, rivals: ChangeRivals, spread: Spread, sure: float
+) -> tuple[Change, ...]:
+    """The changes with their sizes; sure: the largest probability of one."""
+    out = []
+    for c in rivals.found.changes:
+        effect, slots = BY_NAME[c.term.effect], problem.space.slots[c.term.effect]
+        only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint") else None
+        probability = sure * rivals.shares.get(c.term, 1.0) * (1.0 - c.p)
+        numbers = changed_numbers(problem, fit, c.term, spread)
+        out.append(Change(_plain(c.term), probability, c.p, numbers, effect.summary, only))
+    return tuple(out)
+
+
+def _others(rivals: ChangeRivals, sure: float) -> list[ChangeCandidate]:
+    """What could stand in place of the changes, most probable first."""
+    named = {c.term for c in rivals.found.changes}
+    told = {c.term: c.p for c in sorted(rivals.found.rest, key=lambda c: abs(c.z))}
+    shares = sorted(rivals.shares.items(), key=lambda item: -item[1])
+    return [ChangeCandidate(_plain(t), sure * share, told.get(t, 1.0)) for t, share in shares if t not in named]
 
 
 def _verdict(found: FoundChanges, p_left: float, settings: ComparisonSettings) -> str:

@@ -11,7 +11,7 @@ from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, possible
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.search.additions import compatible, mixed
+from residual_mpc.diagnosis.search.additions import compatible, mixed, varied
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
@@ -100,7 +100,7 @@ def fitted_leads(
 ) -> list[tuple[Contrast, Fit]]:
     """The first few leads fitted with everything else, cheapest first, each term once."""
     tuned, fits = settings.search, settings.results.fit
-    chosen = _varied(leads)[: tuned.shortlist]
+    chosen = varied(leads, settings=settings.results.search)[: tuned.shortlist]
     starts = [with_change(problem, current.values, c) for c in chosen]
     new = [frozenset(s).difference(current.knobs) for s in starts]
     near = [current] * len(starts)
@@ -145,14 +145,3 @@ def _pruned(
         current = on_problem(problem, fewer[least], settings=settings.results.fit)
         changes = [c for i, c in enumerate(changes) if i != least]
     return current, changes
-
-
-def _varied(leads: list[Contrast], each: int = 2) -> list[Contrast]:
-    """The leads in their order, of each term only the first few."""
-    taken: dict[Term, int] = {}
-    out = []
-    for lead in leads:
-        taken[lead.term] = taken.get(lead.term, 0) + 1
-        if taken[lead.term] <= each:
-            out.append(lead)
-    return out

@@ -1,6 +1,7 @@
 """What may be added to a set of effects: screened, fitted roughly, and the best of it to the end."""
 
-from typing import TypeVar
+from collections.abc import Sequence
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.screen import (
-    ScreenedTerm,
     compared_mask,
     gap_weights,
     glance,
@@ -24,6 +24,18 @@ from residual_mpc.models.settings import Knob, Term, Values
 NONE = frozenset[Knob]()  # no threshold is looked for anew
 
 Ranked = TypeVar("Ranked")
+
+
+class OfTerm(Protocol):
+    """Something that is about one term."""
+
+    @property
+    def term(self) -> Term:
+        """The term."""
+        ...
+
+
+RankedTerm = TypeVar("RankedTerm", bound=OfTerm)
 
 
 def compatible(term: Term, terms: EffectSet) -> bool:
@@ -133,7 +145,7 @@ def in_turn(problem: Problem, fits: list[Fit]) -> list[Fit]:
     )
 
 
-def varied(leads: list[ScreenedTerm], settings: SearchSettings) -> list[ScreenedTerm]:
+def varied(leads: Sequence[RankedTerm], settings: SearchSettings) -> list[RankedTerm]:
     """The leads in their order, of each term only the first few: the doses of one effect that all do well would
     crowd out the next effect."""
     taken: dict[Term, int] = {}
