@@ -1,4 +1,4 @@
-"""The account of the robot that both sets share: the effects that a diagnosis of the runs before names."""
+"""The account, the model errors that both sets share: the effects that a diagnosis of the runs before names."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,7 +26,7 @@ def account_of(
     rng: np.random.Generator,
     progress: Progress,
 ) -> Values:
-    """The values of the set that the search finds on the runs before; kept: what no fit may see."""
+    """Parameter values of the effects that the search finds on the runs before; kept: held out from all fits."""
     names = {r.name for r in before}
     results = options.settings
     search = replace(
@@ -48,4 +48,4 @@ def account_of(
 
 
 def _silent(stage: str, done: float) -> None:
-    """No progress to tell."""
+    """Report no progress."""

@@ -1,9 +1,8 @@
-"""Whether two sets of runs differ in an effect by more than stretches of one set differ among themselves.
+"""Whether two sets of runs differ in an effect by more than the scatter within each set.
 
-For every hypothesis each unit (a run, or a stretch of one) gives an estimate of its own, one Gauss-Newton step from the
-account. Units, not samples, are the observations of the test between the sets, which therefore holds however coloured
-the residuals are and however much the robot differs from run to run (Moulton 1990; Cameron and Miller 2015, section
-VI).
+For every hypothesis, each unit (a run or a stretch of one) gives its own estimate, one Gauss-Newton step from the
+account. Units, not samples, are the observations of the test, so neither coloured residuals nor differences of the
+robot from run to run invalidate it (Moulton 1990; Cameron and Miller 2015, section VI).
 """
 
 from collections.abc import Sequence
@@ -23,15 +22,16 @@ from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
-ROWS = 48  # hypotheses replayed at once: bounds the memory
-DIFFERS = 0.3  # typical steps by which a number of the account differs from unit to unit
+ROWS = 48  # hypotheses replayed at once, to limit memory use
+DIFFERS = 0.3  # typical steps: spread of a parameter of the account from unit to unit
 
 
 @dataclass(frozen=True)
 class Contrast:
-    """One probe of one hypothesis. before, dose: by which the probe is to be multiplied in what acts on both sets, and
-    in the change; drop: in cost, that this promises; z, p: the standardised statistic and the probability that any of
-    the hypotheses is as far off by chance; visible: the dose that would be found in at least four cases of five."""
+    """One probe of one hypothesis. before, dose: factors of the probe in what acts on both sets and in the change;
+    drop: predicted reduction of the cost; z: standardised statistic; p: probability that the largest |z| of all
+    hypotheses is at least this large by chance; visible: minimum detectable dose, found in at least four cases of
+    five."""
 
     term: Term
     probe: Values
@@ -44,22 +44,22 @@ class Contrast:
 
     @property
     def alone(self) -> float:
-        """Probability that this hypothesis alone is as far off by chance."""
+        """p of this hypothesis by itself, not corrected for the others."""
         return float(2.0 * ndtr(-abs(self.z)))
 
 
 @dataclass(frozen=True)
 class Contrasts:
-    """told: of each probe, in the order given; scatter_p: probability that the sizes of what the fit leaves of the
-    units differ by chance as much between the sets: a change that no effect of the library describes shows there, even
-    where it has no direction. All are corrected for all of them together."""
+    """told: one contrast per probe, in the order given; scatter_p: probability that the sizes of the units' residuals
+    differ as much between the sets by chance. A change that no effect of the library describes shows there, even if it
+    has no direction. All p are corrected for all tests together."""
 
     told: tuple[Contrast, ...]
     scatter_p: float
 
     @property
     def p(self) -> float:
-        """Probability that the sets differ by chance as much in anything that is tested."""
+        """Probability that any test shows as large a difference between the sets by chance."""
         return min([self.scatter_p, *(c.p for c in self.told)])
 
 
@@ -70,7 +70,7 @@ def contrasts(
     probes: Sequence[tuple[Term, Values]],
     settings: ContrastSettings,
 ) -> Contrasts:
-    """The contrasts of these probes, each of which holds knobs of a change, with a fit."""
+    """The contrasts of these probes against a fit. Each probe holds the knobs of a change."""
     j = current.jacobian
     own = _Known(
         units.summed(np.einsum("wnp,wnq->wpq", j, j, optimize=True)),
@@ -86,7 +86,7 @@ def contrasts(
             d = r - current.r
             size, score = (units.summed(np.einsum("wn,wn->w", d, x)) for x in (d, current.r))
             along = units.summed(np.einsum("wn,wnp->wp", d, j, optimize=True))
-            # whether or not the account's numbers differ from unit to unit: nobody knows, so both are tried
+            # it is not known whether the account's parameters vary from unit to unit, so both are tested
             for products in ((size, score), own.without(term, along, size, score)):
                 sizes.append(products[0])
                 scores.append(products[1])
@@ -104,14 +104,14 @@ def contrasts(
 
 
 def _scatter(fit: Fit, units: Units) -> tuple[np.ndarray, np.ndarray]:
-    """(U,) logarithm of the mean square that the fit leaves of each unit, and (U,) 1 where it has samples."""
+    """(U,) logarithm of the mean squared residual of each unit; (U,) 1 for a unit with samples, else 0."""
     samples = units.summed(np.count_nonzero(fit.r, axis=1).astype(float))
     squares = units.summed(fit.per_window)
     return np.log(np.maximum(squares, 1e-12) / np.maximum(samples, 1.0)), (samples > 0.0).astype(float)
 
 
 def on_both(values: Values, probe: Values, space: Space) -> Values:
-    """The values with the numbers of a change composed into what acts on both sets."""
+    """The values with the parameters of a change combined into what acts on both sets."""
     out = dict(values)
     for knob, change in probe.items():
         p = BY_NAME[knob.effect].parameter(knob.parameter)
@@ -124,8 +124,9 @@ def on_both(values: Values, probe: Values, space: Space) -> Values:
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Of the account's P numbers, by unit: products (U, P, P) of the derivatives with each other, (U, P) with the
-    residuals; term of each; prior: dispersion over the variance with which a number differs from unit to unit."""
+    """The P parameters of the account, by unit. products (U, P, P): of the derivatives with each other; scores (U, P):
+    with the residuals; terms: one per parameter; prior: dispersion divided by the variance of a parameter from unit to
+    unit."""
 
     products: np.ndarray
     scores: np.ndarray
@@ -135,8 +136,8 @@ class _Known:
     def without(
         self, term: Term, along: np.ndarray, size: np.ndarray, score: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """A direction's products with itself and the residuals (U,), less what the account's other numbers explain of
-        each unit, which differ a little from one to the next (random effects; Laird and Ware 1982, eq. 3.4)."""
+        """A direction's products with itself and with the residuals, (U,) each, less the part that the account's other
+        parameters explain if they vary from unit to unit (random effects; Laird and Ware 1982, eq. 3.4)."""
         keep = np.array([t != term._replace(changed=False) for t in self.terms], dtype=bool)
         if not keep.any():
             return size, score

@@ -1,12 +1,13 @@
-"""Whether two sets of units differ by more than the labels before and after would make them differ if they were drawn
-by lot.
+"""Permutation test: whether two sets of units differ by more than they would under a random relabelling of before and
+after.
 
 Each hypothesis gives every unit an estimate. A robust regression (Huber 1981, section 7.6) on the conditions alone
-leaves of each unit a clipped residual; the statistic is their sum over the later set, less what the conditions predict
-of the labels. Residuals are permuted among the runs (Freedman and Lane 1983) and the largest statistic of all
-hypotheses is compared with its own distribution (Westfall and Young 1993, algorithm 2.8), so that neither heavy tails
-nor hypotheses that do nearly the same need a correction. Where too few runs are there to permute, stretches are, and
-the statistic is reduced where runs scatter by more than their stretches explain.
+yields a clipped residual per unit; the statistic is the sum of these residuals over the later set, after removing the
+part of the labels that the conditions predict. The residuals are permuted among the runs (Freedman and Lane 1983), and
+the largest statistic of all hypotheses is compared with its permutation distribution (Westfall and Young 1993,
+algorithm 2.8), so that neither heavy tails nor nearly equivalent hypotheses need a correction. If there are too few
+runs to permute, the stretches are permuted instead, and the statistic is reduced where runs scatter by more than their
+stretches explain.
 """
 
 from dataclasses import dataclass
@@ -19,19 +20,19 @@ from scipy.special import fdtrc, ndtri, stdtr, stdtrit
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.units import Units, averaged
 
-FAINT = 1e-6  # of the unit that tells most, under which one tells nothing
+FAINT = 1e-6  # of the most informative unit's size: a unit below it has no estimate
 STEPS = 12  # of the robust regression
 MAD = 1.4826  # standard deviations in a median absolute deviation of a normal distribution
 TINY = 1e-300
-POOLED = 0.4  # probability of as large a ratio by chance from which stretches count as independent
-POWER = float(ndtri(0.8))  # standard deviations beyond the threshold at which four cases of five are found
+POOLED = 0.4  # level of the F test: with a larger p, the stretches count as independent
+POWER = float(ndtri(0.8))  # standard deviations beyond the threshold at which the power is 80 %
 
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Of N hypotheses, (N,) each. before: mean estimate of the earlier set, dose: by which the later set's is larger;
-    z: standardised statistic; p: probability that any of the hypotheses is as far off by chance; visible: the dose that
-    would be found in at least four cases of five."""
+    """One entry per hypothesis, (N,) each. before: mean estimate of the earlier set; dose: how much larger that of the
+    later set is; z: standardised statistic; p: probability that the largest |z| of all hypotheses is at least this
+    large by chance; visible: minimum detectable dose, found in at least four cases of five."""
 
     before: np.ndarray
     dose: np.ndarray
@@ -41,12 +42,12 @@ class Differences:
 
 
 def permuted(size: np.ndarray, score: np.ndarray, units: Units, settings: ContrastSettings) -> Differences:
-    """size, score (U, N): of each unit and hypothesis, the products of a direction with itself and with the residuals;
+    """size, score (U, N): for each unit and hypothesis, the products of a direction with itself and with the residuals;
     a unit's estimate is -score / size."""
     size, score = np.atleast_2d(size.T).T, np.atleast_2d(score.T).T
     seen = size > FAINT * size.max(axis=0, initial=TINY)
     estimate = np.where(seen, -score / np.where(seen, size, 1.0), 0.0)
-    # a unit that tells much counts no more than twice one that tells as much as the middle one
+    # even the most informative unit has at most twice the weight of one with the median information
     middle = np.array([np.median(s[m]) if m.any() else 1.0 for s, m in zip(size.T, seen.T, strict=True)])
     weight = np.where(seen, size / (size + middle), 0.0)
     x = np.column_stack([np.ones(units.count), units.conditions - units.conditions.mean(axis=0)])
@@ -67,15 +68,15 @@ def permuted(size: np.ndarray, score: np.ndarray, units: Units, settings: Contra
 
 
 def _unforeseen(later: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(n,) what the conditions x (n, k) do not predict of the labels (n,)."""
+    """(n,) the part of the labels (n,) that the conditions x (n, k) do not predict."""
     return np.asarray(later - x @ (np.linalg.pinv(x) @ later.astype(float)))
 
 
 def _robust(
     y: np.ndarray, weight: np.ndarray, x: np.ndarray, clip: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Huber's regression of y (U, N) on x (U, k): coefficients (k, N), the units' clipped residuals (U, N), in standard
-    deviations times the root of their weights, and by how much one grows with y."""
+    """Huber's regression of y (U, N) on x (U, k): coefficients (k, N); the units' clipped residuals (U, N), in standard
+    deviations times the square root of their weights; and the derivatives of these residuals with respect to y."""
     root, w = np.sqrt(weight), weight
     for _ in range(STEPS):
         gram = np.einsum("up,un,uq->npq", x, w, x, optimize=True)
@@ -93,8 +94,8 @@ def _robust(
 def _statistics(
     left: np.ndarray, x: np.ndarray, units: Units, settings: ContrastSettings
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """z (N,), and the same for lots (L, N): of what the regression left, with the labels as they are, and with the
-    units permuted; (N,) by which runs scatter more than their stretches explain, at least 1."""
+    """z (N,), the statistic of the regression's residuals with the actual labels; lots (L, N), the same under L
+    permutations; (N,) the factor, at least 1, by which runs scatter more than their stretches explain."""
     at = np.unique(units.run, return_inverse=True)[1]
     runs = int(at.max()) + 1
     later = np.zeros(runs, dtype=bool)
@@ -119,7 +120,7 @@ def _against_lots(
 
 
 def _lots(later: np.ndarray, label: np.ndarray, most: int) -> np.ndarray:
-    """(L, n) the labels permuted: every other division of the units into two such sets where these are few."""
+    """(L, n) the permuted labels: all other divisions of the units into two sets of these sizes, if there are few."""
     n, k = len(later), int(later.sum())
     alike = 0 < k < n and np.ptp(label[later]) + np.ptp(label[~later]) < 1e-12
     if alike and comb(n, k) <= most:
@@ -131,7 +132,7 @@ def _lots(later: np.ndarray, label: np.ndarray, most: int) -> np.ndarray:
 
 
 def _student_p(z: np.ndarray, freedom: int) -> np.ndarray:
-    """(N,) Student's p with Bonferroni's factor, where units are too few to divide in another way."""
+    """(N,) Student's p with a Bonferroni correction, for too few units to permute."""
     if freedom < 1:
         return np.ones(len(z))
     return np.minimum(1.0, 2.0 * len(z) * stdtr(freedom, -np.abs(_student_of(z, freedom))))
@@ -146,14 +147,14 @@ def _visible(
     units: Units,
     settings: ContrastSettings,
 ) -> np.ndarray:
-    """(N,) the dose that brings the statistic so far beyond its threshold that four cases of five pass it, as if runs
-    that are too few to permute always scattered more than their stretches explain."""
+    """(N,) the minimum detectable dose, with a power of at least 80 %. If there are too few runs to permute, the
+    threshold is the one that applies when runs scatter more than their stretches explain."""
     if not len(largest):
         return np.full(left.shape[1], np.inf)
     runs, known = len(np.unique(units.run)), 1 + x.shape[1]
     freedom, by_run = units.count - known, runs - known
     many = _many(runs, units, settings)
-    # a change adds to what the regression leaves, so that the statistic itself grows less than Student's
+    # a change also increases the residuals of the regression, so the statistic itself grows less than Student's
     threshold = _student_of(np.quantile(largest, [1.0 - settings.level]), max(by_run if many else freedom, 1))
     if runs < units.count and min(freedom, by_run) > 0 and not many:
         threshold = -stdtrit(by_run, stdtr(freedom, -threshold))
@@ -168,8 +169,8 @@ def _many(runs: int, units: Units, settings: ContrastSettings) -> bool:
 
 
 def _by_run(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int) -> np.ndarray:
-    """(N,) variance of the sums over runs over what the stretches' variance makes of them; 1 where a preliminary F test
-    lets stretches of one run count as independent (Bancroft 1964)."""
+    """(N,) ratio of the variance of the sums over runs to the value that the variance of the stretches implies; 1 where
+    a preliminary F test accepts the stretches of one run as independent (Bancroft 1964)."""
     runs = int(at.max()) + 1
     freedom = runs - 1 - known
     if freedom < 1:
@@ -187,9 +188,9 @@ def _by_run(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int) -> 
 
 
 def _with_few_runs(z: np.ndarray, ratio: np.ndarray, runs: int, stretches: int) -> np.ndarray:
-    """The statistic of stretches where runs are too few to permute: less where runs scatter by more than their
-    stretches explain, with the tails of Student's distribution that so few runs have; runs: their degrees of freedom,
-    stretches: of the stretches' variance."""
+    """The statistic of the stretches if there are too few runs to permute: reduced where runs scatter by more than
+    their stretches explain, and adjusted to the tails of Student's distribution with so few degrees of freedom. runs:
+    degrees of freedom of the variance of the runs; stretches: of that of the stretches."""
     if runs < 1 or stretches < 1:
         return z
     t = np.abs(_student_of(z, stretches)) / np.sqrt(ratio)
@@ -199,6 +200,6 @@ def _with_few_runs(z: np.ndarray, ratio: np.ndarray, runs: int, stretches: int) 
 
 
 def _student_of(z: np.ndarray, freedom: int) -> np.ndarray:
-    """Student's statistic of a standardised one, which is a correlation times the root of freedom + 1."""
+    """Student's t from a standardised statistic, which is a correlation times the square root of freedom + 1."""
     share = np.minimum(z**2 / (freedom + 1), 1.0 - 1e-9)
     return np.asarray(np.sign(z) * np.sqrt(freedom * share / (1.0 - share)))

@@ -1,4 +1,4 @@
-"""Two sets of runs cut into windows, and the stretches of time that count as independent observations."""
+"""Two sets of runs cut into windows, and the stretches that are treated as independent observations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,8 +21,8 @@ from residual_mpc.models.settings import Settings
 
 @dataclass(frozen=True, eq=False)
 class TwoSets:
-    """raw: all W windows of both sets, clean: less the samples that jump away; later (R,) bool: which runs are of the
-    later set; kept, held (W,) bool: what no fit may see."""
+    """raw: all W windows of both sets; clean: the same without outliers; later (R,) bool: which runs belong to the
+    later set; kept, held (W,) bool: the data held out from all fits."""
 
     raw: Dataset
     clean: Dataset
@@ -37,7 +37,7 @@ class TwoSets:
         return self.clean.take(~self.held)
 
     def side(self, data: Dataset) -> np.ndarray:
-        """(W,) bool: which windows of `data` are of the later set."""
+        """(W,) bool: which windows of `data` belong to the later set."""
         return np.asarray(self.later[data.run])
 
 
@@ -51,7 +51,7 @@ def cut(
 ) -> TwoSets:
     """robots: the nominal model of each run, those before first.
 
-    Raises BadInput where one of the sets has nothing to compare.
+    Raises BadInput if one of the sets has nothing to compare.
     """
     runs = (*before, *after)
     later = np.array([False] * len(before) + [True] * len(after))
@@ -76,8 +76,8 @@ def windows(
     settings: DataSettings,
     starts: Sequence[np.ndarray] | None = None,
 ) -> Dataset:
-    """The windows of both sets, those before first, each set in blocks of its own; starts: of each run's windows, s
-    (None: as the gap has them)."""
+    """The windows of both sets, those before first, each set in separate blocks; starts: start times of each run's
+    windows, s (None: those of the gap)."""
     begun = [window_starts(r, horizon) for r in runs] if starts is None else starts
     parts = []
     for name, mine in (("before", ~later), ("after", later)):
@@ -92,8 +92,7 @@ def windows(
 
 
 def units_of(data: Dataset, later: np.ndarray, settings: ContrastSettings) -> np.ndarray:
-    """(W,) number of the unit that each window lies in: its run, or where a set has few runs a stretch of one; later
-    (R,) bool."""
+    """(W,) number of each window's unit: its run or, if the set has few runs, a stretch of it; later (R,) bool."""
     number = np.zeros(data.count, dtype=int)
     at = 0
     for side in (False, True):
@@ -118,8 +117,8 @@ def windows_of(
     settings: DataSettings,
     free: bool = False,
 ) -> tuple[Dataset, Scales] | None:
-    """Windows of another length, without outliers, with the size of their motion; free: only those between what is held
-    out. None where one of the sets has none."""
+    """Windows of another length, without outliers, and the size of their motion; free: only windows that do not overlap
+    held-out data. None if one of the sets has no such windows."""
     runs = sets.raw.runs
     starts = [free_starts(r, held_spans(r, sets.kept), horizon) for r in runs] if free else None
     try:

@@ -1,4 +1,4 @@
-"""What tunes a comparison."""
+"""Settings of a comparison."""
 
 from dataclasses import dataclass, field
 
@@ -8,12 +8,13 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 
 @dataclass(frozen=True)
 class ContrastSettings:
-    """unit: s, the shortest stretch of a run that counts as one observation; units: of such stretches that a set is cut
-    into, where it has no more runs than that; fewest: that a set must have. level: probability of a false change, over
-    all hypotheses together; left: the same for a difference beyond the named changes. lots: permutations; labellings:
-    of the runs, below which their stretches are permuted; divisions: of the stretches, below which Student's
-    distribution is used; clip: standard deviations beyond which an estimate counts no more. shorter: share of the
-    horizon that windows have where errors grow too fast to predict longer ones."""
+    """unit: s, the shortest stretch of a run that counts as one observation; units: number of stretches into which a
+    set is cut if it has fewer runs; fewest: number of stretches that a set must have. level: probability of a false
+    change, over all hypotheses together; left: the same for a difference beyond the named changes. lots: number of
+    permutations; labellings: number of ways to divide the runs, below which stretches are permuted; divisions: number
+    of ways to divide the stretches, below which Student's distribution is used; clip: standard deviations at which
+    residuals are clipped. shorter: length of the windows as a share of the horizon, if errors grow too fast to predict
+    longer ones."""
 
     unit: float = 3.0
     units: int = 12
@@ -33,9 +34,10 @@ class ContrastSettings:
 
 @dataclass(frozen=True)
 class AccountSettings:
-    """A search in single file: largest: effects in the account; steps: simulation steps that one hypothesis may cost,
-    steps_of_equations: where the model is a few equations, of any step; shortlist: starts that are fitted roughly at
-    each step, finalists: to the end. What it misses is missed on both sets, and cancels."""
+    """A search that keeps one set of effects at a time. largest: maximum number of effects in the account; steps:
+    simulation steps that one hypothesis may cost; steps_of_equations: the same for a model that consists of a few
+    equations and accepts any step; shortlist: starts that are fitted roughly at each step; finalists: starts that are
+    fitted to convergence. An effect that the search misses is missing on both sets, and cancels."""
 
     largest: int = 5
     steps: int = 12_000
@@ -49,11 +51,12 @@ class AccountSettings:
 
 @dataclass(frozen=True)
 class ChangeSearchSettings:
-    """shortlist: hypotheses that are fitted roughly at each step, finalists: to the end, rough: steps of a rough fit;
-    most: changes. needed: likelihood ratio that a change has to be worth once others are found; alike: below which two
-    sets of changes are not told apart, where a rival holds at least the share `resembles` of what the change explains;
-    equal: below which the first by the contract's table is preferred. steps: simulation steps that one hypothesis may
-    cost in the search, final_steps: in the last fit and the tests."""
+    """shortlist: hypotheses that are fitted roughly at each step; finalists: hypotheses that are fitted to convergence;
+    rough: steps of a rough fit; most: maximum number of changes. needed: minimum likelihood ratio of a change; alike:
+    likelihood ratio below which two sets of changes are not distinguished, if the rival explains at least the share
+    `resembles` of what the change explains; equal: likelihood ratio below which the first in the contract's table is
+    preferred. steps: simulation steps that one hypothesis may cost in the search; final_steps: the same in the last fit
+    and the tests."""
 
     shortlist: int = 14
     finalists: int = 6
@@ -73,7 +76,7 @@ class ChangeSearchSettings:
 
 @dataclass(frozen=True)
 class ComparisonSettings:
-    """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes."""
+    """sure: the largest probability of a change; sure_partial: the same if the changes do not explain everything."""
 
     sure: float = 0.97
     sure_partial: float = 0.8

@@ -1,4 +1,4 @@
-"""The stretches of runs that count as independent observations, as a test needs them."""
+"""The runs, or stretches of runs, that a test treats as independent observations."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,8 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """number (W,): which of the U units each window lies in; later (U,) bool: those of the later set; run (U,): the
-    run that each is a stretch of; conditions (U, k): how each was driven, on which the model's errors may depend."""
+    """number (W,): the unit of each window, out of U; later (U,) bool: whether a unit belongs to the later set; run
+    (U,): the run of each unit; conditions (U, k): how the robot was driven, on which the model's errors may depend."""
 
     number: np.ndarray
     later: np.ndarray
@@ -29,7 +29,7 @@ class Units:
 def build_units(
     number: np.ndarray, later_windows: np.ndarray, run_windows: np.ndarray, conditions: np.ndarray
 ) -> Units:
-    """number (W,) of each window's unit, later_windows (W,) bool, run_windows (W,) its run, conditions (W, k) of it."""
+    """For each window: number (W,) of its unit, later_windows (W,) bool, run_windows (W,), conditions (W, k)."""
     number = np.unique(number, return_inverse=True)[1]
     later = np.zeros(int(number.max()) + 1, dtype=bool)
     run = np.zeros(len(later), dtype=int)
@@ -38,7 +38,7 @@ def build_units(
 
 
 def averaged(x: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
-    """(count, k) means of x (n, k) over what `at` (n,) puts together."""
+    """(count, k) means of x (n, k) over the groups numbered in `at` (n,)."""
     total = np.zeros((count, x.shape[1]))
     np.add.at(total, at, x)
     return np.asarray(total / np.maximum(np.bincount(at, minlength=count), 1)[:, None])

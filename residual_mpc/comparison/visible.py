@@ -1,4 +1,4 @@
-"""The smallest changes that two sets of runs would show: what `same` rules out, and what it does not."""
+"""The minimum detectable effect for each change: what `same` rules out, and what it does not."""
 
 from collections.abc import Sequence
 
@@ -13,8 +13,8 @@ from residual_mpc.models.settings import Term
 
 
 def smallest_visible(robot: Robot, told: Sequence[Contrast]) -> tuple[VisibleChange, ...]:
-    """Of each change with one number that scales with it, the size that at least four comparisons of five would find,
-    from the contrast that needs least; in the order of the contrasts."""
+    """For each change with a single parameter that scales with its size, the size that at least four comparisons in
+    five would find, from the most sensitive contrast; in the order of the contrasts."""
     least: dict[Term, VisibleChange] = {}
     for c in told:
         numbers = [p for p in BY_NAME[c.term.effect].parameters if not p.shape]
