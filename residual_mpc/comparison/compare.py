@@ -116,7 +116,7 @@ def _space(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
             "--only" if options.only else "--without" if options.without else "",
             "leave out fewer effects, or record longer runs",
         )
-    return change_space(whole)
+    return change_space(whole, given.robots[: len(given.before)], given.robots[len(given.before) :])
 
 
 def _problem(
@@ -175,9 +175,10 @@ def _judged(
     left = told_apart(whole, fit, units, settings)
     spread = jackknife(fit, units)
     gap = compared_gap(sets, whole, fit, rng, settings)
-    verdict = _verdict(found, left.p, settings)
+    unexplained = _unexplained(gap.before, gap.after, gap.after_explained)
+    verdict = _verdict(found, left.p, unexplained, settings)
     sure = settings.sure if verdict == "changed" else settings.sure_partial
-    changes = _named(whole, fit, rivals, spread, sure)
+    changes = _named(whole, fit, rivals, spread, sure, settings)
     groups = tuple(tuple(tuple(_plain(t) for t in m) for m in g) for g in rivals.groups)
     by_noise = reweigh(problem, problem.data.sigma)
     base = on_problem(by_noise, found.account, settings=fits)
@@ -189,7 +190,7 @@ def _judged(
         groups=groups,
         candidates=(*(ChangeCandidate(c.term, c.probability, c.p) for c in changes), *_others(rivals, sure)),
         gap=gap,
-        unexplained=_unexplained(gap.before, gap.after, gap.after_explained, verdict),
+        unexplained={"same": 0.0, "unknown": 1.0}.get(verdict, unexplained),
         not_testable=tuple(replace(n, term=_plain(n.term)) for n in unseen),
         held_out=sets.kept,
         account=tuple(t for t in found.account.terms if not t.changed),
@@ -205,7 +206,7 @@ def _judged(
 
 
 def _named(
-    problem: Problem, fit: Fit, rivals: ChangeRivals, spread: Spread, sure: float
+    problem: Problem, fit: Fit, rivals: ChangeRivals, spread: Spread, sure: float, settings: ComparisonSettings
 ) -> tuple[Change, ...]:
     """The changes with their sizes; sure: the largest probability of one."""
     out = []
@@ -214,6 +215,8 @@ def _named(
         only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint") else None
         probability = sure * rivals.shares.get(c.term, 1.0) * (1.0 - c.p)
         numbers = changed_numbers(problem, fit, c.term, spread)
+        if any(n.note for n in numbers):
+            probability = min(probability, settings.sure_at_bound)
         out.append(Change(_plain(c.term), probability, c.p, numbers, effect.summary, only))
     return tuple(out)
 
@@ -226,17 +229,16 @@ def _others(rivals: ChangeRivals, sure: float) -> list[ChangeCandidate]:
     return [ChangeCandidate(_plain(t), sure * share, told.get(t, 1.0)) for t, share in shares if t not in named]
 
 
-def _verdict(found: FoundChanges, p_left: float, settings: ComparisonSettings) -> str:
-    """`same`: nothing beyond what units of one set differ; `changed`: nothing beyond that is left."""
-    if found.changes:
-        return "changed" if p_left > settings.contrast.left else "partial"
-    return "same" if p_left > settings.contrast.left else "unknown"
+def _verdict(found: FoundChanges, p_left: float, unexplained: float, settings: ComparisonSettings) -> str:
+    """`same`: nothing beyond what units of one set differ; `changed`: nothing beyond that is left, nor much of the rise
+    of the gap."""
+    if not found.changes:
+        return "same" if p_left > settings.contrast.left else "unknown"
+    return "changed" if p_left > settings.contrast.left and unexplained <= settings.unexplained else "partial"
 
 
-def _unexplained(before: float, after: float, explained: float, verdict: str) -> float:
-    """Share of what the squared gap rose by that is still there."""
-    if verdict in ("same", "unknown"):
-        return 0.0 if verdict == "same" else 1.0
+def _unexplained(before: float, after: float, explained: float) -> float:
+    """Share of what the squared gap rose by that is still there with the changes."""
     risen = after**2 - before**2
     return float(np.clip((explained**2 - before**2) / risen, 0.0, 1.0)) if risen > 0.0 else 0.0
 

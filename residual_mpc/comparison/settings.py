@@ -76,14 +76,18 @@ class ChangeSearchSettings:
 
 @dataclass(frozen=True)
 class ComparisonSettings:
-    """sure: the largest probability of a change; sure_partial: the same if the changes do not explain everything."""
+    """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes;
+    sure_at_bound: of a change with a number at a bound. unexplained: share of the rise of the squared gap that may be
+    left where the changes are to explain it."""
 
     sure: float = 0.97
     sure_partial: float = 0.8
+    sure_at_bound: float = 0.45
+    unexplained: float = 0.3
     account: AccountSettings = field(default_factory=AccountSettings)
     contrast: ContrastSettings = field(default_factory=ContrastSettings)
     search: ChangeSearchSettings = field(default_factory=ChangeSearchSettings)
     results: ResultSettings = field(default_factory=ResultSettings)
 
     def __post_init__(self) -> None:
-        check_share(self, "sure", "sure_partial")
+        check_share(self, "sure", "sure_partial", "sure_at_bound", "unexplained")

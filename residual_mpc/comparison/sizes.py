@@ -10,7 +10,6 @@ from residual_mpc.comparison.space import ChangeSpace, change_between
 from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.results.causes import AT_BOUND, unit_of
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.effects.library import BY_NAME
@@ -68,10 +67,10 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread) -> t
         was = fit.values.get(own, fit.values.get(general, p.null))
         now = after[own]
         value = fit.values[knob] if p.shape else change_between(p, was, now)
-        low, high = Space.bounds(space, own)
+        low, high = space.later_bounds(own)
         held = bool(fit.held[i] or now in (low, high))
         # a number that has come to its bound is as uncertain as it was before
-        known = fit.knobs.index(own) if held and own in fit.knobs else i
+        known = next((fit.knobs.index(k) for k in (own, general) if held and k in fit.knobs), i)
         half = float(stdtrit(spread.freedom[known], 0.975) * spread.sigma[known])
         if not np.isfinite(p.null) and np.isfinite(was):
             half /= was  # a ratio

@@ -1,6 +1,6 @@
 """The hypotheses of a comparison: effects that act on the later runs alone, on top of what acts on both sets."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,15 +8,23 @@ import numpy as np
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.effect import Parameter
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Knob, Settings, Term, Values
 
 LARGEST_RATIO = 20.0  # by which a factor may change
 FEW = 3  # probes of a change
 
 
+Limits = Mapping[Knob, tuple[float, float]]
+
+
 @dataclass(frozen=True)
 class ChangeSpace(Space):
-    """A space in which terms may be changes: what is added to a number, or multiplies it, on the later runs."""
+    """A space in which terms may be changes: what is added to a number, or multiplies it, on the later runs. earlier,
+    later_on: limits of each number that hold for every nominal model of a set: the two may have different ones."""
+
+    earlier: Limits
+    later_on: Limits
 
     def knobs(self, term: Term) -> tuple[Knob, ...]:
         """The free numbers of a term."""
@@ -24,15 +32,19 @@ class ChangeSpace(Space):
 
     def bounds(self, knob: Knob) -> tuple[float, float]:
         """Limits of a free number; those of a change let the changed number reach any of its own."""
-        low, high = super().bounds(knob)
         if not knob.changed:
-            return low, high
+            return self.earlier.get(knob) or super().bounds(knob)
+        low, high = self.later_bounds(knob._replace(changed=False))
         p = BY_NAME[knob.effect].parameter(knob.parameter)
         if p.shape or not np.isfinite(p.null):
             return low, high
         if p.null == 1.0:
             return max(low / max(high, 1.0), 1.0 / LARGEST_RATIO), LARGEST_RATIO
         return min(low, -high), max(high, -low)
+
+    def later_bounds(self, knob: Knob) -> tuple[float, float]:
+        """Limits of a number on the later runs."""
+        return self.later_on.get(knob) or Space.bounds(self, knob)
 
     def probes(self, term: Term) -> list[Values]:
         """Values worth a first look; of a change no more than tell its direction, since its size, which may be
@@ -72,7 +84,7 @@ class ChangeSpace(Space):
                 p = BY_NAME[knob.effect].parameter(knob.parameter)
                 before = out.get(own, out.get(general))
                 composed = values[knob] if before is None else compose(p, before, values[knob])
-                out[own] = float(np.clip(composed, *Space.bounds(self, own)))
+                out[own] = float(np.clip(composed, *self.later_bounds(own)))
         return out
 
     def _targets(self, knob: Knob, values: Values) -> list[str | None]:
@@ -103,8 +115,9 @@ def change_between(p: Parameter, before: float, after: float) -> float:
     return after / before if p.null == 1.0 else after - before
 
 
-def change_space(space: Space) -> ChangeSpace:
-    """The same robot and references, with a change of every candidate in place of the candidates."""
+def change_space(space: Space, earlier: Sequence[Robot] = (), later: Sequence[Robot] = ()) -> ChangeSpace:
+    """The same references, with a change of every candidate in place of the candidates; earlier, later: the nominal
+    models of the two sets, whose limits hold."""
     return ChangeSpace(
         space.robot,
         space.slots,
@@ -112,4 +125,17 @@ def change_space(space: Space) -> ChangeSpace:
         space.tunables,
         space.references,
         {t._replace(changed=True): why for t, why in space.ruled_out.items()},
+        _limits(space, earlier),
+        _limits(space, later),
     )
+
+
+def _limits(space: Space, robots: Sequence[Robot]) -> Limits:
+    """The limits of every number that hold for all of these robots; none where there are no robots."""
+    distinct = list({id(r): r for r in robots}.values())
+    out: dict[Knob, tuple[float, float]] = {}
+    for term in {t for c in space.candidates for t in (c, c._replace(target=None))} if distinct else ():
+        for knob in space.knobs(term):
+            each = [replace(space, robot=r).bounds(knob) for r in distinct]
+            out[knob] = max(low for low, _ in each), min(high for _, high in each)
+    return out

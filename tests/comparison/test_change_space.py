@@ -144,3 +144,27 @@ def test_earlier_windows_are_predicted_as_if_nothing_had_changed() -> None:
     whole = predict(data, SPACE.settings([SPACE.later(changed)]))[0]
     np.testing.assert_array_equal(with_change[0, ~earlier], whole[~earlier])
     assert np.nanmax(np.abs(with_change[:, ~earlier] - without[:, ~earlier])) > 0.01
+
+
+class Looser:
+    """The rover with other limits of its track."""
+
+    def __init__(self, low: float, high: float) -> None:
+        self.limits_of_track = (low, high)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(ROVER, name)
+
+    def bounds(self, effect: str, parameter: str, target: str | None) -> tuple[float, float]:
+        return self.limits_of_track if effect == "track_width" else ROVER.bounds(effect, parameter, target)
+
+
+def test_each_set_has_the_limits_of_its_own_nominal_models() -> None:
+    """Those that hold for all models of the set: a later model with more damping lets more of it be taken away."""
+    earlier, later = [Looser(0.8, 1.2), Looser(0.9, 1.5)], [Looser(0.5, 2.0)]
+    space = change_space(space_of(DATA), earlier, later)  # type: ignore[arg-type]
+    assert space.bounds(own(TRACK)) == (0.9, 1.2)
+    assert space.later_bounds(own(TRACK)) == (0.5, 2.0)
+    values = {own(TRACK): 1.0, change(TRACK): 0.6}
+    assert space.later(values) == {own(TRACK): 0.6}
+    assert space.bounds(own(GAIN)) == SPACE.bounds(own(GAIN))
