@@ -102,3 +102,17 @@ def test_the_figures_of_a_method():
     assert summary.by_dose["5"].value == 1.0 and summary.by_dose["1"].value == 0.0
     assert summary.by_kind["payload"].value == 0.5 and summary.by_number["none"].value == 1.0
     assert summary.size_error == pytest.approx(0.05)
+
+
+def test_changes_are_counted_by_what_the_runs_were_said_to_show():
+    """Of two missed changes one is smaller than the smallest that the comparison says its runs would show."""
+    document = {"verdict": "same", "changes": [], "visible": [
+        {"effect": "payload", "target": None, "parameters": {"mass": {"change": 0.1, "unit": "kg"}}},
+        {"effect": "actuator_gain", "target": None, "parameters": {"gain": {"change": 0.3, "unit": "1"}}},
+    ]}  # fmt: skip
+    answer = truth(PAYLOAD, ("actuator_gain", "m1", {"gain": 0.9}), DELAY)
+    claim = claim_of(document)
+    missed = Outcome("a", "arm", answer, claim, match(answer, claim), (), None, "")
+    assert missed.visible == (True, False, None)
+    table = summarise("x", [missed]).by_visible
+    assert {k: (r.hits, r.count) for k, r in table.items()} == {"above": (0, 1), "below": (0, 1)}

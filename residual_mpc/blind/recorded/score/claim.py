@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +24,14 @@ class Estimate:
 @dataclass(frozen=True)
 class Claim:
     """The part of a comparison that is scored. groups: of changes that the runs cannot tell apart; a member is a set
-    of changes."""
+    of changes. visible: the smallest change of a parameter that the runs would show, as a distance from no change."""
 
     verdict: str
     named: tuple[Name, ...]
     estimates: Mapping[Name, Mapping[str, Estimate]]
     probabilities: Mapping[Name, float]
     groups: tuple[tuple[frozenset[Name], ...], ...]
+    visible: Mapping[Name, Mapping[str, float]] = field(default_factory=dict)
 
 
 def read_claim(path: Path) -> Claim:
@@ -55,6 +56,10 @@ def claim_of(document: Mapping[str, Any]) -> Claim:
             if part.get("probability") is not None
         },
         tuple(tuple(_member(m) for m in group) for group in document.get("confounded") or ()),
+        {
+            _name(part): {name: float(figures["change"]) for name, figures in part["parameters"].items()}
+            for part in document.get("visible") or ()
+        },
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from residual_mpc.blind.recorded.score.claim import Claim, read_claim
 from residual_mpc.blind.recorded.score.match import Match, counterpart, match
-from residual_mpc.blind.records import Answer
+from residual_mpc.blind.records import Answer, Planted
 from residual_mpc.blind.score.outcome import run_record
 from residual_mpc.errors import BadInput
 
@@ -55,6 +55,12 @@ class Outcome:
         return max(stated, default=None)
 
     @property
+    def visible(self) -> tuple[bool | None, ...]:
+        """Of each planted change whether it is larger than the smallest that the runs were said to show; None where
+        nothing was said of it."""
+        return tuple(None if self.claim is None else _visible(p, self.claim) for p in self.answer.effects)
+
+    @property
     def sure_and_wrong(self) -> bool:
         """Whether the case is wrong and a wrong name was stated at 0.9 or more."""
         return not self.match.right and (self.surest_wrong or 0.0) >= SURE
@@ -73,6 +79,14 @@ def outcome(name: str, source: str, answer: Answer, result: Path) -> Outcome:
         nothing = Match(False, False, None, (False,) * len(answer.effects), (), ())
         return Outcome(name, source, answer, None, nothing, (), seconds, trouble)
     return Outcome(name, source, answer, claim, match(answer, claim), _sizes(answer, claim), seconds, "")
+
+
+def _visible(planted: Planted, claim: Claim) -> bool | None:
+    for name in ((planted.effect, planted.target), (planted.effect, None)):
+        for parameter, least in claim.visible.get(name, {}).items():
+            if parameter in planted.parameters:
+                return abs(planted.parameters[parameter] - (parameter in RATIOS)) >= least
+    return None
 
 
 def _sizes(answer: Answer, claim: Claim) -> tuple[SizeOutcome, ...]:

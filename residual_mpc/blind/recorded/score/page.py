@@ -59,14 +59,16 @@ def sections(scores: RecordedScores) -> list[tuple[str, list[tuple[str, list[str
         ("Right, by number of changes", _rows(every, "by_number")),
         ("Planted changes that are named, by kind", _rows(every, "by_kind")),
         ("Planted changes that are named, by dose (1: barely visible, 5: large)", _rows(every, "by_dose")),
+        ("Planted changes that are named, by the smallest size said to show", _rows(every, "by_visible")),
         ("Right among cases with one change, by kind", _rows(every, "right_by_kind")),
         ("Right among cases with one change, by dose", _rows(every, "right_by_dose")),
     ]
 
 
 def _rows(every: tuple[Summary, ...], name: str) -> list[tuple[str, list[str]]]:
-    keys = getattr(every[0], name)
-    return [(key, [percent(getattr(s, name)[key]) for s in every]) for key in keys]
+    tables = [getattr(s, name) for s in every]
+    keys = sorted({key for table in tables for key in table})
+    return [(key, [percent(t[key]) if key in t else "\N{EN DASH}" for t in tables]) for key in keys]
 
 
 def _wrong(o: Outcome) -> dict[str, object]:

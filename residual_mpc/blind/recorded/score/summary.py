@@ -11,6 +11,7 @@ from residual_mpc.blind.recorded.score.outcome import Outcome
 from residual_mpc.blind.score.rates import Rate, rate
 
 NONE = "none"
+VISIBLE = {True: "above", False: "below"}  # the smallest change that the runs were said to show
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class Summary:
     by_number: Mapping[str, Rate]  # right, by the number of changes
     by_kind: Mapping[str, Rate]  # planted changes that are named
     by_dose: Mapping[str, Rate]  # planted changes that are named
+    by_visible: Mapping[str, Rate]  # the same, by whether the runs were said to show a change of that size
     right_by_kind: Mapping[str, Rate]  # of the cases with one change
     right_by_dose: Mapping[str, Rate]
     seconds: float | None
@@ -51,8 +53,8 @@ class Summary:
                 name: {key: each.document() for key, each in rates.items()}
                 for name, rates in (
                     ("by_source", self.by_source), ("by_number", self.by_number), ("named_by_kind", self.by_kind),
-                    ("named_by_dose", self.by_dose), ("right_by_kind", self.right_by_kind),
-                    ("right_by_dose", self.right_by_dose),
+                    ("named_by_dose", self.by_dose), ("named_by_visible", self.by_visible),
+                    ("right_by_kind", self.right_by_kind), ("right_by_dose", self.right_by_dose),
                 )
             },
             "median_seconds": self.seconds,
@@ -102,6 +104,12 @@ def summarise(method: str, outcomes: Sequence[Outcome]) -> Summary:
         by_number=_grouped(outcomes, lambda o: str(len(o.answer.effects)) if o.answer.effects else NONE),
         by_kind=_rates((effect, named) for effect, _, named in planted),
         by_dose=_rates((str(dose), named) for _, dose, named in planted),
+        by_visible=_rates(
+            (VISIBLE[seen], named)
+            for o in changed
+            for seen, named in zip(o.visible, o.match.named, strict=True)
+            if seen is not None
+        ),
         right_by_kind=_grouped(single, lambda o: o.answer.effects[0].effect),
         right_by_dose=_grouped(single, lambda o: str(o.answer.notes["dose"][0])),
         seconds=median(seconds) if seconds else None,
