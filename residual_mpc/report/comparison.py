@@ -44,9 +44,9 @@ def comparison_lines(document: Document) -> list[str]:
     ]
     if document["account"]:
         details.append(f"model errors common to both sets: {_account(document)}")
-    if document["verdict"] == "same" and document["visible"]:
-        told = [visible_words(v) for v in document["visible"] if v["target"] is None]
-        details.append(f"smallest changes that these runs would show: {', '.join(told[:MENTIONED])}")
+    visible = [visible_words(v) for v in document.get("visible", ()) if v["target"] is None]
+    if document["verdict"] == "same" and visible:
+        details.append(f"smallest changes that these runs would show: {', '.join(visible[:MENTIONED])}")
     details.append(f"observations: {stretch_words(document)} (a stretch is a run or a part of one)")
     details += list(document["notes"])
     if document["next_experiment"]:
@@ -78,6 +78,7 @@ def _verdict(document: Document) -> Section:
         stretches=capital(stretch_words(document)),
         warnings=warnings(document),
         notes=document["notes"],
+        visible=bool(document.get("visible")),
     )
     return Section("verdict", "Verdict", body)
 
@@ -152,7 +153,7 @@ def _groups(document: Document) -> Section | None:
 
 def _visible(document: Document) -> Section | None:
     """How large a change has to be to be found: what a verdict of no change leaves open."""
-    if not document["visible"]:
+    if not document.get("visible"):
         return None
     rows = [(v, visible_words(v)) for v in document["visible"]]
     body = render(

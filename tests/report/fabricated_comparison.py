@@ -52,6 +52,10 @@ def document(verdict: str) -> dict[str, Any]:
         },
         "unexplained": {"share": 0.02 if changes else 0.0, "p": 0.4},
         "not_testable": [{**_term("saturation", side), "why": slow} for side in ("left", "right")],
+        "visible": [
+            {**_term("command_delay"), "parameters": {"delay": {"change": 0.012, "unit": "s"}}},
+            {**_term("actuator_gain", "left"), "parameters": {"gain": {"change": 0.03, "unit": "1"}}},
+        ],
         "account": [_term("track_width"), _term("actuator_lag")] if verdict != "unknown" else [],
         "stretches": {"before": 9, "after": 8},
         "held_out": ["run3", {"run": "after/run3", "from": 0.5, "to": 4.5}],

@@ -9,7 +9,7 @@ from test_report import Page
 
 from residual_mpc.report.comparison import comparison_lines, comparison_page, interval_of
 
-OPTIONAL = "audit command runs schema verdict_sentence".split()
+OPTIONAL = "audit command runs schema verdict_sentence visible".split()
 
 
 @pytest.fixture(scope="module", params=VERDICTS)
@@ -49,7 +49,7 @@ def test_page_has_no_trace_of_what_is_missing(page):
 
 @pytest.mark.parametrize(
     ("verdict", "badge"),
-    [("same", "no_gap\">No change"), ("changed", "effects\">Changed"), ("partial", "partial\">Partly explained"),
+    [("same", "no_gap\">No change found"), ("changed", "effects\">Changed"), ("partial", "partial\">Partly explained"),
      ("unknown", "unknown\">Unknown")],
 )  # fmt: skip
 def test_the_badge_says_the_verdict(verdict, badge):
@@ -166,3 +166,12 @@ def test_lines_of_what_is_in_doubt():
 def test_the_shown_sentence_is_the_one_in_the_document(verdict):
     some = document(verdict) | {"verdict_sentence": "It is late."}
     assert "It is late." in Page(comparison_page(some)).text and comparison_lines(some)[0] == "It is late."
+
+
+def test_the_smallest_visible_changes_are_told_where_none_was_found():
+    same = document("same")
+    told = [line for line in comparison_lines(same) if "runs would show" in line]
+    assert len(told) == 1 and told[0].endswith("command delay 12 ms")  # those of all targets
+    page = comparison_page(same)
+    assert "<details open>" in page and "command delay 12" in page and "actuator gain (left) 3" in page
+    assert not any("would show" in line for line in comparison_lines(document("changed")))
