@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from recorded_robots import GEOMETRY, NOISE, Column, arm, arm_log, commands, drive, rover, rover_log
 
-from residual_mpc.blind.recorded.clock_kinds import DELAYED_COMMANDS, DELAYED_SENSORS, SKEW
-from residual_mpc.blind.recorded.drive_kinds import MISMATCH, WHEEL_GAIN, ZONE
-from residual_mpc.blind.recorded.library import KINDS, carried_by, why_not
+from residual_mpc.blind.recorded.kinds.clock import DELAYED_COMMANDS, DELAYED_SENSORS, SKEW
+from residual_mpc.blind.recorded.kinds.drive import MISMATCH, WHEEL_GAIN, ZONE
+from residual_mpc.blind.recorded.kinds.library import KINDS, carried_by, why_not
+from residual_mpc.blind.recorded.kinds.sensor import BIAS, MOUNTING, OUTLIERS, SCALE
 from residual_mpc.blind.recorded.log import Log, table_of
-from residual_mpc.blind.recorded.sensor_kinds import BIAS, MOUNTING, OUTLIERS, SCALE
 from residual_mpc.errors import BadInput
 
 # kind, target, sizes, the same change in the simulation

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from recorded_robots import ARM, GEOMETRY, arm, rover
 
-from residual_mpc.blind.recorded.body_kinds import CARRIED, LENGTH, LINK
-from residual_mpc.blind.recorded.drive_kinds import RADIUS, TRACK
-from residual_mpc.blind.recorded.joint_kinds import DAMPING, DRY, FORCE, ROTOR, STIFFNESS
-from residual_mpc.blind.recorded.library import carried_by
+from residual_mpc.blind.recorded.kinds.body import CARRIED, LENGTH, LINK
+from residual_mpc.blind.recorded.kinds.drive import RADIUS, TRACK
+from residual_mpc.blind.recorded.kinds.joint import DAMPING, DRY, FORCE, ROTOR, STIFFNESS
+from residual_mpc.blind.recorded.kinds.library import carried_by
 from residual_mpc.blind.recorded.mjcf import parse
 from residual_mpc.errors import BadInput
 

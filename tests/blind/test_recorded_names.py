@@ -5,9 +5,9 @@ import pytest
 from recorded_robots import ARM, GEOMETRY, arm, rover
 
 from residual_mpc.api.robot import load_robot
-from residual_mpc.blind.recorded.body_kinds import CARRIED, LENGTH, LINK
-from residual_mpc.blind.recorded.drive_kinds import RADIUS, TRACK
-from residual_mpc.blind.recorded.joint_kinds import DAMPING, DRY, FORCE, ROTOR
+from residual_mpc.blind.recorded.kinds.body import CARRIED, LENGTH, LINK
+from residual_mpc.blind.recorded.kinds.drive import RADIUS, TRACK
+from residual_mpc.blind.recorded.kinds.joint import DAMPING, DRY, FORCE, ROTOR
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Knob, assemble
 

@@ -6,7 +6,7 @@ import pytest
 
 from residual_mpc.api.robot import load_robot
 from residual_mpc.api.runs import read_runs, usable
-from residual_mpc.blind.recorded.library import carried_by
+from residual_mpc.blind.recorded.kinds.library import carried_by
 from residual_mpc.blind.recorded.make import RecordedSettings, changed_halves, make_recorded_suite
 from residual_mpc.blind.recorded.recipe import plan
 

@@ -15,7 +15,7 @@ from residual_mpc.blind.processes.parallel import Progress, silent
 from residual_mpc.blind.recorded.case_files import aliases_of, write_case
 from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.halves import halves
-from residual_mpc.blind.recorded.library import carried_by
+from residual_mpc.blind.recorded.kinds.library import carried_by
 from residual_mpc.blind.recorded.log import log_of
 from residual_mpc.blind.recorded.recipe import Change, Recipe, draw, plan
 from residual_mpc.blind.recorded.robot_text import settings_of

@@ -12,7 +12,7 @@ from zlib import crc32
 import numpy as np
 
 from residual_mpc.blind.recorded.half import Half
-from residual_mpc.blind.recorded.kind import Kind, Sizes, Target
+from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target
 from residual_mpc.blind.records import Planted
 
 DOSES = 5  # steps from barely visible to large

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from residual_mpc.blind.recorded.clock_kinds import DRIVES
 from residual_mpc.blind.recorded.half import Half
-from residual_mpc.blind.recorded.kind import Kind, Sizes, Target, factor, refuse
+from residual_mpc.blind.recorded.kinds.clock import DRIVES
+from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target, factor, refuse
 from residual_mpc.blind.recorded.log import FloatArray, Log
 from residual_mpc.effects.actuator import ACTUATOR_GAIN
 from residual_mpc.effects.command import DEAD_ZONE

@@ -9,7 +9,7 @@ import numpy as np
 from residual_mpc.blind.recorded.chain import lifted, moving, moving_mass, next_link
 from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.inertial import inertial_of, with_point_mass, write_inertial
-from residual_mpc.blind.recorded.kind import Kind, Sizes, Target, between, refuse, signed
+from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target, between, refuse, signed
 from residual_mpc.blind.recorded.mjcf import Mjcf, Vector, parse, place, vector_text
 from residual_mpc.effects.body import LINK_LENGTH, LINK_MASS, PAYLOAD
 from residual_mpc.errors import BadInput

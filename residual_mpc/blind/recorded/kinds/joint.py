@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from residual_mpc.blind.recorded.body_kinds import models_of
 from residual_mpc.blind.recorded.chain import carried
 from residual_mpc.blind.recorded.half import Half
-from residual_mpc.blind.recorded.kind import Kind, Sizes, Target, between, factor, refuse, signed
+from residual_mpc.blind.recorded.kinds.body import models_of
+from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target, between, factor, refuse, signed
 from residual_mpc.blind.recorded.mjcf import Mjcf, parse, vector_text
 from residual_mpc.effects.actuator import ACTUATOR_GAIN
 from residual_mpc.effects.body import ARMATURE, COULOMB, VISCOUS

@@ -4,32 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from residual_mpc.blind.recorded import body_kinds, clock_kinds, drive_kinds, joint_kinds, sensor_kinds
 from residual_mpc.blind.recorded.half import Half
-from residual_mpc.blind.recorded.kind import Kind, Target
+from residual_mpc.blind.recorded.kinds import body, clock, drive, joint, sensor
+from residual_mpc.blind.recorded.kinds.kind import Kind, Target
 from residual_mpc.errors import BadInput
 
 KINDS: tuple[Kind, ...] = (
-    clock_kinds.DELAYED_COMMANDS,
-    drive_kinds.ZONE,
-    drive_kinds.WHEEL_GAIN,
-    joint_kinds.FORCE,
-    joint_kinds.STIFFNESS,
-    joint_kinds.DRY,
-    joint_kinds.DAMPING,
-    body_kinds.CARRIED,
-    body_kinds.LINK,
-    joint_kinds.ROTOR,
-    body_kinds.LENGTH,
-    drive_kinds.RADIUS,
-    drive_kinds.MISMATCH,
-    drive_kinds.TRACK,
-    clock_kinds.DELAYED_SENSORS,
-    sensor_kinds.BIAS,
-    sensor_kinds.SCALE,
-    sensor_kinds.MOUNTING,
-    sensor_kinds.OUTLIERS,
-    clock_kinds.SKEW,
+    clock.DELAYED_COMMANDS,
+    drive.ZONE,
+    drive.WHEEL_GAIN,
+    joint.FORCE,
+    joint.STIFFNESS,
+    joint.DRY,
+    joint.DAMPING,
+    body.CARRIED,
+    body.LINK,
+    joint.ROTOR,
+    body.LENGTH,
+    drive.RADIUS,
+    drive.MISMATCH,
+    drive.TRACK,
+    clock.DELAYED_SENSORS,
+    sensor.BIAS,
+    sensor.SCALE,
+    sensor.MOUNTING,
+    sensor.OUTLIERS,
+    clock.SKEW,
 )
 NAMES: tuple[str, ...] = tuple(dict.fromkeys(kind.effect for kind in KINDS))
 

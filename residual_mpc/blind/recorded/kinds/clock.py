@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from residual_mpc.blind.recorded.half import Half
-from residual_mpc.blind.recorded.kind import Kind, Sizes, Target, between, refuse, signed
+from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target, between, refuse, signed
 from residual_mpc.blind.recorded.log import FloatArray, Log, period_of
 from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.effects.sensor import SENSOR_DELAY

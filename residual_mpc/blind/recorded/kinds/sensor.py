@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from residual_mpc.blind.recorded.half import Half
-from residual_mpc.blind.recorded.kind import Kind, Sizes, Target, between, factor, refuse, signed
+from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target, between, factor, refuse, signed
 from residual_mpc.blind.recorded.log import FloatArray, Log
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS, mounted

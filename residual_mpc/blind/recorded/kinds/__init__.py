@@ -1,0 +1,1 @@
+"""The kinds of known changes, and the library of them."""
