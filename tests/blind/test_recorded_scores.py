@@ -114,5 +114,8 @@ def test_changes_are_counted_by_what_the_runs_were_said_to_show():
     claim = claim_of(document)
     missed = Outcome("a", "arm", answer, claim, match(answer, claim), (), None, "")
     assert missed.visible == (True, False, None)
-    table = summarise("x", [missed]).by_visible
+    untouched = Outcome("b", "arm", truth(), claim, match(truth(), claim), (), None, "")
+    both = summarise("x", [missed, untouched])
+    assert both.right.hits == 1 and both.right_on_changed.hits == 0 and both.right_on_changed.count == 1
+    table = both.by_visible
     assert {k: (r.hits, r.count) for k, r in table.items()} == {"above": (0, 1), "below": (0, 1)}

@@ -43,6 +43,7 @@ def sections(scores: RecordedScores) -> list[tuple[str, list[tuple[str, list[str
         ("right: the set of effects, up to groups", [percent(s.right) for s in every]),
         ("strict: the set of effects as named, verdict changed", [percent(s.strict) for s in every]),
         ("target right, among right answers", [percent(s.target_right) for s in every]),
+        ("right, where something was changed", [percent(s.right_on_changed) for s in every]),
         ("same, where nothing was changed", [percent(s.same_on_none) for s in every]),
         ("same, where something was changed", [percent(s.same_on_changed) for s in every]),
         ("partial or unknown, where the library lacks the effect", [percent(s.lacking) for s in every]),

@@ -23,6 +23,7 @@ class Summary:
     right: Rate
     strict: Rate
     target_right: Rate
+    right_on_changed: Rate
     same_on_none: Rate
     same_on_changed: Rate
     lacking: Rate
@@ -45,7 +46,8 @@ class Summary:
         return {
             "method": self.method, "cases": len(self.outcomes), "failed": self.failed,
             "right": self.right.document(), "strict": self.strict.document(),
-            "target_right": self.target_right.document(), "same_on_none": self.same_on_none.document(),
+            "target_right": self.target_right.document(), "right_on_changed": self.right_on_changed.document(),
+            "same_on_none": self.same_on_none.document(),
             "same_on_changed": self.same_on_changed.document(), "lacking_right": self.lacking.document(),
             "median_size_error": self.size_error, "interval_coverage": self.interval_coverage.document(),
             "highest_wrong_probability": self.surest_wrong, "wrong_stated_at_0.9": self.sure_and_wrong.document(),
@@ -93,6 +95,7 @@ def summarise(method: str, outcomes: Sequence[Outcome]) -> Summary:
         right=rate(o.match.right for o in outcomes),
         strict=rate(o.match.strict for o in outcomes),
         target_right=rate(o.match.target_right for o in known),
+        right_on_changed=rate(o.match.right for o in changed),
         same_on_none=rate(o.match.right for o in outcomes if not o.answer.effects),
         same_on_changed=rate(o.claim is not None and o.claim.verdict == "same" for o in changed),
         lacking=rate(o.match.right for o in outcomes if lacking(o.answer)),
