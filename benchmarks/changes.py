@@ -1,6 +1,6 @@
 """Changes of known size in simulated rovers, compared and scored: what was named, and with which size.
 
-python -m benchmarks.changes [--kind NAME ...] [--seeds 3] [--out build/changes.json]
+python -m benchmarks.changes [--kind NAME ...] [--seeds 3] [--first 0] [--out build/changes.json]
 
 The rovers are those of the benchmark of findings (an ODE of their own at 1 ms) and differ from their model in radius,
 track, delay, lag, a slip that wanders and a radius that grows with speed; delay, lag and radii differ a little from
@@ -23,6 +23,7 @@ from benchmarks.findings.motions import Rng, drive
 from benchmarks.findings.noise import PoseNoise
 from benchmarks.findings.records import write_drive, write_run
 from benchmarks.findings.wheels import Drive, Sensors, logged
+from residual_mpc.files import write_atomically
 
 RADIUS, TRACK = 0.05, 0.2  # m
 RUNS, SECONDS, RATE = 5, 18.0, 25.0  # runs a set, s, Hz
@@ -137,7 +138,7 @@ def changes(names: tuple[str, ...], seeds: int, first: int, out: Path) -> None:
         for seed in range(first, first + seeds):
             if (kind.name, seed) not in done:
                 rows.append(compared(kind, seed))
-                out.write_text(json.dumps(rows, indent=1))
+                write_atomically(out, json.dumps(rows, indent=1))
                 click.echo(line(rows[-1]))
     click.echo(summary(rows))
 

@@ -44,7 +44,6 @@ class Differences:
 def permuted(size: np.ndarray, score: np.ndarray, units: Units, settings: ContrastSettings) -> Differences:
     """size, score (U, N): for each unit and hypothesis, the products of a direction with itself and with the residuals;
     a unit's estimate is -score / size."""
-    size, score = np.atleast_2d(size.T).T, np.atleast_2d(score.T).T
     seen = size > FAINT * size.max(axis=0, initial=TINY)
     estimate = np.where(seen, -score / np.where(seen, size, 1.0), 0.0)
     # even the most informative unit has at most twice the weight of one with the median information

@@ -50,7 +50,7 @@ def _ratio(chosen: Fit, other: Fit, units: Units, phi: float) -> float:
     """How much worse a fit is, as a likelihood ratio: the geometric mean of the drop in cost over the dispersion, which
     is cautious where residuals are coloured, and of the squared statistic of a test that pairs the units (Vuong 1989,
     eq. 5.6), which is bold where both fits miss the same. Negative where it is better."""
-    difference = np.bincount(units.number, other.per_window - chosen.per_window, minlength=units.count)
+    difference = units.summed(other.per_window - chosen.per_window)
     spread = float(np.sqrt(units.count * np.var(difference, ddof=1)))
     total = float(difference.sum())
     paired = total / max(spread, 1e-12)

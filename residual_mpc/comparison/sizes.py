@@ -31,10 +31,8 @@ def jackknife(fit: Fit, units: Units) -> Spread:
     count, size = units.count, len(fit.knobs)
     free = ~fit.held
     j = fit.jacobian[..., free]
-    products = np.zeros((count, j.shape[2], j.shape[2]))
-    scores = np.zeros((count, j.shape[2]))
-    np.add.at(products, units.number, np.einsum("wnp,wnq->wpq", j, j, optimize=True))
-    np.add.at(scores, units.number, np.einsum("wnp,wn->wp", j, fit.r))
+    products = units.summed(np.einsum("wnp,wnq->wpq", j, j, optimize=True))
+    scores = units.summed(np.einsum("wnp,wn->wp", j, fit.r))
     total, whole = products.sum(axis=0), scores.sum(axis=0)
     here = -np.linalg.pinv(total, rcond=1e-10, hermitian=True) @ whole
     without = np.stack(

@@ -1,4 +1,4 @@
-"""The verdict of a comparison: from what is named, from what is left of it, and from the rise of the gap."""
+"""The verdict of a comparison depends on the named changes, the remaining difference and the unexplained gap."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from residual_mpc.comparison.settings import ComparisonSettings
         (False, 0.001, 0.0, "unknown"),
         (True, 0.5, 0.1, "changed"),
         (True, 0.001, 0.1, "partial"),
-        (True, 0.5, 0.5, "partial"),  # the test sees nothing more, but half of the rise is still there
+        (True, 0.5, 0.5, "partial"),  # not significant, but half of the increase remains
     ],
 )
 def test_verdict(named: bool, p_left: float, unexplained: float, verdict: str) -> None:
