@@ -7,7 +7,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from residual_mpc.comparison.account import account_of
-from residual_mpc.comparison.conditions import conditions_of
+from residual_mpc.comparison.conditions import balanced, conditions_of, driving_of
 from residual_mpc.comparison.gaps import compared_gap
 from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
@@ -16,7 +16,7 @@ from residual_mpc.comparison.sets import TwoSets, cut, units_of, windows_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.sizes import Spread, changed_numbers, jackknife, to_the_end
 from residual_mpc.comparison.space import ChangeSpace, change_space
-from residual_mpc.comparison.units import Units, build_units
+from residual_mpc.comparison.units import Units, averaged, build_units
 from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Scales, window_trust
@@ -101,7 +101,8 @@ def _windows(
         if foretold(*whole, rng, settings=results.predict):
             far = windows_of(sets, given.robots, given.noise, longer, results.data, free=True)
             return [here] if far is None else [here, (joined([sets.fitting, far[0]]), far[1])]
-        near = windows_of(sets, given.robots, given.noise, horizon * settings.contrast.shorter, results.data, free=True)
+        shorter = horizon * results.predict.horizons.shorter
+        near = windows_of(sets, given.robots, given.noise, shorter, results.data, free=True)
         return [here if near is None else near]
     return [here]
 
@@ -143,6 +144,10 @@ def _units(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: Compa
     number = units_of(data, sets.later, settings.contrast)
     conditions = conditions_of(data, sets.scales, given.robots, sets.later)
     units = build_units(number, sets.side(data), data.run, conditions)
+    tuned = settings.contrast
+    driving = averaged(driving_of(data), units.number, units.count)
+    extra = balanced(driving, units.later, units.count // tuned.units_per_condition, tuned.balanced)
+    units = replace(units, conditions=np.column_stack([units.conditions, extra]))
     for name, n in (("before", int((~units.later).sum())), ("after", int(units.later.sum()))):
         if n < settings.contrast.fewest:
             raise BadInput(

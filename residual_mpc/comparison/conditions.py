@@ -23,6 +23,29 @@ def conditions_of(data: Dataset, scales: Scales, robots: Sequence[Robot], later:
     return np.column_stack([_standard(c) for c in columns])
 
 
+def driving_of(data: Dataset) -> np.ndarray:
+    """(W, k): how the windows were commanded, as the principal components of the mean, the mean size and the spread of
+    each command, largest first, each with mean 0 and variance 1."""
+    rows = np.zeros((data.count, 3 * max(b.drive.command.shape[2] for b in data.blocks)))
+    for b in data.blocks:
+        u = b.drive.command[:, b.drive.lead :]
+        of = np.concatenate([u.mean(axis=1), np.abs(u).mean(axis=1), u.std(axis=1)], axis=1)
+        rows[b.where, : of.shape[1]] = of
+    scaled = np.apply_along_axis(_standard, 0, rows)
+    left, size, _ = np.linalg.svd(scaled, full_matrices=False)
+    there = size > LEAST * size.max(initial=0.0)
+    return np.asarray(left[:, there] * np.sqrt(len(rows)))
+
+
+def balanced(columns: np.ndarray, later: np.ndarray, most: int, apart: float) -> np.ndarray:
+    """(U, at most `most`) the first of these columns (U, k) whose means before and after differ by less than `apart`
+    standard deviations. They reduce the scatter of the units; one that differs could hide what changed, since a
+    controller answers a change with other commands."""
+    spread = np.sqrt(0.5 * (columns[later].var(axis=0) + columns[~later].var(axis=0)))
+    difference = np.abs(columns[later].mean(axis=0) - columns[~later].mean(axis=0))
+    return columns[:, (difference < apart * spread) & (spread > 0.0)][:, :most]
+
+
 def _moved(data: Dataset, scales: Scales) -> np.ndarray:
     """(W,) logarithm of the root mean square of the motion, relative to that of all windows."""
     y = np.where(data.compared[:, None, :] & ~scales.still, data.y, np.nan)

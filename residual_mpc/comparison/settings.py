@@ -13,8 +13,9 @@ class ContrastSettings:
     change, over all hypotheses together; left: the same for a difference beyond the named changes. lots: number of
     permutations; labellings: number of ways to divide the runs, below which stretches are permuted; divisions: number
     of ways to divide the stretches, below which Student's distribution is used; clip: standard deviations at which
-    residuals are clipped. shorter: length of the windows as a share of the horizon, if errors grow too fast to predict
-    longer ones."""
+    residuals are clipped. units_per_condition: number of units for each component of how the robot was commanded that
+    the test takes into account; balanced: standard deviations by which the means of such a component may differ between
+    the sets."""
 
     unit: float = 3.0
     units: int = 12
@@ -25,11 +26,13 @@ class ContrastSettings:
     labellings: int = 10_000
     divisions: int = 1_000
     clip: float = 1.5
-    shorter: float = 0.25
+    units_per_condition: int = 25
+    balanced: float = 0.5
 
     def __post_init__(self) -> None:
-        check_positive(self, "unit", "units", "fewest", "lots", "labellings", "divisions", "clip")
-        check_share(self, "level", "left", "shorter")
+        check_positive(self, "unit", "units", "fewest", "lots", "labellings", "divisions", "clip",
+                       "units_per_condition", "balanced")  # fmt: skip
+        check_share(self, "level", "left")
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons, windows_over
+from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons, windows_between, windows_over
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.results.records import Diagnosis
@@ -90,6 +90,19 @@ def test_a_model_that_diverges_is_not_foretold() -> None:
     assert clear is not None and foretold(
         clear.clean, clear.scales, np.random.default_rng(0), settings=PredictSettings()
     )
+
+
+def test_shorter_windows_fill_what_is_not_held_out() -> None:
+    """The windows of a quarter of a second that fits see where errors grow fast hold nothing of what is kept back."""
+    runs = [rover_run(f"r{k}", {}, seed=k) for k in range(2)]
+    kept = [KeptBack("r0", 2.0, 5.0)]
+    near = windows_between(runs, [ROVER] * 2, SIGMA, 0.25, kept, {}, settings=PredictSettings())
+    assert near is not None
+    data, _ = near
+    mine = data.start[data.run == 0]
+    assert data.horizon == 0.25 and not ((mine + 0.25 > 2.0 + 1e-6) & (mine < 5.0 - 1e-6)).any()
+    seconds = [r.t[-1] - r.t[0] for r in runs]
+    assert data.count == pytest.approx((sum(seconds) - 3.0) / 0.25, abs=3)
 
 
 def test_wheels_that_differ_by_two_percent_are_found_without_an_option() -> None:

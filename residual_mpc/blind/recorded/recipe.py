@@ -11,9 +11,10 @@ from zlib import crc32
 
 import numpy as np
 
-from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target
+from residual_mpc.blind.recorded.sizing import Sizer
 from residual_mpc.blind.records import Planted
+from residual_mpc.errors import BadInput
 
 DOSES = 5  # steps from barely visible to large
 NUMBERS = (1, 0, 1, 2, 3)  # changes in a case: the shares in which they come
@@ -36,12 +37,13 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Change:
-    """One drawn change. dose: its step, from 1."""
+    """One drawn change. dose: its step, from 1; visibility: z of a test that knows it, NaN where it has none."""
 
     kind: Kind
     target: Target
     sizes: Sizes
     dose: int
+    visibility: float
 
     @property
     def planted(self) -> Planted:
@@ -63,19 +65,38 @@ def plan(robot: str, cases: int, first_seed: int, test: bool) -> list[Recipe]:
     return recipes
 
 
-def draw(half: Half, carried: Carried, recipe: Recipe, rng: np.random.Generator) -> tuple[Change, ...]:
-    """The changes of a case, in the order in which they are put in."""
+def draw(carried: Carried, recipe: Recipe, rng: np.random.Generator, size: Sizer) -> tuple[Change, ...]:
+    """The changes of a case, in the order in which they are put in. Changes that the runs would not show even in their
+    largest size are left out.
+
+    Raises BadInput where the runs would show none of the kinds.
+    """
     if not recipe.number:
         return ()
-    kinds = _kinds(carried, recipe, rng)
-    changes = []
-    for place, (kind, targets) in enumerate(kinds):
-        dose = recipe.dose if place == 0 else int(rng.integers(1, DOSES + 1))
-        target = _one(targets, kind.effect, recipe.test, rng)
-        # within a step, development and test seeds draw from parts that do not touch
-        part = rng.uniform(0.55, 0.95) if recipe.test else rng.uniform(0.05, 0.45)
-        changes.append(Change(kind, target, kind.size(half, target, (dose - 1 + part) / DOSES, rng), dose))
-    return tuple(sorted(changes, key=lambda change: change.kind.rank))
+    left = carried
+    while left:
+        changes = list[Change]()
+        for place, (kind, targets) in enumerate(_kinds(left, recipe, rng)):
+            dose = recipe.dose if place == 0 else int(rng.integers(1, DOSES + 1))
+            target = _one(targets, kind.effect, recipe.test, rng)
+            # within a step, development and test seeds draw from parts that do not touch
+            part = rng.uniform(0.55, 0.95) if recipe.test else rng.uniform(0.05, 0.45)
+            sized = size(kind, target, (dose - 1 + part) / DOSES, rng)
+            if sized is None:
+                left = _without(left, kind, target)
+                break
+            changes.append(Change(kind, target, sized.sizes, dose, sized.visibility))
+        else:
+            return tuple(sorted(changes, key=lambda change: change.kind.rank))
+    raise BadInput(
+        "these runs scatter so much that they would not show the largest change of any kind", "--kind",
+        "choose other kinds, or give more runs",
+    )  # fmt: skip
+
+
+def _without(carried: Carried, kind: Kind, target: Target) -> Carried:
+    fewer = [(k, tuple(t for t in targets if (k, t) != (kind, target))) for k, targets in carried]
+    return [(k, targets) for k, targets in fewer if targets]
 
 
 def _kinds(carried: Carried, recipe: Recipe, rng: np.random.Generator) -> list[tuple[Kind, tuple[Target, ...]]]:

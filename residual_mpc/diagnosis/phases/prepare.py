@@ -11,7 +11,13 @@ from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
 from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
 from residual_mpc.diagnosis.options import Options, Progress
-from residual_mpc.diagnosis.predict.horizons import HorizonWindows, foretold, longer_horizons, windows_over
+from residual_mpc.diagnosis.predict.horizons import (
+    HorizonWindows,
+    foretold,
+    longer_horizons,
+    windows_between,
+    windows_over,
+)
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.predict.space import Space, build_space
 from residual_mpc.logs.run import Run
@@ -34,8 +40,9 @@ class DiagnosisInput:
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
-    may see; longer: the same runs over the longer horizons that the nominal model can predict; unstable: whether it can
-    predict the headline's and none of those."""
+    may see; longer: the same runs over the longer horizons that the nominal model can predict; near: shorter windows
+    that fits may see, with their scales, if it can predict the headline's and none of the longer ones: where errors
+    grow that fast, the few windows that diverge hide the others."""
 
     raw: Dataset
     clean: Dataset
@@ -45,7 +52,7 @@ class Prepared:
     held: np.ndarray
     space: Space
     longer: tuple[HorizonWindows, ...]
-    unstable: bool
+    near: tuple[Dataset, Scales] | None
     options: Options
 
     @property
@@ -76,5 +83,8 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     )
     there = [look for look in looks if look is not None]
     longer = tuple(look for look in there if foretold(look.clean, look.scales, rng, settings=settings.predict))
-    unstable = bool(there) and not longer and foretold(clean, scales, rng, settings=settings.predict)
-    return Prepared(raw, clean, scales, outliers, kept, held, space, longer, unstable, options)
+    near = None
+    if there and not longer and foretold(clean, scales, rng, settings=settings.predict):
+        shorter = options.horizon * settings.predict.horizons.shorter
+        near = windows_between(runs, robots, noise, shorter, kept, outliers.flagged, settings=settings.predict)
+    return Prepared(raw, clean, scales, outliers, kept, held, space, longer, near, options)

@@ -6,7 +6,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of
-from residual_mpc.diagnosis.data.subsampling import evenly, shorten, thin, thin_whole
+from residual_mpc.diagnosis.data.subsampling import evenly, thin, thin_whole
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import on_problem
 from residual_mpc.diagnosis.fit.noise_fit import with_noise
@@ -38,7 +38,7 @@ def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progr
     """Search the headline's horizon, then each longer one for what it adds; then compare with rival explanations."""
     progress("searching for effects", 0.1)
     options, settings = prepared.options, prepared.options.settings
-    windows = [(_headline(prepared), prepared.scales)]
+    windows = [_headline(prepared)]
     found = first = search_headline(prepared, rng, lambda text, done: progress(text, 0.1 + 0.4 * done))
     for look in prepared.longer:
         if look.free is None:
@@ -62,12 +62,12 @@ def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progr
 
 def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Progress) -> Found:
     """The search on the windows of the headline's horizon alone."""
-    return _on(prepared, _headline(prepared), prepared.scales, None, rng, progress)
+    return _on(prepared, *_headline(prepared), None, rng, progress)
 
 
-def _headline(prepared: Prepared) -> Dataset:
-    """The windows of the headline's horizon that fits may see; errors that grow within a window hide what made them."""
-    return shorten(prepared.fitting, 0.5) if prepared.unstable else prepared.fitting
+def _headline(prepared: Prepared) -> tuple[Dataset, Scales]:
+    """The windows of the headline's horizon that fits may see, with their scales; shorter ones if errors grow fast."""
+    return prepared.near or (prepared.fitting, prepared.scales)
 
 
 def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:

@@ -91,6 +91,21 @@ def windows_over(
     )
 
 
+def windows_between(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    noise: Mapping[str, float],
+    horizon: float,
+    kept: Sequence[KeptBack],
+    flagged: Mapping[tuple[int, str], np.ndarray],
+    settings: PredictSettings,
+) -> tuple[Dataset, Scales] | None:
+    """The windows of this horizon between what is held out, with the scales of their motion; None where too few have a
+    measured start, or nothing moves."""
+    spans = [held_spans(r, kept) for r in runs]
+    return _cut(runs, robots, noise, horizon, spans, flagged, settings)
+
+
 def _free(
     runs: Sequence[Run],
     robots: Sequence[Robot],
@@ -106,17 +121,31 @@ def _free(
     for length in (horizon, *(x for x in horizons.lengths if x < horizon)):
         if length < horizons.apart * shorter:
             break
-        between = [free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
-        if sum(map(len, between)) < horizons.fewest:
-            continue
-        try:
-            cut = with_outliers_removed(
-                build_dataset(runs, robots, noise, length, between, settings=settings.data), flagged
-            )
-            return cut, measure_scales(cut)
-        except BadInput:  # none has a measured start, or nothing moves
-            continue
+        cut = _cut(runs, robots, noise, length, spans, flagged, settings)
+        if cut is not None:
+            return cut
     return None
+
+
+def _cut(
+    runs: Sequence[Run],
+    robots: Sequence[Robot],
+    noise: Mapping[str, float],
+    length: float,
+    spans: Sequence[Sequence[tuple[float, float]]],
+    flagged: Mapping[tuple[int, str], np.ndarray],
+    settings: PredictSettings,
+) -> tuple[Dataset, Scales] | None:
+    between = [free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
+    if sum(map(len, between)) < settings.horizons.fewest:
+        return None
+    try:
+        cut = with_outliers_removed(
+            build_dataset(runs, robots, noise, length, between, settings=settings.data), flagged
+        )
+        return cut, measure_scales(cut)
+    except BadInput:  # none has a measured start, or nothing moves
+        return None
 
 
 def foretold(clean: Dataset, scales: Scales, rng: np.random.Generator, settings: PredictSettings) -> bool:

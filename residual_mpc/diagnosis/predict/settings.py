@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from residual_mpc.diagnosis.checks import check_positive
+from residual_mpc.diagnosis.checks import check_positive, check_share
 from residual_mpc.diagnosis.data.settings import DataSettings
 
 
@@ -22,15 +22,18 @@ class StartSettings:
 class HorizonSettings:
     """apart: times the horizon before it, from which a longer one says something new; fewest: windows that a horizon
     needs; lengths: s, of windows that fits may see where none of a horizon's length is free; look_steps: simulation
-    steps that the first look at a horizon may cost."""
+    steps that the first look at a horizon may cost; shorter: length of the windows that fits see as a share of the
+    headline's horizon, if errors grow too fast to predict longer ones."""
 
     apart: float = 1.5
     fewest: int = 3
+    shorter: float = 0.25
     lengths: tuple[float, ...] = (20.0, 15.0, 10.0, 7.5)
     look_steps: int = 40_000
 
     def __post_init__(self) -> None:
         check_positive(self, "apart", "fewest", "look_steps")
+        check_share(self, "shorter")
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ class Kind:
         size: draws sizes for one target. The strength runs from 0, barely visible, to 1, large.
         apply: puts the change in.
         rank: changes of a lower rank are put in first.
+        directed: whether it moves what is measured or predicted in one direction, so that its visibility can be
+            measured; outliers do not.
     """
 
     effect: str
@@ -38,6 +40,7 @@ class Kind:
     size: Callable[[Half, Target, float, np.random.Generator], Sizes]
     apply: Callable[[Half, Target, Sizes, np.random.Generator], Half]
     rank: int = 0
+    directed: bool = True
 
 
 def refuse(effect: str, why: str, remedy: str = "choose another kind") -> BadInput:

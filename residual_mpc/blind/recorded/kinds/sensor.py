@@ -138,5 +138,5 @@ OUTLIERS = Kind(
     SENSOR_OUTLIERS.name, "log",
     "The stated share of the samples, drawn at random, is moved by 0.7 to 3 times the channel's spread; the others "
     "stay.",
-    "outliers", _outlier_targets, _outliers, _jump, rank=3,
+    "outliers", _outlier_targets, _outliers, _jump, rank=3, directed=False,
 )  # fmt: skip

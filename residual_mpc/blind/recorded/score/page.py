@@ -8,6 +8,7 @@ from residual_mpc.blind.recorded.score.match import lacking
 from residual_mpc.blind.recorded.score.outcome import Outcome
 from residual_mpc.blind.recorded.score.score import RecordedScores
 from residual_mpc.blind.recorded.score.summary import Summary
+from residual_mpc.blind.records import Answer
 from residual_mpc.blind.score.page import number, percent
 from residual_mpc.files import write_atomically
 
@@ -75,8 +76,8 @@ def _rows(every: tuple[Summary, ...], name: str) -> list[tuple[str, list[str]]]:
 def _wrong(o: Outcome) -> dict[str, object]:
     """A wrong case in words."""
     changed = [
-        f"{_place(p.effect, p.target)} {', '.join(f'{k} {v:.3g}' for k, v in p.parameters.items())} (dose {dose})"
-        for p, dose in zip(o.answer.effects, o.answer.notes["dose"], strict=True)
+        f"{_place(p.effect, p.target)} {', '.join(f'{k} {v:.3g}' for k, v in p.parameters.items())} (dose {dose}{z})"
+        for p, dose, z in zip(o.answer.effects, o.answer.notes["dose"], _visibilities(o.answer), strict=True)
     ]
     said = o.trouble or (o.claim.verdict if o.claim else "")
     named = [] if o.claim is None else [_place(*n) + _probability(o, n) for n in o.claim.named]
@@ -84,6 +85,12 @@ def _wrong(o: Outcome) -> dict[str, object]:
         "case": o.name, "source": o.source, "changed": changed or ["nothing"], "said": said, "named": named,
         "lacking": lacking(o.answer),
     }  # fmt: skip
+
+
+def _visibilities(answer: Answer) -> list[str]:
+    """Of each change, in words; empty where a change has none, or an older suite does not state it."""
+    stated = answer.notes.get("visibility", [None] * len(answer.effects))
+    return ["" if z is None else f", z {z:.1f}" for z in stated]
 
 
 def _place(effect: str, target: str | None) -> str:

@@ -1,0 +1,123 @@
+"""How clearly recorded runs show a change: its size over the scatter that these runs have without it.
+
+The change is put into both halves. In each unit, a run or a stretch of one, the errors of the nominal model are
+projected onto the difference that the change makes to them: a change of the full size shifts this estimate by one. The
+visibility is that shift over the standard error of the difference between the halves, the z of a test that knows which
+change to look for. Neither the search nor the common model of `compare` takes part.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from residual_mpc.blind.recorded.case_files import HALVES, write_case
+from residual_mpc.blind.recorded.half import Half
+from residual_mpc.models.robot_file import RobotFile
+
+STEPS = 60_000  # simulation steps of one replay of both halves
+STRETCH = 3.0  # s, of a unit where there are few runs
+FEW_RUNS = 6  # in a half, below which stretches of runs are the units
+BINS = 10  # of a window
+MAD = 1.4826  # standard deviations in a median absolute deviation of a normal distribution
+Change = Callable[[Half], Half]
+
+
+@dataclass(frozen=True, eq=False)
+class WindowErrors:
+    """Errors of the nominal model. key (W, 2): number of the run within both halves, and of the window within it;
+    later (W,) bool; start (W,) s; errors (W, BINS, C), averaged over equal parts of the window, each channel over the
+    size of its motion, NaN where missing."""
+
+    key: np.ndarray
+    later: np.ndarray
+    start: np.ndarray
+    errors: np.ndarray
+
+
+def window_errors(robot: RobotFile, before: Half, after: Half) -> WindowErrors:
+    """Of the windows of one second, evenly fewer where they are many."""
+    from residual_mpc.api.robot import load_robot
+    from residual_mpc.api.run_models import RunModels
+    from residual_mpc.diagnosis.data.dataset import build_dataset
+    from residual_mpc.diagnosis.data.gap import measure_scales
+    from residual_mpc.diagnosis.data.settings import DataSettings
+    from residual_mpc.diagnosis.data.subsampling import evenly
+    from residual_mpc.diagnosis.predict.replay import predict
+    from residual_mpc.logs.readers.read import read_runs
+    from residual_mpc.models.settings import Settings
+
+    with tempfile.TemporaryDirectory() as folder:
+        case = Path(folder) / "case"
+        case.mkdir()
+        write_case(case, robot, before, after)
+        loaded = load_robot(case / "robot.toml")
+        halves = [read_runs([case / half], loaded.file).runs for half in HALVES]
+        models = RunModels(loaded)
+        runs = [run for half in halves for run in half]
+        data = build_dataset(runs, [models.of(r.name) for r in runs], loaded.file.noise)
+    scales = measure_scales(data)
+    number = data.run.copy()
+    order = np.zeros(data.count, dtype=int)
+    for run in np.unique(number):
+        order[number == run] = np.argsort(np.argsort(data.start[number == run]))
+    keep = evenly(data, STEPS, settings=DataSettings())
+    errors = (data.y - predict(data, Settings(1))[0])[keep] / scales.s
+    errors[:, :, scales.still] = np.nan
+    key = np.column_stack([number, order])[keep]
+    binned = _binned(data.t[keep] / data.horizon, errors)
+    return WindowErrors(key, key[:, 0] >= len(halves[0]), data.start[keep], binned)
+
+
+def visibility(untouched: WindowErrors, changed: WindowErrors) -> float:
+    """z of the change that leads from one to the other, at least 0; 0 where no unit shows it."""
+    _, mine, its = np.intersect1d(_flat(untouched), _flat(changed), return_indices=True)
+    e, moved = untouched.errors[mine], changed.errors[its]
+    there = np.isfinite(e) & np.isfinite(moved)
+    e, d = np.where(there, e, 0.0), np.where(there, moved - e, 0.0)
+    unit, later = _units(untouched, mine)
+    size, score = np.zeros(len(later)), np.zeros(len(later))
+    np.add.at(size, unit, np.einsum("wmc,wmc->w", d, d))
+    np.add.at(score, unit, np.einsum("wmc,wmc->w", d, e))
+    seen = size > 1e-6 * size.max(initial=0.0)
+    if min(np.count_nonzero(seen & later), np.count_nonzero(seen & ~later)) < 2:
+        return 0.0
+    estimate, later = score[seen] / size[seen], later[seen]
+    weight = size[seen] / (size[seen] + np.median(size[seen]))  # as in the test of `compare`
+    centred = estimate - np.array([np.median(estimate[later == side]) for side in later])
+    spread = MAD * float(np.median(np.sqrt(weight) * np.abs(centred)))
+    sets = (weight[later].sum(), weight[~later].sum())
+    return 1.0 / (spread * float(np.sqrt(1.0 / sets[0] + 1.0 / sets[1])) + 1e-9)
+
+
+def _binned(part: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """(W, BINS, C) means of the errors (W, M, C) of samples at these parts of the window (W, M). A change may move the
+    stamps, and single samples hold more noise than change."""
+    out = np.full((len(errors), BINS, errors.shape[2]), np.nan)
+    with np.errstate(invalid="ignore"):
+        place = np.clip(np.floor(part * BINS), 0, BINS - 1)
+    for k in range(BINS):
+        here = np.where((place == k)[:, :, None], errors, np.nan)
+        count = np.isfinite(here).sum(axis=1)
+        out[:, k] = np.where(count > 0, np.nansum(here, axis=1) / np.maximum(count, 1), np.nan)
+    return out
+
+
+def _flat(of: WindowErrors) -> np.ndarray:
+    return np.asarray(of.key[:, 0] * 1_000_000 + of.key[:, 1])
+
+
+def _units(of: WindowErrors, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(W,) the unit of each of these windows, and (U,) bool whether a unit belongs to the later half."""
+    run, later = of.key[rows, 0], of.later[rows]
+    stretch = np.zeros(len(rows), dtype=int)
+    if min(len(np.unique(run[later])), len(np.unique(run[~later]))) < FEW_RUNS:
+        stretch = (of.start[rows] / STRETCH).astype(int)
+    _, unit = np.unique(run * 1_000_000 + stretch, return_inverse=True)
+    side = np.zeros(int(unit.max(initial=-1)) + 1, dtype=bool)
+    side[unit] = later
+    return unit, side
