@@ -26,6 +26,7 @@ FLANK = 0.3  # of a spike's height: the most that the samples beside it may shar
 REACH = 11  # samples in the window of a local polynomial
 STRETCH = 61  # samples over which errors of prediction are usual
 SPIKE = 6.0  # times the noise, and times the local error of prediction
+PAUSE = 1.3  # periods between two stamps from which the later one may have been held up
 STAMP = 0.1  # of the period: how far any stamp may be off; one that is early by more is rather late by the rest
 
 
@@ -180,7 +181,7 @@ def find_jumps(t: FloatArray, y: FloatArray, sigma: float) -> Jumps:
 
     While a robot moves with v, a sample whose stamp is late by d lies v d behind the curve. How late it may be is
     seen from the stamps: by how much they leave the even grid of their neighbours, and a tenth of the period that no
-    stamp shows. What such a shift explains is no outlier.
+    stamp shows; after a pause of the clock, by up to the pause. What such a shift explains is no outlier.
 
     Args:
         t: (n,) s.
@@ -251,7 +252,12 @@ def _unexplained(away: FloatArray, slope: FloatArray, times: FloatArray, place: 
     """
     late, period = _lateness(times, place)
     margin = np.abs(slope) * STAMP * period
-    low, high = (edge(0.0, -slope * late) - sign * margin for edge, sign in ((np.minimum, 1.0), (np.maximum, -1.0)))
+    # a sample may have been taken before a pause and stamped after it
+    own = np.arange(len(times))
+    since = times[own, place] - times[own, np.maximum(place - 1, 0)]
+    paused = np.where(since > PAUSE * period, since - period, 0.0)
+    shifts = np.stack([np.zeros_like(late), -slope * late, -slope * np.maximum(late, paused)])
+    low, high = shifts.min(axis=0) - margin, shifts.max(axis=0) + margin
     left = np.maximum(0.0, np.maximum(low - away, away - high))
     by_the_rest = np.maximum(0.0, np.abs(away + slope * (late + period)) - margin)
     return np.where(late < -STAMP * period, np.minimum(left, by_the_rest), left)

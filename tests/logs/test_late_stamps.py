@@ -55,6 +55,16 @@ def test_lost_rows_and_late_stamps(rate: float = 100.0) -> None:
     assert spikes(t[kept], y[kept], noise_sigma(t[kept], y[kept])).sum() <= 1
 
 
+@pytest.mark.parametrize("rate", [200.0, 500.0])
+def test_samples_stamped_after_a_pause_are_no_outliers(rate: float) -> None:
+    """The loop reads, pauses for one to three periods and stamps what it read before: the next sample is on time."""
+    rng = np.random.default_rng(6)
+    pause = np.where(some(rng, 4000, 0.01), rng.uniform(1.0, 3.0, 4000), 0.0) / rate
+    t = np.cumsum(1.0 / rate + pause)
+    y = moving(t - pause) + SIGMA * rng.standard_normal(len(t))
+    assert spikes(t, y, noise_sigma(t, y)).sum() <= 1
+
+
 @pytest.mark.parametrize("clock", ["even", "late", "uneven"])
 @pytest.mark.parametrize("rate", [50.0, 100.0, 500.0])
 def test_jumps_on_a_moving_robot_are_still_found(clock: str, rate: float) -> None:
