@@ -13,10 +13,15 @@ from recorded_robots import ARM, GEOMETRY, arm_log, rover_log
 
 from residual_mpc.api.robot import load_robot
 from residual_mpc.api.runs import read_runs
+from residual_mpc.blind.recorded.case_files import aliases_of
+from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.halves import halves
-from residual_mpc.blind.recorded.log import table_of
+from residual_mpc.blind.recorded.kinds.library import carried_by
+from residual_mpc.blind.recorded.log import log_of, table_of
 from residual_mpc.blind.recorded.make import RecordedSettings, changed_halves, make_recorded_suite
-from residual_mpc.blind.recorded.recipe import plan
+from residual_mpc.blind.recorded.recipe import draw, plan
+from residual_mpc.blind.recorded.robot_text import settings_of
+from residual_mpc.blind.recorded.sizing import Sized
 from residual_mpc.blind.run import RunSettings, run_suite
 from residual_mpc.blind.seal import read_sealed
 from residual_mpc.blind.suite import FIRST_TEST_SEED
@@ -136,26 +141,33 @@ def test_making_resumes_and_refuses_another_suite_in_its_place(made, arm_robot, 
 
 
 def test_the_same_seed_makes_the_same_cases(made, arm_robot):
-    for recipe in plan("arm", 10, 40, test=False):
+    for recipe in plan("arm", 10, 40, test=False)[:4]:
         *_, changes = changed_halves(*arm_robot, RecordedSettings(10, 40), recipe)
         sealed = [(p.effect, p.target, p.parameters) for p in answers(made)[recipe.name].effects]
         assert [(c.kind.effect, c.target, c.sizes) for c in changes] == sealed
 
 
-def test_test_seeds_draw_other_combinations_and_other_sizes(arm_robot):
-    drawn = {}
-    for first in (0, FIRST_TEST_SEED):
-        settings = RecordedSettings(60, first)
-        drawn[first] = [changed_halves(*arm_robot, settings, r)[3] for r in plan("arm", 60, first, settings.test)]
-    sets = [{frozenset(c.kind.effect for c in cs) for cs in part if len(cs) > 1} for part in drawn.values()]
-    assert sets[0] and sets[1] and not sets[0] & sets[1]
-    ratios = [
-        {(c.dose, round(abs(np.log(c.sizes["scale"])), 9)) for cs in part for c in cs if "scale" in c.sizes}
-        for part in drawn.values()
-    ]
-    for dose in range(1, 6):
-        low, high = ([size for d, size in part if d == dose] for part in ratios)
-        assert not low or not high or max(low) < min(high)
+def test_test_seeds_draw_other_combinations_and_other_strengths(arm_robot):
+    robot, runs = arm_robot
+    aliases = aliases_of(robot)
+    half = Half("arm", robot.plant, tuple(log_of(r, r.name, aliases) for r in runs), settings_of(robot), "tip")
+    carried = carried_by(half)
+    strengths: dict[bool, list[float]] = {False: [], True: []}
+    sets: dict[bool, set[frozenset[str]]] = {False: set(), True: set()}
+    for test, first in ((False, 0), (True, FIRST_TEST_SEED)):
+
+        def size(kind, target, strength, rng, test=test):
+            strengths[test].append(strength)
+            return Sized(kind.size(half, target, strength, rng), 5.0)
+
+        for recipe in plan("arm", 60, first, test):
+            changes = draw(carried, recipe, np.random.default_rng(recipe.seed), size)
+            if len(changes) > 1:
+                sets[test].add(frozenset(c.kind.effect for c in changes))
+    assert sets[False] and sets[True] and not sets[False] & sets[True]
+    for dose in range(5):
+        low, high = ([s * 5 - dose for s in strengths[test] if dose <= s * 5 < dose + 1] for test in (False, True))
+        assert low and high and max(low) < min(high)
 
 
 def test_each_case_is_compared_and_scored(made):
