@@ -154,7 +154,7 @@ def _described(run: Run, model: Robot) -> dict[str, Any]:
         there = np.isfinite(run.columns[c])
         fresh = fresh_samples(run.columns[c][there])
         channels[c] = {
-            "rate": float(fresh.sum()) / len(run.t) / run.period,
+            "rate": float(fresh.sum()) / len(run.sampled) / run.period,
             "missing": float(1.0 - there.mean()),
         }
     return {

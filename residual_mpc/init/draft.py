@@ -14,7 +14,7 @@ from residual_mpc.init.calibration.signs import SignAndZero, find_signs, true_va
 from residual_mpc.init.calibration.units import UnitGuess, find_units
 from residual_mpc.init.columns.evidence import ColumnEvidence, Roles, where_on
 from residual_mpc.init.columns.guess import Guess, LogCorrection
-from residual_mpc.init.columns.recording import Recording, read_recordings
+from residual_mpc.init.columns.recording import Recording, column_words, read_recordings
 from residual_mpc.init.columns.signals import gather
 from residual_mpc.init.columns.time_column import find_clock
 from residual_mpc.init.columns.words import ColumnName, read_words
@@ -78,7 +78,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     recordings = read_recordings(paths)
     clock = find_clock(recordings)
     signals = gather(recordings, clock)
-    words = {name: read_words(name) for name in signals.names}
+    words = column_words(signals.names, recordings)
     pose, left = find_pose(words, signals) if structure.base is not None else (Roles({}), {})
     case = ColumnEvidence(structure, signals, {n: w for n, w in words.items() if n not in pose.columns.values()})
     roles = _served(case, _shared_switch(case, find_roles(case))).plus(pose)
@@ -126,7 +126,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
         mends,
         _unmatched(whole, roles, recordings, {**_no_pose(structure, words), **left}),
         _missing(case, roles),
-        tuple(dict.fromkeys(r.note for r in recordings if r.note)),
+        tuple(dict.fromkeys(note for r in recordings for note in r.notes)),
     )
 
 

@@ -12,7 +12,8 @@ from residual_mpc.init.columns.guess import LogCorrection
 from residual_mpc.init.columns.recording import dates_as_numbers
 from residual_mpc.logs.readers.cells import numbers_or_none
 from residual_mpc.logs.readers.find import find_tables, stem
-from residual_mpc.logs.readers.table import read_header, read_table
+from residual_mpc.logs.readers.headers import read_headers
+from residual_mpc.logs.readers.table import Header
 
 
 def write_corrected_logs(paths: Sequence[str | Path], mends: Sequence[LogCorrection], folder: Path) -> tuple[Path, ...]:
@@ -23,8 +24,8 @@ def write_corrected_logs(paths: Sequence[str | Path], mends: Sequence[LogCorrect
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    sources = find_tables(paths)
-    targets = [folder / f"{stem(source)}.parquet" for source in sources]
+    sources = [header for path in find_tables(paths) for header in read_headers(path)]
+    targets = [folder / f"{_file_stem(source)}.parquet" for source in sources]
     for target in targets:
         if target.exists():
             raise BadInput("this file already exists", str(target), "choose an empty folder with --mended")
@@ -43,11 +44,16 @@ def write_corrected_logs(paths: Sequence[str | Path], mends: Sequence[LogCorrect
     return tuple(targets)
 
 
-def _mended(source: Path, mends: Sequence[LogCorrection]) -> dict[str, Any]:
+def _file_stem(header: Header) -> str:
+    """Of the file that a run is written to; a file of several runs becomes several files."""
+    label = header.label.replace("/", "_")
+    return f"{stem(header.path)}_{label}" if label else stem(header.path)
+
+
+def _mended(header: Header, mends: Sequence[LogCorrection]) -> dict[str, Any]:
     import pyarrow as pa
 
-    header = read_header(source)
-    columns = dict(read_table(header, header.names).columns)
+    columns = dict(header.read(header.names).columns)
     for mend in (m for m in mends if m.column in columns):
         values = numbers_or_none(columns[mend.column])
         values = dates_as_numbers(columns[mend.column], mend.column) if values is None else values

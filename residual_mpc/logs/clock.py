@@ -35,7 +35,7 @@ class Stamps:
         return f"{self.start + t:.15g}"
 
 
-def count_from_start(values: FloatArray, whole: IntArray | None) -> Stamps:
+def count_from_start(values: FloatArray, whole: IntArray | None, unit: Literal["s", "ns"] | None = None) -> Stamps:
     """The stamps of a run, counted from its earliest.
 
     Nanoseconds since 1970 need 61 bits and a float has 53, so that whole numbers are subtracted as such.
@@ -43,6 +43,7 @@ def count_from_start(values: FloatArray, whole: IntArray | None) -> Stamps:
     Args:
         values: (m,) as the log has them; NaN is missing.
         whole: (m,) the same as whole numbers, where the column holds nothing else.
+        unit: where it is known; else it is told by the values.
     """
     there = np.isfinite(values)
     if not there.any():
@@ -52,7 +53,7 @@ def count_from_start(values: FloatArray, whole: IntArray | None) -> Stamps:
         first = int(np.flatnonzero(there)[np.argmin(whole[there])])
     since = values - values[first] if whole is None else np.where(there, whole - whole[first], np.nan)
     start = float(values[first])
-    if _in_nanoseconds(start, since[there]):
+    if unit == "ns" or unit is None and _in_nanoseconds(start, since[there]):
         return Stamps(since / 1e9, start / 1e9, "ns")
     return Stamps(since, start, "s")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,14 +60,31 @@ class Run:
             if is_measured(name) and name not in self.served_as_command and bool(np.any(np.isfinite(values)))
         )
 
-    @property
+    @cached_property
+    def sampled(self) -> FloatArray:
+        """(m,) s: the stamps of the column that was sampled most often, m >= 2 unless every column has one sample.
+
+        In a plain table these are all rows. Where sensors of different rates share a table, its rows are those of all.
+        """
+        most, best = -1, self.t
+        for values in self.columns.values():
+            there = np.isfinite(values)
+            if (count := int(there.sum())) > most and count > 1:
+                most, best = count, self.t if count == len(there) else self.t[there]
+        return best
+
+    @cached_property
     def period(self) -> float:
-        """The median time between samples, s."""
-        return float(np.median(np.diff(self.t)))
+        """The median time between samples of the column that was sampled most often, s."""
+        return float(np.median(np.diff(self.sampled)))
 
 
 def held(run: Run, column: str) -> FloatArray:
     """A column with each value held until the next that is not missing, (n,); NaN before the first."""
-    values = run.columns[column]
+    return hold(run.columns[column])
+
+
+def hold(values: FloatArray) -> FloatArray:
+    """(n,) each value held until the next that is not missing; NaN before the first."""
     last = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), -1))
     return np.where(last >= 0, values[np.maximum(last, 0)], np.nan)

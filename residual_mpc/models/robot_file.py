@@ -90,6 +90,13 @@ class RobotFile:
         """The [log] that applies to a run."""
         return for_run(self, run_name).log
 
+    def wheels_of(self, run_name: str) -> tuple[float, float] | None:
+        """(`wheel_radius`, `track_width`) in a run, m; None where the robot file does not state both."""
+        parameters = for_run(self, run_name).parameters
+        if "wheel_radius" not in parameters or "track_width" not in parameters:
+            return None
+        return parameters["wheel_radius"], parameters["track_width"]
+
 
 def read_robot_file(path_or_name: str | Path) -> RobotFile:
     """Read a robot file, or take an MJCF or URDF file or the name of a built-in robot.

@@ -82,18 +82,18 @@ def test_broken_names_are_no_names(tmp_path: Path) -> None:
     assert len(read_runs([path], RobotFile("arm", "p", log=log("0", "1"))).runs) == 1
 
 
-def test_episodes_are_runs_where_the_robot_file_says_so(tmp_path: Path) -> None:
-    path = data_set(tmp_path, list(JOINTS), episodes=3)
-    whole = RobotFile("arm", "p", log=log(*JOINTS))
+def test_episodes_outside_a_data_set_are_runs_where_the_robot_file_says_so(tmp_path: Path) -> None:
+    path = data_set(tmp_path, None, episodes=3)
+    whole = RobotFile("arm", "p", log=log("0", "1"))
     with pytest.raises(BadInput, match='"run" = "episode_index"'):
         read_runs([path], whole)
-    apart = RobotFile("arm", "p", log={**log(*JOINTS), "run": "episode_index"})
+    apart = RobotFile("arm", "p", log={**log("0", "1"), "run": "episode_index"})
     assert [run.name for run in read_runs([path], apart).runs] == ["0", "1", "2"]
 
 
 def test_the_likely_time_is_named_where_t_is_missing(tmp_path: Path) -> None:
-    path = data_set(tmp_path, list(JOINTS))
-    named = {name: column for name, column in log(*JOINTS).items() if name != "t"}
+    path = data_set(tmp_path, None)
+    named = {name: column for name, column in log("0", "1").items() if name != "t"}
     with pytest.raises(BadInput, match='"t" = "timestamp"'):
         read_runs([path], RobotFile("arm", "p", log=named))
 

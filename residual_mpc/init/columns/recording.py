@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from residual_mpc.errors import BadInput
-from residual_mpc.init.columns.words import TIME_WORDS, tokens
+from residual_mpc.init.columns.words import TIME_WORDS, ColumnName, read_words, tokens
 from residual_mpc.logs.columns import RUNS as RUN_WORDS
+from residual_mpc.logs.columns import group, is_measured
 from residual_mpc.logs.readers.cells import labels, numbers_or_none
 from residual_mpc.logs.readers.find import find_tables, stem
-from residual_mpc.logs.readers.table import read_header, read_table
+from residual_mpc.logs.readers.headers import read_headers
+from residual_mpc.logs.readers.table import Header
 from residual_mpc.logs.run import FloatArray
 
 RUNS = 0.2  # share of the rows up to which the values of a column may be runs
@@ -30,7 +32,10 @@ class Recording:
     dates: names of columns that hold dates.
     run_column: which tells the runs of the table apart, None where it holds one.
     label: the value of run_column, empty without one.
-    note: what became of the table's list columns, empty without any.
+    notes: how the table was read, where that needs a word.
+    hints: column -> text that says better than its name what it is, where the file's format knows.
+    preferred: name of the log format -> the one column that the file's format has for it.
+    doubles: columns that measure what a preferred one measures as well.
     """
 
     name: str
@@ -40,7 +45,10 @@ class Recording:
     dates: frozenset[str] = frozenset()
     run_column: str | None = None
     label: str = ""
-    note: str = ""
+    notes: tuple[str, ...] = ()
+    hints: Mapping[str, str] = field(default_factory=dict)
+    preferred: Mapping[str, str] = field(default_factory=dict)
+    doubles: frozenset[str] = frozenset()
 
     @property
     def rows(self) -> int:
@@ -52,12 +60,13 @@ def read_recordings(paths: Sequence[str | Path]) -> tuple[Recording, ...]:
 
     Raises BadInput for a table that cannot be read, or holds no column of numbers or fewer than two rows.
     """
-    return tuple(recording for path in find_tables(paths) for recording in _read(path))
+    headers = [header for path in find_tables(paths) for header in read_headers(path)]
+    return tuple(recording for header in headers for recording in _read(header))
 
 
-def _read(path: Path) -> list[Recording]:
-    header = read_header(path)
-    table = read_table(header, header.names)
+def _read(header: Header) -> list[Recording]:
+    path = header.path
+    table = header.read(header.names)
     cells: dict[str, FloatArray] = {}
     texts, dates = [], []
     for name, column in table.columns.items():
@@ -77,9 +86,38 @@ def _read(path: Path) -> list[Recording]:
         raise BadInput(what, str(path), "remove the table, or record the run again")
     if not cells:
         raise BadInput("no column is numeric", str(path), "use decimal points, and leave cells of missing values empty")
-    whole = Recording(stem(path), path, cells, tuple(texts), frozenset(dates), note=header.note)
+    name = f"{stem(path)}/{header.label}" if header.label else stem(path)
+    notes = [header.note, *(r.message for r in (*header.remarks, *table.remarks) if r.severity != "error")]
+    whole = Recording(
+        name,
+        path,
+        cells,
+        tuple(texts),
+        frozenset(dates),
+        label=header.label,
+        notes=tuple(note for note in notes if note),
+        hints={column: _hint(header, column, meaning) for column, meaning in header.meanings.items()},
+        preferred=header.preferred,
+        doubles=frozenset(
+            column
+            for column, meaning in header.meanings.items()
+            if is_measured(meaning) and header.preferred.get(meaning, column) != column
+        ),
+    )
     run_column = _run_column(table.columns, cells, rows)
     return [whole] if run_column is None else _split(whole, run_column, table.columns[run_column])
+
+
+def _hint(header: Header, column: str, meaning: str) -> str:
+    """The group that a column means, and its name without that of its topic."""
+    return f"{group(meaning) or meaning} {column.removeprefix(header.topics.get(column, ''))}"
+
+
+def column_words(names: Sequence[str], recordings: Sequence[Recording]) -> dict[str, ColumnName]:
+    """What the columns' names say, or what their format says of them; without those that measure a thing twice."""
+    hints = {column: hint for r in recordings for column, hint in r.hints.items()}
+    doubles = frozenset[str]().union(*(r.doubles for r in recordings))
+    return {name: replace(read_words(hints.get(name, name)), name=name) for name in names if name not in doubles}
 
 
 def _run_column(columns: Mapping[str, Any], cells: Mapping[str, FloatArray], rows: int) -> str | None:
@@ -102,6 +140,7 @@ def _split(whole: Recording, run_column: str, column: Any) -> list[Recording]:
         rows = np.flatnonzero(of_row == label)
         cells = {name: values[rows] for name, values in whole.columns.items() if name != run_column}
         name = f"{whole.name}/{label}"
+        label = f"{whole.label}/{label}" if whole.label else label
         parts.append(replace(whole, name=name, columns=cells, run_column=run_column, label=label))
     return parts
 

@@ -84,5 +84,5 @@ def _gaps(run: Run) -> list[Finding]:
 
 
 def _jitter(run: Run) -> float:
-    low, high = np.quantile(np.diff(run.t), [0.05, 0.95])
+    low, high = np.quantile(np.diff(run.sampled), [0.05, 0.95])
     return float(high - low) / run.period

@@ -1,4 +1,4 @@
-"""Other formats than a run table's, told by how a file begins, and how to make a table of each."""
+"""Formats other than CSV and Parquet, told by how a file begins; and how to make a table of those that are not read."""
 
 from __future__ import annotations
 
@@ -12,35 +12,24 @@ ENOUGH = 1024  # bytes from which a format is told
 
 @dataclass(frozen=True)
 class Format:
-    """name: with its article. remedy: how to make a table of such a file."""
+    """name: with its article. remedy: how to make a table of such a file; empty for a format that is read."""
 
     name: str
-    remedy: str
+    remedy: str = ""
 
     def refusal(self, path: Path) -> BadInput:
-        return BadInput(f"must be a CSV or Parquet table, got {self.name}", str(path), self.remedy)
+        return BadInput(f"must be a run in a format that is read, got {self.name}", str(path), self.remedy)
 
 
-_TOPICS = "write the topics you need to one table per run with one row per message: {} read them as data frames"
-_ROS = _TOPICS.format("the Python packages rosbags and rosbags-dataframe")
-MCAP = Format("an MCAP recording", _ROS + " for ROS messages, and the package mcap for others")
-BAG = Format("a ROS 1 bag", _ROS)
-BAG2 = Format("a ROS 2 bag (SQLite)", _ROS)
+# Formats that are read, which need no remedy.
+MCAP = Format("an MCAP recording")
+BAG = Format("a ROS 1 bag")
+BAG2 = Format("a ROS 2 bag (SQLite)")
+HDF5 = Format("an HDF5 file")
+MATLAB = Format("a MATLAB file")
+NPZ = Format("a NumPy archive")
+
 SQLITE = Format("an SQLite database", "write the run to a table, for example pandas.read_sql(...).to_csv('run.csv')")
-HDF5 = Format(
-    "an HDF5 file",
-    "write the data sets of each run to one table, for example with h5py and pandas:"
-    " DataFrame({'t': file['t'][:], ...}).to_parquet('run.parquet')",
-)
-MATLAB = Format(
-    "a MATLAB file",
-    "in MATLAB: writetable(table(t, ...), 'run.csv'); or read it with scipy.io.loadmat and write a table with pandas",
-)
-NPZ = Format(
-    "a NumPy archive",
-    "write its arrays to one table, with pandas: DataFrame({'t': z['t'], ...}).to_parquet('run.parquet'),"
-    " where z = numpy.load(...)",
-)
 NPY = Format(
     "a NumPy array",
     "name its columns and write a table, with pandas: DataFrame(numpy.load(...), columns=[...]).to_csv('run.csv')",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import SPECIAL, did_you_mean, group, is_measured
+from residual_mpc.logs.readers.table import Header
 
 
 class ColumnNames(Protocol):
@@ -32,6 +33,10 @@ class ColumnNames(Protocol):
         """The [log] that applies to a run."""
         ...
 
+    def wheels_of(self, run_name: str) -> tuple[float, float] | None:
+        """(wheel radius, track width) in a run, m; None for a robot without these parameters."""
+        ...
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -50,18 +55,24 @@ class Layout:
     absent: Mapping[str, str]
 
 
-def lay_out(names: Sequence[str], log: Mapping[str, str]) -> Layout:
-    """Name a table's columns by the robot file's [log] first, and by their own names where it says nothing.
+def lay_out(header: Header, log: Mapping[str, str]) -> Layout:
+    """Name a table's columns by the robot file's [log] first, by their own names where it says nothing, and last by
+    what the file's format says of them.
 
     A column that [log] renames within its group (position to position) no longer answers to its own name; one
     that serves another group (a wheel speed as a command) keeps it.
     """
+    names = header.names
     columns = {name: column for name, column in log.items() if column in names}
     absent = {name: column for name, column in log.items() if column not in names and name not in names}
-    moved = {column for name, column in columns.items() if name != column and _kind(name) == _kind(column)}
+    moved = {column for name, column in columns.items() if name != column and _kind(name) == _own_kind(header, column)}
     for name in names:
         if _kind(name) is not None and name not in columns and name not in moved:
             columns[name] = name
+    for name, column in header.preferred.items():
+        if name not in columns and column not in moved:
+            columns[name] = column
+            absent.pop(name, None)
     place = {name: i for i, name in enumerate(names)}
     columns = dict(sorted(columns.items(), key=lambda item: place[item[1]]))
     driving = {column for name, column in columns.items() if group(name) == "command"}
@@ -70,10 +81,20 @@ def lay_out(names: Sequence[str], log: Mapping[str, str]) -> Layout:
     return Layout(columns, served, extra, absent)
 
 
-def recognised(names: Iterable[str], robot: ColumnNames) -> set[str]:
+def recognised(header: Header, robot: ColumnNames) -> set[str]:
     """The columns of a table that some run may need."""
     sources = {column for log in robot.logs for column in log.values()}
-    return {name for name in names if _kind(name) is not None or name in sources}
+    own = {name for name in header.names if _kind(name) is not None or name in sources}
+    return own | {column for log in robot.logs for column in lay_out(header, log).columns.values()}
+
+
+def worth_reading(header: Header, robot: ColumnNames) -> tuple[str, ...]:
+    """The columns to keep: all of a table, and of a recording those of the topics that some run needs, whose stamps
+    become its rows; all of them where it needs none."""
+    needed = {header.topics[name] for name in recognised(header, robot) if name in header.topics}
+    if not needed:
+        return header.names
+    return tuple(name for name in header.names if header.topics.get(name, "") in needed or name not in header.topics)
 
 
 def check_log(robot: ColumnNames, tables: Sequence[Sequence[str]]) -> None:
@@ -92,6 +113,11 @@ def check_log(robot: ColumnNames, tables: Sequence[Sequence[str]]) -> None:
                     robot.source,
                     did_you_mean(column, known),
                 )
+
+
+def _own_kind(header: Header, column: str) -> str | None:
+    """The kind that a column has by its own name, or by what its format says of it."""
+    return _kind(column) or _kind(header.meanings.get(column, ""))
 
 
 def _kind(name: str) -> str | None:

@@ -13,7 +13,7 @@ from residual_mpc.logs.clock import IntArray
 from residual_mpc.logs.readers.cells import labels, numbers, numbers_or_none, whole_numbers
 from residual_mpc.logs.readers.find import stem
 from residual_mpc.logs.readers.layout import ColumnNames, lay_out, recognised
-from residual_mpc.logs.readers.table import Header, read_table
+from residual_mpc.logs.readers.table import Header, Remark
 from residual_mpc.logs.run import FloatArray
 
 
@@ -22,20 +22,23 @@ class Piece:
     """The rows of one run within a table."""
 
     header: Header
-    label: str  # the value of the column `run`, empty without one
+    label: str  # the run's name within its file, empty where that holds one
     rows: NDArray[np.intp]  # (m,) rows of the table
     cells: dict[str, FloatArray]  # column of numbers -> (rows of the table,)
     whole: dict[str, IntArray]  # those that may be the time and hold whole numbers alone
-    left_out: tuple[str, ...]  # unknown columns that were too large to keep
+    left_out: tuple[str, ...]  # unknown columns that were not read
     warnings: tuple[str, ...]
+    remarks: tuple[Remark, ...]
 
 
 def pieces_of(header: Header, names: tuple[str, ...], robot: ColumnNames) -> Iterator[Piece]:
     """A table's runs in the order in which they begin; of its columns only `names` are read."""
-    where = str(header.path)
-    table = read_table(header, names)
-    needed = recognised(header.names, robot)
-    run_column = lay_out(header.names, robot.log).columns.get("run")
+    where = header.where
+    table = header.read(names)
+    needed = recognised(header, robot)
+    layout = lay_out(header, robot.log)
+    run_column = layout.columns.get("run")
+    clocks = {lay_out(header, log).columns.get("t") for log in robot.logs}
     cells = {}
     for name in names:
         if name == run_column:
@@ -44,19 +47,20 @@ def pieces_of(header: Header, names: tuple[str, ...], robot: ColumnNames) -> Ite
             if name in needed:
                 raise BadInput(table.faults[name], where, "write lists of equal length, or one column per element")
             continue
-        values = numbers(table.columns[name], _shown(name, robot), where) if name in needed else None
+        shown = "t" if name == layout.columns.get("t") else name  # the time has a message of its own
+        values = numbers(table.columns[name], shown, where) if name in needed else None
         values = numbers_or_none(table.columns[name]) if values is None else values
         if values is not None:
             cells[name] = values
     left_out = tuple(name for name in header.names if name not in names)
-    clocks = {name: whole_numbers(table.columns[name]) for name in cells if _is_time(name, robot)}
-    whole = {name: values for name, values in clocks.items() if values is not None}
-    rest = (cells, whole, left_out, table.warnings)
+    stamps = {name: whole_numbers(table.columns[name]) for name in cells if name in clocks}
+    whole = {name: values for name, values in stamps.items() if values is not None}
+    rest = (cells, whole, left_out, table.warnings, (*header.remarks, *table.remarks))
     count = max((len(column) for column in table.columns.values()), default=0)
     if count == 0:
         raise BadInput("the table has no rows", where, "remove it, or record the run again")
     if run_column is None:
-        yield Piece(header, "", np.arange(count), *rest)
+        yield Piece(header, header.label, np.arange(count), *rest)
         return
     of_row = labels(table.columns[run_column], run_column, where)
     unique = {label: i for i, label in enumerate(dict.fromkeys(of_row))}
@@ -64,17 +68,7 @@ def pieces_of(header: Header, names: tuple[str, ...], robot: ColumnNames) -> Ite
     order = np.argsort(codes, kind="stable")
     splits = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
     for label, rows in zip(unique, splits, strict=True):
-        yield Piece(header, label, rows, *rest)
-
-
-def _is_time(name: str, robot: ColumnNames) -> bool:
-    """Whether a column holds the time stamps of some run."""
-    return name in {log.get("t", "t") for log in robot.logs}
-
-
-def _shown(name: str, robot: ColumnNames) -> str:
-    """The log name where [log] renames the time column, whose cells have a message of their own."""
-    return "t" if robot.log.get("t") == name else name
+        yield Piece(header, f"{header.label}/{label}" if header.label else label, rows, *rest)
 
 
 def unique_names(pieces: Sequence[Piece]) -> list[str]:

@@ -12,12 +12,14 @@ from residual_mpc.errors import BadInput
 from residual_mpc.logs.clock import Stamps, count_from_start
 from residual_mpc.logs.columns import PER_ACTUATOR, group, is_measured, likely_run, likely_time
 from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.readers.body_velocity import as_wheel_speeds
 from residual_mpc.logs.readers.find import find_tables
-from residual_mpc.logs.readers.layout import ColumnNames, Layout, check_log, lay_out, recognised
+from residual_mpc.logs.readers.headers import read_headers
+from residual_mpc.logs.readers.layout import ColumnNames, Layout, check_log, lay_out, recognised, worth_reading
 from residual_mpc.logs.readers.pieces import Piece, pieces_of, unique_names
 from residual_mpc.logs.readers.remarks import gathered, remarks_on_columns
 from residual_mpc.logs.readers.stamps import CLASHES, Order, order_rows
-from residual_mpc.logs.readers.table import Header, read_header
+from residual_mpc.logs.readers.table import Header
 from residual_mpc.logs.run import FloatArray, Run
 
 MEMORY_LIMIT = 2 << 30  # bytes of numbers in one call
@@ -32,7 +34,7 @@ class ReadResult:
 
 
 def read_runs(paths: Sequence[Path | str], robot: ColumnNames, memory_limit: float = MEMORY_LIMIT) -> ReadResult:
-    """Read runs from CSV or Parquet files, folders of them, or glob patterns.
+    """Read runs from files and recordings, folders of them, or glob patterns.
 
     Args:
         paths: files, folders or patterns; a file that they mean twice is read once.
@@ -42,12 +44,12 @@ def read_runs(paths: Sequence[Path | str], robot: ColumnNames, memory_limit: flo
     Raises:
         BadInput: a table that cannot be used, with the file, the row and the column at fault.
     """
-    headers = [read_header(path) for path in find_tables(paths)]
+    headers = [header for path in find_tables(paths) for header in read_headers(path)]
     check_log(robot, [header.names for header in headers])
     pieces = [piece for header in _within(headers, robot, memory_limit) for piece in pieces_of(*header, robot)]
     runs, findings = [], []
     for name, piece in zip(unique_names(pieces), pieces, strict=True):
-        run, seen = _read_run(name, piece, robot.log_of(name))
+        run, seen = _read_run(name, piece, robot.log_of(name), robot.wheels_of(name))
         runs.append(run)
         findings.extend(seen)
     return ReadResult(tuple(runs), tuple(gathered(findings, len(runs))))
@@ -55,10 +57,11 @@ def read_runs(paths: Sequence[Path | str], robot: ColumnNames, memory_limit: flo
 
 def _within(headers: Sequence[Header], robot: ColumnNames, limit: float) -> list[tuple[Header, tuple[str, ...]]]:
     """Each table with the columns to read: all, or where memory would not do, those that are needed."""
-    if sum(header.size for header in headers) <= limit:
-        return [(header, header.names) for header in headers]
-    needed = [tuple(n for n in h.names if n in recognised(h.names, robot)) for h in headers]
-    size = sum(h.size * len(n) / len(h.names) for h, n in zip(headers, needed, strict=True))
+    wanted = [worth_reading(header, robot) for header in headers]
+    if sum(h.bytes_of(n) for h, n in zip(headers, wanted, strict=True)) <= limit:
+        return list(zip(headers, wanted, strict=True))
+    needed = [tuple(n for n in h.names if n in recognised(h, robot)) for h in headers]
+    size = sum(h.bytes_of(n) for h, n in zip(headers, needed, strict=True))
     if size > limit:
         largest = max(headers, key=lambda header: header.size)
         raise BadInput(
@@ -72,27 +75,32 @@ def _within(headers: Sequence[Header], robot: ColumnNames, limit: float) -> list
 
 def _stamps(piece: Piece, column: str) -> Stamps:
     whole = piece.whole.get(column)
-    return count_from_start(piece.cells[column][piece.rows], None if whole is None else whole[piece.rows])
+    unit = piece.header.unit if column == "t" else None
+    return count_from_start(piece.cells[column][piece.rows], None if whole is None else whole[piece.rows], unit)
 
 
-def _read_run(name: str, piece: Piece, log: Mapping[str, str]) -> tuple[Run, list[Finding]]:
+def _read_run(
+    name: str, piece: Piece, log: Mapping[str, str], wheels: tuple[float, float] | None
+) -> tuple[Run, list[Finding]]:
     where = f"{piece.header.path}" + (f", run {piece.label}" if piece.label else "")
-    layout = lay_out(piece.header.names, log)
+    layout = lay_out(piece.header, log)
     _check_columns(layout, where)
     findings = [Finding("warning", "table format", name, "", None, text) for text in piece.warnings]
+    findings += [Finding(r.severity, r.kind, name, r.column, None, r.message, r.remedy) for r in piece.remarks]
     if piece.header.note:
         findings.append(Finding("info", "list columns", name, "", None, piece.header.note))
     stamps = _stamps(piece, layout.columns["t"])
-    if stamps.unit == "ns":
+    if stamps.unit == "ns" and piece.header.unit is None:
         text = "the time stamps are in nanoseconds and were converted to seconds"
         findings.append(Finding("info", "stamps in ns", name, "t", None, text))
-    order = order_rows(stamps, where, _apart(layout))
+    order = order_rows(stamps, where, _apart(layout), joined=bool(piece.header.topics))
     findings += [Finding("warning", kind, name, "t", None, text) for kind, text in order.warnings]
     columns = {
         key: order.apply(piece.cells[column][piece.rows])
         for key, column in layout.columns.items()
         if group(key) is not None
     }
+    columns = as_wheel_speeds(columns, wheels)
     _check_clashes(layout, piece, order, where)
     _check_values(columns, layout, where)
     extra_columns = {key: order.apply(piece.cells[key][piece.rows]) for key in layout.extra if key in piece.cells}
@@ -121,7 +129,7 @@ def _read_run(name: str, piece: Piece, log: Mapping[str, str]) -> tuple[Run, lis
         str(piece.header.path),
         float(stamps.start + order.t[start]),
     )
-    return run, findings + remarks_on_columns(run, layout, piece.left_out)
+    return run, findings + remarks_on_columns(run, layout, piece.left_out, piece.header.topics)
 
 
 def _check_columns(layout: Layout, where: str) -> None:
@@ -161,13 +169,13 @@ def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str) ->
         finite = np.isfinite(values)
         if group(name) == "command" and not finite.any():
             raise BadInput(
-                f"command column {layout.columns[name]!r} has no values",
+                f"command column {layout.columns.get(name, name)!r} has no values",
                 where,
                 "remove the column if the actuator was not driven, or fill in the commands that were sent",
             )
         if group(name) == "enabled" and not np.isin(values[finite], (0.0, 1.0)).all():
             odd = values[finite][~np.isin(values[finite], (0.0, 1.0))][0]
-            raise BadInput(f"column {layout.columns[name]!r} must be 0 or 1, got {odd:g}", where)
+            raise BadInput(f"column {layout.columns.get(name, name)!r} must be 0 or 1, got {odd:g}", where)
     measured = [n for n in columns if is_measured(n) and n not in layout.served_as_command]
     if not any(np.isfinite(columns[n]).any() for n in measured):
         what = f"none of the measured columns has any values ({', '.join(measured[:10])})"

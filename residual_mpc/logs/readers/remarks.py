@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from residual_mpc.logs.columns import GROUPS
@@ -12,13 +12,21 @@ from residual_mpc.logs.readers.layout import Layout
 from residual_mpc.logs.run import Run
 
 
-def remarks_on_columns(run: Run, layout: Layout, left_out: Collection[str]) -> list[Finding]:
-    """Columns that [log] names and the run's table lacks, and those of the table that have no meaning here."""
+def remarks_on_columns(run: Run, layout: Layout, left_out: Collection[str], topics: Mapping[str, str]) -> list[Finding]:
+    """Columns that [log] names and the run's table lacks, and those of the table that have no meaning here; of a
+    recording (topics: column -> topic) the topics that were not read."""
     remarks = []
     for name, column in layout.absent.items():
         message = f"[log] refers to column {column!r}, which this table does not have"
         remarks.append(Finding("warning", "absent column", run.name, name, None, message))
+    unread = dict.fromkeys(topics[name] for name in left_out if name in topics)
+    unread = dict.fromkeys(t for t in unread if all(n in left_out for n, topic in topics.items() if topic == t))
+    for topic in unread:
+        message = f"topic {topic} is not used"
+        remarks.append(Finding("info", "unused topic", run.name, "", None, message))
     for name in run.extra:
+        if topics.get(name) in unread:
+            continue
         if name in left_out:
             message = f"unknown column {name!r} was dropped to save memory"
         else:

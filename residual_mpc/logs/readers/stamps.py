@@ -49,13 +49,14 @@ class Order:
         return np.isfinite(sorted_values) & (sorted_values != self.apply(values)[sample])
 
 
-def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'") -> Order:
+def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'", joined: bool = False) -> Order:
     """Drop rows without a stamp, sort the few that are out of order, and gather those of one stamp.
 
     Args:
         stamps: of m rows, as they came.
         where: the run, for messages.
         apart: what would tell several runs of a table apart, for messages.
+        joined: whether the rows are those of several topics, in a known unit: two of them may be as close as can be.
 
     Raises:
         BadInput: fewer than two stamps, stamps that run backwards or start again, or are not in seconds.
@@ -82,7 +83,8 @@ def order_rows(stamps: Stamps, where: str, apart: str = "a column 'run'") -> Ord
         message = f"{repeated} rows repeat the previous time stamp and were merged with the row before"
         warnings.append(("repeated stamps", message))
     t = t[first]
-    _check_unit(t, where)
+    if not joined:
+        _check_unit(t, where)
     return Order(t, rows, first, tuple(warnings))
 
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 LONGEST = 128  # elements; a longer list is a scan or an image, and no joint's value
-DATA_SET = Path("meta") / "info.json"  # of a LeRobot data set, two folders above its tables
-ABOVE = 4  # folders in which it is looked for
 SHOWN = 4  # names in a note
 
 
@@ -25,17 +21,16 @@ class Element:
     size: int
 
 
-def find_elements(file: Any, path: Path) -> dict[str, dict[str, Element]]:
+def find_elements(file: Any, info: Mapping[str, Any] | None) -> dict[str, dict[str, Element]]:
     """The list columns of numbers in an open Parquet file: column -> names of its elements -> element.
 
-    The names are `column.name`, or `column.number` where the data set does not name them.
+    The names are `column.name`, or `column.number` where the data set (`info`) does not name them.
     """
-    info = _info(path)
     found = {}
     for field in file.schema_arrow:
         size = _size(file, field)
         if 0 < size <= LONGEST:
-            names = _names(info, field.name, size)
+            names = _names(info or {}, field.name, size)
             found[field.name] = {f"{field.name}.{n}": Element(field.name, i, size) for i, n in enumerate(names)}
     return found
 
@@ -82,18 +77,6 @@ def _size(file: Any, field: Any) -> int:
             if cell.is_valid:
                 return len(cell)
     return 0
-
-
-def _info(path: Path) -> Mapping[str, Any]:
-    """What the data set of a table says of itself; nothing where there is none, or it cannot be read."""
-    for folder in list(path.resolve().parents)[:ABOVE]:
-        if (folder / DATA_SET).is_file():
-            try:
-                info = json.loads((folder / DATA_SET).read_text(encoding="utf-8"))
-            except (OSError, ValueError):
-                return {}
-            return info if isinstance(info, dict) else {}
-    return {}
 
 
 def _names(info: Mapping[str, Any], column: str, size: int) -> Sequence[str]:

@@ -1,0 +1,1 @@
+"""Archives of named arrays: HDF5, MATLAB and NumPy files."""
