@@ -32,10 +32,12 @@ ROBOT = "robot.toml"
 def init(
     model: str, runs: tuple[str, ...], out: Path, force: bool, mended: Path | None, as_json: bool, seed: int
 ) -> None:
-    """Draft a robot file from an MJCF or URDF model and a log, matching columns to joints, and list every guess.
+    """Draft a robot file from a model and a log, matching columns to joints, and list every guess.
 
-    RUN... are files, folders or glob patterns; their columns may have any name.
+    MODEL is an MJCF or URDF file, or the name of a built-in robot such as diff_drive. RUN... are tables, bags and other
+    recordings, folders or glob patterns; their columns and topics may have any name.
     """
+    from residual_mpc.init.built_in import draft_built_in
     from residual_mpc.init.draft import draft
     from residual_mpc.init.draft_text import robot_file_text
     from residual_mpc.init.mended_logs import write_corrected_logs
@@ -46,7 +48,8 @@ def init(
     if out.exists() and not force:
         remedy = "overwrite it with --force, or choose another with --out"
         raise BadInput("this file already exists", str(out), remedy)
-    drafted = draft(Path(model), runs)
+    by_name = model.isidentifier() and not Path(model).exists()
+    drafted = draft_built_in(model, runs) if by_name else draft(Path(model), runs)
     text = robot_file_text(drafted, out.parent)
     trial = try_robot(text, out.parent, runs, drafted.mends)
     tables = list(runs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +41,7 @@ class Draft:
     """What a robot file should say, and what none can say.
 
     Attributes:
-        name, plant, model: as in the robot file.
+        name, plant, model: as in the robot file; model is None for a robot that is given by its name.
         log: log name -> column, where they differ.
         actuators: by joint, for a model without any.
         payload_site, pose_body, tunable: as in the robot file.
@@ -50,11 +50,12 @@ class Draft:
         mends: columns that have to be written anew.
         unmatched: columns that are not used. missing: names without a column.
         notes: how the tables were read, where that needs a word.
+        parameters: as in the robot file.
     """
 
     name: str
     plant: str
-    model: Path
+    model: Path | None
     log: Mapping[str, str]
     actuators: Mapping[str, Actuator]
     payload_site: str | None
@@ -66,6 +67,7 @@ class Draft:
     unmatched: tuple[Unmatched, ...]
     missing: tuple[Unmatched, ...]
     notes: tuple[str, ...]
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
 
 def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
@@ -99,12 +101,11 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     tunable = tuple(name for name in ("kp", "kv") if any(getattr(a, name) > 0.0 for a in actuators.values()))
     settings, setting_guesses = find_settings(model, structure, recordings)
     site, site_guess = _payload_site(structure)
-    run_guess = _run_guess(recordings)
     return Draft(
         model.stem,
         structure.plant,
         model,
-        _log(roles, clock.column, recordings),
+        log_entries(roles.columns, clock.column, recordings),
         actuators,
         site,
         structure.base,
@@ -116,7 +117,7 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
             *_tunable_guess(tunable),
             *setting_guesses,
             *clock.guesses,
-            *run_guess,
+            *run_guess(recordings),
             *roles.guesses,
             *_unit_guesses(units),
             *offsets,
@@ -175,8 +176,9 @@ def _refuse_empty(roles: Roles, structure: ModelStructure, recordings: Sequence[
             )
 
 
-def _log(roles: Roles, clock: str, recordings: Sequence[Recording]) -> dict[str, str]:
-    named = {"t": clock, **roles.columns}
+def log_entries(roles: Mapping[str, str], clock: str, recordings: Sequence[Recording]) -> dict[str, str]:
+    """The [log] of a robot file: log name -> column, where they differ."""
+    named = {"t": clock, **roles}
     run_column = next((r.run_column for r in recordings if r.run_column), None)
     if run_column is not None:
         named["run"] = run_column
@@ -228,7 +230,8 @@ def _tunable_guess(tunable: Sequence[str]) -> tuple[Guess, ...]:
     return (Guess("tunable", names, why, 0.6),)
 
 
-def _run_guess(recordings: Sequence[Recording]) -> tuple[Guess, ...]:
+def run_guess(recordings: Sequence[Recording]) -> tuple[Guess, ...]:
+    """The column that tells the runs of a table apart, where there is one."""
     column = next((r.run_column for r in recordings if r.run_column), None)
     if column is None:
         return ()

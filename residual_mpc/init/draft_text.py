@@ -30,12 +30,17 @@ def robot_file_text(draft: Draft, folder: Path) -> str:
         return _comment(_reason(guesses[what])) if what in guesses else []
 
     lines += ["", f"name = {_text(draft.name)}", f"plant = {_text(draft.plant)}"]
-    lines.append(f"model = {_text(_relative(draft.model, folder))}")
+    if draft.model is not None:
+        lines.append(f"model = {_text(_relative(draft.model, folder))}")
     for key, value in (("payload_site", draft.payload_site), ("pose_body", draft.pose_body)):
         if value is not None:
             lines += [*why(key), f"{key} = {_text(value)}"]
     if draft.tunable:
         lines += [*why("tunable"), f"tunable = [{', '.join(map(_text, draft.tunable))}]"]
+    if draft.parameters:
+        lines += ["", "[parameters]"]
+        for key, number in draft.parameters.items():
+            lines += [*why(f"parameters.{key}"), f"{key} = {number:.6g}"]
     if draft.log:
         lines += ["", "[log]"]
         for name, column in draft.log.items():

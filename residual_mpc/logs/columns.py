@@ -36,6 +36,11 @@ def is_measured(name: str) -> bool:
     return group(name) in PER_JOINT + PER_BODY
 
 
+def within_topic(column: str) -> str:
+    """A recording's column without its topic (`/joint_states.velocity.left` -> `velocity.left`); others as they are."""
+    return column.partition(".")[2] if column.startswith("/") else column
+
+
 def likely_time(names: Iterable[str]) -> str | None:
     """The column whose name is most like that of a time, or None."""
     words = {name: _words(name) for name in names}

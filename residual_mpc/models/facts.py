@@ -46,6 +46,12 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
         for actuator in robot.actuators:
             if f"command.{actuator}" not in run.columns:
                 there = [*run.columns, *run.extra]
+                if {"command.linear", "command.angular"} <= set(run.columns):
+                    raise BadInput(
+                        f"column command.{actuator} is missing, and a body velocity needs the geometry of the wheels",
+                        f"{run.source}, run {run.name}",
+                        "state wheel_radius and track_width under [parameters] in the robot file",
+                    )
                 raise BadInput(
                     f"column command.{actuator} is missing",
                     f"{run.source}, run {run.name}",

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import cast
 
 from residual_mpc.errors import BadInput
-from residual_mpc.logs.columns import group, is_measured, member
+from residual_mpc.logs.columns import group, is_measured, member, within_topic
 from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.robot_keys import Side, fields_of, text_of, wrong_value
 
@@ -77,7 +77,7 @@ class RobotFile:
         return tuple(
             member(name)
             for name, column in self.log.items()
-            if group(name) == "command" and (is_measured(column) or column in measured)
+            if group(name) == "command" and (is_measured(within_topic(column)) or column in measured)
         )
 
     @property

@@ -10,7 +10,7 @@ import numpy as np
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.clock import Stamps, count_from_start
-from residual_mpc.logs.columns import PER_ACTUATOR, group, is_measured, likely_run, likely_time
+from residual_mpc.logs.columns import PER_ACTUATOR, PER_BODY, PER_JOINT, group, is_measured, likely_run, likely_time
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.readers.body_velocity import as_wheel_speeds
 from residual_mpc.logs.readers.find import find_tables
@@ -19,9 +19,10 @@ from residual_mpc.logs.readers.layout import ColumnNames, Layout, check_log, lay
 from residual_mpc.logs.readers.pieces import Piece, pieces_of, unique_names
 from residual_mpc.logs.readers.remarks import gathered, remarks_on_columns
 from residual_mpc.logs.readers.stamps import CLASHES, Order, order_rows
-from residual_mpc.logs.readers.table import Header
+from residual_mpc.logs.readers.table import Header, Remark
 from residual_mpc.logs.run import FloatArray, Run
 
+CHOICE = "several topics"  # the kind of remark on a choice that [log] has to make
 MEMORY_LIMIT = 2 << 30  # bytes of numbers in one call
 
 
@@ -84,9 +85,14 @@ def _read_run(
 ) -> tuple[Run, list[Finding]]:
     where = f"{piece.header.path}" + (f", run {piece.label}" if piece.label else "")
     layout = lay_out(piece.header, log)
-    _check_columns(layout, where)
+    open_choices = [r for r in piece.remarks if r.kind == CHOICE and r.column not in layout.columns]
+    _check_columns(layout, where, open_choices)
     findings = [Finding("warning", "table format", name, "", None, text) for text in piece.warnings]
-    findings += [Finding(r.severity, r.kind, name, r.column, None, r.message, r.remedy) for r in piece.remarks]
+    findings += [
+        Finding(r.severity, r.kind, name, r.column, None, r.message, r.remedy)
+        for r in piece.remarks
+        if r.kind != CHOICE or r in open_choices
+    ]
     if piece.header.note:
         findings.append(Finding("info", "list columns", name, "", None, piece.header.note))
     stamps = _stamps(piece, layout.columns["t"])
@@ -102,7 +108,7 @@ def _read_run(
     }
     columns = as_wheel_speeds(columns, wheels)
     _check_clashes(layout, piece, order, where)
-    _check_values(columns, layout, where)
+    _check_values(columns, layout, where, open_choices)
     extra_columns = {key: order.apply(piece.cells[key][piece.rows]) for key in layout.extra if key in piece.cells}
     start = _first_command(columns)
     if start:
@@ -132,7 +138,7 @@ def _read_run(
     return run, findings + remarks_on_columns(run, layout, piece.left_out, piece.header.topics)
 
 
-def _check_columns(layout: Layout, where: str) -> None:
+def _check_columns(layout: Layout, where: str, open_choices: Sequence[Remark]) -> None:
     here = [*layout.columns, *layout.extra]
     listed = ", ".join(here[:30]) + (", ..." if len(here) > 30 else "")
     if "t" not in layout.columns:
@@ -151,11 +157,18 @@ def _check_columns(layout: Layout, where: str) -> None:
         ),
     ):
         if not found:
+            choice = next((r for r in open_choices if r.column.startswith(_groups(wanted))), None)
+            if choice is not None:
+                raise BadInput(choice.message, where, choice.remedy)
             raise BadInput(
                 f"no {wanted} column ({example}) was found; the columns are {listed}",
                 where,
                 'map the columns under [log] in the robot file: "' + example.split(",")[0] + '" = "the column\'s name"',
             )
+
+
+def _groups(wanted: str) -> tuple[str, ...]:
+    return ("command",) if wanted == "command" else PER_JOINT + PER_BODY
 
 
 def _apart(layout: Layout) -> str:
@@ -164,7 +177,7 @@ def _apart(layout: Layout) -> str:
     return "a column 'run'" if likely is None else f'"run" = "{likely}" under [log] in the robot file'
 
 
-def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str) -> None:
+def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str, open_choices: Sequence[Remark]) -> None:
     for name, values in columns.items():
         finite = np.isfinite(values)
         if group(name) == "command" and not finite.any():
@@ -178,6 +191,8 @@ def _check_values(columns: dict[str, FloatArray], layout: Layout, where: str) ->
             raise BadInput(f"column {layout.columns.get(name, name)!r} must be 0 or 1, got {odd:g}", where)
     measured = [n for n in columns if is_measured(n) and n not in layout.served_as_command]
     if not any(np.isfinite(columns[n]).any() for n in measured):
+        if open_choices:
+            raise BadInput(open_choices[0].message, where, open_choices[0].remedy)
         what = f"none of the measured columns has any values ({', '.join(measured[:10])})"
         raise BadInput(what, where, "leave the run out")
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from residual_mpc.errors import BadInput
 from residual_mpc.extras import extra
+from residual_mpc.logs.readers.arrays.mat_structure import sound_variables
 from residual_mpc.logs.readers.arrays.tree import Entry, Key
 
 NAMES = (
@@ -89,14 +90,12 @@ def matlab_entries(path: Path) -> list[Entry]:
     if path.stat().st_size > MATLAB_LIMIT:
         what = f"a MATLAB file must be smaller than {MATLAB_LIMIT >> 30} GiB"
         raise BadInput(what, str(path), "save it with the option -v7.3")
-    variables = loadmat(path, simplify_cells=True)
+    names = sound_variables(path)
+    if not names:
+        remedy = "in MATLAB: save plain arrays instead of tables or time series, or writetable(..., 'run.csv')"
+        raise BadInput("this MATLAB file holds no arrays or structures that can be read", str(path), remedy)
+    variables = loadmat(path, simplify_cells=True, variable_names=names)
     found = [pair for name, value in variables.items() if not name.startswith("__") for pair in _leaves((name,), value)]
-    if not found and variables.get("__function_workspace__") is not None:
-        raise BadInput(
-            "this MATLAB file holds only objects, such as tables or time series, which cannot be read",
-            str(path),
-            "in MATLAB: save plain arrays, or writetable(..., 'run.csv')",
-        )
     return [e for key, array in found for e in _entries_of(key, array.shape, array.dtype, partial(_same, array))]
 
 

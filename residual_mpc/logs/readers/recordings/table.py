@@ -17,6 +17,8 @@ from residual_mpc.logs.readers.recordings.streams import Stream
 from residual_mpc.logs.readers.table import Remark, Table
 from residual_mpc.logs.run import FloatArray
 
+LATEST = 2**63 - 1  # ns
+
 
 @dataclass
 class Samples:
@@ -74,6 +76,8 @@ def _collect(source: Source, streams: Sequence[Stream], wanted: frozenset[str]) 
         stream = by_topic[topic]
         with readable(source.path):
             samples = list(stream.type.samples(stream.decode(raw)))
+            if receive > LATEST:
+                raise ValueError(f"a message was received at {receive} ns")
         for sample in samples:
             shape = (topic, sample.part, *sample.values)
             if shape not in layouts:
