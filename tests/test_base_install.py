@@ -208,3 +208,29 @@ def test_every_extra_that_a_message_names_is_there() -> None:
     }
     assert named == {"mpc", "jax", "onnx", "dask", "pybullet"}
     assert named <= set(PROJECT["optional-dependencies"])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "package", "extra"),
+    [
+        ("run.mcap", b"\x89MCAP0\r\n" + bytes(60), "mcap", "mcap"),
+        ("run.db3", b"SQLite format 3\x00" + bytes(60), "rosbags", "rosbag"),
+        ("run.h5", b"\x89HDF\r\n\x1a\n" + bytes(60), "h5py", "hdf5"),
+    ],
+)
+def test_a_recording_that_needs_more_says_how_to_install_it(
+    tmp_path: Path, name: str, content: bytes, package: str, extra: str
+) -> None:
+    (tmp_path / "rover.toml").write_text(ROBOT)
+    (tmp_path / name).write_bytes(content)
+    ended = command("gap", "--robot", "rover.toml", name, folder=tmp_path)
+    assert ended.returncode == 2
+    assert f"the package {package}" in ended.stderr and f"pip install 'residual-mpc[{extra}]'" in ended.stderr
+
+
+def test_archives_that_need_no_more_are_read(tmp_path: Path) -> None:
+    (tmp_path / "rover.toml").write_text(ROBOT)
+    run = rover_run("drive", {}, 5.0)
+    np.savez(tmp_path / "run.npz", t=run.t, **run.columns)
+    ended = command("gap", "--robot", "rover.toml", "run.npz", folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr

@@ -36,6 +36,7 @@ class Recording:
     hints: column -> text that says better than its name what it is, where the file's format knows.
     preferred: name of the log format -> the one column that the file's format has for it.
     doubles: columns that measure what a preferred one measures as well.
+    unit: of the column `t`, where the file's format fixes it.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Recording:
     hints: Mapping[str, str] = field(default_factory=dict)
     preferred: Mapping[str, str] = field(default_factory=dict)
     doubles: frozenset[str] = frozenset()
+    unit: str | None = None
 
     @property
     def rows(self) -> int:
@@ -98,6 +100,7 @@ def _read(header: Header) -> list[Recording]:
         notes=tuple(note for note in notes if note),
         hints={column: _hint(header, column, meaning) for column, meaning in header.meanings.items()},
         preferred=header.preferred,
+        unit=header.unit,
         doubles=frozenset(
             column
             for column, meaning in header.meanings.items()

@@ -83,7 +83,7 @@ def seconds(clock: Clock, recording: Recording) -> FloatArray:
 
 def _read_as_nanoseconds(name: str, recordings: Sequence[Recording]) -> bool:
     """Whether a column needs no mending, since every command reads it as nanoseconds by itself."""
-    return all(count_from_start(r.columns[name], None).unit == "ns" for r in recordings)
+    return all(r.unit == "ns" or count_from_start(r.columns[name], None).unit == "ns" for r in recordings)
 
 
 def _named(name: str) -> bool:
@@ -126,6 +126,9 @@ def _unit(name: str, recordings: Sequence[Recording]) -> tuple[str, str, float]:
     """(unit, reason, how sure)."""
     if any(name in r.dates for r in recordings):
         return "ns", "the column holds dates", 1.0
+    fixed = next((r.unit for r in recordings if r.unit is not None and name == "t"), None)
+    if fixed is not None:
+        return fixed, "recordings count so", 1.0
     raw = [r.columns[name][np.isfinite(r.columns[name])] for r in recordings]
     steps = np.concatenate([np.diff(v) for v in raw])
     period = float(np.median(steps[steps > 0]))

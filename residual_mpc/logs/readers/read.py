@@ -130,7 +130,7 @@ def _read_run(
         order.t[start:] - order.t[start],
         {key: _from_row(start, key, values) for key, values in columns.items()},
         layout.served_as_command,
-        layout.extra,
+        tuple(key for key in layout.extra if key in piece.cells or key not in piece.header.topics),
         {key: values[start:] for key, values in extra_columns.items()},
         str(piece.header.path),
         float(stamps.start + order.t[start]),
