@@ -339,3 +339,28 @@ def test_stamps_next_to_each_other_do_not_make_the_period(tmp_path: Path) -> Non
         ("/odom", t + 4000, odometry(t + 4000, 0.1 * k, 0.0, 0.0)))]  # fmt: skip
     run, _ = read(write_bag(tmp_path / "bag", messages))
     assert len(run.t) == 180 and run.period == pytest.approx(0.05)
+
+
+def test_mcap_messages_in_json(tmp_path: Path) -> None:
+    import json
+
+    from mcap.writer import Writer
+
+    with open(tmp_path / "a.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channels = {}
+        for topic, kind in (("/cmd_vel", "geometry_msgs/Twist"), ("/place", "geometry_msgs/msg/PoseStamped")):
+            schema = writer.register_schema(kind, "jsonschema", b"{}")
+            channels[topic] = writer.register_channel(topic, "json", schema)
+        for k, t in enumerate(STAMPS):
+            sent = {"linear": {"x": 0.1 * k, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
+            turn = {"x": 0, "y": 0, "z": 0, "w": 1}
+            pose = {"position": {"x": 0.2 * k, "y": 0, "z": 0}, "orientation": turn}
+            seen = {"header": {"stamp": {"sec": t // 10**9, "nsec": t % 10**9}, "frame_id": "map"}, "pose": pose}
+            for topic, message in (("/cmd_vel", sent), ("/place", seen)):
+                writer.add_message(channels[topic], log_time=t, publish_time=t, data=json.dumps(message).encode())
+        writer.finish()
+    run, _ = read(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(run.columns["pose.x"], 0.2 * np.arange(60))
+    np.testing.assert_allclose(run.columns["command.left"], np.arange(60.0))
