@@ -17,10 +17,9 @@ from residual_mpc.init.draft import Draft, Unmatched, log_entries, run_guess
 from residual_mpc.init.roles.planar_pose import find_pose
 from residual_mpc.logs.columns import group, is_measured, member
 from residual_mpc.models.load import load_robot
-from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.robot_file import WHEELS, RobotFile
 
 ALIKE = 0.9  # likeness of a column's words to an actuator's or a joint's name
-WHEELS = ("wheel_radius", "track_width")  # of a robot that a body velocity can drive
 BODY = ("command.linear", "command.angular")
 SURE = 0.99  # correlation of odometry with wheel speeds from which the odometry tells the wheels' geometry
 
@@ -123,7 +122,7 @@ def _geometry(roles: Mapping[str, str], recordings: Sequence[Recording], clock: 
     rate, other = _slope(right - left, yaw)
     if min(one, other) < SURE or radius <= 0.0 or rate <= 0.0:
         return None
-    return {"wheel_radius": float(f"{radius:.4g}"), "track_width": float(f"{radius / rate:.4g}")}
+    return {name: float(f"{value:.4g}") for name, value in zip(WHEELS, (radius, radius / rate), strict=True)}
 
 
 def _at(when: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:

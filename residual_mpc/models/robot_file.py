@@ -16,6 +16,7 @@ from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.robot_keys import Side, fields_of, text_of, wrong_value
 
 MODELS = (".xml", ".mjcf", ".urdf")  # MJCF and URDF, given in place of a robot file
+WHEELS = ("wheel_radius", "track_width")  # parameters of a robot that the velocity of its body can drive
 MERGED = ("parameters", "noise", "log", "actuators")  # a variant overrides single entries of these
 
 
@@ -92,10 +93,8 @@ class RobotFile:
 
     def wheels_of(self, run_name: str) -> tuple[float, float] | None:
         """(`wheel_radius`, `track_width`) in a run, m; None where the robot file does not state both."""
-        parameters = for_run(self, run_name).parameters
-        if "wheel_radius" not in parameters or "track_width" not in parameters:
-            return None
-        return parameters["wheel_radius"], parameters["track_width"]
+        radius, track = map(for_run(self, run_name).parameters.get, WHEELS)
+        return None if radius is None or track is None else (radius, track)
 
 
 def read_robot_file(path_or_name: str | Path) -> RobotFile:
