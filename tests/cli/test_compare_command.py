@@ -130,7 +130,7 @@ def odd(here: Path) -> Path:
 @pytest.mark.parametrize(
     ("runs", "said"),
     [
-        ("empty", "empty: this folder contains no tables"),
+        ("empty", "empty: this folder contains no runs"),
         ("short", "one run of 0.5 s does not show how much the robot differs from itself"),
         ("arm", "command.left is missing"),
     ],
