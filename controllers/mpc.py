@@ -65,6 +65,11 @@ class Mpc:
     fixed: np.ndarray  # (N nu, N nu): what commands and their changes cost, the part of H that never changes
 
     @property
+    def most(self) -> np.ndarray:
+        """(nu,) largest change of a command from one sample to the next."""
+        return self.settings.limits.most(self.model.nu, self.model.build.dt)
+
+    @property
     def horizon(self) -> int:
         return self.settings.horizon
 
@@ -126,9 +131,9 @@ class Mpc:
 
     def _within(self, plan: np.ndarray, sent: np.ndarray) -> np.ndarray:
         """The plan with every limit on commands kept to the last bit, whatever a solver's tolerance is."""
-        most = self.settings.limits.rate * self.model.build.dt
+        most = self.most
         plan = np.clip(plan, self.low, self.high)
-        if not np.isfinite(most):
+        if not np.isfinite(most).any():
             return plan
         steps = np.diff(plan, axis=0, prepend=sent[None])
         if (np.abs(steps) <= most).all():
@@ -149,7 +154,7 @@ class Mpc:
         roots = self._in_frame(reference, e)
         M = np.matmul(roots, S).reshape(-1, m)
         r = np.matmul(roots, e[:, :, None])[:, :, 0].ravel()
-        w, v = s.weights.change**-2.0, s.weights.command**-2.0
+        v, w = (np.tile(part, n) for part in s.weights.of_commands(self.model.nu))
         u = plan.ravel()
         steps = u.copy()
         steps[len(sent) :] -= u[: -len(sent)]
@@ -157,9 +162,9 @@ class Mpc:
         extra = len(s.limits.soft)
         H = M.T @ M
         H += self.fixed
-        g = M.T @ r + w * (steps @ self.change) + v * u
+        g = M.T @ r + (w * steps) @ self.change + v * u
         low, high = (self.low - plan).ravel(), (self.high - plan).ravel()
-        most = min(s.limits.rate * self.model.build.dt, 1e20)
+        most = np.tile(np.minimum(self.most, 1e20), n)
         if not extra:
             return Qp(H, g, low, high, self.change, -most - steps, most - steps)
         H = np.block([[H, np.zeros((m, extra))], [np.zeros((extra, m)), np.eye(extra)]])
@@ -223,13 +228,15 @@ def build_mpc(model: Augmented, settings: MpcSettings) -> Mpc:
             raise BadInput(f"a soft limit must be on one of {known}, got {soft.channel!r}", model.robot.name)
     try:
         low, high = settings.limits.box(nu)
+        settings.limits.most(nu, model.build.dt)
+        weights = settings.weights.of_commands(nu)
     except ValueError as error:
         raise BadInput(
-            f"limits must be one number or one for each of {nu} commands: {error}", model.robot.name
+            f"limits and weights must be one number or one for each of {nu} commands: {error}", model.robot.name
         ) from None
     stage = np.diag(1.0 / np.array(settings.weights.error))
     end = np.linalg.cholesky(terminal_cost(model, settings.weights, settings.cruise)).T
     change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
-    w, v = settings.weights.change**-2.0, settings.weights.command**-2.0
-    fixed = w * (change.T @ change) + v * np.eye(n * nu)
+    v, w = (np.tile(part, n) for part in weights)
+    fixed = (change.T * w) @ change + np.diag(v)
     return Mpc(model, settings, model.p, rollout(model, n, settings.compile), low, high, (stage, end), change, fixed)

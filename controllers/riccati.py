@@ -99,8 +99,9 @@ def stage_cost(
     Q = np.zeros((len(states) + model.nu,) * 2)
     root = C / np.array(weights.error)[:, None]
     Q[: len(states), : len(states)] = root.T @ root
-    Q[len(states) :, len(states) :] = np.eye(model.nu) * weights.command**-2.0
-    return Q, np.eye(model.nu) * weights.change**-2.0
+    command, change = weights.of_commands(model.nu)
+    Q[len(states) :, len(states) :] = np.diag(command)
+    return Q, np.diag(change)
 
 
 def terminal_cost(model: Augmented, weights: Weights, cruise: float) -> np.ndarray:

@@ -53,7 +53,7 @@ def casadi_model(model: Augmented) -> CasadiModel:
     f = ca.Function("step", [x, u, p], [new], names, ["x_next"])
     dense: list[Any] = [ca.densify(new), ca.densify(ca.jacobian(new, x)), ca.densify(ca.jacobian(new, u))]
     stage = ca.Function("stage", [x, u, p], dense, names, ["x_next", "A", "B"])
-    through, stalling = stage, [(n.effect, n.parameter) in STALLING for n in model.stepped.numbers]
+    through, stalling = stage, [n.stalls or (n.effect, n.parameter) in STALLING for n in model.stepped.numbers]
     if any(stalling):
         numbers = ca.vertcat(*(0.0 if s else p[i] for i, s in enumerate(stalling)), p[len(stalling) :])
         through = ca.Function("through", [x, u, p], [dense[0], *stage(x, u, numbers)[1:]], names, ["x_next", "A", "B"])
