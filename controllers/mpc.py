@@ -21,6 +21,7 @@ from controllers.qp import Qp, QpSolver, qp_solver
 from controllers.riccati import terminal_cost
 from controllers.rollout import Rollout, rollout
 from controllers.settings import MpcSettings
+from controllers.soft import SoftRows, softened
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 
@@ -97,10 +98,13 @@ class Mpc:
         cost = float("nan")
         if np.isfinite(x).all() and np.isfinite(reference).all():
             for _ in range(self.settings.iterations if state.samples else self.settings.first):
-                qp = self._program(x, plan, state.sent, reference)
+                qp, soft = self._program(x, plan, state.sent, reference)
                 if not (np.isfinite(qp.H).all() and np.isfinite(qp.g).all()):
                     break
                 z, status = state.engine.solve(qp)
+                if soft is not None and (status != "solved" or not soft.kept(z)):
+                    qp = softened(qp, soft)
+                    z, status = state.engine.solve(qp)
                 late = time.perf_counter() - begin > self.settings.budget
                 better = status == "solved" or (status == "inaccurate" and qp.cost(z) < qp.cost(self._idle(qp)))
                 if late or not better:
@@ -144,8 +148,14 @@ class Mpc:
             out[k] = last
         return out
 
-    def _program(self, x: np.ndarray, plan: np.ndarray, sent: np.ndarray, reference: np.ndarray) -> Qp:
-        """The Gauss-Newton program about the plan; z = (change of the plan, one slack a soft limit)."""
+    def _program(
+        self, x: np.ndarray, plan: np.ndarray, sent: np.ndarray, reference: np.ndarray
+    ) -> tuple[Qp, SoftRows | None]:
+        """The Gauss-Newton program about the plan; z = (change of the plan, one slack a soft limit).
+
+        Where soft limits are left out of it, since they mostly do not bind, they stand beside it; OSQP's programs all
+        have one pattern, and hold them always.
+        """
         s, n, m = self.settings, self.horizon, plan.size
         states = self.roll.drive(x, plan, self.p)  # (N, nx)
         slopes = self.roll.condense()  # (N, nx, m)
@@ -159,28 +169,17 @@ class Mpc:
         steps = u.copy()
         steps[len(sent) :] -= u[: -len(sent)]
         steps[: len(sent)] -= sent
-        extra = len(s.limits.soft)
         H = M.T @ M
         H += self.fixed
         g = M.T @ r + (w * steps) @ self.change + v * u
         low, high = (self.low - plan).ravel(), (self.high - plan).ravel()
         most = np.tile(np.minimum(self.most, 1e20), n)
-        if not extra:
-            return Qp(H, g, low, high, self.change, -most - steps, most - steps)
-        H = np.block([[H, np.zeros((m, extra))], [np.zeros((extra, m)), np.eye(extra)]])
-        g = np.concatenate([g, np.zeros(extra)])
-        low, high = np.concatenate([low, np.zeros(extra)]), np.concatenate([high, np.full(extra, 1e20)])
-        rows = [np.hstack([self.change, np.zeros((m, extra))])]
-        lows, highs = [-most - steps], [most - steps]
-        for j, soft in enumerate(s.limits.soft):
-            g[m + j] = soft.price * soft.square**-0.5
-            value, slope = self._channel(soft.channel, y, S, states, slopes)
-            slack = np.zeros((n, extra))
-            slack[:, j] = soft.square**-0.5  # a slack in units that cost one: first-order solvers need it
-            rows += [np.hstack([slope, slack]), np.hstack([-slope, slack])]
-            lows += [soft.lower - value, value - soft.upper]
-            highs += [np.full(n, 1e20)] * 2
-        return Qp(H, g, low, high, np.vstack(rows), np.concatenate(lows), np.concatenate(highs))
+        qp = Qp(H, g, low, high, self.change, -most - steps, most - steps)
+        if not s.limits.soft:
+            return qp, None
+        found = [self._channel(limit.channel, y, S, states, slopes) for limit in s.limits.soft]
+        soft = SoftRows(s.limits.soft, tuple(value for value, _ in found), tuple(slope for _, slope in found))
+        return (softened(qp, soft), None) if s.solver == "osqp" else (qp, soft)
 
     def _channel(
         self, name: str, y: np.ndarray, S: np.ndarray, states: np.ndarray, slopes: np.ndarray

@@ -60,7 +60,8 @@ class Limits:
 
     def __post_init__(self) -> None:
         low, high = np.asarray(self.lower, dtype=np.float64), np.asarray(self.upper, dtype=np.float64)
-        if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all() and (np.asarray(self.rate) > 0).all()):
+        finite = np.isfinite(low).all() and np.isfinite(high).all()
+        if not (finite and (low < high).all() and (np.asarray(self.rate) > 0).all()):
             raise ValueError(f"limits must be finite with lower below upper and rate > 0, got {self}")
 
     def box(self, nu: int) -> tuple[np.ndarray, np.ndarray]:

@@ -172,7 +172,8 @@ REFUSED = {
     "dynamics or a delay of its own": arm_xml(FILTERED),
     "tendons that exert forces": arm_xml().replace(
         "<actuator>",
-        '<tendon><fixed stiffness="5"><joint joint="j1" coef="1"/><joint joint="j2" coef="1"/></fixed></tendon><actuator>',
+        '<tendon><fixed stiffness="5"><joint joint="j1" coef="1"/><joint joint="j2" coef="1"/></fixed></tendon>'
+        "<actuator>",
     ),
     "equality constraints": arm_xml().replace(
         "<actuator>", '<equality><joint joint1="j1" joint2="j2"/></equality><actuator>'

@@ -234,7 +234,7 @@ MOST = 1e3  # command units, of a motor that nothing limits
 
 
 def home(robot: CompiledRobot) -> dict[str, float]:
-    """Position channel -> rad or m: the model's first keyframe, else as it is drawn, brought into the joints' ranges."""
+    """Position channel -> rad or m: the model's first keyframe, else as it is drawn, within the joints' ranges."""
     model, out = robot.model, {}
     drawn = model.key_qpos[0] if model.nkey else model.qpos0
     for joint, place in zip(robot.joints, robot.places.tolist(), strict=True):
