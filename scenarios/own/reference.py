@@ -55,7 +55,8 @@ def read_reference(path: Path) -> Waypoints:
     try:
         table = pd.read_csv(path)
     except (OSError, ValueError, UnicodeDecodeError) as error:
-        raise BadInput(f"the reference cannot be read: {error}", str(path), "give a CSV file with a column t") from error
+        fault = f"the reference cannot be read: {error}"
+        raise BadInput(fault, str(path), "give a CSV file with a column t") from error
     if "t" not in table or len(table.columns) < 2 or len(table) < 2:
         raise BadInput("the reference needs a column t, another one, and two rows", str(path))
     values = table.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)

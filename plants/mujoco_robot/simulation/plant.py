@@ -98,3 +98,18 @@ def mujoco_plant(robot: CompiledRobot, withheld: Values, period: float, finer: i
         spec.option.timestep = model.opt.timestep
     own = replace(robot, model=model, spec=spec)
     return MujocoPlant(own, assemble([withheld], {k.effect: robot.slots(k.effect) for k in withheld}), period)
+
+
+def joint_points(robot: CompiledRobot, columns: Mapping[str, np.ndarray], stride: int) -> np.ndarray:
+    """(frames, joints + 1, 3) m: the anchors of the joints and the tool at every stride-th row of a run's columns."""
+    import mujoco
+
+    data, (body, place) = mujoco.MjData(robot.model), robot.payload
+    positions = np.stack([columns[f"position.{j}"] for j in robot.joints], axis=-1)[::stride]
+    out = []
+    for q in positions:
+        data.qpos[robot.places] = q
+        mujoco.mj_kinematics(robot.model, data)
+        tool = data.xpos[body] + data.xmat[body].reshape(3, 3) @ place
+        out.append(np.vstack([data.xanchor, tool]))
+    return np.array(out)
