@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from controllers.qp import Qp, QpSolver, qp_solver
-from controllers.riccati import terminal_cost
+from controllers.riccati import root_of, terminal_cost
 from controllers.rollout import Rollout, rollout
 from controllers.settings import MpcSettings
 from controllers.soft import SoftRows, softened
@@ -234,7 +234,7 @@ def build_mpc(model: Augmented, settings: MpcSettings) -> Mpc:
             f"limits and weights must be one number or one for each of {nu} commands: {error}", model.robot.name
         ) from None
     stage = np.diag(1.0 / np.array(settings.weights.error))
-    end = np.linalg.cholesky(terminal_cost(model, settings.weights, settings.cruise)).T
+    end = root_of(terminal_cost(model, settings.weights, settings.cruise))
     change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
     v, w = (np.tile(part, n) for part in weights)
     fixed = (change.T * w) @ change + np.diag(v)

@@ -1,7 +1,7 @@
 """Where an arm should be: a table of the user's, or a motion by name."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,15 +19,19 @@ BETWEEN = 1.5  # s, from posture to posture
 
 @dataclass(frozen=True, eq=False)
 class Waypoints:
-    """What is tracked at times: names, t (n,) s from 0 on, values (n, ny); cubic in between, the last value held."""
+    """What is tracked at times: names, t (n,) s from 0 on, values (n, ny); cubic in between, the last value held.
+
+    beyond: s at the end that are looked ahead to, and not driven.
+    """
 
     names: tuple[str, ...]
     t: np.ndarray
     values: np.ndarray
+    beyond: float = 0.0
 
     @property
     def seconds(self) -> float:
-        return float(self.t[-1])
+        return float(self.t[-1]) - self.beyond
 
     def path(self, t: np.ndarray) -> np.ndarray:
         """(n, ny) at times t (n,) s."""
@@ -42,7 +46,7 @@ class Waypoints:
             raise BadInput(
                 f"the reference has no column {missing[0]!r}", where, f"give t and {', '.join(names)}, rad or m"
             )
-        return Waypoints(names, self.t, self.values[:, [self.names.index(n) for n in names]])
+        return replace(self, names=names, values=self.values[:, [self.names.index(n) for n in names]])
 
 
 def read_reference(path: Path) -> Waypoints:
@@ -77,8 +81,8 @@ def named_motion(name: str, model: Augmented, rounds: int = 3) -> Waypoints:
     }  # fmt: skip
     if name not in motions:
         raise BadInput(f"no file and no motion is called {name!r}", "--reference", did_you_mean(name, [*motions]))
-    t = np.linspace(0.0, rounds * TURN, 200 * rounds + 1)
-    return Waypoints(model.stepped.tracked, t, motions[name](model, t))
+    t = np.linspace(0.0, (rounds + 1) * TURN, 200 * (rounds + 1) + 1)
+    return Waypoints(model.stepped.tracked, t, motions[name](model, t), TURN)
 
 
 def is_of_the_tool(names: tuple[str, ...]) -> bool:
