@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.mpc import Mpc
+from controllers.mpc import EFFORT, Mpc
 from residual_mpc.extras import extra
 
 
@@ -62,6 +62,7 @@ def converged(mpc: Mpc, iterations: int = 200) -> Converged:
     soft: list[Any] = []
     x, last = x0, sent
     for k in range(n):
+        force: Any = None if c.effort is None else c.effort(x, plan[:, k], p)[0]
         x = c.f(x, plan[:, k], p)
         y = ca.vertcat(*[x[int(i)] for i in mpc.poses]) if c.output is None else c.output(x)[0]
         e = y - reference[:, k]
@@ -80,8 +81,12 @@ def converged(mpc: Mpc, iterations: int = 200) -> Converged:
         last = plan[:, k]
         for j, limit in enumerate(s.limits.soft):
             at = model.stepped
-            known = limit.channel in at.tracked
-            value = y[at.tracked.index(limit.channel)] if known else x[at.states.index(limit.channel)]
+            if limit.channel.startswith(EFFORT):
+                value = force[at.commands.index(limit.channel.removeprefix(EFFORT))]
+            elif limit.channel in at.tracked:
+                value = y[at.tracked.index(limit.channel)]
+            else:
+                value = x[at.states.index(limit.channel)]
             soft += [value - limit.lower + slack[j], limit.upper - value + slack[j]]
     for j, limit in enumerate(s.limits.soft):
         cost += limit.price * slack[j] + 0.5 * limit.square * slack[j] ** 2

@@ -25,6 +25,7 @@ from controllers.soft import SoftRows, softened
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 
+EFFORT = "effort."  # before an actuator's name: a soft limit of its force
 Outcome = Literal["solved", "inaccurate", "shifted"]
 
 
@@ -184,8 +185,12 @@ class Mpc:
     def _channel(
         self, name: str, y: np.ndarray, S: np.ndarray, states: np.ndarray, slopes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) and its derivative (N, m) of something tracked, or of a state."""
+        """(N,) and its derivative (N, m) of something tracked, of a state, or of an actuator's force."""
         at = self.model.stepped
+        if name.startswith(EFFORT):
+            i = at.commands.index(name.removeprefix(EFFORT))
+            force, slope = self.roll.forces()
+            return force[:, i], slope[:, i]
         if name in at.tracked:
             return y[:, at.tracked.index(name)], S[:, at.tracked.index(name)]
         return states[:, at.states.index(name)], slopes[:, at.states.index(name)]
@@ -222,8 +227,9 @@ def build_mpc(model: Augmented, settings: MpcSettings) -> Mpc:
         what = f"weights.error must have {ny} entries, got {len(settings.weights.error)}"
         raise BadInput(what, model.robot.name, f"give one each for {', '.join(at.tracked)}")
     for soft in settings.limits.soft:
-        if soft.channel not in (*at.tracked, *at.states):
-            known = ", ".join(dict.fromkeys((*at.tracked, *at.poses)))
+        efforts = () if at.effort is None else tuple(f"{EFFORT}{a}" for a in at.commands)
+        if soft.channel not in (*at.tracked, *at.states, *efforts):
+            known = ", ".join(dict.fromkeys((*at.tracked, *at.poses, *at.rates, *efforts)))
             raise BadInput(f"a soft limit must be on one of {known}, got {soft.channel!r}", model.robot.name)
     try:
         low, high = settings.limits.box(nu)
@@ -238,4 +244,6 @@ def build_mpc(model: Augmented, settings: MpcSettings) -> Mpc:
     change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
     v, w = (np.tile(part, n) for part in weights)
     fixed = (change.T * w) @ change + np.diag(v)
-    return Mpc(model, settings, model.p, rollout(model, n, settings.compile), low, high, (stage, end), change, fixed)
+    forces = any(soft.channel.startswith(EFFORT) for soft in settings.limits.soft)
+    roll = rollout(model, n, settings.compile, forces)
+    return Mpc(model, settings, model.p, roll, low, high, (stage, end), change, fixed)

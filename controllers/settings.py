@@ -34,7 +34,9 @@ class Weights:
 
 @dataclass(frozen=True)
 class Soft:
-    """A limit on a tracked channel or a state, to be passed at a price: `price` a unit, and `square` a unit squared."""
+    """A limit on a tracked channel, a state or a force ("effort.<actuator>"), to be passed at a price: `price` a unit,
+    and `square` a unit squared.
+    """
 
     channel: str
     lower: float

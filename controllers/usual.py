@@ -12,11 +12,12 @@ CHANGE = {"position": 0.05, "velocity": 0.1, "torque": 0.05}  # of the reach: a 
 FAINT = 100.0  # times the reach: commands themselves cost next to nothing
 MARGIN = 0.02  # rad or m, inside of a joint's range
 PRICE = 1000.0  # a unit, of passing it
+PUSH = 100.0  # price of twice the force that a servo can give
 
 
 def usual_settings(model: Augmented) -> MpcSettings:
-    """Weights by the reach of each command, limits of commands (a motor's are its torques), of their rates, and soft
-    ones of the joints' ranges. For a robot that drives, the rover's.
+    """Weights by the reach of each command, limits of commands (a motor's are its torques) and of their rates, and soft
+    ones of the joints' ranges and the servos' forces. For a robot that drives, the rover's.
     """
     at = model.stepped
     if not at.rates:
@@ -29,6 +30,11 @@ def usual_settings(model: Augmented) -> MpcSettings:
         Soft(c, x + MARGIN, y - MARGIN, PRICE)
         for c, (x, y) in zip(at.poses, at.spans, strict=True)
         if y - x < 2.0 * np.pi - 1e-9 and y - x > 4.0 * MARGIN
+    )
+    soft += tuple(
+        Soft(f"effort.{a}", -most, most, PUSH / most, PUSH / most**2)
+        for a, kind, most in zip(at.commands, kinds, at.strengths, strict=True)
+        if kind != "torque" and np.isfinite(most)
     )
     error = (TOOL,) * len(at.outputs) if at.outputs else (JOINT,) * len(at.poses)
     return MpcSettings(

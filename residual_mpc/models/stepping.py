@@ -45,7 +45,9 @@ class Stepped:
     holding(x) -> (nu,) the commands that leave a robot about where it is; None: 0. restarts: states
     that a measurement of the poses makes 0 again. reach: (nu,) pairs of the lowest and the highest command that make
     sense, for sampling; spans: the same of the poses, where those differ. rates: states that are the poses' velocities,
-    for a robot with inertia. left_out: effects of the settings that do not enter this step, each with the reason.
+    for a robot with inertia. effort(kinks, x, u, p): (nu,) the forces that the actuators would give at the step's
+    beginning if nothing limited them, N m (N); strengths: (nu,) what limits them. left_out: effects of the settings
+    that do not enter this step, each with the reason.
     """
 
     dt: float  # s
@@ -67,6 +69,8 @@ class Stepped:
     left_out: tuple[str, ...] = ()
     spans: tuple[tuple[float, float], ...] = ()
     rates: tuple[str, ...] = ()
+    effort: Callable[[Kinks, Sequence[Array], Sequence[Array], Sequence[Array]], tuple[Array, ...]] | None = None
+    strengths: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not (len(self.states) == len(self.units) == len(self.rest)):

@@ -46,6 +46,20 @@ def motion(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: K
     return ca.Function("motion", [q, v, u, p, push, clock], [at, speed], names, ["q_next", "v_next"], {"cse": True})
 
 
+def forces(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: Kinks) -> Any:
+    """(q (n,), v (n,), u (nu,), p, clock s) -> (nu,), the actuators' forces without limits."""
+    with extra("arm"):
+        import casadi as ca
+
+    n, nu = len(robot.joints), len(robot.actuators)
+    q, v, u = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("u", nu)
+    p, clock = ca.SX.sym("p", len(parameters.numbers)), ca.SX.sym("clock")
+    each = ca.vertsplit(p) if len(parameters.numbers) else []
+    drives = Drives(robot, parameters, errors, kinks)
+    found = drives.forces(ca.vertsplit(q), ca.vertsplit(v), ca.vertsplit(u), each, clock)
+    return ca.Function("forces", [q, v, u, p, clock], [ca.vertcat(*found)], ["q", "v", "u", "p", "clock"], ["force"])
+
+
 def tool(robot: CompiledRobot, parameters: Parameters) -> Any:
     """(q (n,), p) -> (3,) m, where the payload site is in the world."""
     with extra("arm"):

@@ -13,8 +13,9 @@ import numpy as np
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.symbolic.carried import left_out, refuse_uncarried
-from plants.mujoco_robot.symbolic.motion import motion, tool
+from plants.mujoco_robot.symbolic.motion import forces, motion, tool
 from plants.mujoco_robot.symbolic.numbers import Parameters, parameters, unit_of
+from plants.mujoco_robot.symbolic.ranges import home, reach, span, strength
 from residual_mpc.effects.chain import Chain, chain_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.ops import Array, Kinks, Ops, casadi_ops
@@ -64,6 +65,10 @@ class ArmStep:
         return {}
 
     @cached_property
+    def _forces(self) -> Any:
+        return forces(self.robot, self.parameters, self.errors, kinks_of(casadi_ops(), 0.0))
+
+    @cached_property
     def _tool(self) -> Any:
         return tool(self.robot, self.parameters)
 
@@ -80,13 +85,7 @@ class ArmStep:
         new: dict[str, Array] = {}
         q, v = list(x[:n]), list(x[n : 2 * n])
 
-        def values(effect: str, target: str) -> dict[str, Array]:
-            return self.parameters.values(effect, target, p)
-
-        arrived = [
-            (self.servos if servo else self.others)(kinks, name, u[i], values, now, new)
-            for i, (name, servo) in enumerate(zip(robot.actuators, robot.servo.tolist(), strict=True))
-        ]
+        arrived = self._arrived(kinks, u, p, now, new)
         push = [now.get(f"disturbance.torque.{j}", 0.0) for j in robot.joints]
         clock = now["clock"] + 0.5 * dt if "clock" in now else 0.0
         ahead, speed = _called(self._motion(kinks.width), [q, v, arrived, list(p), push, [clock]])
@@ -99,6 +98,26 @@ class ArmStep:
         if "clock" in now:
             new["clock"] = now["clock"] + dt
         return tuple(new[s] for s in self.states)
+
+    def effort(self, kinks: Kinks, x: Sequence[Array], u: Sequence[Array], p: Sequence[Array]) -> tuple[Array, ...]:
+        """(nu,) forces of the actuators at the step's beginning, N m (N), as their laws have it without limits."""
+        n, now = len(self.robot.joints), dict(zip(self.states, x, strict=True))
+        arrived = self._arrived(kinks, u, p, now, {})
+        columns = [list(x[:n]), list(x[n : 2 * n]), arrived, list(p), [now.get("clock", 0.0)]]
+        return tuple(_called(self._forces, columns)[0])
+
+    def _arrived(
+        self, kinks: Kinks, u: Sequence[Array], p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
+    ) -> list[Array]:
+        """(nu,) what the actuators see of the commands; `new` is filled with what is remembered next."""
+
+        def values(effect: str, target: str) -> dict[str, Array]:
+            return self.parameters.values(effect, target, p)
+
+        return [
+            (self.servos if servo else self.others)(kinks, name, u[i], values, now, new)
+            for i, (name, servo) in enumerate(zip(self.robot.actuators, self.robot.servo.tolist(), strict=True))
+        ]
 
     def output(self, p: Sequence[float]) -> Callable[[Ops, Sequence[Array]], tuple[Array, ...]]:
         """Where the payload site is, m, as a function of the state, the lengths being those of p."""
@@ -207,47 +226,11 @@ def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, tas
         holding=step.holding,
         reach=reach(robot),
         left_out=(*numbers.left_out, *left_out(robot.model)),
-        spans=tuple(_span(robot, j) for j in robot.joints),
+        spans=tuple(span(robot, j) for j in robot.joints),
         rates=tuple(f"velocity.{j}" for j in robot.joints),
+        effort=step.effort,
+        strengths=tuple(strength(robot, i) for i in range(len(robot.actuators))),
     )
-
-
-def reach(robot: CompiledRobot) -> tuple[tuple[float, float], ...]:
-    """(nu,) pairs of the lowest and highest command: the actuator's own, of a motor without one its force's."""
-    out = []
-    for i, name in enumerate(robot.actuators):
-        if name in robot.command_limits:
-            out.append(robot.command_limits[name])
-            continue
-        gear, gain = (float(abs(x)) for x in (robot.model.actuator_gear[i, 0], robot.model.actuator_gainprm[i, 0]))
-        if robot.servo[i]:
-            out.append((-np.pi * gear, np.pi * gear))
-        elif robot.command_kinds[i] == "torque":
-            most = min(float(np.abs(robot.model.actuator_forcerange[i]).max()) / max(gain, 1e-12), MOST)
-            out.append((-most, most))
-        else:
-            out.append((-np.pi * gear, np.pi * gear))
-    return tuple(out)
-
-
-MOST = 1e3  # command units, of a motor that nothing limits
-
-
-def home(robot: CompiledRobot) -> dict[str, float]:
-    """Position channel -> rad or m: the model's first keyframe, else as it is drawn, within the joints' ranges."""
-    model, out = robot.model, {}
-    drawn = model.key_qpos[0] if model.nkey else model.qpos0
-    for joint, place in zip(robot.joints, robot.places.tolist(), strict=True):
-        low, high = robot.limits.get(joint, (-np.inf, np.inf))
-        at = float(drawn[place])
-        out[f"position.{joint}"] = at if low <= at <= high else 0.5 * (low + high)
-    return out
-
-
-def _span(robot: CompiledRobot, joint: str) -> tuple[float, float]:
-    """A joint's range, rad or m; half a turn to either side where it has none."""
-    at = robot.rest[f"position.{joint}"]
-    return robot.limits.get(joint, (at - np.pi, at + np.pi))
 
 
 def _unloaded(robot: CompiledRobot, q: np.ndarray) -> np.ndarray:

@@ -59,6 +59,13 @@ class Drives:
             damping[j], stiffness[j] = damping[j] + drag, stiffness[j] + spring
         return Torques(whole, damping, stiffness, self._dry(v, given, p))
 
+    def forces(
+        self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], p: Sequence[Any], clock: Any
+    ) -> list[Any]:
+        """(nu,) of the actuators, as their laws have it without limits."""
+        driven = enumerate(self.robot.driven.tolist())
+        return [self._force(i, q[joint], v[joint], u[i], p, clock, None)[0] for i, joint in driven]
+
     def rotors(self, p: Sequence[Any]) -> list[Any]:
         """(n,) kg m^2, seen through the gears."""
         out = []
