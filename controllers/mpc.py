@@ -26,6 +26,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 
 EFFORT = "effort."  # before an actuator's name: a soft limit of its force
+Along = tuple[np.ndarray, np.ndarray]  # (N, k) along the plan, (N, k, m) its derivative by the plan
 Outcome = Literal["solved", "inaccurate", "shifted"]
 
 
@@ -178,22 +179,23 @@ class Mpc:
         qp = Qp(H, g, low, high, self.change, -most - steps, most - steps)
         if not s.limits.soft:
             return qp, None
-        found = [self._channel(limit.channel, y, S, states, slopes) for limit in s.limits.soft]
+        forces = None if self.roll.efforts is None else self.roll.forces()
+        found = [self._channel(limit.channel, (y, S), (states, slopes), forces) for limit in s.limits.soft]
         soft = SoftRows(s.limits.soft, tuple(value for value, _ in found), tuple(slope for _, slope in found))
         return (softened(qp, soft), None) if s.solver == "osqp" else (qp, soft)
 
     def _channel(
-        self, name: str, y: np.ndarray, S: np.ndarray, states: np.ndarray, slopes: np.ndarray
+        self, name: str, tracked: Along, states: Along, forces: Along | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """(N,) and its derivative (N, m) of something tracked, of a state, or of an actuator's force."""
         at = self.model.stepped
-        if name.startswith(EFFORT):
-            i = at.commands.index(name.removeprefix(EFFORT))
-            force, slope = self.roll.forces()
-            return force[:, i], slope[:, i]
-        if name in at.tracked:
-            return y[:, at.tracked.index(name)], S[:, at.tracked.index(name)]
-        return states[:, at.states.index(name)], slopes[:, at.states.index(name)]
+        if name.startswith(EFFORT) and forces is not None:
+            (value, slope), i = forces, at.commands.index(name.removeprefix(EFFORT))
+        elif name in at.tracked:
+            (value, slope), i = tracked, at.tracked.index(name)
+        else:
+            (value, slope), i = states, at.states.index(name)
+        return value[:, i], slope[:, i]
 
     def _in_frame(self, reference: np.ndarray, e: np.ndarray) -> np.ndarray:
         """(N, ny, ny) roots of the cost, turned from the reference's frame into the world's; wraps e's heading."""
