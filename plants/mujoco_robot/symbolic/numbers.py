@@ -23,6 +23,8 @@ UNITS = {
     "kp": "N m/rad", "kv": "N m s/rad", "damping": "N m s/rad", "armature": "kg m^2", "frictionloss": "N m",
     "mass": "kg",
 }  # fmt: skip
+DRY = "frictionloss"
+COSTLY = (DRY, "mass")  # are arguments only where they do something, since they make the step longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +97,9 @@ def _own(robot: CompiledRobot, settings: Settings) -> list[Number]:
     for name, value in tunable_values(robot.model).items():
         short = name.rpartition(".")[2]
         tuned = name in settings.tuned
-        if tuned or short in ("kp", "kv", "damping", "armature") or (short == "frictionloss" and rubs):
+        if tuned or short not in COSTLY or (short == DRY and rubs):
             now = float(settings.tuned[name][0]) if tuned else value
-            out.append(Number(TUNE, "", name, now, UNITS[short], stalls=short == "frictionloss"))
+            out.append(Number(TUNE, "", name, now, UNITS[short], stalls=short == DRY))
     return out
 
 
