@@ -135,7 +135,8 @@ def recover(robot: rm.NominalRobot, seeds: int, only: tuple[str, ...] | None) ->
     plain = rm.augment(robot, dt=DT)
     practice = []
     for k, motion in enumerate(("postures", "sines")):
-        driven, _ = OwnScenario(robot, plain, motion, truth).drive(RunOptions(seeds=2, seed=7000 + 10 * k), _silent)
+        alone = OwnScenario(robot, plain, motion, truth, controllers=("nominal",))
+        driven, _ = alone.drive(RunOptions(seeds=2, seed=7000 + 10 * k), _silent)
         practice += [e.run() for e in driven.episodes["nominal"]]
     with tempfile.TemporaryDirectory() as folder:
         for i, run in enumerate(practice):

@@ -45,6 +45,8 @@ class OwnScenario:
     robot: the nominal one. model: the augmented model; its dt is the sample. reference: a motion's name, a CSV file or
     waypoints; of the tool if its columns are. plant: makes what is driven; None: the robot in MuJoCo at a finer step,
     with the effects `withheld`, by default those of the model. settings: of the controllers, None for the usual ones.
+    noise: 1-sigma of the encoders, where it is not that of the robot file. controllers: those of "nominal",
+    "augmented" and "oracle" that drive, by default all.
     """
 
     robot: NominalRobot
@@ -54,6 +56,7 @@ class OwnScenario:
     plant: Plant | None = None
     settings: MpcSettings | None = None
     noise: Mapping[str, float] = field(default_factory=dict)
+    controllers: tuple[str, ...] = ()
 
     name: str = "own"
     summary: str = "your own robot: nominal against augmented"
@@ -84,7 +87,8 @@ class OwnScenario:
         settings = replace(self.settings or usual_settings(nominal), budget=options.budget)
         dt = self.model.dt
         stacks = {}
-        for i, (name, model) in enumerate(models.items()):
+        chosen = {name: model for name, model in models.items() if name in (self.controllers or models)}
+        for i, (name, model) in enumerate(chosen.items()):
             progress(f"building the controllers: {name}", 0.1 * i)
             stacks[name] = self._stack(model, settings, reference, begin, options)
         simulator = Measured(self._simulator(), self._sigma(nominal))
