@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracles.arms import arm_xml, robot_of
+from oracles.own_arms import UR5E, panda
 
 from controllers.converged import converged
 from controllers.mpc import build_mpc
@@ -137,3 +138,21 @@ def test_a_servo_is_spared_the_force_that_it_may_not_give(tmp_path: Path) -> Non
             x = model.numpy_step(x, u)
         largest.append(most)
     assert largest[0] > 9.0 and largest[1] < 6.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("xml", [UR5E, panda()], ids=["ur5e", "panda"])
+def test_six_and_seven_joints_never_fail(tmp_path: Path, xml: str) -> None:
+    robot = robot_of(tmp_path, xml)
+    effects = {Knob("command_delay", None, "delay"): 0.03, Knob("payload", None, "mass"): 0.8}
+    model = augment(robot, effects, None, Build(DT))
+    mpc = build_mpc(model, usual_settings(model))
+    n = len(robot.joints)
+    x, state, home = model.start(), mpc.init(), model.start()[:n]
+    for k in range(2000):
+        t = DT * (k + 1 + np.arange(20))
+        swing = 0.2 * np.sin(1.5 * np.minimum(t, 0.5 * t + 0.5))[:, None] * np.cos(0.3 * np.arange(n))
+        u, state, info = mpc.step(state, x, home + swing)
+        assert info.outcome == "solved"
+        x = model.numpy_step(x, u)
+    assert np.abs(x[:n] - home - swing[0]).max() < 0.02
