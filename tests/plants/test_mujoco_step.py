@@ -18,6 +18,9 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export import Augmented, Build, augment
 from residual_mpc.export.casadi_model import casadi_model
 from residual_mpc.export.moving import moving_apart
+from residual_mpc.learning.forms.joint import JointForm
+from residual_mpc.learning.network.mlp import Mlp, initial_weights
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.models.contract import check_robot
 from residual_mpc.models.settings import Knob
 
@@ -191,3 +194,19 @@ def test_what_the_step_cannot_express_is_refused_with_the_reason(tmp_path: Path,
 def test_what_has_no_place_in_the_step_is_listed(tmp_path: Path) -> None:
     model = stepped(tmp_path, UR5E, {("joint_compliance", "elbow", "stiffness"): 900.0})
     assert any("joint_compliance" in line for line in model.stepped.left_out)
+
+
+def test_a_network_on_the_accelerations_acts_as_in_the_replay(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, arm_xml())
+    form, rng = JointForm(), np.random.default_rng(0)
+    inputs, outputs = form.inputs(robot), form.outputs(robot)
+    net = Mlp(len(inputs), outputs=len(outputs))
+    theta = initial_weights(net, rng) + 0.3 * rng.standard_normal(net.size)
+    sizes = np.zeros(len(inputs)), np.ones(len(inputs)), np.full(len(outputs), 5.0)
+    network = Residual(net, theta, inputs, outputs, *sizes, "joint", DT, "robot", 3.0)
+    plain, learned = (augment(robot, {}, r, Build(DT)) for r in (None, network))
+    assert moving_apart(learned, np.random.default_rng(0)) < 3e-3
+    x, u = plain.start(), plain.hold(plain.start())
+    assert np.abs(plain.numpy_step(x, u) - learned.numpy_step(x, u))[2:].max() > 0.005
+    c = casadi_model(learned)
+    np.testing.assert_allclose(np.array(c.f(x, u, c.p0)).ravel(), learned.numpy_step(x, u), atol=1e-12)
