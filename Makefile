@@ -37,6 +37,7 @@ slow: $(VENV)/.installed-test
 bench: $(VENV)/.installed-test
 	$(BIN)/python -m benchmarks.diagnosis
 	$(BIN)/python -m benchmarks.control
+	$(BIN)/python -m benchmarks.own_arm
 	$(BIN)/python -m benchmarks.learning
 	$(BIN)/python -m benchmarks.jitter
 	$(BIN)/python -m benchmarks.simulator

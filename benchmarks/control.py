@@ -134,30 +134,34 @@ def do_mpc(name: str, mpc: Mpc, problem: ControlProblem) -> Contestant:
     inner = Model("discrete", "SX")
     x = inner.set_variable("_x", "x", shape=(m.nx, 1))
     u = inner.set_variable("_u", "u", shape=(m.nu, 1))
-    wanted = inner.set_variable("_tvp", "wanted", shape=(3, 1))
+    tracked = m.stepped.tracked
+    wanted = inner.set_variable("_tvp", "wanted", shape=(len(tracked), 1))
     inner.set_rhs("x", c.f(x, u, m.p))
     inner.setup()
     outer = MPC(inner)
     options = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes", "ipopt.max_iter": 50}
-    outer.set_param(n_horizon=N, t_step=DT, store_full_solution=False, nlpsol_opts=options)
+    outer.set_param(n_horizon=problem.steps, t_step=problem.dt, store_full_solution=False, nlpsol_opts=options)
     e = ca.vertcat(*[x[int(i)] for i in mpc.poses]) - wanted
-    turn = wanted[2]
-    e = ca.vertcat(ca.cos(turn) * e[0] + ca.sin(turn) * e[1], -ca.sin(turn) * e[0] + ca.cos(turn) * e[1], ca.sin(e[2]))
+    if "pose.theta" in tracked:
+        turn = wanted[2]
+        ahead = ca.cos(turn) * e[0] + ca.sin(turn) * e[1]
+        e = ca.vertcat(ahead, -ca.sin(turn) * e[0] + ca.cos(turn) * e[1], ca.sin(e[2]))
     stage, end = (ca.sumsqr(ca.mtimes(root, e)) for root in mpc.roots)
     outer.set_objective(lterm=stage, mterm=end)
-    outer.set_rterm(u=s.weights.change**-2.0)
-    outer.bounds["lower", "_u", "u"], outer.bounds["upper", "_u", "u"] = s.limits.lower, s.limits.upper
+    outer.set_rterm(u=s.weights.of_commands(m.nu)[1])
+    outer.bounds["lower", "_u", "u"], outer.bounds["upper", "_u", "u"] = s.limits.box(m.nu)
     template, now = outer.get_tvp_template(), {"k": 0}
 
     def reference(_: float) -> Any:
-        poses = path(DT * (now["k"] + np.arange(N + 1)))
-        for i in range(N + 1):
+        poses = problem.path(problem.dt * (now["k"] + np.arange(problem.steps + 1)))
+        for i in range(problem.steps + 1):
             template["_tvp", i, "wanted"] = poses[i]
         return template
 
     outer.set_tvp_fun(reference)
     outer.setup()
-    outer.x0 = m.start()
+    outer.x0 = m.start(problem.begin)
+    outer.u0 = m.hold(m.start(problem.begin))
     outer.set_initial_guess()
 
     def step(x: np.ndarray, k: int, sent: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -201,8 +205,8 @@ def build_plant(m: Augmented) -> Any:
 def _cost(mpc: Mpc, problem: ControlProblem, x: np.ndarray, k: int, command: np.ndarray, sent: np.ndarray) -> float:
     e = problem.error(mpc.model.outputs(x), problem.ahead(k)[0])
     w = mpc.settings.weights
-    change = np.sum((command - sent) ** 2) / w.change**2
-    return float(np.sum((e / w.error) ** 2) + change + np.sum(command**2) / w.command**2)
+    own, change = w.of_commands(len(command))
+    return float(np.sum((e / w.error) ** 2) + np.sum(change * (command - sent) ** 2) + np.sum(own * command**2))
 
 
 def main() -> None:

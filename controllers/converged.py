@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.mpc import Mpc
+from controllers.mpc import EFFORT, Mpc
 from residual_mpc.extras import extra
 
 
@@ -25,12 +25,12 @@ class Converged:
     ) -> tuple[np.ndarray, float, bool]:
         """(plan (N, nu), its cost, whether the solver converged) from a guess (N, nu)."""
         s, m = self.mpc.settings, self.mpc
-        most = s.limits.rate * m.model.build.dt
         n = guess.size
+        most = np.tile(s.limits.most(m.model.nu, m.model.build.dt), len(guess))
         extra = len(s.limits.soft)
         parameters = np.concatenate([x, sent, reference.ravel(), m.p])
-        rows = [np.full(n, most)] + [np.full(2 * len(guess), np.inf)] * extra
-        low = [np.full(n, -most)] + [np.zeros(2 * len(guess))] * extra
+        rows = [most] + [np.full(2 * len(guess), np.inf)] * extra
+        low = [-most] + [np.zeros(2 * len(guess))] * extra
         result = self.solver(
             x0=np.concatenate([guess.ravel(), np.zeros(extra)]),
             p=parameters,
@@ -56,11 +56,13 @@ def converged(mpc: Mpc, iterations: int = 200) -> Converged:
     plan, slack = ca.MX.sym("plan", nu, n), ca.MX.sym("slack", len(s.limits.soft))
     x0, sent, reference = ca.MX.sym("x", nx), ca.MX.sym("sent", nu), ca.MX.sym("reference", ny, n)
     p = ca.MX.sym("p", len(mpc.p))
+    v, w = (ca.DM(part) for part in s.weights.of_commands(nu))
     cost: Any = 0
     rows: list[Any] = []
     soft: list[Any] = []
     x, last = x0, sent
     for k in range(n):
+        force: Any = None if c.effort is None else c.effort(x, plan[:, k], p)[0]
         x = c.f(x, plan[:, k], p)
         y = ca.vertcat(*[x[int(i)] for i in mpc.poses]) if c.output is None else c.output(x)[0]
         e = y - reference[:, k]
@@ -74,13 +76,18 @@ def converged(mpc: Mpc, iterations: int = 200) -> Converged:
         root = mpc.roots[0] if k < n - 1 else mpc.roots[1]
         change = plan[:, k] - last
         cost += 0.5 * ca.sumsqr(ca.mtimes(root, e))
-        cost += 0.5 * ca.sumsqr(change) / s.weights.change**2 + 0.5 * ca.sumsqr(plan[:, k]) / s.weights.command**2
+        cost += 0.5 * ca.dot(w * change, change) + 0.5 * ca.dot(v * plan[:, k], plan[:, k])
         rows.append(change)
         last = plan[:, k]
         for j, limit in enumerate(s.limits.soft):
             at = model.stepped
-            v = y[at.tracked.index(limit.channel)] if limit.channel in at.tracked else x[at.states.index(limit.channel)]
-            soft += [v - limit.lower + slack[j], limit.upper - v + slack[j]]
+            if limit.channel.startswith(EFFORT):
+                value = force[at.commands.index(limit.channel.removeprefix(EFFORT))]
+            elif limit.channel in at.tracked:
+                value = y[at.tracked.index(limit.channel)]
+            else:
+                value = x[at.states.index(limit.channel)]
+            soft += [value - limit.lower + slack[j], limit.upper - value + slack[j]]
     for j, limit in enumerate(s.limits.soft):
         cost += limit.price * slack[j] + 0.5 * limit.square * slack[j] ** 2
     z = ca.vertcat(ca.vec(plan), slack)

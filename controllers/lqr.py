@@ -79,7 +79,7 @@ class Lqr:
         change = self.u[k] - before - self.K[k] @ np.concatenate([off[self.states], state.sent - before])
         good = bool(np.isfinite(change).all())
         wanted = state.sent + change if good else state.sent
-        most = self.limits.rate * self.model.build.dt
+        most = self.limits.most(self.model.nu, self.model.build.dt)
         command = np.clip(wanted, state.sent - most, state.sent + most)
         command = np.clip(command, *self.limits.box(self.model.nu))
         outcome = "solved" if good else "shifted"

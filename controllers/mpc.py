@@ -18,12 +18,15 @@ from typing import Literal
 import numpy as np
 
 from controllers.qp import Qp, QpSolver, qp_solver
-from controllers.riccati import terminal_cost
+from controllers.riccati import root_of, terminal_cost
 from controllers.rollout import Rollout, rollout
 from controllers.settings import MpcSettings
+from controllers.soft import SoftRows, softened
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented
 
+EFFORT = "effort."  # before an actuator's name: a soft limit of its force
+Along = tuple[np.ndarray, np.ndarray]  # (N, k) along the plan, (N, k, m) its derivative by the plan
 Outcome = Literal["solved", "inaccurate", "shifted"]
 
 
@@ -65,6 +68,11 @@ class Mpc:
     fixed: np.ndarray  # (N nu, N nu): what commands and their changes cost, the part of H that never changes
 
     @property
+    def most(self) -> np.ndarray:
+        """(nu,) largest change of a command from one sample to the next."""
+        return self.settings.limits.most(self.model.nu, self.model.build.dt)
+
+    @property
     def horizon(self) -> int:
         return self.settings.horizon
 
@@ -92,10 +100,13 @@ class Mpc:
         cost = float("nan")
         if np.isfinite(x).all() and np.isfinite(reference).all():
             for _ in range(self.settings.iterations if state.samples else self.settings.first):
-                qp = self._program(x, plan, state.sent, reference)
+                qp, soft = self._program(x, plan, state.sent, reference)
                 if not (np.isfinite(qp.H).all() and np.isfinite(qp.g).all()):
                     break
                 z, status = state.engine.solve(qp)
+                if soft is not None and (status != "solved" or not soft.kept(z)):
+                    qp = softened(qp, soft)
+                    z, status = state.engine.solve(qp)
                 late = time.perf_counter() - begin > self.settings.budget
                 better = status == "solved" or (status == "inaccurate" and qp.cost(z) < qp.cost(self._idle(qp)))
                 if late or not better:
@@ -126,9 +137,9 @@ class Mpc:
 
     def _within(self, plan: np.ndarray, sent: np.ndarray) -> np.ndarray:
         """The plan with every limit on commands kept to the last bit, whatever a solver's tolerance is."""
-        most = self.settings.limits.rate * self.model.build.dt
+        most = self.most
         plan = np.clip(plan, self.low, self.high)
-        if not np.isfinite(most):
+        if not np.isfinite(most).any():
             return plan
         steps = np.diff(plan, axis=0, prepend=sent[None])
         if (np.abs(steps) <= most).all():
@@ -139,8 +150,14 @@ class Mpc:
             out[k] = last
         return out
 
-    def _program(self, x: np.ndarray, plan: np.ndarray, sent: np.ndarray, reference: np.ndarray) -> Qp:
-        """The Gauss-Newton program about the plan; z = (change of the plan, one slack a soft limit)."""
+    def _program(
+        self, x: np.ndarray, plan: np.ndarray, sent: np.ndarray, reference: np.ndarray
+    ) -> tuple[Qp, SoftRows | None]:
+        """The Gauss-Newton program about the plan; z = (change of the plan, one slack a soft limit).
+
+        Where soft limits are left out of it, since they mostly do not bind, they stand beside it; OSQP's programs all
+        have one pattern, and hold them always.
+        """
         s, n, m = self.settings, self.horizon, plan.size
         states = self.roll.drive(x, plan, self.p)  # (N, nx)
         slopes = self.roll.condense()  # (N, nx, m)
@@ -149,42 +166,36 @@ class Mpc:
         roots = self._in_frame(reference, e)
         M = np.matmul(roots, S).reshape(-1, m)
         r = np.matmul(roots, e[:, :, None])[:, :, 0].ravel()
-        w, v = s.weights.change**-2.0, s.weights.command**-2.0
+        v, w = (np.tile(part, n) for part in s.weights.of_commands(self.model.nu))
         u = plan.ravel()
         steps = u.copy()
         steps[len(sent) :] -= u[: -len(sent)]
         steps[: len(sent)] -= sent
-        extra = len(s.limits.soft)
         H = M.T @ M
         H += self.fixed
-        g = M.T @ r + w * (steps @ self.change) + v * u
+        g = M.T @ r + (w * steps) @ self.change + v * u
         low, high = (self.low - plan).ravel(), (self.high - plan).ravel()
-        most = min(s.limits.rate * self.model.build.dt, 1e20)
-        if not extra:
-            return Qp(H, g, low, high, self.change, -most - steps, most - steps)
-        H = np.block([[H, np.zeros((m, extra))], [np.zeros((extra, m)), np.eye(extra)]])
-        g = np.concatenate([g, np.zeros(extra)])
-        low, high = np.concatenate([low, np.zeros(extra)]), np.concatenate([high, np.full(extra, 1e20)])
-        rows = [np.hstack([self.change, np.zeros((m, extra))])]
-        lows, highs = [-most - steps], [most - steps]
-        for j, soft in enumerate(s.limits.soft):
-            g[m + j] = soft.price * soft.square**-0.5
-            value, slope = self._channel(soft.channel, y, S, states, slopes)
-            slack = np.zeros((n, extra))
-            slack[:, j] = soft.square**-0.5  # a slack in units that cost one: first-order solvers need it
-            rows += [np.hstack([slope, slack]), np.hstack([-slope, slack])]
-            lows += [soft.lower - value, value - soft.upper]
-            highs += [np.full(n, 1e20)] * 2
-        return Qp(H, g, low, high, np.vstack(rows), np.concatenate(lows), np.concatenate(highs))
+        most = np.tile(np.minimum(self.most, 1e20), n)
+        qp = Qp(H, g, low, high, self.change, -most - steps, most - steps)
+        if not s.limits.soft:
+            return qp, None
+        forces = None if self.roll.efforts is None else self.roll.forces()
+        found = [self._channel(limit.channel, (y, S), (states, slopes), forces) for limit in s.limits.soft]
+        soft = SoftRows(s.limits.soft, tuple(value for value, _ in found), tuple(slope for _, slope in found))
+        return (softened(qp, soft), None) if s.solver == "osqp" else (qp, soft)
 
     def _channel(
-        self, name: str, y: np.ndarray, S: np.ndarray, states: np.ndarray, slopes: np.ndarray
+        self, name: str, tracked: Along, states: Along, forces: Along | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) and its derivative (N, m) of something tracked, or of a state."""
+        """(N,) and its derivative (N, m) of something tracked, of a state, or of an actuator's force."""
         at = self.model.stepped
-        if name in at.tracked:
-            return y[:, at.tracked.index(name)], S[:, at.tracked.index(name)]
-        return states[:, at.states.index(name)], slopes[:, at.states.index(name)]
+        if name.startswith(EFFORT) and forces is not None:
+            (value, slope), i = forces, at.commands.index(name.removeprefix(EFFORT))
+        elif name in at.tracked:
+            (value, slope), i = tracked, at.tracked.index(name)
+        else:
+            (value, slope), i = states, at.states.index(name)
+        return value[:, i], slope[:, i]
 
     def _in_frame(self, reference: np.ndarray, e: np.ndarray) -> np.ndarray:
         """(N, ny, ny) roots of the cost, turned from the reference's frame into the world's; wraps e's heading."""
@@ -218,18 +229,23 @@ def build_mpc(model: Augmented, settings: MpcSettings) -> Mpc:
         what = f"weights.error must have {ny} entries, got {len(settings.weights.error)}"
         raise BadInput(what, model.robot.name, f"give one each for {', '.join(at.tracked)}")
     for soft in settings.limits.soft:
-        if soft.channel not in (*at.tracked, *at.states):
-            known = ", ".join(dict.fromkeys((*at.tracked, *at.poses)))
+        efforts = () if at.effort is None else tuple(f"{EFFORT}{a}" for a in at.commands)
+        if soft.channel not in (*at.tracked, *at.states, *efforts):
+            known = ", ".join(dict.fromkeys((*at.tracked, *at.poses, *at.rates, *efforts)))
             raise BadInput(f"a soft limit must be on one of {known}, got {soft.channel!r}", model.robot.name)
     try:
         low, high = settings.limits.box(nu)
+        settings.limits.most(nu, model.build.dt)
+        weights = settings.weights.of_commands(nu)
     except ValueError as error:
         raise BadInput(
-            f"limits must be one number or one for each of {nu} commands: {error}", model.robot.name
+            f"limits and weights must be one number or one for each of {nu} commands: {error}", model.robot.name
         ) from None
     stage = np.diag(1.0 / np.array(settings.weights.error))
-    end = np.linalg.cholesky(terminal_cost(model, settings.weights, settings.cruise)).T
+    end = root_of(terminal_cost(model, settings.weights, settings.cruise))
     change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
-    w, v = settings.weights.change**-2.0, settings.weights.command**-2.0
-    fixed = w * (change.T @ change) + v * np.eye(n * nu)
-    return Mpc(model, settings, model.p, rollout(model, n, settings.compile), low, high, (stage, end), change, fixed)
+    v, w = (np.tile(part, n) for part in weights)
+    fixed = (change.T * w) @ change + np.diag(v)
+    forces = any(soft.channel.startswith(EFFORT) for soft in settings.limits.soft)
+    roll = rollout(model, n, settings.compile, forces)
+    return Mpc(model, settings, model.p, roll, low, high, (stage, end), change, fixed)

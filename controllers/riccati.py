@@ -99,8 +99,9 @@ def stage_cost(
     Q = np.zeros((len(states) + model.nu,) * 2)
     root = C / np.array(weights.error)[:, None]
     Q[: len(states), : len(states)] = root.T @ root
-    Q[len(states) :, len(states) :] = np.eye(model.nu) * weights.command**-2.0
-    return Q, np.eye(model.nu) * weights.change**-2.0
+    command, change = weights.of_commands(model.nu)
+    Q[len(states) :, len(states) :] = np.diag(command)
+    return Q, np.diag(change)
 
 
 def terminal_cost(model: Augmented, weights: Weights, cruise: float) -> np.ndarray:
@@ -116,9 +117,18 @@ def terminal_cost(model: Augmented, weights: Weights, cruise: float) -> np.ndarr
     Q = Q + 1e-9 * np.eye(len(Q))  # memory that no error sees is still to be detectable
     _, P = dlqr(A, B, Q, R)
     where = [int(np.flatnonzero(states == model.stepped.states.index(c))[0]) for c in model.stepped.poses]
-    back = np.linalg.pinv(C[:, where])  # the least move of the poses that makes an error
+    back = np.linalg.pinv(C[:, where], rcond=1e-3)  # the least move of the poses that makes an error
     block = back.T @ P[np.ix_(where, where)] @ back
     return 0.5 * (block + block.T)
+
+
+def root_of(cost: np.ndarray) -> np.ndarray:
+    """R (n, n) with R'R = cost (n, n), which may lack directions in which the robot cannot move what it tracks."""
+    try:
+        return np.asarray(np.linalg.cholesky(cost).T)
+    except np.linalg.LinAlgError:
+        values, axes = np.linalg.eigh(cost)
+        return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T)
 
 
 def _settle(model: Augmented, u: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ class Rollout:
     call: Buffered
     sensitivity: np.ndarray  # (steps + 1, nx, steps * nu) dx_k / dU, filled below the diagonal
     tracked: np.ndarray | None  # (ny,) places in x of what is tracked; None where it is a function of the state
+    efforts: int | None = None  # which result begins those of the actuators' forces; None where nobody asked for them
 
     def drive(self, x: np.ndarray, plan: np.ndarray, p: np.ndarray) -> np.ndarray:
         """(steps, nx) states after each step, from x (nx,) under plan (steps, nu) and parameters p (np,)."""
@@ -48,17 +49,32 @@ class Rollout:
         return y, np.matmul(c, slopes)
 
 
-def rollout(model: Augmented, steps: int, compile: bool) -> Rollout:
-    """Build it; a second or two where it is compiled, the first time in a process."""
+    def forces(self) -> tuple[np.ndarray, np.ndarray]:
+        """(F (steps, nu), dF / dU (steps, nu, steps * nu)): the actuators' forces as each step begins, from what
+        `drive` and `condense` gave.
+        """
+        assert self.efforts is not None
+        n, m, found = self.nx, self.nu, self.call.results[self.efforts :]
+        by_x = found[1].reshape(self.steps, n, m).transpose(0, 2, 1)
+        by_u = found[2].reshape(self.steps, m, m).transpose(0, 2, 1)
+        slopes = np.matmul(by_x, self.sensitivity[: self.steps])
+        for k in range(self.steps):
+            slopes[k, :, k * m : (k + 1) * m] += by_u[k]
+        return found[0].reshape(self.steps, m), slopes
+
+
+def rollout(model: Augmented, steps: int, compile: bool, efforts: bool = False) -> Rollout:
+    """Build it; a second or two where it is compiled, the first time in a process. efforts: whether with `forces`."""
     with extra("mpc"):
         import casadi as ca
 
     c = casadi_model(model)
     stage, output = c.through, c.output
     x, plan, p = ca.MX.sym("x", model.nx), ca.MX.sym("plan", model.nu, steps), ca.MX.sym("p", len(model.p))
-    states, a, b = [], [], []
+    states, a, b, forces = [], [], [], []
     at = x
     for k in range(steps):
+        forces.append(c.effort(at, plan[:, k], p) if efforts else ())
         at, ak, bk = stage(at, plan[:, k], p)
         states.append(at)
         a.append(ak)
@@ -73,6 +89,10 @@ def rollout(model: Augmented, steps: int, compile: bool) -> Rollout:
         found = [output(x) for x in states]
         outputs += [ca.horzcat(*[y for y, _ in found]), ca.horzcat(*[slope for _, slope in found])]
         lengths += [ny * steps, ny * n * steps]
+    first = len(outputs) if efforts else None
+    if efforts:
+        outputs += [ca.horzcat(*part) for part in zip(*forces, strict=True)]
+        lengths += [m * steps, m * n * steps, m * m * steps]
     function = compiled(ca.Function("rollout", [x, plan, p], outputs), compiler() if compile else None)
     call = buffered(function, (n, m * steps, len(model.p)), lengths)
-    return Rollout(n, m, steps, call, np.zeros((steps + 1, n, m * steps)), tracked)
+    return Rollout(n, m, steps, call, np.zeros((steps + 1, n, m * steps)), tracked, first)

@@ -15,21 +15,28 @@ class Weights:
 
     error: a channel's error that costs 1 (its unit), in the order of what the model tracks; for a planar robot along,
     across and heading. command, change: the deviation from the reference's command, and the change from one step to the
-    next, that cost 1 (actuator unit).
+    next, that cost 1 (actuator unit), of all commands or one each.
     """
 
     error: tuple[float, ...] = (0.05, 0.05, 0.2)  # m, m, rad
-    command: float = 200.0  # rad/s
-    change: float = 8.0  # rad/s
+    command: float | tuple[float, ...] = 200.0  # rad/s
+    change: float | tuple[float, ...] = 8.0  # rad/s
 
     def __post_init__(self) -> None:
-        if not all(np.isfinite(v) and v > 0 for v in (*self.error, self.command, self.change)):
+        each = (np.asarray(v, dtype=np.float64) for v in (self.error, self.command, self.change))
+        if not all(np.isfinite(v).all() and (v > 0).all() for v in each):
             raise ValueError(f"weights must be > 0, got {self}")
+
+    def of_commands(self, nu: int) -> tuple[np.ndarray, np.ndarray]:
+        """(nu,) weights of the commands and (nu,) of their changes. Raises ValueError where there are not as many."""
+        return np.broadcast_to(self.command, nu) ** -2.0, np.broadcast_to(self.change, nu) ** -2.0
 
 
 @dataclass(frozen=True)
 class Soft:
-    """A limit on a tracked channel or a state, to be passed at a price: `price` a unit, and `square` a unit squared."""
+    """A limit on a tracked channel, a state or a force ("effort.<actuator>"), to be passed at a price: `price` a unit,
+    and `square` a unit squared.
+    """
 
     channel: str
     lower: float
@@ -44,23 +51,28 @@ class Soft:
 
 @dataclass(frozen=True)
 class Limits:
-    """lower, upper: of every command, or one a command, actuator unit, never passed; rate: largest change a second,
-    inf for none; soft: see Soft.
+    """lower, upper: of every command, or one a command, actuator unit, never passed; rate: largest change a second, of
+    every command or one each, inf for none; soft: see Soft.
     """
 
     lower: float | tuple[float, ...] = -12.0  # rad/s
     upper: float | tuple[float, ...] = 12.0  # rad/s
-    rate: float = 100.0  # rad/s^2
+    rate: float | tuple[float, ...] = 100.0  # rad/s^2
     soft: tuple[Soft, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = np.asarray(self.lower, dtype=np.float64), np.asarray(self.upper, dtype=np.float64)
-        if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all() and self.rate > 0):
+        finite = np.isfinite(low).all() and np.isfinite(high).all()
+        if not (finite and (low < high).all() and (np.asarray(self.rate) > 0).all()):
             raise ValueError(f"limits must be finite with lower below upper and rate > 0, got {self}")
 
     def box(self, nu: int) -> tuple[np.ndarray, np.ndarray]:
         """(nu,) lower and (nu,) upper. Raises ValueError where as many limits came as there are no commands."""
         return np.broadcast_to(self.lower, nu).astype(np.float64), np.broadcast_to(self.upper, nu).astype(np.float64)
+
+    def most(self, nu: int, dt: float) -> np.ndarray:
+        """(nu,) largest change within dt s; inf for none."""
+        return np.broadcast_to(np.asarray(self.rate, dtype=np.float64) * dt, nu)
 
 
 @dataclass(frozen=True)

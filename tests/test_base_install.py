@@ -14,7 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from oracles.arms import DT, wheel_xml
+from oracles.arms import DT, arm_xml, wheel_xml
 from oracles.rover_log import ROBOT, rover_run, write_run
 from oracles.urdfs import arm_urdf
 from packaging.requirements import Requirement
@@ -193,6 +193,25 @@ def test_an_augmented_model_steps_and_its_controllers_say_what_they_need(rover: 
     assert ended.stdout.count("install it with `pip install 'residual-mpc[mpc]'`") == 3
 
 
+OWN_ARM = """
+import residual_mpc as rm
+
+model = rm.augment(rm.load_robot("own.xml"))
+print(model)
+try:
+    model.x0
+except rm.BadInput as fault:
+    print(fault.remedy)
+"""
+
+
+def test_the_step_of_ones_own_arm_says_what_it_needs(tmp_path: Path) -> None:
+    (tmp_path / "own.xml").write_text(arm_xml())
+    ended = base(OWN_ARM, folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert "install it with `pip install 'residual-mpc[arm]'`" in ended.stdout
+
+
 def test_the_base_install_brings_nothing_that_an_extra_is_for() -> None:
     assert {"casadi", "osqp", "daqp", "control", "jax", "onnx", "pybullet", "pytest"} <= set(ABSENT)
     assert not {"numpy", "scipy", "pandas", "mujoco", "matplotlib", "residual_mpc"} & set(ABSENT)
@@ -206,7 +225,7 @@ def test_every_extra_that_a_message_names_is_there() -> None:
         for path in (ROOT / package).rglob("*.py")
         for name in re.findall(r"""with extra\("(\w+)"\)""", path.read_text())
     }
-    assert named == {"mpc", "jax", "onnx", "dask", "pybullet", "rosbag", "mcap", "hdf5"}
+    assert named == {"mpc", "arm", "jax", "onnx", "dask", "pybullet", "rosbag", "mcap", "hdf5"}
     assert named <= set(PROJECT["optional-dependencies"])
 
 

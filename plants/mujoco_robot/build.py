@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_robot.loading.compile import compile_model, refuse_unsupported
-from plants.mujoco_robot.robot import MujocoRobot
+from plants.mujoco_robot.robot import SteppingMujoco
 from plants.mujoco_robot.structure.base import find_base
 from plants.mujoco_robot.structure.loops import find_loops
 from residual_mpc.errors import BadInput
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import mujoco
 
 
-def build(robot: RobotFile) -> MujocoRobot:
+def build(robot: RobotFile) -> SteppingMujoco:
     """The robot of a file whose plant is `mujoco`.
 
     Raises BadInput where numbers are given beside the model's own, and where the model does not compile, has no
@@ -39,7 +39,7 @@ def build(robot: RobotFile) -> MujocoRobot:
     site = _payload_site(model, robot)
     loops = find_loops(model, str(robot.model))
     sides = robot.servo_feedback, robot.position_sensor
-    return MujocoRobot(robot.name, model, site, *sides, base, loops, spec, held=held)
+    return SteppingMujoco(robot.name, model, site, *sides, base, loops, spec, held=held)
 
 
 def _refuse_undriven(model: "mujoco.MjModel", path: str) -> None:

@@ -15,9 +15,14 @@ from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.structure.variants import merge
+from plants.mujoco_robot.symbolic.step import arm_step
+from residual_mpc.models.optional import USUAL_PERIOD
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.simulating import Mjcf
+from residual_mpc.models.stepping import BODY, StepOptions, Stepped
+
+PERIOD = 0.02  # s between commands of an arm
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,3 +60,26 @@ class MujocoRobot(CompiledRobot):
 
     def simulator(self, settings: Settings, rows: int, period: float) -> CorrectedMujoco:
         return CorrectedMujoco(self, settings, rows, period)
+
+
+@dataclass(frozen=True, eq=False)
+class SteppingMujoco(MujocoRobot):
+    """A robot of a user's own model file. It adds the protocol `Stepping` and overrides nothing.
+
+    task: whether controllers bring its tool (the payload site) to their reference, or its joints.
+    """
+
+    task: bool = False
+
+    @property
+    def period(self) -> float:
+        """s between commands."""
+        return PERIOD if self.base is None else USUAL_PERIOD
+
+    @property
+    def disturbed(self) -> tuple[str, ...]:
+        return BODY if self.base is not None else tuple(f"torque.{j}" for j in self.joints)
+
+    def one_step(self, settings: Settings, options: StepOptions) -> Stepped:
+        """See residual_mpc.models.stepping.Stepping."""
+        return arm_step(self, settings, options, self.task)

@@ -18,22 +18,26 @@ from residual_mpc.export.casadi_model import casadi_model
 from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
 from residual_mpc.models.sensing import sensor_value
 
+SMALL = 15_000  # instructions: a longer step takes longer to compile than an estimator saves by it, one call a sample
+
 
 @dataclass(frozen=True)
 class EstimatorSettings:
     """All 1-sigma. noise: of each pose's sensor, channel unit; drift: what a pose moves a second beside the model,
-    channel unit / sqrt(s); disturbance: how far an unknown constant wanders a second, its unit / sqrt(s). gate: an
-    innovation beyond that many sigma is a wrong estimate of the sensor, unless `stubborn` come in a row.
+    channel unit / sqrt(s); rate: the same of the velocities of a robot with inertia, channel unit / s / sqrt(s);
+    disturbance: how far an unknown constant wanders a second, its unit / sqrt(s). gate: an innovation beyond that many
+    sigma is a wrong estimate of the sensor, unless `stubborn` come in a row.
     """
 
     noise: tuple[float, ...] = (0.002, 0.002, 0.006)  # m, m, rad
     drift: tuple[float, ...] = (0.01, 0.01, 0.05)  # m, m, rad a root second
     disturbance: tuple[float, ...] = (0.02, 0.02, 0.1)  # m/s, m/s, rad/s a root second
+    rate: float = 0.5  # rad/s a root second
     gate: float = 6.0
     stubborn: int = 5
 
     def __post_init__(self) -> None:
-        if min(*self.noise, *self.drift, *self.disturbance, self.gate) <= 0 or self.stubborn < 1:
+        if min(*self.noise, *self.drift, *self.disturbance, self.rate, self.gate) <= 0 or self.stubborn < 1:
             raise ValueError(f"every setting of the estimator must be > 0, got {self}")
 
 
@@ -160,6 +164,7 @@ def build_filter(model: Augmented, settings: EstimatorSettings, compile: bool = 
     where = np.array([states.index(c) for c in poses])
     q = np.zeros(model.nx)
     q[where] = np.square(settings.drift) * model.build.dt
+    q[[states.index(c) for c in model.stepped.rates]] = settings.rate**2 * model.build.dt
     unknown = [i for i, s in enumerate(states) if s.startswith("disturbance.")]
     if unknown:
         if len(settings.disturbance) != len(unknown):
@@ -168,7 +173,8 @@ def build_filter(model: Augmented, settings: EstimatorSettings, compile: bool = 
             )
         q[unknown] = np.square(settings.disturbance) * model.build.dt
     c = casadi_model(model)
-    stage = compiled(c.stage, compiler() if compile else None)
+    small = c.stage.n_instructions() < SMALL
+    stage = compiled(c.stage, compiler() if compile and small else None)
     n, m = model.nx, model.nu
     call = buffered(stage, (n, m, len(model.p)), (n, n * n, n * m))
     delays = changes(model.settings.effects, "reading delay")

@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol
 from residual_mpc.errors import BadInput
 
 GROUP = "residual_mpc.scenarios"
+OWN_GROUP = "residual_mpc.own_scenarios"  # one entry: what drives a user's own robot
 Progress = Callable[[str, float], None]
 
 
@@ -46,6 +47,14 @@ class Scenario(Protocol):
 def scenario_names() -> tuple[str, ...]:
     """Every name that `find_scenario` knows."""
     return tuple(sorted({e.name for e in entry_points(group=GROUP)}))
+
+
+def find_own_scenario() -> Callable[..., dict[str, Any]]:
+    """What drives a user's own robot. Raises BadInput where no installed package does."""
+    for entry in entry_points(group=OWN_GROUP):
+        found: Callable[..., dict[str, Any]] = entry.load()
+        return found
+    raise BadInput("no installed package drives a robot of one's own", "", "install the package `scenarios`")
 
 
 def find_scenario(name: str) -> Scenario:

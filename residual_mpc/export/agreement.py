@@ -7,6 +7,7 @@ import numpy as np
 
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.augmented import Augmented, with_residual
+from residual_mpc.export.moving import moving_apart
 from residual_mpc.export.network import READS, remembered, residual_delta
 from residual_mpc.learning.forms.residual_robot import residual_robot
 from residual_mpc.learning.network.residual import Residual
@@ -71,9 +72,12 @@ def sample(model: Augmented, rng: np.random.Generator, s: Sampling) -> tuple[np.
     for _ in range(12):
         x = model.numpy_step(x, u)
         u = rng.uniform(low, high, u.shape)
+    spans = model.stepped.spans or model.stepped.reach
     for i, name in enumerate(model.stepped.poses):
-        span = model.stepped.reach[i] if model.stepped.reach else (-s.pose, s.pose)
+        span = spans[i] if spans else (-s.pose, s.pose)
         x[:, model.stepped.states.index(name)] = rng.uniform(*span, s.points)
+    for name in model.stepped.rates:
+        x[:, model.stepped.states.index(name)] = rng.uniform(-1.0, 1.0, s.points)
     r = model.residual
     if r is not None and np.isfinite(r.limit) and r.form in READS:
         far = slice(3 * s.points // 4, None)
@@ -97,6 +101,8 @@ def _inputs(r: Residual, rng: np.random.Generator, points: int) -> np.ndarray:
 
 
 def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> float:
+    if model.stepped.rates:
+        return moving_apart(model, rng)
     learned = model.residual
     if learned is not None and (abs(learned.step - model.build.dt) > 1e-9 or learned.form not in READS):
         learned = None

@@ -15,6 +15,7 @@ import numpy as np
 from residual_mpc.extras import extra
 
 COMPILERS = ("gcc", "cc", "clang")
+LONG = 500_000  # characters: beyond it -O2 takes minutes, and is no faster than -O1
 _LOADED: dict[str, Any] = {}  # by the hash of the source: the same model is compiled once a process
 _FOLDERS: list[tempfile.TemporaryDirectory[str]] = []  # kept for as long as the libraries in them are loaded
 
@@ -43,7 +44,8 @@ def compiled(function: Any, with_compiler: str | None) -> Any:
             _FOLDERS.append(tempfile.TemporaryDirectory(prefix="residual-mpc-"))
         base = Path(_FOLDERS[0].name) / f"{function.name()}-{key[:16]}"
         base.with_suffix(".c").write_text(source, encoding="utf-8")
-        command = [with_compiler, "-O2", "-fPIC", "-shared", f"{base}.c", "-o", f"{base}.so", "-lm"]
+        effort = "-O2" if len(source) < LONG else "-O1"
+        command = [with_compiler, effort, "-fPIC", "-shared", f"{base}.c", "-o", f"{base}.so", "-lm"]
         try:
             subprocess.run(command, capture_output=True, check=True, timeout=120)
             ctypes.CDLL(f"{base}.so")  # a library that does not load would end the process inside CasADi

@@ -15,6 +15,7 @@ from residual_mpc.models.stepping import Correction
 # For each form of residual: what it reads, in the order of its inputs, and what it adds to, in the order of its outputs
 TASK = ("task.x", "task.y", "task.z")  # m/s, of an arm's tool
 ADDS_TO: Mapping[str, tuple[str, ...]] = {"body": BODY, "paper": WORLD, "task": TASK}
+JOINT = "joint"  # reads positions, velocities and commands, and adds to the accelerations: its own names say which
 READS: Mapping[str, str] = {"body": "last", "paper": "model"}  # its own last velocities; the model's present ones
 
 
@@ -55,7 +56,7 @@ def residual_delta(
 
 def correction(ops: Ops, residual: Residual, theta: Sequence[Array], smooth: float) -> Correction:
     """What the residual adds to the step's signals, as a function of them."""
-    outputs = ADDS_TO[residual.form]
+    outputs = corrected(residual)
 
     def add(signals: Mapping[str, Array]) -> Mapping[str, Array]:
         delta = residual_delta(ops, residual, theta, [signals[name] for name in reads(residual)], smooth)
@@ -69,13 +70,13 @@ def reads(residual: Residual) -> tuple[str, ...]:
 
     Raises BadInput for a form that no step can host, or inputs that do not fit it.
     """
-    if residual.form not in ADDS_TO:
+    if residual.form not in (*ADDS_TO, JOINT):
         raise BadInput(
             f"a residual of form {residual.form!r} cannot be exported as a step",
             residual.robot,
-            f"learn it again in one of the forms {', '.join(ADDS_TO)}",
+            f"learn it again in one of the forms {', '.join((*ADDS_TO, JOINT))}",
         )
-    if residual.form == "task":  # eq. (fk_prop): the joints' rates alone
+    if residual.form in ("task", JOINT):  # eq. (fk_prop): the joints' rates alone; of joints what their step states
         return residual.inputs
     last, commands = residual.inputs[:3], residual.inputs[3:]
     if len(last) < 3 or not commands or not all(c.startswith("command.") for c in commands):
@@ -94,7 +95,9 @@ def remembered(residual: Residual | None) -> tuple[str, ...]:
 
 def corrected(residual: Residual | None) -> tuple[str, ...]:
     """The signals that the residual adds to."""
-    return () if residual is None else ADDS_TO[residual.form]
+    if residual is None:
+        return ()
+    return residual.outputs if residual.form == JOINT else ADDS_TO[residual.form]
 
 
 def _activation(ops: Ops, b: Array, slope: float, smooth: float) -> Array:

@@ -4,6 +4,7 @@ import difflib
 import importlib
 from collections.abc import Callable
 from importlib.metadata import entry_points
+from typing import Any
 
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Robot
@@ -40,8 +41,7 @@ def _factory(robot: RobotFile) -> Callable[[RobotFile], Robot]:
     if robot.plant in known:
         loaded: Callable[[RobotFile], Robot] = known[robot.plant].load()
         return loaded
-    module, colon, name = robot.plant.partition(":")
-    if not colon:
+    if ":" not in robot.plant:
         near = difflib.get_close_matches(robot.plant, known, n=1)
         raise BadInput(
             f"unknown plant {robot.plant!r}",
@@ -49,13 +49,21 @@ def _factory(robot: RobotFile) -> Callable[[RobotFile], Robot]:
             (f"did you mean {near[0]!r}? " if near else "")
             + f"known plants: {', '.join(sorted(known))}; name your own as package.module:factory",
         )
+    return load_factory(robot.plant, robot.source)
+
+
+def load_factory(path: str, where: str) -> Callable[..., Any]:
+    """The function of a user's own module that `package.module:factory` names. Raises BadInput where there is none."""
+    module, colon, name = path.partition(":")
+    if not colon:
+        raise BadInput(f"{path!r} names no factory", where, "give package.module:factory")
     try:
         found = getattr(importlib.import_module(module), name, None)
     except Exception as error:  # importing a user's module runs their code
-        raise BadInput(f"module {module!r} cannot be imported: {error!r}", robot.source, "fix or install it") from error
+        raise BadInput(f"module {module!r} cannot be imported: {error!r}", where, "fix or install it") from error
     if not callable(found):
         raise BadInput(
-            f"module {module!r} has no factory {name!r}", robot.source, "name a function that takes the robot file"
+            f"module {module!r} has no factory {name!r}", where, "name a function that takes the robot file"
         )
-    factory: Callable[[RobotFile], Robot] = found
+    factory: Callable[..., Any] = found
     return factory

@@ -19,7 +19,8 @@ Correction = Callable[[Signals], Signals]  # signals of the step by name -> what
 class Number:
     """One number of the model that may change without building it anew.
 
-    effect: an effect's name, "tune" for a nominal parameter. slot: the target, empty where it is the robot.
+    effect: an effect's name, "tune" for a nominal parameter. slot: the target, empty where it is the robot. stalls:
+    whether it makes the slope with respect to the command zero, as dry friction of a joint at rest does.
     """
 
     effect: str
@@ -27,6 +28,7 @@ class Number:
     parameter: str
     value: float
     unit: str
+    stalls: bool = False
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,10 @@ class Stepped:
     output_units. resting(poses by name) -> x (nx,): at rest there, where memory depends on the pose.
     holding(x) -> (nu,) the commands that leave a robot about where it is; None: 0. restarts: states
     that a measurement of the poses makes 0 again. reach: (nu,) pairs of the lowest and the highest command that make
-    sense, for sampling. left_out: effects of the settings that do not enter this step, each with the reason.
+    sense, for sampling; spans: the same of the poses, where those differ. rates: states that are the poses' velocities,
+    for a robot with inertia. effort(kinks, x, u, p): (nu,) the forces that the actuators would give at the step's
+    beginning if nothing limited them, N m (N); strengths: (nu,) what limits them. left_out: effects of the settings
+    that do not enter this step, each with the reason.
     """
 
     dt: float  # s
@@ -62,6 +67,10 @@ class Stepped:
     restarts: tuple[str, ...] = ()
     reach: tuple[tuple[float, float], ...] = ()
     left_out: tuple[str, ...] = ()
+    spans: tuple[tuple[float, float], ...] = ()
+    rates: tuple[str, ...] = ()
+    effort: Callable[[Kinks, Sequence[Array], Sequence[Array], Sequence[Array]], tuple[Array, ...]] | None = None
+    strengths: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not (len(self.states) == len(self.units) == len(self.rest)):

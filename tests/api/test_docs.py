@@ -107,6 +107,20 @@ def test_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert first.shape == (256,) and np.array_equal(first, again)
 
 
+def test_own_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "arm.xml").write_text(arm_xml(SERVOS))
+    (tmp_path / "arm.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "model.json").write_text(
+        '{"schema": "residual-mpc/model/1", "robot": "arm", "robot_file": "../arm.toml", "values": '
+        '[{"effect": "actuator_lag", "target": null, "parameter": "time_constant", "value": 0.08}]}'
+    )
+    monkeypatch.chdir(tmp_path)
+    space = run("own-arm.md")
+    assert set(space["result"]["controllers"]) == {"nominal", "augmented"}
+    assert space["info"].outcome == "solved" and space["careful"].settings.limits.rate == 1.0
+
+
 def test_own_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copy(HOUSE / "tests" / "contracts" / "cart_plant.py", tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -13,6 +13,7 @@ from controllers.mpc import build_mpc
 from controllers.qp import Qp
 from controllers.riccati import dlqr, linearise
 from controllers.settings import Limits, MpcSettings, Soft, Weights
+from controllers.soft import softened
 from residual_mpc.errors import BadInput
 
 FAST = MpcSettings(compile=False)  # the virtual machine: no test waits for a compiler but the one that compares
@@ -100,7 +101,9 @@ def test_the_program_is_the_converged_problem_at_its_solution():
     x = model.start({"pose.theta": 0.9, "pose.y": 0.04})
     plan, _, good = converged(mpc).solve(x, np.zeros(2), reference, np.zeros((20, 2)))
     assert good
-    qp = mpc._program(x, plan, np.zeros(2), reference)
+    qp, soft = mpc._program(x, plan, np.zeros(2), reference)
+    assert soft is not None
+    qp = softened(qp, soft)
     z, status = mpc.init().engine.solve(qp)
     assert status == "solved"
     np.testing.assert_allclose(z[:40], 0.0, atol=2e-3)

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from plants.mujoco_robot import MujocoRobot
 from plants.scaler_arm.dynamics.step import TASK
 from plants.scaler_arm.kinematics.forward import forward_kinematics, velocity
 from plants.scaler_arm.kinematics.geometry import HOME, MOTORS
@@ -180,11 +181,12 @@ def test_without_a_network_the_step_is_the_arms_own_period(tmp_path, capsys):
     assert json.loads((tmp_path / "export_casadi" / "export.json").read_text())["dt"] == DT
 
 
-def test_another_mujoco_arm_is_refused_with_the_reason(tmp_path):
+def test_a_robot_without_a_step_is_refused_with_the_reason(tmp_path):
     (tmp_path / "arm.xml").write_text(
         '<mujoco><worldbody><body><joint name="j" axis="0 1 0"/><geom size="0.1" mass="1"/></body></worldbody>'
         '<actuator><motor name="m" joint="j"/></actuator></mujoco>'
     )
-    robot = load_robot(RobotFile("arm", "mujoco", model=tmp_path / "arm.xml"))
+    own = load_robot(RobotFile("arm", "mujoco", model=tmp_path / "arm.xml"))
+    robot = MujocoRobot("arm", own.model, own.payload, "motor", "link")
     with pytest.raises(BadInput, match="symbolic step"):
         augment(robot, {}, None, Build(DT))

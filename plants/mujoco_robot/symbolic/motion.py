@@ -1,0 +1,137 @@
+"""Positions and velocities of the joints one step later, as a CasADi function of plain numbers.
+
+M and c are evaluated ahead, in the middle of a stretch of at most STRETCH s, and held over it; within it servos and
+friction are stepped by Alexander's L-stable method of order 2 (SIAM J. Numer. Anal. 14(6), 1977, theorem 5 with s = 2).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.symbolic.description import Changes, describe
+from plants.mujoco_robot.symbolic.implicit import program, velocities
+from plants.mujoco_robot.symbolic.numbers import Parameters
+from plants.mujoco_robot.symbolic.rigid_body import mass_and_bias, tool_place
+from plants.mujoco_robot.symbolic.torques import Drives, casadi_clip
+from residual_mpc.effects.chain import Chain
+from residual_mpc.effects.library import changes
+from residual_mpc.effects.ops import Kinks
+from residual_mpc.extras import extra
+
+STRETCH = 0.02  # s
+GAMMA = 1.0 - math.sqrt(0.5)  # of a stretch: each implicit step of the method
+
+
+def motion(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: Kinks, dt: float) -> Any:
+    """(q (n,), v (n,), u (nu,), p, push (n,) N m, clock s) -> (q+, v+), exact or smooth as `kinks` of CasADi has it."""
+    with extra("arm"):
+        import casadi as ca
+
+    n, nu = len(robot.joints), len(robot.actuators)
+    q, v, u = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("u", nu)
+    p, push, clock = ca.SX.sym("p", len(parameters.numbers)), ca.SX.sym("push", n), ca.SX.sym("clock")
+    each = ca.vertsplit(p) if len(parameters.numbers) else []
+    drives = Drives(robot, parameters, errors, kinks)
+    body = describe(robot, changed(robot, parameters, each))
+    stretches = max(1, math.ceil(dt / STRETCH - 1e-9))
+    whole = dt / stretches
+    at, speed = q, v
+    held: list[Any] = [0.0] * n
+    for _ in range(stretches):
+        mass, bias = mass_and_bias(body, robot.model.opt.gravity, at + 0.5 * whole * speed, speed)
+        at, speed, held = _stretch(drives, mass, bias, (at, speed, held), (u, each, push, clock), whole)
+    names = ["q", "v", "u", "p", "push", "clock"]
+    return ca.Function("motion", [q, v, u, p, push, clock], [at, speed], names, ["q_next", "v_next"], {"cse": True})
+
+
+def forces(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: Kinks) -> Any:
+    """(q (n,), v (n,), u (nu,), p, clock s) -> (nu,), the actuators' forces without limits."""
+    with extra("arm"):
+        import casadi as ca
+
+    n, nu = len(robot.joints), len(robot.actuators)
+    q, v, u = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("u", nu)
+    p, clock = ca.SX.sym("p", len(parameters.numbers)), ca.SX.sym("clock")
+    each = ca.vertsplit(p) if len(parameters.numbers) else []
+    drives = Drives(robot, parameters, errors, kinks)
+    found = drives.forces(ca.vertsplit(q), ca.vertsplit(v), ca.vertsplit(u), each, clock)
+    return ca.Function("forces", [q, v, u, p, clock], [ca.vertcat(*found)], ["q", "v", "u", "p", "clock"], ["force"])
+
+
+def tool(robot: CompiledRobot, parameters: Parameters) -> Any:
+    """(q (n,), p) -> (3,) m, where the payload site is in the world."""
+    with extra("arm"):
+        import casadi as ca
+
+    q, p = ca.SX.sym("q", len(robot.joints)), ca.SX.sym("p", len(parameters.numbers))
+    each = ca.vertsplit(p) if len(parameters.numbers) else []
+    place, _ = tool_place(describe(robot, changed(robot, parameters, each)), q)
+    return ca.Function("tool", [q, p], [place], ["q", "p"], ["place"])
+
+
+def changed(robot: CompiledRobot, parameters: Parameters, p: Sequence[Any]) -> Changes:
+    """What the numbers p make of the bodies."""
+    masses, added, shifts, offsets = {}, {}, {}, {}
+    for b, link in enumerate(robot.links, start=1):
+        name = f"body.{robot.model.body(b).name or b}.mass"
+        if ("tune", "", name) in parameters.index:
+            masses[b] = parameters.own(name, p)
+        here = parameters.at(link, p, "link")
+        more, moved = changes(here, "link mass"), changes(here, "link centre")
+        if more is not None:
+            added[b] = more
+        if moved is not None:
+            shifts[b] = moved
+        longer = changes(parameters.at(link, p, "length"), "link length")
+        if longer is not None and robot.lengths is not None and b in robot.lengths.lines:
+            offsets[b] = longer
+    carried = changes(parameters.at(robot.name, p, "tool"), "tool mass")
+    return Changes(masses, added, shifts, offsets, 0.0 if carried is None else carried)
+
+
+def _stretch(
+    drives: Drives, mass: Any, bias: Any, state: tuple[Any, Any, list[Any]], given: tuple[Any, ...], whole: float
+) -> tuple[Any, Any, list[Any]]:
+    """Servos and friction over `whole` s, mass matrix and bias held: Alexander's method of order 2, as two implicit
+    steps, the second from where the first one's slope leads.
+    """
+    (at, speed, held), (u, p, push, clock) = state, given
+    n = at.shape[0]
+    rotors = drives.rotors(p)
+    rows = [[mass[i, j] + (rotors[i] if i == j else 0.0) for j in range(n)] for i in range(n)]
+    law = _Law(drives, rows, bias - push, u, p, clock, drives.limits(p), GAMMA * whole)
+    first, fast, held = law.step(at, speed, held)
+    ahead = (1.0 - GAMMA) / GAMMA
+    return law.step(at + ahead * (first - at), speed + ahead * (fast - speed), held)
+
+
+@dataclass(frozen=True, eq=False)
+class _Law:
+    """What is held over a stretch; h: s, of an implicit step."""
+
+    drives: Drives
+    mass: list[list[Any]]
+    bias: Any
+    u: Any
+    p: Sequence[Any]
+    clock: Any
+    limited: bool
+    h: float
+
+    def step(self, at: Any, speed: Any, held: list[Any]) -> tuple[Any, Any, list[Any]]:
+        """Positions, velocities and dry friction after an implicit step."""
+        import casadi as ca
+
+        h, now, place, command = self.h, ca.vertsplit(speed), ca.vertsplit(at), ca.vertsplit(self.u)
+        bias = ca.vertsplit(self.bias)
+        torques = self.drives.torques(place, now, command, self.p, self.clock)
+        step = program(self.mass, bias, torques, now, h)
+        if self.limited:  # which forces are, shows in the step without limits
+            change = step.changes(held, h), h
+            torques = self.drives.torques(place, now, command, self.p, self.clock, change)
+            step = program(self.mass, bias, torques, now, h)
+        new, held = velocities(step, torques.dry, now, held, h, casadi_clip(self.drives.kinks.rough(1.0)))
+        after = ca.vertcat(*new)
+        return at + h * after, after, held

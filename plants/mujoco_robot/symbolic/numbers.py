@@ -1,0 +1,112 @@
+"""The numbers that a robot's step takes as arguments: its own, and those of the effects."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from plants.mujoco_robot.edits.batch import tunable_values
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.effects.effect import Site
+from residual_mpc.effects.library import BY_NAME, ORDER, present
+from residual_mpc.effects.ops import Array
+from residual_mpc.models.settings import TUNE, Settings, is_null
+from residual_mpc.models.stepping import Number
+
+HOSTED: tuple[Site, ...] = (
+    "command", "strength", "limit", "damping", "dry friction", "friction", "rotor", "tool", "link", "length",
+)  # fmt: skip
+LEFT_OUT: Mapping[str, str] = {
+    "spring": "this step has one inertia a joint; the motor's side of a gear is not apart",
+    "play": "this step has one inertia a joint; the motor's side of a gear is not apart",
+}
+LENGTHENS: tuple[Site, ...] = ("link", "length")  # each target makes the dynamics longer: only those that differ
+UNITS = {
+    "kp": "N m/rad", "kv": "N m s/rad", "damping": "N m s/rad", "armature": "kg m^2", "frictionloss": "N m",
+    "mass": "kg",
+}  # fmt: skip
+DRY = "frictionloss"
+COSTLY = (DRY, "mass")  # are arguments only where they do something, since they make the step longer
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """numbers: p, in its order. effects: those that are in the step, in the chain's order. left_out: the others."""
+
+    robot: CompiledRobot
+    numbers: tuple[Number, ...]
+    effects: tuple[str, ...]
+    left_out: tuple[str, ...]
+    index: Mapping[tuple[str, str, str], int]  # (effect, slot, parameter) -> place in p
+
+    @property
+    def now(self) -> tuple[float, ...]:
+        """p as it is."""
+        return tuple(n.value for n in self.numbers)
+
+    def own(self, name: str, p: Sequence[Array]) -> Array:
+        """A nominal number such as "joint.j1.damping"; one that is not an argument has its compiled value."""
+        at = self.index.get((TUNE, "", name))
+        return tunable_values(self.robot.model)[name] if at is None else p[at]
+
+    def values(self, effect: str, target: str, p: Sequence[Array]) -> dict[str, Array]:
+        """The parameters of an effect at a target, null where it does nothing there."""
+        slot = "" if target == self.robot.name else target
+        found = {q.name: self.index.get((effect, slot, q.name)) for q in BY_NAME[effect].parameters}
+        return {q.name: q.null if found[q.name] is None else p[found[q.name]] for q in BY_NAME[effect].parameters}  # type: ignore[index]
+
+    def at(self, target: str, p: Sequence[Array], *sites: Site) -> dict[str, dict[str, Array]]:
+        """The effects at these sites of a target, with their parameters there."""
+        return {e: self.values(e, target, p) for e in self.effects if BY_NAME[e].place in sites}
+
+
+def parameters(robot: CompiledRobot, settings: Settings) -> Parameters:
+    """The numbers of a step under settings of one row."""
+    live = sorted((e for e in settings.effects if BY_NAME[e].stage != "sensor"), key=ORDER.__getitem__)
+    reasons = {e: _not_hosted(e, robot) for e in live}
+    hosted = [e for e in live if not reasons[e]]
+    left_out = tuple(f"{e}: {why}" for e, why in reasons.items() if why)
+    null = {e: is_null(e, settings.effects[e])[0] for e in hosted}
+    numbers = _own(robot, settings)
+    for effect in hosted:
+        for q in BY_NAME[effect].parameters:
+            for i, (slot, value) in enumerate(
+                zip(robot.slots(effect), settings.effects[effect][q.name][0], strict=True)
+            ):
+                if BY_NAME[effect].place in LENGTHENS and null[effect][i]:
+                    continue
+                numbers.append(Number(effect, "" if slot == robot.name else slot, q.name, float(value), q.unit))
+    index = {(n.effect, n.slot, n.parameter): i for i, n in enumerate(numbers)}
+    order = tuple(e.name for e, _ in present({e: settings.effects[e] for e in hosted}, *HOSTED))
+    return Parameters(robot, tuple(numbers), order, left_out, index)
+
+
+def _not_hosted(effect: str, robot: CompiledRobot) -> str:
+    """Why an effect is not in the step; empty where it is."""
+    found = BY_NAME[effect]
+    if found.place not in HOSTED:
+        return LEFT_OUT.get(found.place, "not part of this step")
+    if found.on_error and found.remembers and robot.servo.any():
+        return "this step hosts no effect with memory on a servo's error"
+    return ""
+
+
+def _own(robot: CompiledRobot, settings: Settings) -> list[Number]:
+    """Gains, dampings, rotors and, where there is any, dry friction; masses alone where they were retuned, since each
+    one makes the dynamics longer."""
+    rubs = bool(robot.model.dof_frictionloss.any())
+    out = []
+    for name, value in tunable_values(robot.model).items():
+        short = name.rpartition(".")[2]
+        tuned = name in settings.tuned
+        if tuned or short not in COSTLY or (short == DRY and rubs):
+            now = float(settings.tuned[name][0]) if tuned else value
+            out.append(Number(TUNE, "", name, now, UNITS[short], stalls=short == DRY))
+    return out
+
+
+def unit_of(state: str, sliding: frozenset[str]) -> str:
+    """Of a state by its name."""
+    kind, _, name = state.partition(".")
+    length = "m" if name in sliding else "rad"
+    known = {"position": length, "velocity": f"{length}/s", "clock": "s", "disturbance": "N m"}
+    labelled = next((e.memory_unit for e in BY_NAME.values() if e.label == kind and e.memory_unit), "")
+    return known.get(kind) or labelled or "command unit"

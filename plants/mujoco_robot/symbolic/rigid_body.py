@@ -1,0 +1,131 @@
+"""Mass matrix, bias force and tool position of a described robot in CasADi, by the algorithms of adam-robotics."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plants.mujoco_robot.symbolic.description import WORLD, Description, JointPlace
+from residual_mpc.extras import extra
+
+
+def mass_and_bias(d: Description, gravity: np.ndarray, q: Any, v: Any) -> tuple[Any, Any]:
+    """M(q) (n, n) without rotors and c(q, v) (n,): M v' + c = torques, from SX columns q, v (n,).
+
+    gravity (3,) m/s^2.
+    """
+    with extra("arm"):
+        import casadi as ca
+
+    algorithms = _algorithms(d)
+    still, level = ca.SX.zeros(6), ca.SX.eye(4)
+    turned = q - ca.DM([j.zero for j in d.joints])
+    mass, _ = algorithms.crba(level, turned)
+    pull = ca.SX(np.concatenate([gravity, np.zeros(3)]))
+    torques = algorithms.rnea(level, turned, still, v, pull)
+    return mass.array[6:, 6:], torques.array[6:]
+
+
+def tool_place(d: Description, q: Any) -> tuple[Any, Any]:
+    """(3,) m of the payload site in the world, and (3, 3) the turn of its link."""
+    with extra("arm"):
+        import casadi as ca
+
+    by_name = {j.name: (i, j) for i, j in enumerate(d.joints)}
+    chain: list[tuple[int, JointPlace]] = []
+    link = d.tool_link
+    while link != WORLD:
+        chain.append(by_name[link])
+        link = chain[-1][1].parent
+    place, turn = ca.SX.zeros(3), ca.SX.eye(3)
+    for i, joint in reversed(chain):
+        at, own = _moved(joint, q[i] - joint.zero)
+        place, turn = place + ca.mtimes(turn, at), ca.mtimes(turn, own)
+    return place + ca.mtimes(turn, d.tool), turn
+
+
+def _moved(joint: JointPlace, q: Any) -> tuple[Any, Any]:
+    """Place (3,) and turn (3, 3) of the joint's link in its parent's frame, q from the model as drawn."""
+    import casadi as ca
+
+    fixed, axis = ca.DM(joint.turn), ca.DM(joint.axis)
+    if joint.slides:
+        return joint.place + ca.mtimes(fixed, axis) * q, ca.SX(fixed)
+    k = ca.skew(axis)
+    own = ca.DM.eye(3) + ca.sin(q) * k + (1.0 - ca.cos(q)) * ca.mtimes(k, k)  # Rodrigues
+    return joint.place, ca.mtimes(fixed, own)
+
+
+def _algorithms(d: Description) -> Any:
+    with extra("arm"):
+        from adam.casadi.casadi_like import SpatialMath
+        from adam.core import RBDAlgorithms
+        from adam.core.constants import Representations
+        from adam.model import Model
+
+    math = SpatialMath()
+    names = [j.name for j in d.joints]
+    algorithms = RBDAlgorithms(Model.build(_Factory(d, math), names), math)
+    algorithms.set_frame_velocity_representation(Representations.BODY_FIXED_REPRESENTATION)
+    return algorithms
+
+
+class _Factory:
+    """What adam's `Model.build` asks of a description (adam.model.ModelFactory)."""
+
+    name = "robot"
+
+    def __init__(self, d: Description, math: Any) -> None:
+        self._links = [_Link(name, inertia, math) for name, inertia in d.inertias.items()]
+        self._joints = [_Joint(joint, math) for joint in d.joints]
+
+    def get_links(self) -> "list[_Link]":
+        return self._links
+
+    def get_joints(self) -> "list[_Joint]":
+        return self._joints
+
+    def get_frames(self) -> "list[_Link]":
+        return []
+
+
+@dataclass(eq=False)
+class _Link:
+    """What adam asks of a link."""
+
+    name: str
+    inertia: Any
+    math: Any
+
+    def spatial_inertia(self) -> Any:
+        import casadi as ca
+        from adam.casadi.casadi_like import CasadiLike
+
+        return CasadiLike(ca.SX(self.inertia))
+
+
+class _Joint:
+    """What adam asks of a joint; adam itself numbers it (`idx`)."""
+
+    type = "moving"
+
+    def __init__(self, joint: JointPlace, math: Any) -> None:
+        self._joint, self._math = joint, math
+        self.name, self.parent, self.child = joint.name, joint.parent, joint.name
+        self.idx: int | None = None
+
+    def spatial_transform(self, q: Any) -> Any:
+        """(6, 6) from the parent's to the link's coordinates."""
+        import casadi as ca
+        from adam.casadi.casadi_like import CasadiLike
+
+        place, turn = _moved(self._joint, q.array)
+        back = CasadiLike(ca.SX(turn).T)
+        return self._math.spatial_transform(back, CasadiLike(-ca.mtimes(back.array, place)))
+
+    def motion_subspace(self) -> Any:
+        import casadi as ca
+        from adam.casadi.casadi_like import CasadiLike
+
+        axis, none = ca.SX(ca.DM(self._joint.axis)), ca.SX.zeros(3)
+        return CasadiLike(ca.vertcat(axis, none) if self._joint.slides else ca.vertcat(none, axis))

@@ -1,0 +1,262 @@
+"""One step of an arm with its effects: commands through their chain, the joints' motion, what was learned on top.
+
+The state is the joints' positions and velocities; commands on their way, a lag and the run's clock follow. NumPy and
+CasADi share one CasADi function of the motion: on symbols it is written out, on arrays it is mapped over the batch.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.symbolic.carried import left_out, refuse_uncarried
+from plants.mujoco_robot.symbolic.motion import forces, motion, tool
+from plants.mujoco_robot.symbolic.numbers import Parameters, parameters, unit_of
+from plants.mujoco_robot.symbolic.ranges import home, reach, span, strength
+from residual_mpc.effects.chain import Chain, chain_of
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.effects.ops import Array, Kinks, Ops, casadi_ops
+from residual_mpc.errors import BadInput
+from residual_mpc.export.soften import kinks as kinks_of
+from residual_mpc.extras import extra
+from residual_mpc.models.settings import Settings
+from residual_mpc.models.stepping import Correction, StepOptions, Stepped
+
+TOOL = ("tool.x", "tool.y", "tool.z")  # m
+SMALL = 1e-6  # of a command's reach, for a difference quotient
+
+
+@dataclass(frozen=True, eq=False)
+class ArmStep:
+    """What the step needs to know beside its numbers."""
+
+    robot: CompiledRobot
+    parameters: Parameters
+    options: StepOptions
+    servos: Chain  # commands on their way to position servos
+    others: Chain  # and to the other actuators, on which every effect acts directly
+    errors: Chain  # what acts on position servos' errors
+
+    @cached_property
+    def states(self) -> tuple[str, ...]:
+        """Positions, velocities, then what is remembered."""
+        joints = self.robot.joints
+        names = [*(f"position.{j}" for j in joints), *(f"velocity.{j}" for j in joints)]
+        names += [*self.servos.states, *self.others.states]
+        names += [f"last.{s}" for s in self.options.remember]
+        names += [f"disturbance.{s}" for s in self.options.disturbances]
+        if any(BY_NAME[e].place == "strength" and BY_NAME[e].timed for e in self.parameters.effects):
+            names.append("clock")
+        return tuple(names)
+
+    @cached_property
+    def signals(self) -> tuple[str, ...]:
+        """What a correction reads and adds to, and what an unknown constant may be added to."""
+        r = self.robot
+        own = [f"{kind}.{j}" for kind in ("position", "velocity", "acceleration", "torque") for j in r.joints]
+        return (*own, *(f"{kind}.{a}" for kind in ("command", "ahead") for a in r.actuators))
+
+    @cached_property
+    def _motions(self) -> dict[float, Any]:
+        """By the width of the rounded kinks."""
+        return {}
+
+    @cached_property
+    def _forces(self) -> Any:
+        return forces(self.robot, self.parameters, self.errors, kinks_of(casadi_ops(), 0.0))
+
+    @cached_property
+    def _tool(self) -> Any:
+        return tool(self.robot, self.parameters)
+
+    def __call__(
+        self,
+        kinks: Kinks,
+        x: Sequence[Array],
+        u: Sequence[Array],
+        p: Sequence[Array],
+        correction: Correction | None,
+    ) -> tuple[Array, ...]:
+        robot, dt, n = self.robot, self.options.dt, len(self.robot.joints)
+        now = dict(zip(self.states, x, strict=True))
+        new: dict[str, Array] = {}
+        q, v = list(x[:n]), list(x[n : 2 * n])
+
+        arrived = self._arrived(kinks, u, p, now, new)
+        push = [now.get(f"disturbance.torque.{j}", 0.0) for j in robot.joints]
+        clock = now["clock"] + 0.5 * dt if "clock" in now else 0.0
+        ahead, speed = _called(self._motion(kinks.width), [q, v, arrived, list(p), push, [clock]])
+        added = self._added(now, u, correction)
+        for i, joint in enumerate(robot.joints):
+            more = added.get(f"acceleration.{joint}", 0.0)
+            new[f"position.{joint}"] = ahead[i] + 0.5 * dt * dt * more
+            new[f"velocity.{joint}"] = speed[i] + dt * more
+        new |= {s: now[s] for s in self.states if s.startswith("disturbance.")}
+        if "clock" in now:
+            new["clock"] = now["clock"] + dt
+        return tuple(new[s] for s in self.states)
+
+    def effort(self, kinks: Kinks, x: Sequence[Array], u: Sequence[Array], p: Sequence[Array]) -> tuple[Array, ...]:
+        """(nu,) forces of the actuators at the step's beginning, N m (N), as their laws have it without limits."""
+        n, now = len(self.robot.joints), dict(zip(self.states, x, strict=True))
+        arrived = self._arrived(kinks, u, p, now, {})
+        columns = [list(x[:n]), list(x[n : 2 * n]), arrived, list(p), [now.get("clock", 0.0)]]
+        return tuple(_called(self._forces, columns)[0])
+
+    def _arrived(
+        self, kinks: Kinks, u: Sequence[Array], p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
+    ) -> list[Array]:
+        """(nu,) what the actuators see of the commands; `new` is filled with what is remembered next."""
+
+        def values(effect: str, target: str) -> dict[str, Array]:
+            return self.parameters.values(effect, target, p)
+
+        return [
+            (self.servos if servo else self.others)(kinks, name, u[i], values, now, new)
+            for i, (name, servo) in enumerate(zip(self.robot.actuators, self.robot.servo.tolist(), strict=True))
+        ]
+
+    def output(self, p: Sequence[float]) -> Callable[[Ops, Sequence[Array]], tuple[Array, ...]]:
+        """Where the payload site is, m, as a function of the state, the lengths being those of p."""
+
+        def place(ops: Ops, x: Sequence[Array]) -> tuple[Array, ...]:
+            return tuple(_called(self._tool, [list(x[: len(self.robot.joints)]), list(p)])[0])
+
+        return place
+
+    def resting(self, pose: Mapping[str, float]) -> np.ndarray:
+        """(nx,) at rest at these positions, by default `home`; the commands on their way hold it."""
+        at = home(self.robot)
+        at |= {c: x for c, x in pose.items() if c in at}
+        x = np.array([at.get(name, 0.0) for name in self.states])
+        command = dict(zip(self.robot.actuators, self.holding(x).tolist(), strict=True))
+
+        def values(effect: str, target: str) -> dict[str, float]:
+            return self.parameters.values(effect, target, self.parameters.now)
+
+        known = {"clock": self.options.clock}
+        for chain in (self.servos, self.others):
+            known |= chain.resting({a: command[a] for a in chain.targets}, values)
+        return np.array([known.get(name, value) for name, value in zip(self.states, x.tolist(), strict=True)])
+
+    def holding(self, x: np.ndarray) -> np.ndarray:
+        """(nu,) the commands under which the joints stay where they are, their weight held; within their ranges."""
+        robot, n = self.robot, len(self.robot.joints)
+        u = _unloaded(robot, x[:n])
+        push, clock = np.zeros(n), x[self.states.index("clock")] if "clock" in self.states else 0.0
+        low, high = (np.array(side) for side in zip(*reach(robot), strict=True))
+        small = SMALL * (high - low)  # so that no force that is inside of its range leaves it
+        gap = self._pulled(x[:n], u, push, clock)
+        slope = np.stack([self._pulled(x[:n], u + e, push, clock) - gap for e in np.diag(small)], axis=1)
+        held = u - small * np.linalg.lstsq(slope, gap, rcond=1e-9)[0]
+        return np.asarray(np.clip(held, low, high))
+
+    def _pulled(self, q: np.ndarray, u: np.ndarray, push: np.ndarray, clock: float) -> np.ndarray:
+        """(n,) velocity that a robot at rest without friction and dead zones has gained after a step."""
+        still = [0.0 if _stalls(n.effect, n.parameter) or n.stalls else n.value for n in self.parameters.numbers]
+        return np.array(self._motion(0.0)(q, np.zeros(len(q)), u, still, push, clock)[1]).ravel()
+
+    def _motion(self, width: float) -> Any:
+        if width not in self._motions:
+            how = kinks_of(casadi_ops(), width)
+            self._motions[width] = motion(self.robot, self.parameters, self.errors, how, self.options.dt)
+        return self._motions[width]
+
+    def _added(self, now: Mapping[str, Array], u: Sequence[Array], correction: Correction | None) -> dict[str, Array]:
+        """What was learned, from the signals at the step's beginning."""
+        if correction is None:
+            return {}
+        robot = self.robot
+        signals = {s: now[s] for s in self.states if s.startswith(("position.", "velocity."))}
+        for i, (name, joint) in enumerate(zip(robot.actuators, robot.actuator_joints, strict=True)):
+            signals[f"command.{name}"] = u[i]
+            signals[f"ahead.{name}"] = u[i] - now[f"position.{joint}"]
+        found = dict(correction(signals))
+        if set(found) - set(self.options.corrected):
+            raise KeyError(f"a correction may add only to {self.options.corrected}, got {sorted(found)}")
+        return found
+
+
+def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, task: bool) -> Stepped:
+    """The step of a robot on a fixed base. task: whether it tracks its tool (the payload site) or its joints.
+
+    Raises BadInput for a robot that the step cannot express, settings of several rows, or an unknown signal.
+    """
+    refuse_uncarried(robot)
+    if settings.rows != 1:
+        raise BadInput(f"a step needs settings with one row, got {settings.rows}", robot.name)
+    with extra("arm"):
+        import adam
+        import casadi
+    assert adam and casadi
+    numbers = parameters(robot, settings)
+    effects = {e: settings.effects[e] for e in numbers.effects}
+    servo = tuple(a for a, own in zip(robot.actuators, robot.servo, strict=True) if own)
+    other = tuple(a for a in robot.actuators if a not in servo)
+    step = ArmStep(
+        robot, numbers, options,
+        chain_of(effects, ("command",), servo, options.dt, on_error=False),
+        chain_of(effects, ("command",), other, options.dt),
+        chain_of(effects, ("command",), servo, options.dt, on_error=True),
+    )  # fmt: skip
+    unknown = {*options.remember, *options.corrected, *options.disturbances} - {*step.signals}
+    if unknown or options.remember:
+        raise BadInput(
+            f"unknown signal {', '.join(sorted(unknown) or options.remember)}", robot.name,
+            "corrections may add to acceleration.*, disturbances to torque.*, and no signal can be remembered",
+        )  # fmt: skip
+    poses = tuple(f"position.{j}" for j in robot.joints)
+    return Stepped(
+        options.dt,
+        step.states,
+        poses,
+        tuple(unit_of(s, robot.sliding) for s in step.states),
+        robot.actuators,
+        numbers.numbers,
+        step.signals,
+        step.resting({}),
+        step,
+        outputs=TOOL if task else (),
+        output_units=("m",) * 3 if task else (),
+        output=step.output(numbers.now) if task else None,
+        resting=step.resting,
+        holding=step.holding,
+        reach=reach(robot),
+        left_out=(*numbers.left_out, *left_out(robot.model)),
+        spans=tuple(span(robot, j) for j in robot.joints),
+        rates=tuple(f"velocity.{j}" for j in robot.joints),
+        effort=step.effort,
+        strengths=tuple(strength(robot, i) for i in range(len(robot.actuators))),
+    )
+
+
+def _unloaded(robot: CompiledRobot, q: np.ndarray) -> np.ndarray:
+    """(nu,) the commands that hold the joints at q (n,) but for their weight."""
+    length = robot.model.actuator_gear[:, 0] * q[robot.driven]
+    return np.where(robot.servo, length, 0.0)
+
+
+def _stalls(effect: str, parameter: str) -> bool:
+    return effect in BY_NAME and parameter in BY_NAME[effect].stalls
+
+
+def _called(function: Any, arguments: Sequence[Sequence[Array]]) -> list[list[Array]]:
+    """A CasADi function of columns on lists of scalars: symbols, or numbers and arrays of one batch."""
+    import casadi as ca
+
+    if any(isinstance(a, ca.SX | ca.MX) for column in arguments for a in column):
+        return [ca.vertsplit(r) for r in _results(function(*[ca.vertcat(*column) for column in arguments]))]
+    batch = np.broadcast_shapes(*(np.shape(a) for column in arguments for a in column))
+    count = int(np.prod(batch))
+    columns = [
+        np.stack([np.broadcast_to(a, batch).ravel() for a in c]) if c else np.zeros((0, count)) for c in arguments
+    ]
+    found = _results(function.map(count)(*columns) if count != 1 else function(*columns))
+    return [[row.reshape(batch) for row in np.array(r)] for r in found]
+
+
+def _results(found: Any) -> list[Any]:
+    return list(found) if isinstance(found, tuple | list) else [found]

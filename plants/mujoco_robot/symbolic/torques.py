@@ -1,0 +1,175 @@
+"""What servos, motors, springs and dampers give to the joints, with the effects that change them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from plants.mujoco_robot.loading.compile import NO_LIMIT
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.symbolic.implicit import Torques
+from plants.mujoco_robot.symbolic.numbers import Parameters
+from residual_mpc.effects.chain import Chain, scaled
+from residual_mpc.effects.effect import Site
+from residual_mpc.effects.library import BY_NAME, changes, present
+from residual_mpc.effects.ops import Array, Kinks, Ops, clip
+from residual_mpc.extras import extra
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """The actuators and joints of a robot. errors: what acts on position servos' errors. clock: s since the run began,
+    at the step's middle.
+    """
+
+    robot: CompiledRobot
+    parameters: Parameters
+    errors: Chain
+    kinks: Kinks
+
+    def torques(
+        self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], p: Sequence[Any], clock: Any,
+        change: tuple[Sequence[Any], float] | None = None,
+    ) -> Torques:  # fmt: skip
+        """At positions q, velocities v (n,) and commands u (nu,) that have gone through their chain.
+
+        change: by how much the velocities change in a step of so many s, as far as is known. A force that would be
+        beyond its range after that stays at the range's end; without it none is limited.
+        """
+        robot, n = self.robot, len(q)
+        given: list[Any] = [0.0] * n
+        damping: list[Any] = [0.0] * n
+        stiffness: list[Any] = [0.0] * n
+        for i, joint in enumerate(robot.driven.tolist()):
+            by, h = (0.0, 0.0) if change is None else (change[0][joint], change[1])
+            force, slope, spring = self._force(i, q[joint], v[joint], u[i], p, clock, (by, h) if change else None)
+            gear = float(robot.model.actuator_gear[i, 0])
+            given[joint] = given[joint] + gear * force
+            damping[joint] = damping[joint] + gear * gear * slope
+            stiffness[joint] = stiffness[joint] + gear * gear * spring
+        whole = list(given)
+        for j in range(n):
+            number = int(robot.model.dof_jntid[robot.dofs[j]])
+            if robot.model.jnt_actfrclimited[number] and change is not None:
+                low, high = robot.model.jnt_actfrcrange[number].tolist()
+                laws = whole[j], damping[j], stiffness[j]
+                whole[j], damping[j], stiffness[j] = self._limited(*laws, v[j], change[0][j], change[1], low, high)
+            drag, spring = self._damping(j, p), float(robot.model.jnt_stiffness[number])
+            rest = float(robot.model.qpos_spring[robot.places[j]])
+            whole[j] = whole[j] - drag * v[j] - spring * (q[j] - rest)
+            damping[j], stiffness[j] = damping[j] + drag, stiffness[j] + spring
+        return Torques(whole, damping, stiffness, self._dry(v, given, p))
+
+    def forces(
+        self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], p: Sequence[Any], clock: Any
+    ) -> list[Any]:
+        """(nu,) of the actuators, as their laws have it without limits."""
+        driven = enumerate(self.robot.driven.tolist())
+        return [self._force(i, q[joint], v[joint], u[i], p, clock, None)[0] for i, joint in driven]
+
+    def rotors(self, p: Sequence[Any]) -> list[Any]:
+        """(n,) kg m^2, seen through the gears."""
+        out = []
+        for joint in self.robot.joints:
+            own = self.parameters.own(f"joint.{joint}.armature", p)
+            out.append(self._never_below_zero(own, changes(self.parameters.at(joint, p, "rotor"), "rotor inertia")))
+        return out
+
+    def limits(self, p: Sequence[Any]) -> bool:
+        """Whether any force is limited."""
+        model, robot = self.robot.model, self.robot
+        ranges = any(self._range(i, a, 1.0, p)[0] is not None for i, a in enumerate(robot.actuators))
+        return ranges or bool(model.jnt_actfrclimited.any())
+
+    def _force(
+        self, i: int, q: Any, v: Any, u: Any, p: Sequence[Any], clock: Any, change: tuple[Any, float] | None
+    ) -> tuple[Any, Any, Any]:
+        """An actuator's force, and what it loses by its length's rate and by its length."""
+        model, name = self.robot.model, self.robot.actuators[i]
+        gear = float(model.actuator_gear[i, 0])
+        kp, kv = (self.parameters.own(f"actuator.{name}.{k}", p) for k in ("kp", "kv"))
+        constant, by_length = float(model.actuator_biasprm[i, 0]), float(model.actuator_biasprm[i, 1])
+        spring = -by_length * kp / float(model.actuator_gainprm[i, 0]) if by_length else 0.0
+        supply, law = self._strength(name, p, clock)
+        length, seen = gear * q, 1.0
+        if self.robot.servo[i] and self.errors.effects:
+            error, seen = self._error(name, u - length, p)
+            u = length + error
+        affine = constant if model.actuator_biastype[i] else 0.0
+        force = law * (kp * u + affine - spring * length - kv * gear * v)
+        slope, hold = law * kv, law * (spring - kp * (1.0 - seen)) if by_length else 0.0
+        low, high = self._range(i, name, supply, p) if change is not None else (None, None)
+        if low is None or change is None:
+            return force, slope, hold
+        return self._limited(force, slope, hold, gear * v, gear * change[0], change[1], low, high)
+
+    def _limited(
+        self, force: Any, slope: Any, hold: Any, rate: Any, change: Any, h: float, low: Any, high: Any
+    ) -> tuple[Any, Any, Any]:
+        """A force within its range: a spring and damper while it is inside at the step's end, constant beyond."""
+        after = force - slope * change - h * hold * (rate + change)
+        over, under = after >= high, after <= low  # comparisons: whoever differentiates sees the final law alone
+        where = self.kinks.exact.where
+        return (
+            where(over, high, where(under, low, force)),
+            where(over, 0.0, where(under, 0.0, slope)),
+            where(over, 0.0, where(under, 0.0, hold)),
+        )
+
+    def _strength(self, name: str, p: Sequence[Any], clock: Any) -> tuple[Any, Any]:
+        """Factors of the supply alone, and of the whole law."""
+        effects = self.parameters.at(name, p, "strength")
+        here = list(present(effects, "strength"))
+        ops = self.kinks.exact
+        supply = scaled(ops, [(e, x) for e, x in here if e.supply], 1.0, clock, 0.0)
+        return supply, scaled(ops, [(e, x) for e, x in here if not e.supply], supply, clock, 0.0)
+
+    def _range(self, i: int, name: str, supply: Any, p: Sequence[Any]) -> tuple[Any, Any]:
+        """Lowest and highest force; (None, None) where nothing limits it."""
+        own = self.robot.model.actuator_forcerange[i].tolist()
+        limits = list(present(self.parameters.at(name, p, "limit"), "limit"))
+        if not limits and max(map(abs, own)) >= 0.5 * NO_LIMIT:
+            return None, None
+        low, high = (supply * x for x in own)
+        for effect, values in limits:
+            assert effect.step is not None
+            low, high = (effect.step(self.kinks.exact, values, (), y, 0.0, 0.0)[0] for y in (low, high))
+        return low, high
+
+    def _error(self, name: str, error: Any, p: Sequence[Any]) -> tuple[Any, Any]:
+        """A servo's position error as it sees it, and by how much that follows the true one."""
+        with extra("mpc"):
+            import casadi as ca
+
+        e = ca.SX.sym("e")
+        seen = self.errors(self.kinks, name, e, lambda effect, t: self.parameters.values(effect, t, p), {}, {})
+        both = ca.substitute([seen, ca.jacobian(seen, e)], [e], [ca.SX(error)])
+        return both[0], both[1]
+
+    def _damping(self, j: int, p: Sequence[Any]) -> Any:
+        joint = self.robot.joints[j]
+        own = self.parameters.own(f"joint.{joint}.damping", p)
+        return self._never_below_zero(own, changes(self.parameters.at(joint, p, "damping"), "viscous damping"))
+
+    def _never_below_zero(self, own: Array, change: Array | None) -> Array:
+        return own if change is None else self.kinks.exact.maximum(own + change, 0.0)
+
+    def _dry(self, v: Sequence[Any], given: Sequence[Any], p: Sequence[Any]) -> list[Any] | None:
+        """Levels of dry friction; None where nothing rubs."""
+        ops, robot = self.kinks.exact, self.robot
+        sites: tuple[Site, ...] = ("dry friction", "friction")
+        tuned = any((n.parameter.endswith(".frictionloss")) for n in self.parameters.numbers)
+        if not tuned and not any(BY_NAME[e].place in sites for e in self.parameters.effects):
+            return None
+        out = []
+        for j, joint in enumerate(robot.joints):
+            level = self.parameters.own(f"joint.{joint}.frictionloss", p)
+            for effect, values in present(self.parameters.at(joint, p, *sites), *sites):
+                assert effect.step is not None
+                level = level + effect.step(ops, values, v[j], given[j])
+            out.append(ops.maximum(level, 0.0))
+        return out
+
+
+def casadi_clip(ops: Ops) -> Any:
+    """x held within +-bound."""
+    return lambda x, bound: clip(ops, x, -bound, bound)

@@ -1,0 +1,171 @@
+"""The scenario of a user's own robot: nominal against augmented on a plant of the user's choice.
+
+    model = rm.augment(robot, "out/model.json", dt=0.02)
+    result = OwnScenario(robot, model).run(RunOptions(seeds=3))
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers.lqr import build_lqr
+from controllers.mpc import build_mpc
+from controllers.settings import MpcSettings
+from controllers.usual import usual_settings
+from residual_mpc.api.model import AugmentedModel
+from residual_mpc.api.robot import NominalRobot
+from residual_mpc.closed_loop.compare import Comparison, ControlStack, compare, document
+from residual_mpc.closed_loop.estimator import EstimatorSettings, build_filter
+from residual_mpc.closed_loop.loop import LoopSettings
+from residual_mpc.closed_loop.protocols import Reading, Simulator
+from residual_mpc.closed_loop.scenario import Progress, RunOptions
+from residual_mpc.errors import BadInput
+from residual_mpc.export.augmented import Augmented, augment, augmented_from, settings_from
+from residual_mpc.models.model_file import Written, model_in
+from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.settings import Values
+from scenarios.own.inverse import posture_at
+from scenarios.own.plant import Measured, plant_of
+from scenarios.own.reference import Waypoints, is_of_the_tool, named_motion, read_reference
+
+NOISE = 2e-4  # rad or m, of an encoder that the robot file does not describe
+DRIFT = 0.01  # rad or m a root second, by which a joint moves beside its model
+
+Plant = Callable[[RobotFile, float], Simulator]  # robot file, s between commands -> what is driven
+
+
+@dataclass(frozen=True, eq=False)
+class OwnScenario:
+    """What is driven, and by which controllers.
+
+    robot: the nominal one. model: the augmented model; its dt is the sample. reference: a motion's name, a CSV file or
+    waypoints; of the tool if its columns are. plant: makes what is driven; None: the robot in MuJoCo at a finer step,
+    with the effects `withheld`, by default those of the model. settings: of the controllers, None for the usual ones.
+    noise: 1-sigma of the encoders, where it is not that of the robot file. controllers: those of "nominal",
+    "augmented" and "oracle" that drive, by default all.
+    """
+
+    robot: NominalRobot
+    model: AugmentedModel
+    reference: str | Path | Waypoints = "sines"
+    withheld: Values | None = None
+    plant: Plant | None = None
+    settings: MpcSettings | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
+    controllers: tuple[str, ...] = ()
+
+    name: str = "own"
+    summary: str = "your own robot: nominal against augmented"
+
+    def run(self, options: RunOptions, progress: Progress = lambda stage, done: None) -> dict[str, Any]:
+        """The contract's `run` object; with options.out the episodes, a picture and an animation."""
+        comparison, names = self.drive(options, progress)
+        label = self.reference if isinstance(self.reference, str) else "reference"
+        plant = "own plant" if self.plant else "mujoco"
+        result = document(comparison, Path(label).stem if label else "", plant, np.random.default_rng(options.seed))
+        result["controller"] = options.controller
+        result["tracked"] = list(names)
+        result["unit"] = "m" if is_of_the_tool(names) or "pose.x" in names else "rad"
+        if options.out is not None:
+            from scenarios.own.figures import write
+
+            progress("writing episodes and figures", 0.95)
+            result["files"] = write(options.out, self.robot.model, comparison, result)
+        return result
+
+    def drive(self, options: RunOptions, progress: Progress) -> tuple[Comparison, tuple[str, ...]]:
+        """Every controller on every seed, and the names of what they track."""
+        progress("building the controllers", 0.0)
+        models = self._models()
+        nominal = models["nominal"]
+        reference = self._waypoints(nominal).ordered(nominal.stepped.tracked, str(self.reference))
+        begin = posture_at(nominal, reference.path(np.zeros(1))[0])
+        settings = replace(self.settings or usual_settings(nominal), budget=options.budget)
+        dt = self.model.dt
+        stacks = {}
+        chosen = {name: model for name, model in models.items() if name in (self.controllers or models)}
+        for i, (name, model) in enumerate(chosen.items()):
+            progress(f"building the controllers: {name}", 0.1 * i)
+            stacks[name] = self._stack(model, settings, reference, begin, options)
+        simulator = Measured(self._simulator(), self._sigma(nominal))
+        seeds = tuple(range(options.seed, options.seed + options.seeds))
+        comparison = compare(
+            simulator, stacks, reference, LoopSettings(reference.seconds, dt), seeds, (),
+            lambda stage, done: progress(stage, 0.3 + 0.6 * done), begin,
+        )  # fmt: skip
+        return comparison, nominal.stepped.tracked
+
+    def _models(self) -> dict[str, Augmented]:
+        """nominal, augmented, and the oracle where somebody knows what was withheld."""
+        build, source = self.model.build, self.model.source
+        robot = self.robot.model
+        if self._of_the_tool():
+            if not hasattr(robot, "task"):
+                raise BadInput(f"{robot.name!r} has no tool to track", robot.name, "give a reference of its poses")
+            robot = replace(robot, task=True)  # type: ignore[type-var]
+        models = {"nominal": augment(robot, {}, None, build), "augmented": augmented_from(source, robot, build)}
+        if self.plant is None and self.withheld is not None:
+            models["oracle"] = augment(robot, self.withheld, None, build)
+        return models
+
+    def _of_the_tool(self) -> bool:
+        if isinstance(self.reference, Waypoints):
+            return is_of_the_tool(self.reference.names)
+        path = Path(self.reference)
+        return is_of_the_tool(read_reference(path).names if path.is_file() else (str(self.reference),))
+
+    def _waypoints(self, nominal: Augmented) -> Waypoints:
+        if isinstance(self.reference, Waypoints):
+            return self.reference
+        path = Path(self.reference)
+        if path.is_file() or path.suffix:
+            return read_reference(path)
+        return named_motion(str(self.reference), nominal)
+
+    def _simulator(self) -> Simulator:
+        if self.plant is not None:
+            return self.plant(self.robot.file, self.model.dt)
+        withheld = model_in(self.model.source)[1] if self.withheld is None else self.withheld
+        return plant_of(self.robot.model, withheld, self.model.dt)
+
+    def _sigma(self, nominal: Augmented) -> dict[str, float]:
+        known = {**self.robot.file.noise, **self.noise}
+        return {c: known.get(c, NOISE) for c in nominal.stepped.poses}
+
+    def _stack(
+        self, model: Augmented, settings: MpcSettings, reference: Waypoints, begin: Reading, options: RunOptions
+    ) -> ControlStack:
+        n, sigma = len(model.stepped.poses), tuple(self._sigma(model).values())
+        unknown = (1.0,) * sum(s.startswith("disturbance.") for s in model.stepped.states)
+        given = EstimatorSettings(noise=sigma, drift=(DRIFT,) * n)
+        if unknown:
+            given = replace(given, disturbance=unknown)
+        estimator = build_filter(model, given)
+        if options.controller == "mpc":
+            return ControlStack(estimator, build_mpc(model, settings))
+        samples = round(reference.seconds / model.build.dt) + 1 + settings.horizon
+        path = reference.path(model.build.dt * np.arange(samples))
+        return ControlStack(estimator, build_lqr(model, path, settings, begin))
+
+
+def drive(
+    robot: NominalRobot, model: AugmentedModel, reference: str, plant: Plant | None, withheld: Path | None,
+    options: RunOptions, progress: Progress,
+) -> dict[str, Any]:  # fmt: skip
+    """What `residual-mpc run --robot R --model FILE --reference NAME` runs.
+
+    withheld: a model.json or diagnosis.json whose effects the plant has, None for those of the model.
+    """
+    values: Values | None = None
+    if withheld is not None:
+        try:
+            written = Written(json.loads(withheld.read_text()), str(withheld))
+        except (OSError, ValueError) as error:
+            raise BadInput(f"the file cannot be read: {error}", str(withheld), "give a model.json") from error
+        settings_from(written, robot.model)  # refuses what is of another robot
+        values = model_in(written)[1]
+    return OwnScenario(robot, model, reference, values, plant).run(options, progress)

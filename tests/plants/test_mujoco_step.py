@@ -1,0 +1,212 @@
+"""An arm's step in CasADi against MuJoCo: rigid bodies to rounding, moves with effects to the engine's own step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+import mujoco
+import numpy as np
+import pytest
+from oracles.arms import FILTERED, MIXED, arm_xml, robot_of
+from oracles.own_arms import CROOKED, UR5E, panda
+
+from plants.mujoco_robot.symbolic.description import Changes, describe
+from plants.mujoco_robot.symbolic.implicit import factorised, solved
+from plants.mujoco_robot.symbolic.rigid_body import mass_and_bias, tool_place
+from residual_mpc.errors import BadInput
+from residual_mpc.export import Augmented, Build, augment
+from residual_mpc.export.casadi_model import casadi_model
+from residual_mpc.export.moving import moving_apart
+from residual_mpc.learning.forms.joint import JointForm
+from residual_mpc.learning.network.mlp import Mlp, initial_weights
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.models.contract import check_robot
+from residual_mpc.models.settings import Knob
+
+DT = 0.02
+ARMS = {"ur5e": UR5E, "panda": panda(), "crooked": CROOKED, "two": arm_xml(), "mixed": arm_xml(MIXED)}
+
+
+def stepped(folder: Path, xml: str, values: dict[tuple[str, str | None, str], float] | None = None) -> Augmented:
+    return augment(robot_of(folder, xml), {Knob(*k): v for k, v in (values or {}).items()}, None, Build(DT))
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_mass_matrix_bias_force_and_tool_are_the_engines(tmp_path: Path, name: str) -> None:
+    robot = robot_of(tmp_path, ARMS[name])
+    n, model = len(robot.joints), robot.model
+    q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
+    body = describe(robot, Changes())
+    ours = ca.Function("f", [q, v], [*mass_and_bias(body, model.opt.gravity, q, v), tool_place(body, q)[0]])
+    data, rng, whole = mujoco.MjData(model), np.random.default_rng(0), np.zeros((n, n))
+    for _ in range(20):
+        data.qpos[:], data.qvel[:] = rng.uniform(-2, 2, n), rng.normal(0, 2, n)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, whole)
+        mass, bias, tool = (np.array(x) for x in ours(data.qpos, data.qvel))
+        held, at = robot.payload
+        np.testing.assert_allclose(mass, whole - np.diag(model.dof_armature), atol=1e-12)
+        np.testing.assert_allclose(bias.ravel(), data.qfrc_bias, atol=1e-11)
+        there = data.xpos[held] + data.xmat[held].reshape(3, 3) @ at
+        np.testing.assert_allclose(tool.ravel(), there, atol=1e-13)
+
+
+def test_the_factors_solve() -> None:
+    rng = np.random.default_rng(0)
+    a = rng.standard_normal((6, 6))
+    w, b = a @ a.T + np.eye(6), rng.standard_normal(6)
+    np.testing.assert_allclose(solved(factorised(w.tolist()), b.tolist()), np.linalg.solve(w, b), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("ur5e", 2e-3), ("panda", 8e-3), ("crooked", 5e-3), ("two", 2e-3)]
+)  # rad or m; the engine's own step of 2 ms is about 1e-3 off
+def test_half_a_second_lies_near_the_replay(tmp_path: Path, name: str, most: float) -> None:
+    assert moving_apart(stepped(tmp_path, ARMS[name]), np.random.default_rng(0)) < most
+
+
+EFFECTS = [
+    {("command_delay", None, "delay"): 0.037},
+    {("actuator_lag", "elbow", "time_constant"): 0.05},
+    {("actuator_gain", None, "gain"): 0.7},
+    {("voltage_sag", None, "rate"): 0.2},
+    {("saturation", "elbow", "limit"): 35.0},
+    {("dead_zone", None, "width"): 0.02},
+    {("coulomb_friction", "shoulder_lift", "torque"): 10.0},
+    {("viscous_friction", None, "coefficient"): 20.0},
+    {("stribeck_friction", "elbow", "static"): 8.0, ("stribeck_friction", "elbow", "kinetic"): 4.0},
+    {("load_dependent_friction", None, "coefficient"): 0.2},
+    {("payload", None, "mass"): 0.8},
+    {("link_mass", "forearm", "mass"): 2.0, ("link_mass", "forearm", "com"): 0.05},
+    {("armature", None, "inertia"): 0.5},
+    {("link_length", "upper_arm", "offset"): 0.1},
+]
+
+
+@pytest.mark.parametrize("values", EFFECTS, ids=lambda v: next(iter(v))[0])
+def test_an_effect_acts_as_in_the_replay(tmp_path: Path, values: dict) -> None:
+    """Far nearer to the replay with the effect than the step without it."""
+    model = stepped(tmp_path, UR5E, values)
+    assert not model.stepped.left_out[1:]
+    assert moving_apart(model, np.random.default_rng(1)) < 3e-3
+
+
+@pytest.mark.parametrize("values", EFFECTS, ids=lambda v: next(iter(v))[0])
+def test_an_effect_moves_the_step(tmp_path: Path, values: dict) -> None:
+    plain, changed = stepped(tmp_path, UR5E), stepped(tmp_path, UR5E, values)
+    ends = []
+    for model in (plain, changed):
+        x = model.start({"position.shoulder_lift": -1.2, "position.elbow": 1.5})
+        u = plain.hold(plain.start({"position.shoulder_lift": -1.2, "position.elbow": 1.5}))
+        for k in range(20):
+            x = model.numpy_step(x, u + 0.4 * np.sin(0.3 * k))
+        ends.append(x[:6])
+    assert np.abs(ends[0] - ends[1]).max() > 2e-4
+
+
+def test_a_stiff_servo_is_stable_at_twenty_milliseconds(tmp_path: Path) -> None:
+    """kp 2e5 and hardly any damping: an explicit step of 20 ms would multiply an error by hundreds."""
+    stiff = arm_xml('<position name="j1" joint="j1" kp="2e5" kv="1"/><position name="j2" joint="j2" kp="2e5" kv="1"/>')
+    model = stepped(tmp_path, stiff)
+    x = model.start()
+    for _ in range(100):
+        x = model.numpy_step(x, np.array([0.4, -0.3]))
+    np.testing.assert_allclose(x[:2], [0.4, -0.3], atol=1e-3)
+    assert np.abs(x[2:4]).max() < 1e-6
+
+
+def test_a_joint_that_rubs_sticks(tmp_path: Path) -> None:
+    """A pendulum on its side falls by less than a hair within its dry friction, and swings without it."""
+    free = '<motor name="j1" joint="j1"/><motor name="j2" joint="j2"/>'
+    ends = []
+    for torque in (8.0, 0.0):
+        model = stepped(tmp_path, arm_xml(free), {("coulomb_friction", None, "torque"): torque})
+        x = model.start()
+        for _ in range(10):
+            x = model.numpy_step(x, np.zeros(2))
+        ends.append(np.abs(x[:2] - model.start()[:2]).max())
+    assert ends[0] < 1e-9 and ends[1] > 0.05
+
+
+@pytest.mark.parametrize("name", ["ur5e", "crooked", "mixed"])
+def test_the_commands_that_hold_leave_the_arm_where_it_is(tmp_path: Path, name: str) -> None:
+    model = stepped(tmp_path, ARMS[name])
+    x = at = model.start()
+    u = model.hold(x)
+    for _ in range(10):
+        x = model.numpy_step(x, u)
+    np.testing.assert_allclose(x, at, atol=1e-6)
+
+
+def test_casadi_gives_the_numpy_step_and_its_derivatives(tmp_path: Path) -> None:
+    values = {("command_delay", None, "delay"): 0.03, ("payload", None, "mass"): 0.5}
+    model = stepped(tmp_path, CROOKED, values)
+    c, rng = casadi_model(model), np.random.default_rng(0)
+    x = model.start() + 0.1 * rng.standard_normal(model.nx)
+    u = model.hold(x) + 0.1 * rng.standard_normal(model.nu)
+    new, a, b = (np.array(y) for y in c.stage(x, u, c.p0))
+    np.testing.assert_allclose(new.ravel(), model.numpy_step(x, u), atol=1e-12)
+    for matrix, at, count in ((a, 0, model.nx), (b, 1, model.nu)):
+        for i, e in enumerate(1e-6 * np.eye(count)):
+            one, other = (model.numpy_step(*((x + s * e, u) if at == 0 else (x, u + s * e))) for s in (1, -1))
+            np.testing.assert_allclose(matrix[:, i], (one - other) / 2e-6, atol=2e-5)
+
+
+def test_parameters_are_arguments(tmp_path: Path) -> None:
+    heavy, light = (stepped(tmp_path, UR5E, {("payload", None, "mass"): m}) for m in (1.0, 0.2))
+    f = casadi_model(light).f
+    x, u = light.start(), light.hold(light.start())
+    np.testing.assert_allclose(np.array(f(x, u, heavy.p)).ravel(), heavy.numpy_step(x, u), atol=1e-12)
+
+
+def test_null_effects_change_nothing(tmp_path: Path) -> None:
+    plain = stepped(tmp_path, UR5E)
+    nothing = stepped(tmp_path, UR5E, {("payload", None, "mass"): 0.0, ("actuator_gain", None, "gain"): 1.0})
+    x, u = plain.start(), plain.hold(plain.start()) + 0.1
+    np.testing.assert_array_equal(plain.numpy_step(x, u), nothing.numpy_step(x, u))
+
+
+def test_the_arm_keeps_the_contract(tmp_path: Path) -> None:
+    check_robot(robot_of(tmp_path, CROOKED), np.random.default_rng(0), size=0.1)
+
+
+REFUSED = {
+    "dynamics or a delay of its own": arm_xml(FILTERED),
+    "tendons that exert forces": arm_xml().replace(
+        "<actuator>",
+        '<tendon><fixed stiffness="5"><joint joint="j1" coef="1"/><joint joint="j2" coef="1"/></fixed></tendon>'
+        "<actuator>",
+    ),
+    "equality constraints": arm_xml().replace(
+        "<actuator>", '<equality><joint joint1="j1" joint2="j2"/></equality><actuator>'
+    ),
+    "gravcomp": arm_xml().replace('<body name="lower"', '<body name="lower" gravcomp="1"'),
+}
+
+
+@pytest.mark.parametrize("why", REFUSED)
+def test_what_the_step_cannot_express_is_refused_with_the_reason(tmp_path: Path, why: str) -> None:
+    with pytest.raises(BadInput, match=why):
+        stepped(tmp_path, REFUSED[why])
+
+
+def test_what_has_no_place_in_the_step_is_listed(tmp_path: Path) -> None:
+    model = stepped(tmp_path, UR5E, {("joint_compliance", "elbow", "stiffness"): 900.0})
+    assert any("joint_compliance" in line for line in model.stepped.left_out)
+
+
+def test_a_network_on_the_accelerations_acts_as_in_the_replay(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, arm_xml())
+    form, rng = JointForm(), np.random.default_rng(0)
+    inputs, outputs = form.inputs(robot), form.outputs(robot)
+    net = Mlp(len(inputs), outputs=len(outputs))
+    theta = initial_weights(net, rng) + 0.3 * rng.standard_normal(net.size)
+    sizes = np.zeros(len(inputs)), np.ones(len(inputs)), np.full(len(outputs), 5.0)
+    network = Residual(net, theta, inputs, outputs, *sizes, "joint", DT, "robot", 3.0)
+    plain, learned = (augment(robot, {}, r, Build(DT)) for r in (None, network))
+    assert moving_apart(learned, np.random.default_rng(0)) < 3e-3
+    x, u = plain.start(), plain.hold(plain.start())
+    assert np.abs(plain.numpy_step(x, u) - learned.numpy_step(x, u))[2:].max() > 0.005
+    c = casadi_model(learned)
+    np.testing.assert_allclose(np.array(c.f(x, u, c.p0)).ravel(), learned.numpy_step(x, u), atol=1e-12)

@@ -1,0 +1,163 @@
+"""A user's own arm in closed loop: what was diagnosed pays, in joint and in tool space, on any plant."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from oracles.arms import arm_xml
+
+import residual_mpc as rm
+from residual_mpc.cli.main import cli
+from residual_mpc.closed_loop.scenario import RunOptions
+from residual_mpc.errors import BadInput
+from residual_mpc.models.settings import Knob
+from scenarios.own import OwnScenario, Waypoints, drive, read_reference
+
+SERVOS = """
+<position name="j1" joint="j1" kp="120" kv="8" ctrlrange="-2 2"/>
+<position name="j2" joint="j2" kp="60" kv="3" ctrlrange="-1.5 1.5"/>
+"""
+TRUTH = {Knob("command_delay", None, "delay"): 0.03, Knob("payload", None, "mass"): 0.3}
+SHORT = np.linspace(0.0, 1.5, 31)
+
+
+def robot_file(folder: Path, values: Mapping[Knob, float] = TRUTH) -> rm.NominalRobot:
+    """arm.toml and model.json with these effects."""
+    (folder / "arm.xml").write_text(arm_xml(SERVOS))
+    (folder / "arm.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\npayload_site = "tool"\n')
+    rows = [{"effect": k.effect, "target": k.target, "parameter": k.parameter, "value": v} for k, v in values.items()]
+    written = {"schema": "residual-mpc/model/1", "robot": "arm", "robot_file": "arm.toml", "values": rows}
+    (folder / "model.json").write_text(json.dumps(written))
+    return rm.load_robot(folder / "arm.toml")
+
+
+def swing(names: tuple[str, ...] = ("position.j1", "position.j2")) -> Waypoints:
+    slow = np.sin(np.pi * SHORT) * np.minimum(SHORT, 1.0)
+    return Waypoints(names, SHORT, np.stack([0.4 * slow, -0.3 * slow], axis=-1))
+
+
+def errors(result: Mapping[str, Any]) -> dict[str, float]:
+    return {name: c["tracking_rmse"] for name, c in result["controllers"].items()}
+
+
+@pytest.mark.parametrize("controller", ["mpc", "lqr"])
+def test_the_diagnosed_effects_pay_in_joint_space(tmp_path: Path, controller: Any) -> None:
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    result = OwnScenario(robot, model, swing(), withheld=TRUTH).run(RunOptions(controller, 2, 0, tmp_path / "out"))
+    found = errors(result)
+    assert found["augmented"] < 0.3 * found["nominal"]
+    assert found["augmented"] == pytest.approx(found["oracle"], rel=1e-6)
+    assert result["recovered"]["augmented"]["value"] == pytest.approx(1.0)
+    assert result["unit"] == "rad" and result["tracked"] == ["position.j1", "position.j2"]
+    assert {c["failures"] for c in result["controllers"].values()} == {0}
+    assert {p.name for p in (tmp_path / "out").iterdir()} == set(result["files"])
+    assert {"tracking.png", "drive.gif", "result.json", "nominal_0.csv"} <= set(result["files"])
+
+
+def test_the_tool_follows_a_path(tmp_path: Path) -> None:
+    """Two joints reach a surface; the path lies in it, since joints drew it."""
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    at = OwnScenario(robot, model, "circle", withheld=TRUTH)._models()["nominal"]
+    joints = np.array([0.3, 0.7]) + swing().values
+    drawn = np.stack([at.outputs(at.start(dict(zip(at.stepped.poses, q, strict=True)))) for q in joints.tolist()])
+    motion = Waypoints(("tool.x", "tool.y", "tool.z"), SHORT, drawn)
+    result = OwnScenario(robot, model, motion, withheld=TRUTH).run(RunOptions(seeds=1))
+    found = errors(result)
+    assert result["unit"] == "m" and found["augmented"] < 0.5 * found["nominal"] and found["augmented"] < 0.004
+
+
+class Sluggish:
+    """A plant of the user's own: each joint follows its command with a lag of 0.1 s."""
+
+    actuators = ("j1", "j2")
+    channels = ("position.j1", "position.j2")
+
+    def __init__(self, robot: Any, period: float) -> None:
+        self.period = period
+
+    def start(self, rng: np.random.Generator, at: Mapping[str, float]) -> Sluggish:
+        self.q = np.array([at[c] for c in self.channels])
+        return self
+
+    def measure(self) -> dict[str, float]:
+        return dict(zip(self.channels, self.q.tolist(), strict=True))
+
+    truth = measure
+
+    def step(self, command: np.ndarray, dt: float) -> None:
+        self.q = self.q + (1.0 - np.exp(-dt / 0.1)) * (command - self.q)
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_plant_of_ones_own_is_driven(tmp_path: Path) -> None:
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    result = OwnScenario(robot, model, swing(), plant=Sluggish).run(RunOptions(seeds=1))
+    assert result["plant"] == "own plant" and set(result["controllers"]) == {"nominal", "augmented"}
+    assert errors(result)["nominal"] < 0.05
+
+
+def test_the_command_reads_a_table_and_what_was_withheld(tmp_path: Path) -> None:
+    robot = robot_file(tmp_path)
+    rows = "\n".join(f"{t},{a},{b}" for t, (a, b) in zip(SHORT, swing().values, strict=True))
+    (tmp_path / "path.csv").write_text("t,position.j1,position.j2\n" + rows)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    where = tmp_path / "path.csv", tmp_path / "model.json"
+    result = drive(robot, model, str(where[0]), None, where[1], RunOptions(seeds=1), lambda stage, done: None)
+    assert result["scenario"] == "path" and result["recovered"]["augmented"]["value"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--robot", "arm.toml"], "--model is missing"),
+        (["spin", "--robot", "arm.toml", "--model", "model.json"], "both the scenario 'spin' and a robot"),
+        (["spin", "--dt", "0.1"], "--dt is for a robot of your own"),
+        (["--robot", "arm.toml", "--model", "model.json", "--plant", "nowhere"], "'nowhere' names no factory"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(tmp_path: Path, monkeypatch: Any, words: list[str], said: str) -> None:
+    robot_file(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(cli, ["run", *words])
+    assert isinstance(found.exception, BadInput) and said in str(found.exception), found.exception
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t,position.j1\n0,1\n0,2\n", "must increase"),
+        ("t,position.j1\n0,1\n1,\n", "row 3"),
+        ("a,b\n0,1\n", "column t"),
+        ("", "cannot be read"),
+    ],
+)
+def test_a_table_that_is_no_reference_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "path.csv").write_text(text)
+    with pytest.raises(BadInput, match=said):
+        read_reference(tmp_path / "path.csv")
+
+
+@pytest.mark.parametrize(
+    ("reference", "said"),
+    [
+        ("sinus", "no file and no motion"),
+        (Waypoints(("position.j1",), SHORT, np.zeros((31, 1))), "no column 'position.j2'"),
+        (Waypoints(("tool.x", "tool.y", "tool.z"), SHORT, np.full((31, 3), 9.0)), "comes no nearer"),
+    ],
+)
+def test_a_reference_that_does_not_fit_is_refused(tmp_path: Path, reference: Any, said: str) -> None:
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    with pytest.raises(BadInput, match=said):
+        OwnScenario(robot, model, reference).run(RunOptions(seeds=1))
