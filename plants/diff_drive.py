@@ -43,13 +43,14 @@ class DiffDrive:
 
     @property
     def sites(self) -> Sites:
-        """Where effects can act. A bias of pose.x or pose.y shifts the world, which nothing shows."""
+        """Where effects can act. A bias of pose.x or pose.y shifts the world, which nothing shows; a gyroscope reports
+        twist.theta."""
         robot = (self.name,)
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "play"), WHEELS),
             **dict.fromkeys(("rolling", "rim", "side", "drift", "point", "samples"), robot),
             "delay": ("pose",),
-            "offset": ("pose.theta",),
+            "offset": ("pose.theta", "twist.theta"),
         }
 
     def slots(self, effect: str) -> tuple[str, ...]:
