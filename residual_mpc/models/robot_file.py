@@ -15,7 +15,7 @@ from residual_mpc.logs.columns import group, is_measured, member, within_topic
 from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.robot_keys import Side, fields_of, text_of, wrong_value
 
-MODELS = (".xml", ".mjcf", ".urdf")  # MJCF and URDF, given in place of a robot file
+MODELS = (".xml", ".mjcf", ".urdf", ".xacro")  # given in place of a robot file; a xacro is refused with a remedy
 WHEELS = ("wheel_radius", "track_width")  # parameters of a robot that the velocity of its body can drive
 MERGED = ("parameters", "noise", "log", "actuators")  # a variant overrides single entries of these
 

@@ -1,9 +1,11 @@
 """From a model file to a compiled model whose joints and actuators have names."""
 
 import logging
+import re
 from collections.abc import Mapping
 from functools import cache
 from math import isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +34,7 @@ def compile_model(
     import mujoco
 
     silence_mujoco()
+    _refuse_xacro(path)
     try:
         spec = mujoco.MjSpec.from_file(path)
         absent, held = leave_out_absent(spec, path), hold_others(spec)
@@ -42,17 +45,40 @@ def compile_model(
         reason = " ".join(str(error).split())
         raise BadInput(f"MuJoCo does not compile this model: {reason}", path, "fix the model file") from error
     if absent:
-        _say(f"{path}: {absent}")
+        _say(path, absent)
     if held:
         names = ", ".join(repr(name) for name in held)
-        _say(f"{path}: {names} act{'s' * (len(held) == 1)} on no joint: held at rest, not commanded")
+        _say(path, f"{names} act{'s' * (len(held) == 1)} on no joint: held at rest, not commanded")
     return spec, prepared(model), held
 
 
+def _refuse_xacro(path: str) -> None:
+    """Raises BadInput for a xacro file, under whatever name: its macros are ROS's to expand."""
+    file = Path(path)
+    try:
+        text = re.sub(rb"<!--.*?-->", b"", file.read_bytes(), flags=re.DOTALL)
+    except OSError:
+        return
+    if file.suffix != ".xacro" and b"<xacro:" not in text:  # an expanded URDF may still declare the name space
+        return
+    plain = file.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
+    plain = f"expanded_{plain}" if plain == file.name else plain
+    raise BadInput(
+        "this is a xacro file, not a URDF", path,
+        f"expand it with `xacro {file.name} > {plain}` (part of ROS, or `pip install xacro`), with the arguments that "
+        f"your launch file gives it as NAME:=VALUE, and give {plain}",
+    )  # fmt: skip
+
+
+def _say(path: str, message: str) -> None:
+    """One warning a process and file: a model is compiled anew for every variant, and `init` compiles it twice."""
+    file = Path(path).resolve()
+    _say_once(str(file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file), message)
+
+
 @cache
-def _say(message: str) -> None:
-    """One warning a process: a model is compiled anew for every variant."""
-    LOG.warning(message)
+def _say_once(file: str, message: str) -> None:
+    LOG.warning(f"{file}: {message}")
 
 
 def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) -> None:
