@@ -10,6 +10,7 @@ import numpy as np
 from plants.mujoco_robot.edits.batch import tunable_values
 from plants.mujoco_robot.edits.bounds import PhysicalBounds, bounds_of_all
 from plants.mujoco_robot.edits.reference import reference
+from plants.mujoco_robot.exports.urdf import compare_urdf, to_urdf
 from plants.mujoco_robot.mjcf import to_mjcf
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
@@ -18,8 +19,9 @@ from plants.mujoco_robot.structure.variants import merge
 from plants.mujoco_robot.symbolic.step import arm_step
 from residual_mpc.models.optional import USUAL_PERIOD
 from residual_mpc.models.protocol import Drive
+from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Settings
-from residual_mpc.models.simulating import Mjcf
+from residual_mpc.models.simulating import Exported, Mjcf
 from residual_mpc.models.stepping import BODY, StepOptions, Stepped
 
 PERIOD = 0.02  # s between commands of an arm
@@ -57,6 +59,13 @@ class MujocoRobot(CompiledRobot):
 
     def to_mjcf(self, settings: Settings, folder: Path) -> Mjcf:
         return to_mjcf(self, settings, folder)
+
+    def to_urdf(self, settings: Settings, file: RobotFile, folder: Path) -> Exported:
+        assert file.model is not None
+        return to_urdf(self, settings, file.model, folder)
+
+    def compare_urdf(self, made: Exported, settings: Settings, file: RobotFile, path: Path) -> tuple[float, float, int]:
+        return compare_urdf(self, made, settings, path, file)
 
     def simulator(self, settings: Settings, rows: int, period: float) -> CorrectedMujoco:
         return CorrectedMujoco(self, settings, rows, period)

@@ -15,6 +15,7 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
+from residual_mpc.export.urdf import write_urdf
 from residual_mpc.export.write import TARGETS, write_mjcf, write_model
 from residual_mpc.files import write_json
 from residual_mpc.learning.network.written import residual_in
@@ -25,6 +26,7 @@ from residual_mpc.models.settings import TUNE
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+MODELS = ("mjcf", "urdf")  # targets that are models of other tools
 CONTROLLERS = "residual_mpc.controllers"  # entry points: "mpc" and "lqr"
 
 
@@ -95,7 +97,7 @@ class AugmentedModel:
         """Write the model for others; what `export --json` prints.
 
         Args:
-            to: "casadi", "c", "jax", "onnx" (the network alone) or "mjcf".
+            to: "casadi", "c", "jax", "onnx" (the network alone), "mjcf", "urdf", "sysid" or "actuators".
             seed: of the points at which the files are compared with their source.
 
         Raises:
@@ -104,10 +106,12 @@ class AugmentedModel:
         where = Path(folder)
         if to == "mjcf":
             document = write_mjcf(self.source, self.robot.model, where)
+        elif to == "urdf":
+            document = write_urdf(self.source, self.robot.model, self.robot.file, where)
         elif to in TARGETS:
             document = write_model(self.augmented, to, where, np.random.default_rng(seed))
         else:
-            raise BadInput(f"unknown export format {to!r}", "--to", f"give one of {', '.join((*TARGETS, 'mjcf'))}")
+            raise BadInput(f"unknown export format {to!r}", "--to", f"give one of {', '.join((*TARGETS, *MODELS))}")
         return {**document, "folder": str(where)}
 
     def mpc(self, horizon: int = 20, settings: Any = None) -> Any:

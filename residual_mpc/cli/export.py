@@ -6,10 +6,12 @@ import click
 
 from residual_mpc.cli.common import ROBOT, emit, json_option, seed_option, writable_folder
 
+FORMATS = ("casadi", "c", "jax", "onnx", "mjcf", "urdf", "sysid", "actuators")
+
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--to", required=True, type=click.Choice(["casadi", "c", "jax", "onnx", "mjcf"]), help="Export format.")
+@click.option("--to", required=True, type=click.Choice(FORMATS), help="Export format.")
 @click.option("--robot", metavar="R", help=f"{ROBOT}; defaults to the one named in FILE.")
 @click.option("--out", type=click.Path(path_type=Path), help="Output folder; defaults to a folder beside FILE.")
 @click.option(
@@ -39,7 +41,7 @@ def export(
     nominal = load_robot(robot or robot_beside(source.content, file))
     learned = file if residual_in(source) is not None else None
     result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed)
-    if to == "mjcf" and nominal.file.variants:
+    if to in ("mjcf", "urdf") and nominal.file.variants:
         click.echo(f"note: the model is {nominal.file.model}; the variants in the robot file are ignored", err=True)
     if as_json:
         emit(result)

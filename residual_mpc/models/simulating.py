@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Settings
 
 Readings = Mapping[str, np.ndarray]  # channel -> (rows,)
@@ -78,6 +79,30 @@ class Mjcf:
     apart: float
     apart_from_all: float
     points: int
+
+
+@dataclass(frozen=True)
+class Exported:
+    """text: a model in a form that has a place for fewer effects; approximated: those that it says in another form, and
+    which; left_out: those that it cannot say, each with the reason; said: what it says, one row."""
+
+    text: str
+    approximated: tuple[str, ...]
+    left_out: tuple[str, ...]
+    said: Settings
+
+
+@runtime_checkable
+class WritesUrdf(Protocol):
+    def to_urdf(self, settings: Settings, file: RobotFile, folder: Path) -> Exported:
+        """settings: one row; file: the robot's, which names its URDF; folder: where the new one will lie. Raises
+        BadInput for a robot whose model is no URDF."""
+        ...
+
+    def compare_urdf(self, made: Exported, settings: Settings, file: RobotFile, path: Path) -> tuple[float, float, int]:
+        """Largest difference of a joint (rad or m) between the file at `path`, with the robot's own actuators, and the
+        replay of what it says; the same from all effects; and at how many samples."""
+        ...
 
 
 @runtime_checkable
