@@ -37,8 +37,8 @@ def to_mjcf(robot: CompiledRobot, settings: Settings, folder: Path) -> Mjcf:
     left_out = tuple(f"{e}: {why}" for e, why in reasons.items() if why)
     held = settled(Settings(1, {e: p for e, p in settings.effects.items() if not reasons[e]}, settings.tuned))
     spec, plain = robot.spec.copy(), robot.model
-    _write_numbers(spec, robot, held)
-    _write_memory(spec, held)
+    write_numbers(spec, robot, held)
+    write_memory(spec, held)
     spec.compile()
     if plain.nmesh or plain.ntex or plain.nhfield:  # seen from where the file will lie
         meshes = Path(spec.modelfiledir, spec.meshdir)
@@ -66,7 +66,7 @@ def settled(settings: Settings) -> Settings:
     return settings
 
 
-def _write_numbers(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settings) -> None:
+def write_numbers(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settings) -> None:
     """The constants of one row of the diagnosis' batch, where they differ from the compiled model's."""
     model, changed = robot.model, corrected_constants(robot, settings)
     for j, joint in enumerate(robot.joints):
@@ -101,7 +101,7 @@ def _write_numbers(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settin
                 setattr(at, short, value)
 
 
-def _write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
+def write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
     """Delay and lag, which MuJoCo has of its own."""
     import mujoco
 

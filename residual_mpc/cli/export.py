@@ -17,7 +17,7 @@ FORMATS = ("casadi", "c", "jax", "onnx", "mjcf", "urdf", "sysid", "actuators")
 @click.option(
     "--dt", type=click.FloatRange(1e-4, 1.0),
     help="Sample time in seconds; defaults to the network's, without a network to the robot's command period, else "
-    "0.05.",
+    "0.05. For `actuators` the step of your simulation; defaults to the model's.",
 )  # fmt: skip
 @click.option(
     "--smooth", type=click.FloatRange(0.0, 1.0), default=0.0, show_default=True,
@@ -40,7 +40,7 @@ def export(
     writable_folder(where)
     nominal = load_robot(robot or robot_beside(source.content, file))
     learned = file if residual_in(source) is not None else None
-    result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed)
+    result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed, dt)
     if to in ("mjcf", "urdf") and nominal.file.variants:
         click.echo(f"note: the model is {nominal.file.model}; the variants in the robot file are ignored", err=True)
     if as_json:
@@ -51,7 +51,9 @@ def export(
     for kind in ("approximated", "left_out"):
         for what in result.get(kind, ()):
             click.echo(f"{kind.replace('_', ' ')}: {what}", err=True)
+    if "largest_difference" not in result:
+        return
     apart = result["largest_difference"]
     click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g}")
-    if "from_all_effects" in apart and (result["approximated"] or result["left_out"]):
+    if "from_all_effects" in apart and (result.get("approximated") or result["left_out"]):
         click.echo(f"  from the model with all diagnosed effects: {apart['from_all_effects']:.2g}")
