@@ -148,7 +148,6 @@ def _state(rng: np.random.Generator) -> Any:
 
 def _set_state(rng: np.random.Generator, state: Any) -> None:
     rng.bit_generator.state, spawned = state
-    seeds = rng.bit_generator.seed_seq
-    missing = spawned - getattr(seeds, "n_children_spawned", 0)
+    missing = spawned - getattr(rng.bit_generator.seed_seq, "n_children_spawned", 0)
     if missing > 0:
-        seeds.spawn(missing)
+        rng.spawn(missing)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plants.mujoco_log import collected_warnings
 from plants.mujoco_robot.loading.compile import compile_model, refuse_unsupported, say
 from plants.mujoco_robot.robot import SteppingMujoco
 from plants.mujoco_robot.structure.base import Base, find_base, free_bodies
@@ -32,13 +33,17 @@ def build(robot: RobotFile) -> SteppingMujoco:
             robot.name,
             "change the values in the model file, or list them under tunable to have them fitted",
         )
-    spec, model, held = compile_model(str(robot.model), robot.actuators, robot.held)
-    base = find_base(model, robot.pose_body, str(robot.model))
-    _say_unmeasured(model, base, str(robot.model))
-    _refuse_undriven(model, str(robot.model))
-    refuse_unsupported(model, str(robot.model))
-    site = _payload_site(model, robot)
-    loops = find_loops(model, str(robot.model))
+    path = str(robot.model)
+    with collected_warnings() as warnings:
+        spec, model, held = compile_model(path, robot.actuators, robot.held)
+        base = find_base(model, robot.pose_body, path)
+        _say_unmeasured(model, base, path)
+        _refuse_undriven(model, path)
+        refuse_unsupported(model, path)
+        site = _payload_site(model, robot)
+        loops = find_loops(model, path)
+    for warning in warnings:
+        say(path, f"MuJoCo warns: {warning}")
     sides = robot.servo_feedback, robot.position_sensor
     return SteppingMujoco(robot.name, model, site, *sides, base, loops, spec, held=held)
 
