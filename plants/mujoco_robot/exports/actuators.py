@@ -6,19 +6,19 @@ from plants.mujoco_robot.loading.compile import NO_LIMIT
 from plants.mujoco_robot.mjcf import not_held, settled
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, changes
 from residual_mpc.models.actuator_values import ActuatorValues
 from residual_mpc.models.settings import Settings
 
-OF_ACTUATORS = {
-    "command_delay", "actuator_lag", "actuator_gain", "saturation", "coulomb_friction", "viscous_friction",
-    "stribeck_friction", "armature",
-}  # fmt: skip
+OF_ACTUATORS = {"command", "strength", "limit", "dry friction", "friction", "damping", "rotor"}  # sites of effects
 
 
 def actuator_values(robot: CompiledRobot, settings: Settings) -> tuple[ActuatorValues, ...]:
     """See ListsActuators."""
-    said = settled(Settings(1, {e: p for e, p in settings.effects.items() if e in OF_ACTUATORS}, settings.tuned))
+    said = settled(
+        Settings(1, {e: p for e, p in settings.effects.items() if _of_actuators(BY_NAME[e])}, settings.tuned)
+    )
     model, new = robot.model, corrected_constants(robot, said)
 
     def value(field: str) -> np.ndarray:
@@ -52,6 +52,11 @@ def actuator_values(robot: CompiledRobot, settings: Settings) -> tuple[ActuatorV
 
 def not_of_actuators(settings: Settings) -> tuple[str, ...]:
     """The effects that are no value of an actuator, each with where it belongs."""
-    left = [BY_NAME[e] for e in settings.effects if e not in OF_ACTUATORS]
+    left = [BY_NAME[e] for e in settings.effects if not _of_actuators(BY_NAME[e])]
     out = [f"{e.name}: {not_held(e) or 'no value of an actuator; export to mjcf or urdf'}" for e in left]
     return (*out, *(f"{k}: no value of an actuator" for k in settings.tuned if k.startswith("body.")))
+
+
+def _of_actuators(effect: Effect) -> bool:
+    """Whether an effect is a value of an actuator, or of the joint that it drives."""
+    return effect.place in OF_ACTUATORS and not not_held(effect)

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from math import ceil
+from math import ceil, isinf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from plants.mujoco_robot.mjcf import apart, not_held, write_memory, write_numbers
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Knob, Settings, Values, assemble
@@ -19,13 +20,19 @@ from residual_mpc.models.simulating import Edit, SysidParameter, SysidSet
 if TYPE_CHECKING:
     import mujoco
 
-LINES = {  # effect -> the parameter of it that can be a parameter of the specification
-    "viscous_friction": "coefficient", "coulomb_friction": "torque", "armature": "inertia", "actuator_gain": "gain",
-    "saturation": "limit", "command_delay": "delay", "actuator_lag": "time_constant", "payload": "mass",
-    "link_mass": "mass", "link_length": "offset",
-}  # fmt: skip
+LINES = {
+    "command",
+    "strength",
+    "limit",
+    "dry friction",
+    "damping",
+    "rotor",
+    "tool",
+    "link",
+    "length",
+}  # sites of effects
 JOINT = {"dof_damping": "damping", "dof_armature": "armature", "dof_frictionloss": "frictionloss"}
-MEMORY = {"command_delay": ("delay", None), "actuator_lag": ("dynprm", 0)}  # effect -> where an actuator keeps it
+MEMORY = {"command delay": ("delay", None), "command lag": ("dynprm", 0)}  # quantity -> where an actuator keeps it
 
 
 def to_sysid(
@@ -84,14 +91,19 @@ def _sorted(
         effect = None if knob.effect == TUNE else BY_NAME[knob.effect]
         if effect is not None and (effect.own or not_held(effect)):
             left_out.append(f"{effect.name}: {not_held(effect)}")
-        elif effect is not None and LINES.get(effect.name) == knob.parameter and knob in intervals:
+        elif effect is not None and _line(effect) == knob.parameter and knob in intervals:
             free.append(knob)
-        elif effect is not None and effect.name in LINES and any(k.term == knob.term for k in free):
+        elif effect is not None and any(k.term == knob.term for k in free):
             if value != 0.0:
-                left_out.append(f"{knob.effect}.{knob.parameter}: only its {LINES[knob.effect]} is a parameter")
+                left_out.append(f"{knob.effect}.{knob.parameter}: only its {_line(effect)} is a parameter")
         else:
             fixed[knob] = value
     return free, fixed, list(dict.fromkeys(left_out))
+
+
+def _line(effect: Effect) -> str | None:
+    """The parameter that a specification follows in a line: of those, the first; None where there is none."""
+    return effect.parameters[0].name if effect.place in LINES else None
 
 
 def _settings(robot: CompiledRobot, values: Values) -> Settings:
@@ -103,20 +115,22 @@ def _edits(
 ) -> list[Edit]:
     """How the specification follows one number; makes what it needs for it."""
     slots = robot.slots(knob.effect) if knob.target is None else (knob.target,)
-    if knob.effect in MEMORY:
-        field, index = MEMORY[knob.effect]
-        for name in slots if knob.effect == "command_delay" else ():
+    parameter = next(p for p in BY_NAME[knob.effect].parameters if p.name == knob.parameter)
+    if parameter.quantity in MEMORY:
+        field, index = MEMORY[parameter.quantity]
+        for name in slots if field == "delay" else ():
             spec.actuator(name).nsample = ceil(max(reach[1], value) / robot.step) + 2
         return [("actuator", name, field, index, 0.0, 1.0) for name in slots]
-    if knob.effect == "saturation":
+    if isinf(parameter.null):  # a limit
         for name in slots:
             spec.actuator(name).forcelimited = True
         return [("actuator", name, "forcerange", k, 0.0, sign) for name in slots for k, sign in ((0, -1.0), (1, 1.0))]
-    if knob.effect in ("payload", "link_mass"):
-        return [("body", _loaded(spec, robot, knob, slot), "mass", None, 0.0, 1.0) for slot in slots]
+    if parameter.quantity in ("tool mass", "link mass"):
+        tool = parameter.quantity == "tool mass"
+        return [("body", _loaded(spec, robot, knob.effect, slot, tool), "mass", None, 0.0, 1.0) for slot in slots]
     before = corrected_constants(robot, _settings(robot, fixed))
     after = corrected_constants(robot, _settings(robot, {**fixed, knob: value}))
-    null = next(p.null for p in BY_NAME[knob.effect].parameters if p.name == knob.parameter)
+    null = parameter.null
     out: list[Edit] = []
     for field, new in after.items():
         old = before.get(field, getattr(robot.model, field))
@@ -147,13 +161,13 @@ def _place(robot: CompiledRobot, field: str, place: list[int]) -> tuple[str, str
     return kind, name, attribute, rest[0]
 
 
-def _loaded(spec: "mujoco.MjSpec", robot: CompiledRobot, knob: Knob, slot: str) -> str:
-    """The name of a point mass that is added to a body."""
-    if knob.effect == "payload":
+def _loaded(spec: "mujoco.MjSpec", robot: CompiledRobot, effect: str, slot: str, tool: bool) -> str:
+    """The name of a point mass that is added to a body: where a tool is, or at the body's own centre."""
+    if tool:
         body, pos = robot.payload
     else:
         body = robot.links.index(slot) + 1
         pos = robot.model.body_ipos[body]
-    load = spec.body(robot.model.body(body).name).add_body(name=f"{knob.effect}.{slot}", pos=pos)
+    load = spec.body(robot.model.body(body).name).add_body(name=f"{effect}.{slot}", pos=pos)
     load.explicitinertial, load.mass, load.ipos, load.inertia = True, 1.0, (0, 0, 0), (0, 0, 0)
     return str(load.name)

@@ -23,11 +23,10 @@ SAYS = {  # quantities of effects that a URDF has a place for
     "viscous damping", "dry friction", "tool mass", "link mass", "link centre", "link length",
 }  # fmt: skip
 TUNED = {"damping", "frictionloss", "mass"}  # ends of the names of nominal parameters that it has a place for
-LACKS = {
-    "armature": "URDF has no rotor inertia",
-    "actuator_gain": "URDF has no actuators",
-    "command_delay": "URDF has no delay",
-    "actuator_lag": "URDF has no actuators",
+LACKS = {  # site of an effect -> why a URDF does not say it
+    "rotor": "URDF has no rotor inertia",
+    "strength": "URDF has no actuators",
+    "command": "URDF has no actuators, and so no delay or lag",
 }
 
 
@@ -76,8 +75,8 @@ def compare_urdf(
 
 def _not_said(effect: Effect) -> str:
     """Why a URDF does not say the effect; empty where it does."""
-    if effect.name in LACKS:
-        return LACKS[effect.name]
+    if effect.place in LACKS:
+        return LACKS[effect.place]
     if effect.own or effect.not_in_mjcf:
         return "a user-defined effect cannot be expressed in URDF" if effect.own else not_held(effect)
     return (
@@ -113,10 +112,10 @@ def _write(text: UrdfText, robot: CompiledRobot, new: dict[str, np.ndarray], sai
                 values[key] = _row(new[field][dof : dof + 1])
         if values:
             text.write(joints[name], "dynamics", values)
-    if "saturation" in said.effects:
+    if "actuator_forcerange" in new:
         for i, actuator in enumerate(robot.actuators):
             limit = float(np.abs(new["actuator_forcerange"][i]).max() * abs(model.actuator_gear[i, 0]))
-            if "actuator_forcerange" in new and _differs(new, model, "actuator_forcerange", i):
+            if _differs(new, model, "actuator_forcerange", i):
                 text.write(
                     joints[robot.actuator_joints[robot.actuators.index(actuator)]], "limit", {"effort": f"{limit:.9g}"}
                 )
