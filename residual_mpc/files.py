@@ -15,12 +15,17 @@ def write_atomically(path: Path, text: str) -> None:
 
     Makes the folder where there is none. Raises BadInput where the file cannot be written.
     """
+    write_bytes_atomically(path, text.encode())
+
+
+def write_bytes_atomically(path: Path, content: bytes) -> None:
+    """As `write_atomically`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False)
+        part = tempfile.NamedTemporaryFile("wb", dir=path.parent, prefix=f".{path.name}.", suffix=".part", delete=False)
         try:
             with part:
-                part.write(text)
+                part.write(content)
             os.chmod(part.name, 0o644)  # a temporary file is its owner's alone; a result is there to be passed on
             os.replace(part.name, path)
         except BaseException:

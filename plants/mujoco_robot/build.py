@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.loading.compile import compile_model, refuse_unsupported
+from plants.mujoco_log import collected_warnings
+from plants.mujoco_robot.loading.compile import compile_model, refuse_unsupported, say
 from plants.mujoco_robot.robot import SteppingMujoco
-from plants.mujoco_robot.structure.base import find_base
+from plants.mujoco_robot.structure.base import Base, find_base, free_bodies
 from plants.mujoco_robot.structure.loops import find_loops
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
@@ -32,14 +33,26 @@ def build(robot: RobotFile) -> SteppingMujoco:
             robot.name,
             "change the values in the model file, or list them under tunable to have them fitted",
         )
-    spec, model, held = compile_model(str(robot.model), robot.actuators)
-    base = find_base(model, robot.pose_body, str(robot.model))
-    _refuse_undriven(model, str(robot.model))
-    refuse_unsupported(model, str(robot.model))
-    site = _payload_site(model, robot)
-    loops = find_loops(model, str(robot.model))
+    path = str(robot.model)
+    with collected_warnings() as warnings:
+        spec, model, held = compile_model(path, robot.actuators, robot.held)
+        base = find_base(model, robot.pose_body, path)
+        _say_unmeasured(model, base, path)
+        _refuse_undriven(model, path)
+        refuse_unsupported(model, path)
+        site = _payload_site(model, robot)
+        loops = find_loops(model, path)
+    for warning in warnings:
+        say(path, f"MuJoCo warns: {warning}")
     sides = robot.servo_feedback, robot.position_sensor
     return SteppingMujoco(robot.name, model, site, *sides, base, loops, spec, held=held)
+
+
+def _say_unmeasured(model: "mujoco.MjModel", base: Base | None, path: str) -> None:
+    """Free bodies but the base have no channel: objects, or robots that another robot file is for."""
+    others = [model.body(b).name or f"number {b}" for b in free_bodies(model) if base is None or b != base.body]
+    if others:
+        say(path, f"free without a measured pose: {', '.join(others)}; each window starts with them as in the model")
 
 
 def _refuse_undriven(model: "mujoco.MjModel", path: str) -> None:

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.edits.batch import edit_batch
 from plants.mujoco_robot.loading.compile import NO_LIMIT, prepared
-from plants.mujoco_robot.simulation.between import between_steps
 from plants.mujoco_robot.simulation.channels import write_start
+from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.body import COULOMB
@@ -23,11 +22,6 @@ from residual_mpc.models.simulating import Mjcf
 if TYPE_CHECKING:
     import mujoco
 
-HELD_AS_NUMBERS = (  # fields of the compiled model -> where a specification keeps them
-    "dof_damping", "dof_armature", "dof_frictionloss", "dof_solimp",
-    "actuator_gainprm", "actuator_biasprm", "actuator_forcerange",
-    "body_mass", "body_ipos", "body_inertia", "body_iquat", "body_pos",
-)  # fmt: skip
 SECONDS, DRIVES = 1.0, 4  # of the comparison with the replay
 
 
@@ -39,29 +33,29 @@ def to_mjcf(robot: CompiledRobot, settings: Settings, folder: Path) -> Mjcf:
         raise BadInput(
             f"{robot.name!r} cannot be exported as MJCF: {why}", "--to mjcf", "export each model file separately"
         )
-    reasons = {e: _not_held(BY_NAME[e]) for e in settings.effects}
+    reasons = {e: not_held(BY_NAME[e]) for e in settings.effects}
     left_out = tuple(f"{e}: {why}" for e, why in reasons.items() if why)
-    held = _settled(Settings(1, {e: p for e, p in settings.effects.items() if not reasons[e]}, settings.tuned))
+    held = settled(Settings(1, {e: p for e, p in settings.effects.items() if not reasons[e]}, settings.tuned))
     spec, plain = robot.spec.copy(), robot.model
-    _write_numbers(spec, robot, held)
-    _write_memory(spec, held)
+    write_numbers(spec, robot, held)
+    write_memory(spec, held)
     spec.compile()
     if plain.nmesh or plain.ntex or plain.nhfield:  # seen from where the file will lie
         meshes = Path(spec.modelfiledir, spec.meshdir)
         spec.meshdir = spec.texturedir = os.path.relpath(meshes, folder)
     text = spec.to_xml()
     spec.meshdir, spec.texturedir = robot.spec.meshdir, robot.spec.texturedir
-    (apart, whole), points = _apart(robot, (held, settings), spec)
+    (some, whole), points = apart(robot, (held, settings), spec)
     notes = tuple(f"{e}: {BY_NAME[e].in_mjcf}" for e in settings.effects if BY_NAME[e].in_mjcf)
-    return Mjcf(text, notes, left_out, apart, whole, points)
+    return Mjcf(text, notes, left_out, some, whole, points)
 
 
-def _not_held(effect: Effect) -> str:
+def not_held(effect: Effect) -> str:
     """Why an MJCF does not hold the effect; empty where it does."""
     return "a user-defined effect cannot be expressed in MJCF" if effect.own else effect.not_in_mjcf
 
 
-def _settled(settings: Settings) -> Settings:
+def settled(settings: Settings) -> Settings:
     """Friction that changes with the motion as the constant dry friction that comes nearest, beside what is dry
     already."""
     for effect, values in [(e, p) for e, p in present(settings.effects, "friction") if e.settled is not None]:
@@ -72,21 +66,9 @@ def _settled(settings: Settings) -> Settings:
     return settings
 
 
-def _write_numbers(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settings) -> None:
+def write_numbers(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settings) -> None:
     """The constants of one row of the diagnosis' batch, where they differ from the compiled model's."""
-    from mujoco.batch import Batch
-
-    model, nu = robot.model, robot.model.nu
-    batch = Batch(model, 1, nthread=1)
-    edit_batch(batch, robot, settings)
-    drive = Drive(robot.step, 0, np.zeros((1, 0, nu)), None, np.zeros(1), None)
-    for update in between_steps(batch, robot, settings, drive):
-        update(0, np.zeros((1, len(robot.joints))), np.zeros((1, nu)))
-    changed: dict[str, np.ndarray] = {}
-    for field in HELD_AS_NUMBERS:
-        value = np.asarray(batch.expand(field))[0]
-        if not np.array_equal(value, getattr(model, field)):
-            changed[field] = value
+    model, changed = robot.model, corrected_constants(robot, settings)
     for j, joint in enumerate(robot.joints):
         dof = int(robot.dofs[j])
         at = spec.joint(joint)
@@ -119,7 +101,7 @@ def _write_numbers(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Settin
                 setattr(at, short, value)
 
 
-def _write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
+def write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
     """Delay and lag, which MuJoCo has of its own."""
     import mujoco
 
@@ -140,7 +122,7 @@ def _write_memory(spec: "mujoco.MjSpec", settings: Settings) -> None:
             actuator.actearly = True
 
 
-def _apart(
+def apart(
     robot: CompiledRobot, hypotheses: tuple[Settings, ...], spec: "mujoco.MjSpec"
 ) -> tuple[tuple[float, ...], int]:
     """Largest difference of a joint between the written model and the replay of each hypothesis (one row), over drives

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_robot.loading.compile import compile_model, refuse_unsupported
-from plants.mujoco_robot.structure.base import hinges_and_slides
+from plants.mujoco_robot.structure.base import driving_bodies, free_bodies, hinges_and_slides
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.audit.facts import ActuatorFacts, CommandKind
 from residual_mpc.models.model_structure import Joint, ModelStructure
@@ -20,21 +20,20 @@ def model_structure(path: Path) -> ModelStructure:
 
     Raises BadInput where it does not compile, or is of a kind that no robot file could drive.
     """
-    import mujoco
-
     _, model, _ = compile_model(str(path))
     refuse_unsupported(model, str(path))
     numbers = hinges_and_slides(model).tolist()
     if not numbers:
         raise BadInput("the model has no hinge or slide joint", str(path), "give a model with moving joints")
-    free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_FREE)]
+    free, driving = free_bodies(model), driving_bodies(model)
+    base = driving[0] if driving else free[0] if free and not model.nu else None
     return ModelStructure(
         "mujoco",
         tuple(_joint(model, j) for j in numbers),
         tuple(_actuator(model, i) for i in range(model.nu)),
-        model.body(int(model.jnt_bodyid[free[0]])).name if free else None,
+        None if base is None else model.body(base).name,
         tuple(model.site(i).name for i in range(model.nsite) if model.site(i).name),
-        None if free else lambda q, v, a: _torque(model, q, v, a),
+        None if base is not None else lambda q, v, a: _torque(model, q, v, a),
     )
 
 
@@ -44,7 +43,17 @@ def _joint(model: "mujoco.MjModel", j: int) -> Joint:
     low, high = model.jnt_range[j].tolist()
     effort = float(model.jnt_actfrcrange[j, 1]) if model.jnt_actfrclimited[j] else None
     slides = int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
-    return Joint(model.joint(j).name, slides, (low, high) if model.jnt_limited[j] else None, effort)
+    leads = {int(model.eq_obj1id[e]): int(model.eq_obj2id[e]) for e in _couplings(model)}
+    follows = model.joint(leads[j]).name if leads.get(j, -1) >= 0 else None
+    return Joint(model.joint(j).name, slides, (low, high) if model.jnt_limited[j] else None, effort, follows)
+
+
+def _couplings(model: "mujoco.MjModel") -> list[int]:
+    """Numbers of the equality constraints between two joints, which a URDF's <mimic> becomes as well."""
+    import mujoco
+
+    coupled = (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)) & model.eq_active0.astype(bool)
+    return [int(e) for e in np.flatnonzero(coupled)]
 
 
 def _actuator(model: "mujoco.MjModel", i: int) -> ActuatorFacts:

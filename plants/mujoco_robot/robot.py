@@ -10,16 +10,21 @@ import numpy as np
 from plants.mujoco_robot.edits.batch import tunable_values
 from plants.mujoco_robot.edits.bounds import PhysicalBounds, bounds_of_all
 from plants.mujoco_robot.edits.reference import reference
+from plants.mujoco_robot.exports.actuators import actuator_values, not_of_actuators
+from plants.mujoco_robot.exports.sysid import to_sysid
+from plants.mujoco_robot.exports.urdf import compare_urdf, to_urdf
 from plants.mujoco_robot.mjcf import to_mjcf
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.structure.variants import merge
 from plants.mujoco_robot.symbolic.step import arm_step
+from residual_mpc.models.actuator_values import ActuatorValues
 from residual_mpc.models.optional import USUAL_PERIOD
 from residual_mpc.models.protocol import Drive
-from residual_mpc.models.settings import Settings
-from residual_mpc.models.simulating import Mjcf
+from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.settings import Knob, Settings, Values
+from residual_mpc.models.simulating import Exported, Mjcf, SysidSet
 from residual_mpc.models.stepping import BODY, StepOptions, Stepped
 
 PERIOD = 0.02  # s between commands of an arm
@@ -57,6 +62,22 @@ class MujocoRobot(CompiledRobot):
 
     def to_mjcf(self, settings: Settings, folder: Path) -> Mjcf:
         return to_mjcf(self, settings, folder)
+
+    def to_urdf(self, settings: Settings, file: RobotFile, folder: Path) -> Exported:
+        assert file.model is not None
+        return to_urdf(self, settings, file.model, folder)
+
+    def compare_urdf(self, made: Exported, settings: Settings, file: RobotFile, path: Path) -> tuple[float, float, int]:
+        return compare_urdf(self, made, settings, path, file)
+
+    def to_sysid(self, values: Values, intervals: Mapping[Knob, tuple[float, float]], folder: Path) -> SysidSet:
+        return to_sysid(self, values, intervals, folder)
+
+    def actuator_values(self, settings: Settings) -> tuple[ActuatorValues, ...]:
+        return actuator_values(self, settings)
+
+    def not_of_actuators(self, settings: Settings) -> tuple[str, ...]:
+        return not_of_actuators(settings)
 
     def simulator(self, settings: Settings, rows: int, period: float) -> CorrectedMujoco:
         return CorrectedMujoco(self, settings, rows, period)

@@ -11,9 +11,10 @@ import numpy as np
 
 from residual_mpc.api.diagnosis_files import ANSWER, COMMANDS, write_answer, write_whole
 from residual_mpc.api.display import page
+from residual_mpc.api.resume import checkpoint_in, key_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
-from residual_mpc.api.written import name_robot_file
+from residual_mpc.api.written import Source, name_robot_file, written
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
 from residual_mpc.diagnosis.options import Options
@@ -24,10 +25,12 @@ from residual_mpc.diagnosis.search.measured_commands import not_commanded
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 from residual_mpc.experiment.propose import propose
+from residual_mpc.export.augmented import settings_from
 from residual_mpc.learning.batch.network_learner import LEARNERS
 from residual_mpc.logs.columns import did_you_mean
-from residual_mpc.models.model_file import Written
+from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import measured_over
+from residual_mpc.models.settings import Values
 from residual_mpc.report import compose, diagnosis_lines, sentence
 from residual_mpc.report.evidence.collect import collect
 from residual_mpc.report.words.rest import rest_sentence
@@ -110,6 +113,7 @@ def diagnose(
     held_out: Sequence[str] = (),
     horizon: float = 1.0,
     seed: int = 0,
+    start: Source | None = None,
     out: str | Path | None = None,
     command: str = "",
     progress: Progress = lambda stage, done: None,
@@ -120,11 +124,14 @@ def diagnose(
         only, without: effects to consider alone, or to leave out (contract, section 6).
         held_out: runs (names or patterns) to keep out of every fit; by default they are chosen.
         horizon: length of a window, s.
-        out: folder that the answer is written to as soon as it stands, and everything in the end.
+        start: an earlier diagnosis of this robot, or its file: the search begins with its effects, and may drop them.
+        out: folder that the answer is written to as soon as it stands, and everything in the end. A diagnosis that was
+            stopped goes on from there when it is called again with the same robot, runs and options.
         command: the call as the report prints it; by default the command line that does the same.
 
     Raises:
-        BadInput: runs that cannot be used or compared, or an effect or run that does not exist.
+        BadInput: runs that cannot be used or compared, an effect or run that does not exist, or a start of another
+            robot.
     """
     usable(runs)
     because = not_commanded(robot.model, measured_over(robot.file, list(runs.names)))
@@ -134,9 +141,13 @@ def diagnose(
         without=effect_names(without, "--without"),
         without_because=because,
         held_out=_kept(held_out, runs.names) if held_out else None,
+        start={} if start is None else _start(start, robot),
     )
-    said = command or _command(robot, runs, options, held_out, seed)
+    said = command or _command(robot, runs, options, held_out, seed, start)
     folder = None if out is None else Path(out)
+    checkpoint = checkpoint_in(folder, key_of(robot, runs, options, seed))
+    if checkpoint.last is not None:
+        progress("going on from where an earlier call was stopped", 0.01)
 
     def answered(record: Record) -> None:
         if folder is not None:
@@ -144,7 +155,7 @@ def diagnose(
 
     made = run_diagnosis(
         runs.runs, runs.models, runs.noise, robot.file.tunable, options, np.random.default_rng(seed), progress,
-        LEARNERS, answered,
+        LEARNERS, answered, checkpoint,
     )  # fmt: skip
     progress("planning the next experiment", 0.96)
     document = _document(made.diagnosis, runs, said)
@@ -155,6 +166,7 @@ def diagnose(
     if folder is not None:
         progress("writing the report", 0.98)
         found.save(folder)
+    checkpoint.close()
     return found
 
 
@@ -184,11 +196,22 @@ def _excite(robot: NominalRobot, folder: Path) -> str:
     return shlex.join(call)
 
 
-def _command(robot: NominalRobot, runs: Runs, options: Options, held_out: Sequence[str], seed: int) -> str:
-    """The command line of a diagnosis."""
+def _start(source: Source, robot: NominalRobot) -> Values:
+    """The numbers of an earlier diagnosis. Raises BadInput for one of another robot."""
+    earlier = written(source)
+    settings_from(earlier, robot.model)
+    return model_in(earlier)[1]
+
+
+def _command(
+    robot: NominalRobot, runs: Runs, options: Options, held_out: Sequence[str], seed: int, start: Source | None
+) -> str:
+    """The command line of a diagnosis; one that begins with a result needs that result saved."""
     words = ["residual-mpc", "diagnose", "--robot", robot.given, *runs.paths]
     for option, values in (("--only", options.only), ("--without", options.without), ("--held-out", held_out)):
         words += [word for value in values for word in (option, value)]
+    if start is not None:
+        words += ["--from", str(start) if isinstance(start, str | Path) else "earlier/diagnosis.json"]
     return shlex.join([*words, "--horizon", f"{options.horizon:g}", "--seed", str(seed), "--out", "out"])
 
 

@@ -1,5 +1,6 @@
 """Which motions to drive next, as commands that can be played."""
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from residual_mpc.api.display import page
+from residual_mpc.api.resume import key_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.written import Source, written
+from residual_mpc.checkpoint import Checkpoint, Keeper
 from residual_mpc.experiment.choose import PARTS
 from residual_mpc.experiment.command_file import command_table
 from residual_mpc.experiment.plan import SECONDS, plan_first, plan_next
@@ -62,6 +65,7 @@ def excite(
     seconds: float = SECONDS,
     limits: Mapping[str, tuple[float, float]] | None = None,
     seed: int = 0,
+    out: str | Path | None = None,
     progress: Progress = lambda stage, done: None,
 ) -> Excitation:
     """Plan the next runs.
@@ -71,6 +75,8 @@ def excite(
         seconds: of a motion.
         limits: actuator -> (lower, upper) command, in the actuator's unit; by default those of the runs that were
             diagnosed, else the model's.
+        out: the file that the commands are going to be saved to: beside it is kept what was tried, so that a plan that
+            was stopped goes on from there when it is called again.
 
     Raises:
         BadInput: a diagnosis that cannot be read, or is of another robot.
@@ -80,7 +86,12 @@ def excite(
         plan = plan_first(robot.model, within, seconds, rng)
     else:
         source = written(diagnosis)
-        plan = plan_next(diagnosis_in(source), robot.model, source.where, within, seconds, rng, progress)
+        document = diagnosis_in(source)
+        key = key_of(robot, (), json.dumps(document, sort_keys=True), sorted(within.items()), seconds, seed)
+        checkpoint = Checkpoint(None if out is None else Path(f"{out}.resume"), key)
+        keep = Keeper(checkpoint, rng)
+        plan = plan_next(document, robot.model, source.where, within, seconds, rng, progress, keep)
+        checkpoint.close()
     warnings = tuple(
         f"{p.motion.name}: a joint is predicted to leave its range even for a small motion; reduce the command range "
         "with --limit, or supervise the robot"

@@ -1,5 +1,6 @@
 """The augmented model: nominal robot, diagnosed effects and learned network as one step x+ = f(x, u, p)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import entry_points
@@ -13,8 +14,11 @@ from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.written import Source, name_robot_file, written
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
+from residual_mpc.export.actuators import write_actuators
 from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
+from residual_mpc.export.sysid import write_sysid
+from residual_mpc.export.urdf import write_urdf
 from residual_mpc.export.write import TARGETS, write_mjcf, write_model
 from residual_mpc.files import write_json
 from residual_mpc.learning.network.written import residual_in
@@ -25,12 +29,14 @@ from residual_mpc.models.settings import TUNE
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+MODELS = ("mjcf", "urdf", "sysid", "actuators")  # targets that are models of other tools
 CONTROLLERS = "residual_mpc.controllers"  # entry points: "mpc" and "lqr"
 
 
 @dataclass(frozen=True, eq=False)
 class AugmentedModel:
-    """A nominal robot with effects and a network. source: the content of model.json; build: how its step is made.
+    """A nominal robot with effects and a network. source: the content of model.json; build: how its step is made;
+    explanation: of the diagnosis that it was made of, with intervals.
 
     The step is made when it is first needed. What needs it raises BadInput for a robot that has no symbolic step.
     """
@@ -38,6 +44,7 @@ class AugmentedModel:
     robot: NominalRobot
     source: Written
     build: Build
+    explanation: tuple[Mapping[str, Any], ...] = ()
 
     @cached_property
     def augmented(self) -> Augmented:
@@ -91,12 +98,13 @@ class AugmentedModel:
         _, a, b = self._compiled.stage(x, u, self.p)
         return np.array(a), np.array(b)
 
-    def export(self, to: str, folder: str | Path, seed: int = 0) -> dict[str, Any]:
+    def export(self, to: str, folder: str | Path, seed: int = 0, physics_dt: float | None = None) -> dict[str, Any]:
         """Write the model for others; what `export --json` prints.
 
         Args:
-            to: "casadi", "c", "jax", "onnx" (the network alone) or "mjcf".
+            to: "casadi", "c", "jax", "onnx" (the network alone), "mjcf", "urdf", "sysid" or "actuators".
             seed: of the points at which the files are compared with their source.
+            physics_dt: s, step of the simulation that "actuators" are for; by default the model's own.
 
         Raises:
             BadInput: a target that this model cannot have.
@@ -104,10 +112,16 @@ class AugmentedModel:
         where = Path(folder)
         if to == "mjcf":
             document = write_mjcf(self.source, self.robot.model, where)
+        elif to == "urdf":
+            document = write_urdf(self.source, self.robot.model, self.robot.file, where)
+        elif to == "sysid":
+            document = write_sysid(self.source, self.explanation, self.robot.model, where)
+        elif to == "actuators":
+            document = write_actuators(self.source, self.explanation, self.robot.model, physics_dt, where)
         elif to in TARGETS:
             document = write_model(self.augmented, to, where, np.random.default_rng(seed))
         else:
-            raise BadInput(f"unknown export format {to!r}", "--to", f"give one of {', '.join((*TARGETS, 'mjcf'))}")
+            raise BadInput(f"unknown export format {to!r}", "--to", f"give one of {', '.join((*TARGETS, *MODELS))}")
         return {**document, "folder": str(where)}
 
     def mpc(self, horizon: int = 20, settings: Any = None) -> Any:
@@ -217,7 +231,8 @@ def augment(
     usual = optional.period(robot.model) if network is None else network.step
     source = _source(robot, given)
     settings_from(source, robot.model)  # refuses what is of another robot
-    return AugmentedModel(robot, source, Build(dt or usual, smooth, disturbances))
+    explanation = () if below is None else tuple(below.content.get("explanation", ()))
+    return AugmentedModel(robot, source, Build(dt or usual, smooth, disturbances), explanation)
 
 
 def _check_robot(source: Written | None, robot: NominalRobot) -> None:

@@ -35,6 +35,13 @@ from residual_mpc.cli.progress import progress_bar
     metavar="RUN",
     help="Run to hold out of every fit (file or run name); repeatable.",
 )
+@click.option(
+    "--from",
+    "start",
+    type=click.Path(path_type=Path),
+    metavar="DIAGNOSIS",
+    help="Begin the search with the effects of an earlier diagnosis.json of this robot; it may drop them.",
+)
 @horizon_option
 @json_option
 @seed_option
@@ -45,11 +52,15 @@ def diagnose(
     only: tuple[str, ...],
     without: tuple[str, ...],
     held_out: tuple[str, ...],
+    start: Path | None,
     horizon: float,
     as_json: bool,
     seed: int,
 ) -> None:
-    """Find where the gap lies, which unmodelled effects cause it, and how far it shrinks once they are modelled."""
+    """Find where the gap lies, which unmodelled effects cause it, and how far it shrinks once they are modelled.
+
+    A diagnosis that was stopped goes on when the same command is given again with the same --out.
+    """
     writable_folder(out)
     nominal, logged = read(robot, runs)
 
@@ -58,7 +69,7 @@ def diagnose(
     with progress_bar() as progress:
         found = run_diagnosis(
             nominal, logged, only=names(only), without=names(without), held_out=held_out, horizon=horizon, seed=seed,
-            out=out, command=shlex.join(["residual-mpc", *sys.argv[1:]]), progress=progress,
+            start=start, out=out, command=shlex.join(["residual-mpc", *sys.argv[1:]]), progress=progress,
         )  # fmt: skip
     document = found.document_in(out)
     if as_json:

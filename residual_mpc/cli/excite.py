@@ -63,7 +63,7 @@ def excite(
 
     nominal = load_robot(robot)
     with progress_bar() as progress:
-        plan = plan_motions(nominal, diagnosis, seconds=seconds, limits=limits, seed=seed, progress=progress)
+        plan = plan_motions(nominal, diagnosis, seconds=seconds, limits=limits, seed=seed, out=out, progress=progress)
     if diagnosis is not None and plan.document["purpose"] == "protocol":
         click.echo("this diagnosis left nothing to tell apart: planning a general set of motions", err=True)
     for warning in plan.warnings:

@@ -6,16 +6,18 @@ import click
 
 from residual_mpc.cli.common import ROBOT, emit, json_option, seed_option, writable_folder
 
+FORMATS = ("casadi", "c", "jax", "onnx", "mjcf", "urdf", "sysid", "actuators")
+
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--to", required=True, type=click.Choice(["casadi", "c", "jax", "onnx", "mjcf"]), help="Export format.")
+@click.option("--to", required=True, type=click.Choice(FORMATS), help="Export format.")
 @click.option("--robot", metavar="R", help=f"{ROBOT}; defaults to the one named in FILE.")
 @click.option("--out", type=click.Path(path_type=Path), help="Output folder; defaults to a folder beside FILE.")
 @click.option(
     "--dt", type=click.FloatRange(1e-4, 1.0),
     help="Sample time in seconds; defaults to the network's, without a network to the robot's command period, else "
-    "0.05.",
+    "0.05. For `actuators` the step of your simulation; defaults to the model's.",
 )  # fmt: skip
 @click.option(
     "--smooth", type=click.FloatRange(0.0, 1.0), default=0.0, show_default=True,
@@ -38,8 +40,8 @@ def export(
     writable_folder(where)
     nominal = load_robot(robot or robot_beside(source.content, file))
     learned = file if residual_in(source) is not None else None
-    result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed)
-    if to == "mjcf" and nominal.file.variants:
+    result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed, dt)
+    if to in ("mjcf", "urdf") and nominal.file.variants:
         click.echo(f"note: the model is {nominal.file.model}; the variants in the robot file are ignored", err=True)
     if as_json:
         emit(result)
@@ -49,7 +51,9 @@ def export(
     for kind in ("approximated", "left_out"):
         for what in result.get(kind, ()):
             click.echo(f"{kind.replace('_', ' ')}: {what}", err=True)
+    if "largest_difference" not in result:
+        return
     apart = result["largest_difference"]
     click.echo(f"largest difference from the source over {apart['points']} points: {apart['largest']:.2g}")
-    if "from_all_effects" in apart and (result["approximated"] or result["left_out"]):
+    if "from_all_effects" in apart and (result.get("approximated") or result["left_out"]):
         click.echo(f"  from the model with all diagnosed effects: {apart['from_all_effects']:.2g}")

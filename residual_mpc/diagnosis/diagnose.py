@@ -1,16 +1,19 @@
 """The whole diagnosis: prepare, search, refine, validate, describe."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from residual_mpc.checkpoint import Checkpoint, Keeper
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.describe import describe
-from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, prepare
+from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import refine
 from residual_mpc.diagnosis.phases.search import search_effects
 from residual_mpc.diagnosis.phases.validate import validate
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.remainder.learning import Learner, RidgeLearner
 from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult
 from residual_mpc.logs.run import Run
@@ -27,16 +30,32 @@ def diagnose(
     progress: Progress = lambda stage, done: None,
     learners: Sequence[Learner] = (RidgeLearner(),),
     answered: Callable[[Diagnosis], None] = lambda diagnosis: None,
+    checkpoint: Checkpoint | None = None,
 ) -> DiagnosisResult:
     """robots[i] is the nominal model of runs[i]; learners: those that try to learn what is left; answered: told the
-    answer as soon as it stands, before what is left is described.
+    answer as soon as it stands, before what is left is described; checkpoint: the phases that were finished before, and
+    where further ones are kept.
 
     Raises BadInput where nothing can be compared.
     """
     given = DiagnosisInput(tuple(runs), tuple(robots), noise, tuple(tunable), options)
     with threadpool_limits(1, "blas"):  # matrices of this size lose by a second thread
         prepared = prepare(given, rng, progress)
-        searched = search_effects(prepared, rng, progress)
-        refined = refine(searched, rng, progress)
-        validated = validate(refined, rng, progress)
+        keep = Keeper(checkpoint or Checkpoint(), rng, _known(prepared), _without_memory)
+        searched = keep("search", lambda: search_effects(prepared, rng, progress, keep))
+        refined = keep("refine", lambda: refine(searched, rng, progress))
+        validated = keep("validate", lambda: validate(refined, rng, progress))
         return describe(validated, learners, rng, progress, answered)
+
+
+def _known(prepared: Prepared) -> list[Any]:
+    """What the phases refer to and every run has after the first of them: robots, runs and the windows."""
+    looks = [d for look in prepared.longer for d in (look.raw, look.clean, *(look.free or ())[:1])]
+    data = [prepared.raw, prepared.clean, *looks]
+    robots = [b.robot for d in data for b in d.blocks]
+    return [prepared, prepared.space, prepared.options, *data, prepared.space.robot, *robots, *prepared.raw.runs]
+
+
+def _without_memory(thing: Any) -> Any:
+    """Predictions that were made before are made again."""
+    return (PredictionCache, (thing.data, thing.space)) if isinstance(thing, PredictionCache) else NotImplemented

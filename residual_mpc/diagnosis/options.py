@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from residual_mpc.diagnosis.checks import check_positive
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.models.settings import Term
+from residual_mpc.models.settings import Term, Values
 
 Progress = Callable[[str, float], None]  # told what is done now, and the share of it all that is behind
 
@@ -37,7 +37,8 @@ class PhaseSettings:
 @dataclass(frozen=True)
 class Options:
     """horizon s; only, without: effect names; without_because: hypotheses that are left out, each with the reason (see
-    `not_commanded`); held_out: the runs or blocks to hold out, None to have them chosen.
+    `not_commanded`); held_out: the runs or blocks to hold out, None to have them chosen; start: the numbers of an
+    earlier explanation, which the search begins with and may drop.
 
     search_steps: simulation steps that one hypothesis may cost in the search (windows are thinned evenly to that);
     final_steps: likewise in the last fit but for its last steps, and half of it in the shares of the stages; a perfect
@@ -49,6 +50,7 @@ class Options:
     without: tuple[str, ...] = ()
     without_because: Mapping[Term, str] = field(default_factory=dict)
     held_out: tuple[KeptBack, ...] | None = None
+    start: Values = field(default_factory=dict)
     search_steps: int = 16_000
     final_steps: int = 100_000
     settings: ResultSettings = field(default_factory=ResultSettings)

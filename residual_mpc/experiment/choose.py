@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from residual_mpc.checkpoint import at_once
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.predict.problem import build_problem
@@ -21,6 +23,9 @@ PARTS = SearchSettings.beyond_doubt  # likelihood ratio from which sets come apa
 MOST = 3  # motions in an experiment
 
 Progress = Callable[[str, float], None]
+Keep = Callable[
+    [str, Callable[[], Separation]], Separation
+]  # a step's name and the step -> its result, maybe of before
 
 
 @dataclass(frozen=True)
@@ -52,18 +57,19 @@ def choose(
     seconds: float,
     rng: np.random.Generator,
     progress: Progress = lambda text, done: None,
+    keep: Keep = at_once,
 ) -> Experiment:
     """Try every motion in simulation; where none will do alone, with the wheels' encoders logged, or the motors off at
-    times."""
+    times. keep: where the motions that were tried are kept."""
     tried = motions(setup, seconds, rng)
     encoded, sensors = with_encoders(setup, robot)
     switched = () if setup.switches else motions(replace(setup, switches=True), seconds, rng)[len(tried) :]
-    best = _of(_ranked(robot, setup, tried, explanations, rng, progress, 0.0, 0.6), (), False)
+    best = _of(_ranked(robot, setup, tried, explanations, rng, progress, (0.0, 0.6), keep), (), False)
     if not best.parts and sensors:
-        found = _ranked(robot, encoded, tried, explanations, rng, progress, 0.6, 1.0)
+        found = _ranked(robot, encoded, tried, explanations, rng, progress, (0.6, 1.0), keep)
         best = _clearly_better(best, _of(found, sensors, False))
     if not best.parts and switched:
-        found = _ranked(robot, setup, switched, explanations, rng, progress, 0.6, 1.0)
+        found = _ranked(robot, setup, switched, explanations, rng, progress, (0.6, 1.0), keep)
         best = _clearly_better(best, _of(found, (), True))
     return best
 
@@ -105,11 +111,13 @@ def _ranked(
     explanations: Sequence[Values],
     rng: np.random.Generator,
     progress: Progress,
-    begin: float,
-    end: float,
+    share: tuple[float, float],
+    keep: Keep,
 ) -> tuple[Separation, ...]:
-    found = []
+    """Best first; share: of all the work that is behind at the begin and at the end."""
+    found, (begin, end) = [], share
     for k, motion in enumerate(tried):
         progress(motion.name, begin + (end - begin) * k / len(tried))
-        found.append(separation(robot, setup, motion, explanations, rng))
+        step = f"{','.join(setup.sigma)}: {motion.name}{', switched' if motion.enabled is not None else ''}"
+        found.append(keep(step, partial(separation, robot, setup, motion, explanations, rng)))
     return tuple(sorted(found, key=lambda s: -s.ratio))

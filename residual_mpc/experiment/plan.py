@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.checkpoint import at_once
 from residual_mpc.errors import BadInput
-from residual_mpc.experiment.choose import choose, protocol
+from residual_mpc.experiment.choose import Keep, choose, protocol
 from residual_mpc.experiment.drive_setup import DriveSetup, setup_from_model, setup_from_runs
 from residual_mpc.experiment.explanations import explanations_of
 from residual_mpc.experiment.explore import explore, regimes_of
@@ -39,13 +40,14 @@ def plan_next(
     seconds: float,
     rng: np.random.Generator,
     progress: Progress = lambda text, done: None,
+    keep: Keep = at_once,
 ) -> Plan:
     """What a diagnosis leaves open decides: explanations that were not told apart, a gap that nothing explains, or
-    nothing. Raises BadInput where the diagnosis cannot be read, or is of another robot."""
+    nothing. keep: see `choose`. Raises BadInput where the diagnosis cannot be read, or is of another robot."""
     setup = setup_from_runs(document, robot, where, limits)
     explanations = explanations_of(document, robot, where)
     if len(explanations) > 1:
-        found = choose(robot, setup, [e.values for e in explanations], seconds, rng, progress)
+        found = choose(robot, setup, [e.values for e in explanations], seconds, rng, progress, keep)
         return Plan("tell apart", setup, tuple(s.planned for s in found.played), {
             "purpose": "tell apart", "parts": [e.name for e in explanations],
             "motions": [_described(s.planned, s.ratio) for s in found.motions],

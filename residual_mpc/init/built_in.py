@@ -58,6 +58,7 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
         None,
         (),
         (),
+        (),
         (*clock.guesses, *run_guess(recordings), *guesses, *reasons),
         clock.mends,
         tuple(Unmatched(n, f"{name} has nothing of this kind") for n in signals.names if n not in roles.values()),

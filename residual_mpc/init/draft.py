@@ -21,6 +21,7 @@ from residual_mpc.init.columns.words import ColumnName, read_words
 from residual_mpc.init.roles.planar_pose import find_pose, heading_in_degrees, pose_role
 from residual_mpc.init.roles.roles import find_roles
 from residual_mpc.init.run_settings import RunSetting, find_settings
+from residual_mpc.init.uncommanded import Uncommanded, driven_by_measurement, find_uncommanded
 from residual_mpc.logs.columns import group, is_measured
 from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.model_structure import ModelStructure, read_model_structure
@@ -44,7 +45,7 @@ class Draft:
         name, plant, model: as in the robot file; model is None for a robot that is given by its name.
         log: log name -> column, where they differ.
         actuators: by joint, for a model without any.
-        payload_site, pose_body, tunable: as in the robot file.
+        payload_site, pose_body, held, tunable: as in the robot file.
         settings: variants, each with a model of its own.
         guesses: everything guessed, in the order of the file.
         mends: columns that have to be written anew.
@@ -60,6 +61,7 @@ class Draft:
     actuators: Mapping[str, Actuator]
     payload_site: str | None
     pose_body: str | None
+    held: tuple[str, ...]
     tunable: tuple[str, ...]
     settings: tuple[RunSetting, ...]
     guesses: tuple[Guess, ...]
@@ -83,7 +85,9 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
     words = column_words(signals.names, recordings)
     pose, left = find_pose(words, signals) if structure.base is not None else (Roles({}), {})
     case = ColumnEvidence(structure, signals, {n: w for n, w in words.items() if n not in pose.columns.values()})
-    roles = _served(case, _shared_switch(case, find_roles(case))).plus(pose)
+    roles = driven_by_measurement(case, _shared_switch(case, find_roles(case)))
+    alone = find_uncommanded(case, roles)
+    roles = roles.plus(pose)
     _refuse_empty(roles, structure, recordings)
 
     whole, case = case, where_on(case, roles)
@@ -109,11 +113,13 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
         actuators,
         site,
         structure.base,
+        alone.held,
         tuple(f"actuator.*.{name}" for name in tunable),
         settings,
         (
             *site_guess,
             *_base_guess(structure),
+            *alone.guesses,
             *_tunable_guess(tunable),
             *setting_guesses,
             *clock.guesses,
@@ -126,19 +132,9 @@ def draft(model: Path, paths: Sequence[str | Path]) -> Draft:
         ),
         mends,
         _unmatched(whole, roles, recordings, {**_no_pose(structure, words), **left}),
-        _missing(case, roles),
+        _missing(case, roles, alone),
         tuple(dict.fromkeys(note for r in recordings for note in r.notes)),
     )
-
-
-def _served(case: ColumnEvidence, roles: Roles) -> Roles:
-    """Velocity actuators without a command column are driven by the velocity that was measured."""
-    velocities = roles.of("velocity")
-    lacking = [d for d in case.driven if d.kind == "velocity" and f"command.{d.name}" not in roles.columns]
-    lacking = [d for d in lacking if d.joint in velocities]
-    why = "it has no command; the measured velocity drives the model and is not compared"
-    columns = {f"command.{d.name}": velocities[d.joint] for d in lacking}
-    return roles.plus(Roles(columns, tuple(Guess(name, c, why, 0.7) for name, c in columns.items())))
 
 
 def _shared_switch(case: ColumnEvidence, roles: Roles) -> Roles:
@@ -270,19 +266,14 @@ def _why_left(case: ColumnEvidence, words: ColumnName) -> str:
     return "neither its name nor its data match a joint or actuator that is still missing"
 
 
-def _missing(case: ColumnEvidence, roles: Roles) -> tuple[Unmatched, ...]:
+def _missing(case: ColumnEvidence, roles: Roles, alone: Uncommanded) -> tuple[Unmatched, ...]:
     """Commands without which `gap` refuses the runs, and joints that nothing measures."""
-    missing = []
+    needed = "no column matches, but every actuator that moves needs a command: log it, or remove it from the model"
+    missing = [Unmatched(f"command.{d.name}", needed) for d in alone.lacking]
+    free = "no column matches; joint {} is assumed to be passive"
+    missing += [Unmatched(f"command.{d.name}", free.format(d.joint)) for d in alone.passive]
     joints = {j for g in ("position", "velocity") for j in roles.of(g)}
-    for d in case.driven:
-        if f"command.{d.name}" in roles.columns:
-            continue
-        if d.kind is not None:
-            why = "no column matches, but every actuator needs a command: log it, or remove the actuator from the model"
-        else:
-            why = f"no column matches; joint {d.name} is assumed to be passive"
-        missing.append(Unmatched(f"command.{d.name}", why))
     for j in case.structure.joints:
-        if j.name not in joints:
+        if j.name not in joints and j.follows is None:
             missing.append(Unmatched(f"position.{j.name}", "no column matches; it starts each window at 0"))
     return tuple(missing)

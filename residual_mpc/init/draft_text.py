@@ -35,6 +35,8 @@ def robot_file_text(draft: Draft, folder: Path) -> str:
     for key, value in (("payload_site", draft.payload_site), ("pose_body", draft.pose_body)):
         if value is not None:
             lines += [*why(key), f"{key} = {_text(value)}"]
+    if draft.held:
+        lines += [*why("held"), f"held = [{', '.join(map(_text, draft.held))}]"]
     if draft.tunable:
         lines += [*why("tunable"), f"tunable = [{', '.join(map(_text, draft.tunable))}]"]
     if draft.parameters:

@@ -39,9 +39,10 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
         for actuator in optional.held(robot):
             if f"command.{actuator}" in run.columns:
                 raise BadInput(
-                    f"column command.{actuator} is for an actuator that acts on no joint",
+                    f"column command.{actuator} is for an actuator that is held still",
                     f"{run.source}, run {run.name}",
-                    "set joint=... as the actuator's transmission, or remove the column to keep the actuator fixed",
+                    "remove it from `held` in the robot file, or set joint=... as its transmission in the model; "
+                    "without the column it stays held",
                 )
         for actuator in robot.actuators:
             if f"command.{actuator}" not in run.columns:
@@ -55,7 +56,8 @@ def check_columns(runs: Sequence[Run], robots: Sequence[Robot]) -> None:
                 raise BadInput(
                     f"column command.{actuator} is missing",
                     f"{run.source}, run {run.name}",
-                    f"{did_you_mean('command.' + actuator, there)}; map it under [log] in the robot file",
+                    f"{did_you_mean('command.' + actuator, there)}; map it under [log] in the robot file, or "
+                    f'set held = ["{actuator}"] there if nobody commands it',
                 )
         if not any(c in robot.channels for c in run.measured):
             raise BadInput(

@@ -2,7 +2,9 @@
 
 import difflib
 import importlib
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -36,6 +38,17 @@ def load_robot(robot: RobotFile) -> Robot:
     return model
 
 
+@contextmanager
+def _leaving_no_bytecode() -> Iterator[None]:
+    """A module in the user's folder leaves no __pycache__ there."""
+    before = sys.dont_write_bytecode
+    sys.dont_write_bytecode = True
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = before
+
+
 def _factory(robot: RobotFile) -> Callable[[RobotFile], Robot]:
     known = {e.name: e for e in entry_points(group=GROUP)}
     if robot.plant in known:
@@ -58,7 +71,8 @@ def load_factory(path: str, where: str) -> Callable[..., Any]:
     if not colon:
         raise BadInput(f"{path!r} names no factory", where, "give package.module:factory")
     try:
-        found = getattr(importlib.import_module(module), name, None)
+        with _leaving_no_bytecode():
+            found = getattr(importlib.import_module(module), name, None)
     except Exception as error:  # importing a user's module runs their code
         raise BadInput(f"module {module!r} cannot be imported: {error!r}", where, "fix or install it") from error
     if not callable(found):

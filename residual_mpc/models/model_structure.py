@@ -24,12 +24,14 @@ class Joint:
         slides: whether it slides.
         limits: its range, None where it has none.
         effort: the largest torque that the model allows at it, None where it says nothing.
+        follows: the joint that it is coupled to (mimic), None where it moves on its own.
     """
 
     name: str
     slides: bool = False
     limits: tuple[float, float] | None = None
     effort: float | None = None
+    follows: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

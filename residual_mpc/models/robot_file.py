@@ -15,7 +15,7 @@ from residual_mpc.logs.columns import group, is_measured, member, within_topic
 from residual_mpc.models.actuators import Actuator
 from residual_mpc.models.robot_keys import Side, fields_of, text_of, wrong_value
 
-MODELS = (".xml", ".mjcf", ".urdf")  # MJCF and URDF, given in place of a robot file
+MODELS = (".xml", ".mjcf", ".urdf", ".xacro")  # given in place of a robot file; a xacro is refused with a remedy
 WHEELS = ("wheel_radius", "track_width")  # parameters of a robot that the velocity of its body can drive
 MERGED = ("parameters", "noise", "log", "actuators")  # a variant overrides single entries of these
 
@@ -50,6 +50,7 @@ class RobotFile:
         servo_feedback: side of the gear that closes a position loop.
         position_sensor: side of the gear that `position.*` reports.
         actuators: by joint, for a model that has none of its own, such as a URDF.
+        held: joints or actuators that nobody commands: they stay where each window starts.
         tunable: glob patterns of nominal parameters that are free in every hypothesis.
         variants: other settings; see `for_run`.
         source: where it was read, for messages and for model.json; empty for a robot given by name.
@@ -67,6 +68,7 @@ class RobotFile:
     servo_feedback: Side = "motor"
     position_sensor: Side = "link"
     actuators: Mapping[str, Actuator] = field(default_factory=dict)
+    held: tuple[str, ...] = ()
     tunable: tuple[str, ...] = ()
     variants: tuple[Variant, ...] = ()
     source: str = ""

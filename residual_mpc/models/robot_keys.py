@@ -153,6 +153,7 @@ READERS: Mapping[str, Callable[[object, str, str, Path], object]] = {
     "servo_feedback": _side,
     "position_sensor": _side,
     "actuator": _actuators,
+    "held": _texts,
     "tunable": _texts,
 }
 FIELD = {"actuator": "actuators"}  # of `RobotFile`, where its name is not the key's

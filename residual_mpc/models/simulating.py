@@ -7,7 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from residual_mpc.models.settings import Settings
+from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.models.settings import Knob, Settings, Values
 
 Readings = Mapping[str, np.ndarray]  # channel -> (rows,)
 
@@ -78,6 +79,65 @@ class Mjcf:
     apart: float
     apart_from_all: float
     points: int
+
+
+@dataclass(frozen=True)
+class Exported:
+    """text: a model in a form that has a place for fewer effects; approximated: those that it says in another form, and
+    which; left_out: those that it cannot say, each with the reason; said: what it says, one row."""
+
+    text: str
+    approximated: tuple[str, ...]
+    left_out: tuple[str, ...]
+    said: Settings
+
+
+Edit = tuple[str, str, str, int | None, float, float]  # kind, name, attribute, index (None: a scalar), base, slope
+
+
+@dataclass(frozen=True)
+class SysidParameter:
+    """A number of a MuJoCo specification: each edit sets an attribute of an element to base + slope * value. low, high:
+    its 95 % interval."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    edits: tuple[Edit, ...]
+
+
+@dataclass(frozen=True)
+class SysidSet:
+    """text: an MJCF with the parameters at their values; left_out: what neither holds, each with the reason; apart,
+    apart_from_all, points: as in `Mjcf`."""
+
+    text: str
+    parameters: tuple[SysidParameter, ...]
+    left_out: tuple[str, ...]
+    apart: float
+    apart_from_all: float
+    points: int
+
+
+@runtime_checkable
+class WritesSysid(Protocol):
+    def to_sysid(self, values: Values, intervals: Mapping[Knob, tuple[float, float]], folder: Path) -> SysidSet:
+        """intervals: of the numbers that become parameters; folder: where the files will lie. Raises BadInput."""
+        ...
+
+
+@runtime_checkable
+class WritesUrdf(Protocol):
+    def to_urdf(self, settings: Settings, file: RobotFile, folder: Path) -> Exported:
+        """settings: one row; file: the robot's, which names its URDF; folder: where the new one will lie. Raises
+        BadInput for a robot whose model is no URDF."""
+        ...
+
+    def compare_urdf(self, made: Exported, settings: Settings, file: RobotFile, path: Path) -> tuple[float, float, int]:
+        """Largest difference of a joint (rad or m) between the file at `path`, with the robot's own actuators, and the
+        replay of what it says; the same from all effects; and at how many samples."""
+        ...
 
 
 @runtime_checkable

@@ -122,7 +122,7 @@ def test_the_answer_is_on_disk_before_its_report(folder: Path, tmp_path: Path, m
     with pytest.raises(SystemExit) as end:
         main([*call, "--only", "track_width"])
     assert end.value.code == 1
-    assert {p.name for p in out.iterdir()} == {"diagnosis.json", "model.json"}
+    assert {p.name for p in out.iterdir()} == {"diagnosis.json", "model.json", "resume.bin"}
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["verdict"] == "effects" and "still running, or was stopped" in document["notes"][-1]
     assert json.loads((out / "model.json").read_text()) == document["model"]

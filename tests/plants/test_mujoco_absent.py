@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from pathlib import Path
 
 import mujoco
@@ -12,6 +13,7 @@ from oracles.arms import SERVOS, arm_xml, random_drive, random_start, robot_of
 from oracles.urdfs import arm_urdf
 
 from plants.mujoco_robot import MujocoRobot, build
+from plants.mujoco_robot.loading.compile import compile_model
 from plants.mujoco_robot.model_structure import model_structure
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.predict.replay import start_states
@@ -113,6 +115,47 @@ def test_a_urdf_finds_its_package_or_does_without(
     assert ("shell.obj" in caplog.text) == (not place)
 
 
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+MANIFEST = "<package format='3'><name>arm_description</name></package>"
+
+
+@pytest.mark.parametrize(
+    ("variable", "package", "entry"),
+    [
+        ("", "work/arm_repository", ""),  # above the model, under another name than its folder's
+        ("AMENT_PREFIX_PATH", "install/arm/share/arm_description", "install/arm"),
+        ("ROS_PACKAGE_PATH", "ros/src/vendor/arm_repository", "ros/src"),
+        ("ROS_PACKAGE_PATH", "ros/src/arm_repository", "ros/src/arm_repository"),
+    ],
+)
+def test_a_package_is_found_by_its_manifest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, package: str, entry: str
+) -> None:
+    home, folder = tmp_path / "work" / "arm_repository" / "urdf", tmp_path / package
+    for place in (home, folder / "meshes"):
+        place.mkdir(parents=True, exist_ok=True)
+    (folder / "package.xml").write_text(MANIFEST)
+    (folder / "meshes" / "shell.obj").write_text(CORNERS)
+    for name in ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH"):
+        monkeypatch.delenv(name, raising=False)
+    mesh = '<geometry><mesh filename="package://arm_description/meshes/shell.obj"/></geometry>'
+    urdf = arm_urdf(("j1", "j2"), -3, 3).replace(
+        "</inertial></link>", f"</inertial><collision>{mesh}</collision></link>"
+    )
+    (home / "arm.urdf").write_text(urdf)
+    if variable:
+        assert compile_model(str(home / "arm.urdf"))[1].nmesh == 0
+        monkeypatch.setenv(variable, f"/nowhere{os.pathsep}{tmp_path / entry}")
+    assert compile_model(str(home / "arm.urdf"))[1].nmesh == 1
+
+
+def test_what_is_absent_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "robot.xml").write_text(looks())
+    for path in (tmp_path / "robot.xml", tmp_path / "." / "robot.xml", Path(os.path.relpath(tmp_path / "robot.xml"))):
+        compile_model(str(path))
+    assert len(caplog.messages) == 1
+
+
 def test_a_gripper_on_a_tendon_is_held(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     robot = robot_of(tmp_path, gripping())
     assert robot.actuators == ("j1", "j2") and robot.held == ("gripper",)
@@ -161,7 +204,7 @@ def test_a_log_that_commands_a_held_actuator_is_refused(tmp_path: Path) -> None:
     t = np.arange(3.0)
     columns = dict.fromkeys(("command.j1", "command.j2", "position.j1"), t)
     check_columns([Run("one", t, columns)], [robot])
-    with pytest.raises(BadInput, match=r"command\.gripper.*acts on no joint.*joint="):
+    with pytest.raises(BadInput, match=r"command\.gripper.*held still.*joint="):
         check_columns([Run("one", t, columns | {"command.gripper": t})], [robot])
 
 

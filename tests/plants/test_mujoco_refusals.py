@@ -31,7 +31,6 @@ SITE = '<motor name="thrust" site="tool"/>'
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("<worldbody>", f"<worldbody>{FREE}", "has a free joint"),
         ("<worldbody>", f"<worldbody>{BALL}", "'socket' is a ball joint"),
         (f"<actuator>{SERVOS}</actuator>", "", "no actuator"),
         ('<joint name="j2"', '<joint nam="j2"', "does not compile"),

@@ -12,6 +12,7 @@ from oracles.urdfs import arm_urdf
 from plants.mujoco_robot import MujocoRobot, build
 from residual_mpc.errors import BadInput
 from residual_mpc.models.load import load_robot
+from residual_mpc.models.model_structure import read_model_structure
 from residual_mpc.models.robot_file import for_run, read_robot_file
 from residual_mpc.models.settings import Settings
 
@@ -85,3 +86,18 @@ def test_a_variant_may_have_other_gains(tmp_path: Path) -> None:
     stiff = for_run(file, "stiff_1").actuators
     assert (stiff["j1"].kp, stiff["j2"].kind) == (90.0, "motor")
     assert load_robot(for_run(file, "stiff_1")).actuators == ("j1", "j2")
+
+
+@pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.xacro", "arm.urdf"])
+def test_a_xacro_is_refused_with_the_command_that_expands_it(tmp_path: Path, name: str) -> None:
+    text = URDF.replace("<robot name", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name')
+    (tmp_path / name).write_text(text.replace("<link name", '<xacro:property name="size" value="1"/><link name', 1))
+    for load in (read_model_structure, lambda path: load_robot(read_robot_file(path))):
+        with pytest.raises(BadInput, match=rf"xacro file.*`xacro {name} > (expanded_)?arm\.urdf`"):
+            load(tmp_path / name)
+
+
+def test_an_expanded_xacro_is_a_urdf(tmp_path: Path) -> None:
+    text = URDF.replace("<robot name", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name')
+    (tmp_path / "arm.urdf").write_text(text.replace("<link", "<!-- made from <xacro:arm> --><link", 1))
+    assert [j.name for j in read_model_structure(tmp_path / "arm.urdf").joints] == ["j1", "j2"]

@@ -1,22 +1,21 @@
 """Files that a model names and that are not there: shapes and looks are left out as long as every mass is given."""
 
-from collections.abc import Iterator
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from plants.mujoco_robot.loading.packages import SCHEMES, places_of
 from residual_mpc.errors import BadInput
 
 if TYPE_CHECKING:
     import mujoco
 
 READABLE = (".stl", ".obj", ".msh")  # meshes that MuJoCo reads
-SCHEMES = ("package://", "model://", "file://")
 
 
 def leave_out_absent(spec: "mujoco.MjSpec", path: str) -> str | None:
     """Take meshes, height fields, textures and skins without a file out of a specification, and the shapes that they
-    make up; meshes of a ROS package are looked for beside the model and above it. What was left out, None for nothing.
+    make up; meshes of a ROS package are looked for as `places_of` says. What was left out, None for nothing.
 
     Raises BadInput where a body takes its mass from such a shape.
     """
@@ -54,24 +53,13 @@ def _place(asset: "mujoco.MjsMesh", folder: str, spec: "mujoco.MjSpec", path: st
     name, home = asset.file, Path(path).parent
     if isinstance(asset, mujoco.MjsMesh) and not asset.content_type and Path(name).suffix.lower() not in READABLE:
         return None
-    scheme = next((s for s in SCHEMES if name.startswith(s)), "")
-    if not scheme:
+    if not name.startswith(SCHEMES):
         own = home / folder / (Path(name).name if spec.strippath else name)
         return own if own.is_file() else None
-    for candidate in _of_package(name.removeprefix(scheme), home.resolve()):
-        if candidate.is_file():
-            asset.file = str(candidate)
-            return candidate
-    return None
-
-
-def _of_package(name: str, home: Path) -> Iterator[Path]:
-    """Places of `package/meshes/part.stl`: as it is, and beside the model and above it with and without the package."""
-    yield Path(name if name.startswith("/") else f"/{name}")
-    inside = Path(*Path(name).parts[1:])
-    for folder in (home, *home.parents):
-        yield folder / name.lstrip("/")
-        yield folder / inside
+    found = next((p for p in places_of(name, home.resolve()) if p.is_file()), None)
+    if found is not None:
+        asset.file = str(found)
+    return found
 
 
 def _files(asset: "mujoco.MjsMesh") -> list[str]:

@@ -1,16 +1,18 @@
 """From a model file to a compiled model whose joints and actuators have names."""
 
 import logging
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from functools import cache
 from math import isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plants.mujoco_log import silence_mujoco
 from plants.mujoco_robot.loading.absent import leave_out_absent
-from plants.mujoco_robot.loading.held import hold_others
+from plants.mujoco_robot.loading.held import hold_joints, hold_others
 from plants.mujoco_robot.structure.base import hinges_and_slides
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import did_you_mean
@@ -24,35 +26,63 @@ NO_LIMIT = 1e10  # N m: a force range that never bites, so that `saturation` can
 
 
 def compile_model(
-    path: str, actuators: Mapping[str, Actuator] | None = None
+    path: str, actuators: Mapping[str, Actuator] | None = None, held: Sequence[str] = ()
 ) -> "tuple[mujoco.MjSpec, mujoco.MjModel, tuple[str, ...]]":
     """What the file says, the compiled model with a finite, never active force range on every actuator that had none,
-    and the names of the actuators that it holds since they act on no joint; `actuators` join by the name of the joint
-    that they drive. Shapes whose files are absent are left out, and a warning says so."""
+    and the names of the actuators that it holds.
+
+    `actuators` join by the name of the joint that they drive, `held` names joints or actuators to hold besides those
+    that act on no joint. Shapes whose files are absent are left out, and a warning says so.
+    """
     import mujoco
 
     silence_mujoco()
+    _refuse_xacro(path)
     try:
         spec = mujoco.MjSpec.from_file(path)
-        absent, held = leave_out_absent(spec, path), hold_others(spec)
+        absent, others = leave_out_absent(spec, path), hold_others(spec)
         if actuators:
             _add(spec, actuators, path)
+        fixed = hold_joints(spec, held, path)
         model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"MuJoCo does not compile this model: {reason}", path, "fix the model file") from error
     if absent:
-        _say(f"{path}: {absent}")
-    if held:
-        names = ", ".join(repr(name) for name in held)
-        _say(f"{path}: {names} act{'s' * (len(held) == 1)} on no joint: held at rest, not commanded")
-    return spec, prepared(model), held
+        say(path, absent)
+    if others:
+        names = ", ".join(repr(name) for name in others)
+        say(path, f"{names} act{'s' * (len(others) == 1)} on no joint: held at rest, not commanded")
+    return spec, prepared(model), (*others, *fixed)
+
+
+def _refuse_xacro(path: str) -> None:
+    """Raises BadInput for a xacro file, under whatever name: its macros are ROS's to expand."""
+    file = Path(path)
+    try:
+        text = re.sub(rb"<!--.*?-->", b"", file.read_bytes(), flags=re.DOTALL)
+    except OSError:
+        return
+    if file.suffix != ".xacro" and b"<xacro:" not in text:  # an expanded URDF may still declare the name space
+        return
+    plain = file.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
+    plain = f"expanded_{plain}" if plain == file.name else plain
+    raise BadInput(
+        "this is a xacro file, not a URDF", path,
+        f"expand it with `xacro {file.name} > {plain}` (part of ROS, or `pip install xacro`), with the arguments that "
+        f"your launch file gives it as NAME:=VALUE, and give {plain}",
+    )  # fmt: skip
+
+
+def say(path: str, message: str) -> None:
+    """One warning a process and file: a model is compiled anew for every variant, and `init` compiles it twice."""
+    file = Path(path).resolve()
+    _say_once(str(file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file), message)
 
 
 @cache
-def _say(message: str) -> None:
-    """One warning a process: a model is compiled anew for every variant."""
-    LOG.warning(message)
+def _say_once(file: str, message: str) -> None:
+    LOG.warning(f"{file}: {message}")
 
 
 def _add(spec: "mujoco.MjSpec", actuators: Mapping[str, Actuator], path: str) -> None:

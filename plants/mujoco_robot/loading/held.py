@@ -1,9 +1,39 @@
-"""Actuators that act on no joint, such as a gripper's on a tendon: held where the model rests."""
+"""Actuators that nobody commands: on no joint, such as a gripper's on a tendon, held where the model rests; on a joint
+that the robot file holds, held where it starts."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
+
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.columns import did_you_mean
 
 if TYPE_CHECKING:
     import mujoco
+
+
+HOLDS = 1e3  # kg m^2 or kg of rotor: it weighs nothing on the arm, and nothing on the arm turns it
+SETTLES = 0.02  # s, in which a held joint loses the speed that a noisy measurement starts it with
+
+
+def hold_joints(spec: "mujoco.MjSpec", names: Sequence[str], path: str) -> tuple[str, ...]:
+    """Hold joints, named by themselves or by their actuators, each by a rotor too heavy to turn; the actuators that are
+    gone.
+
+    Raises BadInput for a name that is neither.
+    """
+    actuators = [a for a in spec.actuators if _on_joint(a)]
+    of = {a.name: a.target for a in actuators} | {j.name: j.name for j in spec.joints if _turns_or_slides(j)}
+    for name in names:
+        if name not in of:
+            raise BadInput(f"held names {name!r}, which is no joint or actuator", path, did_you_mean(name, list(of)))
+    joints = {of[name] for name in names}
+    for joint in joints:
+        at = spec.joint(joint)
+        at.armature, at.damping[0] = HOLDS, HOLDS / SETTLES
+    gone = [a for a in actuators if a.target in joints]
+    removed = tuple(a.name for a in gone)
+    _remove(spec, gone)
+    return removed
 
 
 def hold_others(spec: "mujoco.MjSpec") -> tuple[str, ...]:
@@ -18,14 +48,26 @@ def hold_others(spec: "mujoco.MjSpec") -> tuple[str, ...]:
     plain = spec.compile() if servos else None
     for servo in servos:
         _hold(spec.tendon(servo.target), servo, plain)
+    _remove(spec, held)
+    return names
+
+
+def _remove(spec: "mujoco.MjSpec", actuators: "Sequence[mujoco.MjsActuator]") -> None:
+    """Delete the actuators, and what refers to them."""
+    names = {a.name for a in actuators}
     for sensor in [s for s in spec.sensors if s.objname and s.objname in names and _of_actuator(s)]:
         spec.delete(sensor)
-    if held:
+    if actuators:
         for key in list(spec.keys):  # their commands have places for all actuators
             spec.delete(key)
-    for actuator in held:
+    for actuator in actuators:
         spec.delete(actuator)
-    return names
+
+
+def _turns_or_slides(joint: "mujoco.MjsJoint") -> bool:
+    import mujoco
+
+    return bool(joint.name) and joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def _on_joint(actuator: "mujoco.MjsActuator") -> bool:

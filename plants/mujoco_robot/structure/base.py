@@ -68,33 +68,48 @@ class Base:
 def find_base(model: "mujoco.MjModel", pose_body: str | None, path: str) -> Base | None:
     """The base named by `pose_body`; None for a robot that is fixed to the world.
 
-    Raises BadInput where the body is missing, has no free joint, or does not come to rest on the ground.
+    Raises BadInput where the body is missing, has no free joint, or does not come to rest on the ground, and where none
+    is named and a free body has motors.
     """
-    import mujoco
-
-    free = [j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_FREE)]
-    bodies = [int(model.jnt_bodyid[j]) for j in free]
-    named = [model.body(b).name or f"number {b}, which needs a name" for b in bodies]
+    free = {model.body(b).name: b for b in free_bodies(model)}
     if pose_body is None:
-        if free:
+        driving = [model.body(b).name or f"number {b}, which needs a name" for b in driving_bodies(model)]
+        if driving:
+            each = " and ".join(driving)
             raise BadInput(
-                f"body {named[0]} has a free joint",
+                f"body {each} {'has' if len(driving) == 1 else 'have'} a free joint and motors",
                 path,
-                f'for a mobile robot, set pose_body = "{named[0]}" in the robot file; else fix the body to the world',
+                f'for a mobile robot, set pose_body = "{driving[0]}" in the robot file; else fix the body to the world',
             )
         return None
-    if len(free) != 1 or named[0] != pose_body:
+    if not pose_body or pose_body not in free:
         raise BadInput(
-            f"pose_body must be the only body with a free joint, got {pose_body!r}; "
-            f"bodies with a free joint: {', '.join(named) or 'none'}",
+            f"pose_body must be a body with a free joint, got {pose_body!r}; "
+            f"bodies with a free joint: {', '.join(filter(None, free)) or 'none'}",
             path,
-            "give a <freejoint/> to the robot's chassis and to no other body",
+            "give a <freejoint/> to the robot's chassis, and name the chassis",
         )
-    data = _at_rest(model, int(model.jnt_dofadr[free[0]]), pose_body, path)
-    q, v = int(model.jnt_qposadr[free[0]]), int(model.jnt_dofadr[free[0]])
+    body = free[pose_body]
+    joint = int(model.body_jntadr[body])
+    q, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+    data = _at_rest(model, v, pose_body, path)
     turn = data.qpos[q + 3 : q + 7].copy()
     upright = _turned(-yaw_of(turn)[None], turn)[0]
-    return Base(bodies[0], q, v, float(data.qpos[q + 2]), upright, _rolling(model, data, q, v))
+    return Base(body, q, v, float(data.qpos[q + 2]), upright, _rolling(model, data, q, v))
+
+
+def free_bodies(model: "mujoco.MjModel") -> list[int]:
+    """Numbers of the bodies with a free joint."""
+    import mujoco
+
+    free = int(mujoco.mjtJoint.mjJNT_FREE)
+    return [int(model.jnt_bodyid[j]) for j in range(model.njnt) if int(model.jnt_type[j]) == free]
+
+
+def driving_bodies(model: "mujoco.MjModel") -> list[int]:
+    """Those of the free bodies that carry a joint with a motor; the others are objects."""
+    moved = {int(model.body_rootid[model.jnt_bodyid[j]]) for j in model.actuator_trnid[:, 0].tolist() if j >= 0}
+    return [b for b in free_bodies(model) if b in moved]
 
 
 def hinges_and_slides(model: "mujoco.MjModel") -> np.ndarray:

@@ -1,9 +1,11 @@
 """The second phase: the set of effects that the headline's horizon shows, what longer horizons add, and its rivals."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.checkpoint import at_once
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of
 from residual_mpc.diagnosis.data.subsampling import evenly, thin, thin_whole
@@ -19,6 +21,9 @@ from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.stepwise import Found, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
+from residual_mpc.models.settings import TUNE, Values
+
+Keep = Callable[[str, Callable[[], Found]], Found]  # a step's name and the step -> its result, maybe of before
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +39,14 @@ class Searched:
     scales: Scales
 
 
-def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progress) -> Searched:
+def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progress, keep: Keep = at_once) -> Searched:
     """Search the headline's horizon, then each longer one for what it adds; then compare with rival explanations."""
     progress("searching for effects", 0.1)
     options, settings = prepared.options, prepared.options.settings
     windows = [_headline(prepared)]
-    found = first = search_headline(prepared, rng, lambda text, done: progress(text, 0.1 + 0.4 * done))
+    found = first = keep(
+        "headline", lambda: search_headline(prepared, rng, lambda text, done: progress(text, 0.1 + 0.4 * done))
+    )
     for look in prepared.longer:
         if look.free is None:
             continue
@@ -109,10 +116,21 @@ def _on(
     few = well_begun(few, scales, rng, settings=settings.predict)
     problem = build_problem(few, space, few.sigma, scales.motion, settings=settings.predict)
     if start is None:
-        return stepwise_search(problem, scales, settings.search, rng, report)
+        earlier = _earlier(prepared)
+        return stepwise_search(problem, scales, settings.search, rng, report, earlier, questioned=bool(earlier))
     search = settings.search
     longer = replace(search, over_floor=search.over_floor_longer, largest=search.largest_longer)
     return stepwise_search(problem, scales, longer, rng, report, start.fit.values)
+
+
+def _earlier(prepared: Prepared) -> Values | None:
+    """Those numbers of an earlier explanation that are candidates here; None without any effect among them."""
+    space, given = prepared.space, prepared.options.start
+    terms = {k.term for k in given if k.effect != TUNE} & set(space.candidates)
+    if not terms:
+        return None
+    tuned = {k: given.get(k, space.null(k)) for k in space.tunables}
+    return {**tuned, **{k: v for k, v in given.items() if k.effect != TUNE and k.term in terms}}
 
 
 def _seen_over(

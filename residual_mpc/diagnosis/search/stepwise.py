@@ -54,9 +54,10 @@ def stepwise_search(
     rng: np.random.Generator,
     report: Report = lambda text, done: None,
     start: Values | None = None,
+    questioned: bool = False,
 ) -> Found:
     """Search on the problem's windows. The problem's own weights are those of the pure sensor noise; start: the values
-    to go on from, None for the model alone."""
+    to go on from, None for the model alone; questioned: whether its effects are tested again where nothing is added."""
     noise = 1.0 / problem.weight
     blocks = blocks_of(problem.data, settings=settings.fit)
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
@@ -74,7 +75,7 @@ def stepwise_search(
         if more:
             forward, settings, steps, met = unmarginalised, unmarginalised.settings, steps + more, seen_there
     last = beam[0]
-    if steps and len(last.terms) <= settings.steps.together:
+    if (steps or questioned) and len(last.terms) <= settings.steps.together:
         report("testing each effect by removing it", 1.0)
         last = prune(forward.at(last), ruler, last, base, noise, blocks, settings, thorough=True)
     here = judge(carrying(problem, last.values, settings=settings.fit), last, noise, scales, settings=settings)

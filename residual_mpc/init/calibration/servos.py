@@ -18,8 +18,10 @@ from residual_mpc.models.actuators import Actuator
 MOST = 1200  # samples that the gains are fitted to
 SMOOTH = 0.12  # s of the polynomial that velocities and accelerations are taken from
 DELAYS = np.arange(0.0, 0.161, 0.02)  # s that a command may be late
-EXPLAINED = 0.3  # share of the torque from which a fitted gain counts
-STOPS_SHORT = 0.05  # rad or m: where nothing can be fitted, a servo that gives the largest torque there
+EXPLAINED = 0.6  # share of the torque from which a fitted gain counts
+SERVO_LAG = 0.5, 0.02  # share of the observed lag that is a servo's damping, the rest being delay; and s at least
+STOPS_SHORT = 0.05  # rad or m: where nothing can be fitted, a servo that gives the joint's largest effort there
+STIFF = 0.005  # rad or m: the same with the largest torque of the motion, which is less
 NEAR_ONE = 0.5  # of a gear's logarithm: nearer to 1 N m per unit, it is taken to be that
 
 
@@ -106,7 +108,9 @@ def find_gains(
         fit = None
         if motion is not None and d.joint in places:
             fit = fit_gain(case, motion, d, sent[d.name], kinds[d.name])
-        actuator, guess = _actuator(d, joint.slides, joint.effort, kinds[d.name], fit, motion)
+        lag = _lag(case, places.get(d.joint), sent[d.name]) if kinds[d.name] == "position" else 0.0
+        own = 0.0 if motion is None else float(np.abs(motion.torque[:, case.structure.joints.index(joint)]).max())
+        actuator, guess = _actuator(d, joint.slides, joint.effort, kinds[d.name], fit, own, lag)
         actuators[d.joint] = actuator
         guesses += guess
     return Gains(actuators, tuple(guesses))
@@ -202,7 +206,8 @@ def _actuator(
     effort: float | None,
     kind: Quantity,
     fit: GainFit | None,
-    motion: JointMotion | None,
+    own: float,
+    lag: float,
 ) -> tuple[Actuator, Sequence[Guess]]:
     where = f"actuator.{driven.name}"
     unit = "N/m" if slides else "N m/rad"
@@ -223,14 +228,17 @@ def _actuator(
     if kind == "velocity":
         unit = "N s/m" if slides else "N m s/rad"
     if fit is None or not good:
-        seen = 0.0 if motion is None else float(np.abs(motion.torque).max())
-        largest = seen or effort or 1.0
-        gain = _round(largest / STOPS_SHORT)
-        why = (
-            f"no fit possible; chosen to give {largest:.3g} {'N' if slides else 'N m'} at an offset of {STOPS_SHORT:g}"
-        )
-        guess = Guess(f"{where}.{name}", f"{gain:g} {unit}", why, 0.1)
-        return (Actuator("position", kp=gain) if kind == "position" else Actuator("velocity", kv=gain)), [guess]
+        offset = STIFF if own > 0.0 else STOPS_SHORT
+        largest = own or effort or 1.0
+        gain = _round(largest / offset)
+        why = f"no fit possible; chosen to give {largest:.3g} {'N' if slides else 'N m'} at an offset of {offset:g}"
+        guesses = [Guess(f"{where}.{name}", f"{gain:g} {unit}", why, 0.1)]
+        if kind == "velocity":
+            return Actuator("velocity", kv=gain), guesses
+        damping = _round(gain * max(SERVO_LAG[0] * lag, SERVO_LAG[1]))
+        why = f"a position servo without damping would swing; chosen for a lag of {damping / gain:.2g} s"
+        guesses.append(Guess(f"{where}.kv", f"{damping:g} {'N s/m' if slides else 'N m s/rad'}", why, 0.1))
+        return Actuator("position", kp=gain, kv=damping), guesses
     gain, damping = _round(fit.gain), _round(fit.damping)
     guesses = [Guess(f"{where}.{name}", f"{gain:g} {unit}", said, sure)]
     if kind == "velocity":
@@ -239,6 +247,20 @@ def _actuator(
         rate = "N s/m" if slides else "N m s/rad"
         guesses.append(Guess(f"{where}.kv", f"{damping:g} {rate}", said, round(sure / 2, 2)))
     return Actuator("position", kp=gain, kv=damping), guesses
+
+
+def _lag(case: ColumnEvidence, place: FloatArray | None, sent: FloatArray) -> float:
+    """s by which the position follows its command: the delay at which the two differ least."""
+    if place is None:
+        return 0.0
+    run, best = case.signals.run, (np.inf, 0.0)
+    for delay in np.arange(0.0, 0.3, max(case.signals.dt, 0.01)):
+        k = round(delay / case.signals.dt)
+        apart = place[k:] - sent[: len(sent) - k]
+        apart = apart[(run[k:] == run[: len(run) - k]) & np.isfinite(apart)]
+        if len(apart):
+            best = min(best, (float(np.var(apart)), float(delay)))
+    return best[1]
 
 
 def _round(x: float) -> float:
