@@ -246,6 +246,39 @@ def test_folders_are_searched(tmp_path: Path) -> None:
     assert {run.name for run in read_runs([tmp_path / "day"], ROVER).runs} == {"run"}  # the tables made of them
 
 
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_an_interrupted_bag_below_a_folder_is_read(tmp_path: Path, storage: str) -> None:
+    """It has no metadata.yaml, which is written at the end of a recording."""
+    some = messages(table(40))
+    for name in ("one", "two"):
+        write_bag(tmp_path / "day" / name, some, storage)
+    (tmp_path / "day" / "two" / "metadata.yaml").unlink()
+    runs = read_runs([tmp_path / "day"], ROVER).runs
+    assert len(runs) == 2
+    np.testing.assert_array_equal(runs[0].columns["pose.x"], runs[1].columns["pose.x"])
+
+
+def test_a_matrix_is_loaded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[str] = []
+
+    def load(path: Path, name: str) -> Any:
+        loaded.append(name)
+        with h5py.File(path, "r") as file:
+            return file[name][()]
+
+    monkeypatch.setattr("residual_mpc.logs.readers.arrays.files._load_hdf5", load)
+    one_run(write_matrices(tmp_path, table()))
+    assert sorted(loaded) == ["command", "pose", "t", "velocity"]
+
+
+def test_two_arrays_of_one_name_are_reported(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path, table())
+    with h5py.File(path, "a") as file:
+        file["pose.x"] = np.zeros(200)
+    result = read_runs([path], ROVER)
+    assert any("repeats a column's" in f.message and f.message.endswith("pose.x") for f in result.findings)
+
+
 def test_variables_of_matlab_that_are_not_read_do_not_matter(tmp_path: Path) -> None:
     columns = {name.replace(".", "_"): values for name, values in table().items()}
     scipy.io.savemat(tmp_path / "a.mat", {**columns, "sparse": scipy.sparse.eye_array(3), "who": "me", "dt": 0.01})

@@ -341,6 +341,26 @@ def test_stamps_next_to_each_other_do_not_make_the_period(tmp_path: Path) -> Non
     assert len(run.t) == 180 and run.period == pytest.approx(0.05)
 
 
+@pytest.mark.parametrize("part", [{"sec": 10**12, "nsec": 0}, {"sec": "1", "nsec": None}])
+def test_json_that_is_no_message_is_refused(tmp_path: Path, part: dict[str, Any]) -> None:
+    import json
+
+    from mcap.writer import Writer
+
+    place = {"x": 0.1, "y": 0.0, "z": 0.0, "w": 1.0}
+    message = {"header": {"stamp": part}, "pose": {"position": place, "orientation": place}}
+    with open(tmp_path / "a.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("geometry_msgs/PoseStamped", "jsonschema", b"{}")
+        channel = writer.register_channel("/place", "json", schema)
+        for t in STAMPS:
+            writer.add_message(channel, log_time=t, publish_time=t, data=json.dumps(message).encode())
+        writer.finish()
+    with pytest.raises(BadInput, match="the recording is damaged"):
+        read(tmp_path / "a.mcap")
+
+
 def test_mcap_messages_in_json(tmp_path: Path) -> None:
     import json
 

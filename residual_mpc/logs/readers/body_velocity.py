@@ -1,4 +1,4 @@
-"""A differential drive that is commanded by the velocity of its body, as `cmd_vel` does in ROS."""
+"""Convert the body velocity that commands a differential drive, such as `cmd_vel` in ROS, to wheel speeds."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ LINEAR, ANGULAR = "command.linear", "command.angular"  # m/s forward, rad/s to t
 
 
 def as_wheel_speeds(columns: dict[str, FloatArray], wheels: tuple[float, float] | None) -> dict[str, FloatArray]:
-    """The columns of a run, (n,) each, with `command.left` and `command.right` in place of the body's velocity.
+    """The columns of a run, (n,) each, with `command.left` and `command.right` (rad/s) in place of the body velocity.
 
-    Wheel speeds that were logged themselves take precedence. Without the wheels' geometry nothing changes: a robot of
-    the user's own may have actuators of these names.
+    Logged wheel commands take precedence. Without the wheels' geometry nothing changes, since a user's own robot may
+    have actuators of these names.
 
     Args:
         wheels: (radius, track width), m.

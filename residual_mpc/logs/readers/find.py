@@ -1,4 +1,4 @@
-"""Which tables a user means by files, folders and glob patterns."""
+"""Find the runs that files, folders and glob patterns stand for."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ RECORDINGS = (".mcap", ".db3", ".bag")
 ARRAYS = (".h5", ".hdf5", ".npz", ".mat")
 SUFFIXES = TABLES + RECORDINGS + ARRAYS
 BAG = "metadata.yaml"  # in the folder of a rosbag2
-BAG_MARK = b"rosbag2_bagfile_information"  # which it holds
-MANY = 50  # files of a folder that are looked into to say what it holds
+BAG_MARK = b"rosbag2_bagfile_information"  # in that file
+MANY = 50  # files of a folder that are examined for an error message
 
 
 def find_tables(paths: Sequence[str | Path]) -> tuple[Path, ...]:
     """The files and recordings behind paths, each once, in the order given; a folder stands for what it holds.
 
     The folder of a rosbag2 is one recording, and stands for itself; a LeRobot data set stands for its tables. Any other
-    folder stands for its tables by name; without any for its recordings, those in folders below it included; without
-    any for its HDF5, NumPy and MATLAB files.
+    folder stands for its tables; if it has none, for the recordings in it and in the folders below it; if there are
+    none, for its HDF5, NumPy and MATLAB files.
 
     Raises:
         BadInput: no path at all, a missing file, a pattern without a match, a folder without runs.
@@ -100,10 +100,13 @@ def _runs_of(folder: Path) -> list[Path]:
 
 
 def _recordings_below(folder: Path) -> list[Path]:
-    """The bags and the data sets' tables in folders below, by name."""
+    """The bags, single recordings and data sets' tables in the folders below, by name. A bag without metadata, as an
+    interrupted recording leaves it, is read file by file."""
     found: list[Path] = []
-    for where, folders, _ in os.walk(folder):
+    for where, folders, files in os.walk(folder):
         folders[:] = sorted(f for f in folders if not f.startswith("."))
+        if Path(where) != folder:
+            found += [Path(where) / f for f in sorted(files) if f.lower().endswith(RECORDINGS)]
         for name in list(folders):
             below = Path(where) / name
             if _is_bag(below) or is_data_set(below):

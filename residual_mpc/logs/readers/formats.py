@@ -1,4 +1,4 @@
-"""Formats other than CSV and Parquet, told by how a file begins; and how to make a table of those that are not read."""
+"""Recognise formats other than CSV and Parquet by a file's first bytes; say how to convert those that are not read."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from residual_mpc.errors import BadInput
 
-ENOUGH = 1024  # bytes from which a format is told
+ENOUGH = 1024  # bytes by which a format is recognised
 
 
 @dataclass(frozen=True)

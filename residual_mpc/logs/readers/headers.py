@@ -1,4 +1,4 @@
-"""Any file or recording: what it is, and the tables that it holds."""
+"""Recognise a file or recording, and read the headers of the tables in it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from residual_mpc.logs.readers.table import Header
 
 
 def read_headers(path: Path) -> tuple[Header, ...]:
-    """The tables of a file or of the folder of a recording: one, unless the file keeps several runs apart by itself.
+    """The tables of a file or of a recording's folder: one, or one for each run if the format separates runs.
 
     Raises:
         BadInput: an empty, unreadable or damaged file, one of another format, a package that is not installed, or two

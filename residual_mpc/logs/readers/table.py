@@ -1,4 +1,4 @@
-"""What every format is turned into: a header that names columns, and the columns themselves when they are needed."""
+"""The common form of every format: a header that names the columns, and the columns, read when they are needed."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Table:
 
     Attributes:
         columns: by name, as Arrow arrays of one length.
-        warnings: what was mended on the way.
-        faults: columns that cannot be had, by name, and why.
-        remarks: what else was noticed.
+        warnings: what was corrected while reading.
+        faults: column that cannot be read -> reason.
+        remarks: further findings.
     """
 
     columns: dict[str, Any]
@@ -46,18 +46,18 @@ class Header:
 
     Attributes:
         path: the file, or the folder of a recording.
-        names: its columns, in order, no two alike; a list column stands as its elements.
+        names: its columns, in order, without duplicates; a list column is replaced by its elements.
         size: estimated memory of all columns as numbers, bytes.
         read: the named columns; raises BadInput for damaged files and rows that do not fit the header.
         label: the run, in a file that holds several; else empty.
-        note: what became of its list columns, empty without any.
-        meanings: column -> name of the log format, where the format itself says what a column is. Several columns may
-            mean the same.
+        note: how its list columns were split, empty without any.
+        meanings: column -> name of the log format, if the file's format defines it. Several columns may have one
+            meaning.
         preferred: name of the log format -> the one column that stands for it where [log] says nothing.
         topics: column -> topic, in a recording, where each topic has rows of its own; empty for a plain table.
         topic_rows: topic -> its rows.
-        unit: of the column `t`, where the format fixes it.
-        remarks: what was noticed.
+        unit: of the column `t`, if the format fixes it.
+        remarks: findings about the file.
     """
 
     path: Path

@@ -28,7 +28,7 @@ INTERNAL = "#"  # how MATLAB's own groups in an HDF5 file begin
 
 
 def npz_entries(path: Path) -> list[Entry]:
-    """The arrays of a NumPy archive, told by their headers."""
+    """The arrays of a NumPy archive, from their headers."""
     entries = []
     with zipfile.ZipFile(path) as archive:
         for member in archive.namelist():
@@ -119,7 +119,7 @@ def _same(array: Any) -> Any:
 
 
 def _entries_of(key: Key, shape: Any, kind: Any, load: Any, names: tuple[str, ...] = ()) -> list[Entry]:
-    """An array as one entry, the fields of a structured one as one each; none for what holds no numbers or texts."""
+    """One entry for an array, one for each field of a structured array, none for other contents."""
     shape = tuple(int(n) for n in shape)
     if kind.names:
         return [

@@ -12,7 +12,7 @@ import numpy as np
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.readers.arrays.files import hdf5_entries, matlab_entries, npz_entries
-from residual_mpc.logs.readers.arrays.tree import ArrayRun, Entry, runs_of
+from residual_mpc.logs.readers.arrays.tree import ArrayRun, Entry, Key, runs_of
 from residual_mpc.logs.readers.table import Header, Remark, Table, first_line
 
 SHOWN = 10  # names in a message
@@ -21,10 +21,10 @@ HDF5_AT = (0, 512)  # bytes; MATLAB writes a text of its own before
 
 
 def array_headers(path: Path) -> tuple[Header, ...]:
-    """A header for each run of a file; of a run's arrays each (n,) is a column, each (n, k) is k of them.
+    """A header for each run of a file. An (n,) array of a run is one column, an (n, k) array is k columns.
 
     Raises:
-        BadInput: a damaged file, one without arrays of numbers, two columns of one name, or a package that is missing.
+        BadInput: a damaged file, a file without numeric arrays, or a missing package.
     """
     with _readable(path):
         entries = _entries(path)
@@ -46,7 +46,7 @@ def _entries(path: Path) -> list[Entry]:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Surrounds calls into a library that reads a file of unknown content, which may fail in any way."""
+    """Turn any exception of a library that reads a file of unknown content into BadInput."""
     try:
         yield
     except BadInput:
@@ -59,16 +59,15 @@ def _header(path: Path, run: ArrayRun) -> Header:
     remarks = []
     if run.odd:
         shown = ", ".join(run.odd[:SHOWN]) + (", ..." if len(run.odd) > SHOWN else "")
-        remarks.append(
-            Remark("info", "other length", "", f"arrays of another length than {run.rows} are left: {shown}")
-        )
+        text = f"arrays whose length is not {run.rows}, or whose name repeats a column's, are ignored: {shown}"
+        remarks.append(Remark("info", "other length", "", text))
     size = 8.0 * run.rows * len(run.parts)
     return Header(path, tuple(run.parts), size, partial(_read, path, run), run.label, remarks=tuple(remarks))
 
 
 def _read(path: Path, run: ArrayRun, columns: Sequence[str]) -> Table:
     with _readable(path):
-        found = {name: _arrow(run.parts[name].values()) for name in columns}
+        found = _columns(run, columns)
     odd = next((name for name, column in found.items() if len(column) != run.rows), None)
     if odd is not None:
         raise BadInput(
@@ -77,7 +76,19 @@ def _read(path: Path, run: ArrayRun, columns: Sequence[str]) -> Table:
     return Table(found)
 
 
-def _arrow(values: Any) -> Any:
+def _columns(run: ArrayRun, names: Sequence[str]) -> dict[str, Any]:
+    """The named columns as Arrow arrays. Each array of the file is loaded once, however many columns it has."""
+    of_entry: dict[Key, list[str]] = {}
+    for name in names:
+        of_entry.setdefault(run.parts[name].entry.key, []).append(name)
+    found = {}
+    for group in of_entry.values():
+        array = np.asarray(run.parts[group[0]].entry.load())
+        found.update({name: _arrow(run.parts[name].values(array)) for name in group})
+    return {name: found[name] for name in names}
+
+
+def _arrow(values: np.ndarray) -> Any:
     import pyarrow as pa
 
     if values.dtype.kind in "iufb":

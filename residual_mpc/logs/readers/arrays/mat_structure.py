@@ -1,6 +1,7 @@
-"""Whether a MATLAB file of version 5 is sound, as scipy takes for granted: a damaged one can make it crash.
+"""Check the structure of a version 5 MATLAB file before scipy reads it, since a damaged file can crash scipy.
 
-The layout is that of the "MAT-File Format" document of MathWorks: elements of a type and a size, matrices made of them.
+The layout follows the document "MAT-File Format" of MathWorks: elements with a type and a size, and matrices made of
+elements.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ DEEPEST = 40  # structures within structures
 
 
 class Unsound(ValueError):
-    """What is wrong with the file."""
+    """A file whose structure is damaged."""
 
 
 class Unsupported(Unsound):
-    """A variable that is sound as far as can be told, and is not read."""
+    """A variable of a type that is not read."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Element:
 
 
 def sound_variables(path: Path) -> tuple[str, ...]:
-    """The variables that can be read: arrays of numbers and texts, structures and cells of them.
+    """The names of the variables that can be read: arrays of numbers and text, and structures and cells of them.
 
     Raises:
         Unsound: an element of an unknown type, one that ends beyond the file, or a matrix whose parts do not fit.

@@ -25,7 +25,7 @@ class Entry:
         shape: (n,), or (n, k) or (k, n) for k quantities.
         load: its values.
         names: of the quantities of a matrix, empty where the file does not name them.
-        text: whether it holds texts.
+        text: whether it holds strings.
     """
 
     key: Key
@@ -37,15 +37,14 @@ class Entry:
 
 @dataclass(frozen=True)
 class Part:
-    """A column: of an array, the whole or one quantity."""
+    """A column: a whole array, or one quantity of a matrix."""
 
     entry: Entry
     axis: int  # along which the samples lie
     index: int | None  # of the quantity in a matrix
 
-    def values(self) -> Any:
-        """(n,) the column's cells."""
-        array = np.asarray(self.entry.load())
+    def values(self, array: np.ndarray) -> np.ndarray:
+        """(n,) the column's cells, from the loaded array of its entry."""
         if self.index is None:
             return array.reshape(-1)
         return array[:, self.index] if self.axis == 0 else array[self.index]
@@ -54,10 +53,10 @@ class Part:
 @dataclass(frozen=True)
 class ArrayRun:
     """Attributes:
-    label: of the group that is the run, empty for a file that is one.
-    rows: of its columns.
+    label: name of the group that is the run; empty if the file is one run.
+    rows: number of samples.
     parts: column -> its part.
-    odd: arrays of another length, which are no columns.
+    odd: arrays that are not columns: of another length, or with the name of an earlier column.
     """
 
     label: str
@@ -67,7 +66,7 @@ class ArrayRun:
 
 
 def runs_of(entries: Sequence[Entry]) -> list[ArrayRun]:
-    """The runs of a file: each group that holds a time, with all that lies below it; else the whole file."""
+    """The runs of a file: each group that contains a time array, with everything below it; else the whole file."""
     usable = [e for e in entries if _samples(e) > 1]
     groups = _groups_with_time(usable, ())
     runs = [_run(group, [e for e in usable if e.key[: len(group)] == group]) for group in groups or [()]]
@@ -75,7 +74,7 @@ def runs_of(entries: Sequence[Entry]) -> list[ArrayRun]:
 
 
 def _groups_with_time(entries: Sequence[Entry], group: Key) -> list[Key]:
-    """The outermost groups in which an array is called like a time."""
+    """The outermost groups that contain an array with the name of a time."""
     depth = len(group)
     direct = [e.key[depth] for e in entries if len(e.key) == depth + 1]
     if likely_time(direct) is not None:
@@ -98,7 +97,7 @@ def _run(group: Key, entries: Sequence[Entry]) -> ArrayRun:
     for entry in entries:
         name = ".".join(entry.key[len(group) :])
         columns = _parts(entry, name, rows)
-        if columns:
+        if columns and not parts.keys() & columns.keys():
             parts.update(columns)
         else:
             odd.append(name)
@@ -106,7 +105,7 @@ def _run(group: Key, entries: Sequence[Entry]) -> ArrayRun:
 
 
 def _parts(entry: Entry, name: str, rows: int) -> dict[str, Part]:
-    """The columns of an array, none where no side of it is as long as the run."""
+    """The columns of an array; none if no axis has the length of the run."""
     shape = entry.shape
     if rows not in _lengths(entry):
         return {}
@@ -119,12 +118,12 @@ def _parts(entry: Entry, name: str, rows: int) -> dict[str, Part]:
 
 
 def _samples(entry: Entry) -> int:
-    """How many samples an array may hold, 0 for what can be no column."""
+    """The largest number of samples that an array may hold; 0 if it cannot be a column."""
     return max(_lengths(entry), default=0)
 
 
 def _lengths(entry: Entry) -> tuple[int, ...]:
-    """The sides of an array along which its samples may lie."""
+    """The lengths of the axes of an array along which its samples may lie."""
     shape = entry.shape
     if len(shape) == 1:
         return shape

@@ -17,18 +17,18 @@ NO_STAMP = -1
 UNSET = 0.01  # share of header stamps that may be zero or run backwards
 REPEATED = 0.2  # share that may repeat the one before
 APART = 10_000_000_000  # ns: clocks farther apart do not count from the same zero
-OFFSET = 20_000_000  # ns between the clocks of two topics from which it is said as a warning
-DRIFT = 10_000_000  # ns over the recording
+OFFSET = 20_000_000  # ns between the clocks of two topics above which there is a warning
+DRIFT = 10_000_000  # ns over the recording above which there is a warning
 ENOUGH = 20  # messages from which an offset is estimated
-PROMPT = 0.05  # quantile of the delays that stands for a message that was not kept waiting
+PROMPT = 0.05  # quantile of the delays that represents a message without queueing
 
 
 @dataclass(frozen=True)
-class Clock:
+class TopicClock:
     """Attributes:
-    topic: whose.
-    receive: (n,) ns.
-    header: (n,) ns, NO_STAMP without one.
+    topic: name.
+    receive: (n,) time of receipt, ns.
+    header: (n,) header stamp, ns; NO_STAMP without one.
     """
 
     topic: str
@@ -52,17 +52,16 @@ class Clock:
 
     @property
     def delay(self) -> IntArray:
-        """(m,) ns from header to receipt, where there is a header stamp; the offset of the two clocks included."""
+        """(m,) time from header stamp to receipt of the messages with a stamp, ns; it includes the clocks' offset."""
         there = self.header > 0
         return np.asarray(self.receive[there] - self.header[there])
 
 
-def choose_clocks(clocks: Mapping[Key, Clock]) -> tuple[dict[Key, IntArray], list[Remark]]:
-    """(n,) ns for the samples of each topic, NO_STAMP where a sample has none; and what is remarkable about the clocks.
+def choose_clocks(clocks: Mapping[Key, TopicClock]) -> tuple[dict[Key, IntArray], list[Remark]]:
+    """The stamps of the samples of each topic, (n,) ns, NO_STAMP where a sample has none; and remarks on the clocks.
 
-    Header stamps where they are sound, since they say when something was measured or sent; else the time of receipt.
-    Where the clocks that would be mixed do not count from the same zero, all topics are on the time of receipt. Nothing
-    is shifted.
+    Valid header stamps are used, since they say when something was measured or sent; otherwise the time of receipt. If
+    the clocks to be mixed do not count from the same zero, all topics use the time of receipt. No stamp is shifted.
     """
     sound = {key: not clock.fault for key, clock in clocks.items()}
     zeros = {key: float(np.median(clocks[key].delay)) for key in clocks if sound[key]}
@@ -72,11 +71,12 @@ def choose_clocks(clocks: Mapping[Key, Clock]) -> tuple[dict[Key, IntArray], lis
     if zeros and max(mixed) - min(mixed) > APART:
         sound = dict.fromkeys(clocks, False)
         far = sorted({clocks[key].topic for key, zero in zeros.items() if abs(zero) > APART})
+        most = max(abs(z) for z in zeros.values()) / 1e9
         text = (
-            f"the header stamps of {', '.join(far)} are {max(abs(z) for z in zeros.values()) / 1e9:.4g} s from the time"
-            " of receipt, and other topics have no such stamps: all topics are on the time of receipt"
+            f"the header stamps of {', '.join(far)} differ by {most:.4g} s from the time of receipt and cannot be"
+            " combined with the stamps of other topics; all topics use the time of receipt"
         )
-        remarks.append(Remark("warning", "other clock", "t", text, "record all topics with stamped messages"))
+        remarks.append(Remark("warning", "other clock", "t", text, "stamp the messages of all topics by one clock"))
     stamps = {
         key: np.where(clock.header > 0, clock.header, NO_STAMP) if sound[key] else clock.receive
         for key, clock in clocks.items()
@@ -86,7 +86,7 @@ def choose_clocks(clocks: Mapping[Key, Clock]) -> tuple[dict[Key, IntArray], lis
     return stamps, remarks + _offsets([clocks[key] for key in clocks if sound[key]])
 
 
-def _described(clock: Clock, sound: bool) -> str:
+def _described(clock: TopicClock, sound: bool) -> str:
     if not sound:
         return f"{clock.topic}: time of receipt ({clock.fault or 'another clock'})"
     middle = float(np.median(clock.delay)) / 1e6
@@ -94,20 +94,21 @@ def _described(clock: Clock, sound: bool) -> str:
     return f"{clock.topic}: header stamps, received {middle:.3g} ms later ({low:.3g} to {high:.3g} ms)"
 
 
-def _offsets(clocks: list[Clock]) -> list[Remark]:
-    """How far the header clocks of the topics are apart, and whether one drifts.
+def _offsets(clocks: list[TopicClock]) -> list[Remark]:
+    """Warnings about offsets between the header clocks of the topics, and about drift.
 
-    A message that is not kept waiting takes next to no time, so that the shortest delays of two topics differ by the
-    offset of their clocks.
+    Without queueing a message takes almost no time, so the shortest delays of two topics differ by the offset of their
+    clocks.
     """
     remarks = []
     prompt = {c.topic: float(np.quantile(c.delay, PROMPT)) for c in clocks if len(c.delay) >= ENOUGH}
     if prompt:
         first, last = max(prompt, key=prompt.__getitem__), min(prompt, key=prompt.__getitem__)
         if prompt[first] - prompt[last] > OFFSET:
+            behind = (prompt[first] - prompt[last]) / 1e6
             text = (
-                f"the header stamps of {first} are {(prompt[first] - prompt[last]) / 1e6:.3g} ms behind those of {last}"
-                " when compared with the time of receipt; they are used as they are"
+                f"the header stamps of {first} are {behind:.3g} ms behind those of {last}, relative to the time of"
+                " receipt; no correction is applied"
             )
             remedy = (
                 "synchronise the clocks, or check whether a driver stamps late; a diagnosis may find this as a delay"

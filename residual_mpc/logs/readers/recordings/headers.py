@@ -42,7 +42,8 @@ def recording_header(path: Path) -> Header:
     preferred, remarks = _choose(meanings)
     remarks += [Remark("warning", "unread topic", "", text) for text in unread]
     if source.broken:
-        remarks.append(Remark("warning", "broken off", "", "the recording breaks off; what comes before is read"))
+        text = "the recording is truncated; everything before the break is read"
+        remarks.append(Remark("warning", "broken off", "", text))
     rows = {stream.topic.name: stream.topic.count for stream in streams}
     return Header(
         path,
@@ -59,7 +60,7 @@ def recording_header(path: Path) -> Header:
 
 
 def _choose(meanings: Mapping[str, Meaning]) -> tuple[dict[str, str], list[Remark]]:
-    """The column for each name of the log format, and the names for which two columns are equally good."""
+    """The column for each name of the log format, and a remark for each name with several equally good columns."""
     candidates: dict[str, list[str]] = {}
     for column, meaning in meanings.items():
         candidates.setdefault(meaning.name, []).append(column)
@@ -71,7 +72,7 @@ def _choose(meanings: Mapping[str, Meaning]) -> tuple[dict[str, str], list[Remar
         if len(best) == 1:
             preferred[name] = best[0]
         else:
-            text = f"{name} may be {' or '.join(best)}; without a word in the robot file neither is used"
+            text = f"{name} may be {' or '.join(best)}; none is used until the robot file chooses one"
             remarks.append(
                 Remark("warning", "several topics", name, text, f'choose under [log]: "{name}" = "{best[0]}"')
             )

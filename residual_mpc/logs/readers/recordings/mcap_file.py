@@ -1,4 +1,4 @@
-"""An MCAP file by itself, whoever wrote it: with an index or without, whole or broken off."""
+"""A single MCAP file, with or without an index, complete or truncated."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def open_mcap(path: Path) -> Source:
 
 
 def _scanned(path: Path) -> Source:
-    """A file without an index: read once to see what it holds."""
+    """The topics of a file without an index, which is read once to find them."""
     counts: Counter[int] = Counter()
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
@@ -68,11 +68,11 @@ def _scanned(path: Path) -> Source:
 
 
 class Broken:
-    """Stands at the end of the records of a file that breaks off."""
+    """Marks the end of the records of a truncated file."""
 
 
 def _records(file: IO[bytes], path: Path) -> Iterator[Any]:
-    """Every record up to the end, or up to where the file breaks off."""
+    """Every record up to the end, or up to the point where the file is damaged."""
     from mcap.stream_reader import StreamReader
 
     records = iter(StreamReader(file, record_size_limit=path.stat().st_size).records)
@@ -91,7 +91,7 @@ def _indexed(path: Path, names: Collection[str]) -> Iterator[RawMessage]:
     from mcap.reader import make_reader
 
     with readable(path), open(path, "rb") as file:
-        # in the order of the file, one chunk in memory at a time; whoever needs order sorts the stamps
+        # in the order of the file, one chunk in memory at a time; the stamps are sorted later
         for _, channel, message in make_reader(file).iter_messages(list(names), log_time_order=False):
             yield channel.topic, message.log_time, message.data
 

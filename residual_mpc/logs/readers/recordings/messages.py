@@ -1,7 +1,7 @@
-"""What the messages of each type hold: named numbers, the stamp of their header, and what they mean for the log format.
+"""The samples in a message of each type: a header stamp, named numbers, and their meaning in the log format.
 
-A message gives samples. Their fields are named after the log format where it has such a quantity (`pose.x`), and after
-the message's own fields where it has none (`linear_acceleration.x`).
+A field has the name of the log format if that has the quantity (`pose.x`), otherwise the name of the message's own
+field (`linear_acceleration.x`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ COMMANDS = frozenset(
 )
 GOALS = frozenset(
     "goal goals initialpose target plan path waypoint waypoints".split()
-)  # a pose there is no measurement
+)  # topics whose pose is not a measurement
 FIXED, MOVING = frozenset(("map", "odom", "world")), frozenset(("base_link", "base_footprint"))  # frames of a pose
 
 
@@ -26,7 +26,7 @@ FIXED, MOVING = frozenset(("map", "odom", "world")), frozenset(("base_link", "ba
 class Sample:
     """Attributes:
     stamp: of the header, ns since the clock's zero; None for a message without a header.
-    part: what the topic's samples are told apart by, such as the frames of a transform; usually empty.
+    part: distinguishes the samples of one topic, such as by the frames of a transform; usually empty.
     values: field -> number.
     """
 
@@ -37,7 +37,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Meaning:
-    """name: of the log format. rank: of two columns that mean the same the one of the lower rank is taken."""
+    """name: of the log format. rank: of two columns with the same meaning, the one with the lower rank is used."""
 
     name: str
     rank: int = 0
@@ -45,7 +45,7 @@ class Meaning:
 
 @dataclass(frozen=True)
 class MessageType:
-    """samples: of a message. meaning: (words of the topic, part, field) -> what the field stands for, None for none."""
+    """samples: those of a message. meaning: (words of the topic, part, field) -> meaning of the field, or None."""
 
     samples: Callable[[Any], Iterator[Sample]]
     meaning: Callable[[frozenset[str], str, str], Meaning | None]
@@ -78,7 +78,7 @@ def _joint_state(message: Any) -> Iterator[Sample]:
 
 
 def _by_joint(joints: Sequence[str], head: str, point: Any) -> dict[str, float]:
-    """The position, velocity and effort of joints, as far as there is one for each."""
+    """The positions, velocities and efforts of joints; a list that does not match the joints is left out."""
     values = {}
     for group, plural in (("position", "positions"), ("velocity", "velocities"), ("effort", "effort")):
         numbers: Sequence[float] = getattr(point, plural if hasattr(point, plural) else group, ())
@@ -112,7 +112,7 @@ def _controller_state(message: Any) -> Iterator[Sample]:
     for part, older in (("reference", "desired"), ("feedback", "actual"), ("output", None)):
         point = getattr(message, part, None)
         if older is not None and (point is None or not len(point.positions) + len(point.velocities)):
-            point = getattr(message, older, point)  # what was called so before is still filled in by some
+            point = getattr(message, older, point)  # some controllers still fill in the older fields
         if point is not None:
             values.update(_by_joint(message.joint_names, f"{part}.", point))
     yield Sample(_stamp(message), "", values)
@@ -159,7 +159,7 @@ def _number(message: Any) -> Iterator[Sample]:
 
 
 def heading(q: Any) -> float:
-    """The heading of a quaternion, rad; NaN where it is none."""
+    """The heading of a quaternion, rad; NaN if it is not a rotation."""
     size = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if not isfinite(size) or size < 1e-12:
         return nan
@@ -171,7 +171,7 @@ def _planar(pose: Any) -> dict[str, float]:
 
 
 def _odometry(message: Any) -> Iterator[Sample]:
-    """The twist of an Odometry is in the robot's own frame; the log format's is in that of the world."""
+    """Odometry states the twist in the robot's frame; the log format has it in the world frame."""
     values = _planar(message.pose.pose)
     v, theta = message.twist.twist.linear, values["pose.theta"]
     values["twist.x"] = v.x * cos(theta) - v.y * sin(theta)

@@ -18,11 +18,11 @@ RawMessage = tuple[str, int, bytes]  # topic, receive stamp in ns, content
 @dataclass(frozen=True)
 class Topic:
     """Attributes:
-    name: of the topic.
-    kind: the type of its messages.
-    count: how many it has, 0 where the recording does not say.
-    encoding: of the messages, "cdr", "ros1" or another's name.
-    definition: of their type, empty where the recording carries none.
+    name: name of the topic.
+    kind: type of its messages.
+    count: number of messages; 0 if the recording does not state it.
+    encoding: of the messages: "cdr", "ros1", "json" or another.
+    definition: of their type; empty if the recording contains none.
     language: of the definition, "msg" or "idl".
     """
 
@@ -41,8 +41,8 @@ class Source:
     Attributes:
         path: the file, or the folder of a rosbag2.
         topics: by name.
-        messages: the messages of some topics, in the order of the recording, from a reader of their own each time.
-        broken: whether the recording breaks off; what was written before is there.
+        messages: the messages of the named topics, in the order of the recording; each call opens the file anew.
+        broken: whether the recording is truncated; everything before the break can be read.
     """
 
     path: Path
@@ -52,7 +52,7 @@ class Source:
 
 
 def open_recording(path: Path) -> Source:
-    """What a recording holds.
+    """The topics of a recording.
 
     Raises:
         BadInput: a damaged recording, or a package that is not installed.
@@ -66,7 +66,7 @@ def open_recording(path: Path) -> Source:
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Surrounds calls into a library that reads a file of unknown content, which may fail in any way."""
+    """Turn any exception of a library that reads a file of unknown content into BadInput."""
     try:
         yield
     except BadInput:

@@ -10,8 +10,8 @@ from residual_mpc.logs.readers.recordings.messages import TYPES, MessageType, Sa
 from residual_mpc.logs.readers.recordings.source import Source, Topic, readable
 from residual_mpc.logs.readers.recordings.types import Decode, decoder, plain_name
 
-FIRST = 200  # messages of a topic that are looked at for its columns
-STILL = "/tf_static"  # what never moves
+FIRST = 200  # messages of a topic that determine its columns
+STILL = "/tf_static"  # constant transforms, which are not read
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Stream:
     Attributes:
         topic: as recorded.
         type: what its messages hold.
-        decode: from their bytes.
+        decode: decodes the bytes of a message.
         fields: column -> (part, field) of the samples.
     """
 
@@ -32,7 +32,7 @@ class Stream:
 
 
 def open_streams(source: Source) -> tuple[list[Stream], list[str]]:
-    """The topics that can be read, and why others of a known type cannot."""
+    """The topics that can be read, and the reasons why others of a known type cannot."""
     streams, unread = [], []
     for topic in source.topics.values():
         type = TYPES.get(plain_name(topic.kind))

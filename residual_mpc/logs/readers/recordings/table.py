@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,8 @@ import numpy as np
 
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.clock import IntArray
-from residual_mpc.logs.readers.recordings.clocks import NO_STAMP, Clock, choose_clocks
+from residual_mpc.logs.readers.recordings.clocks import NO_STAMP, TopicClock, choose_clocks
+from residual_mpc.logs.readers.recordings.messages import Sample
 from residual_mpc.logs.readers.recordings.source import Source, readable
 from residual_mpc.logs.readers.recordings.streams import Stream
 from residual_mpc.logs.readers.table import Remark, Table
@@ -21,13 +22,13 @@ LATEST = 2**63 - 1  # ns
 
 
 @dataclass
-class Samples:
-    """The numbers of one kind of sample of one topic, as they come: fields are what all of them have.
+class TopicSamples:
+    """The numbers of those samples of a topic that have the same fields, in the order of the recording.
 
     Attributes:
-        columns: of the fields.
-        receive: ns, when each was received. header: ns, the stamp of its header, NO_STAMP without one.
-        values: of the fields of one sample after the other.
+        columns: one for each field.
+        receive: time of receipt of each sample, ns. header: header stamp of each sample, ns; NO_STAMP without one.
+        values: the fields of the first sample, then of the second, and so on.
     """
 
     columns: tuple[str, ...]
@@ -37,10 +38,9 @@ class Samples:
 
 
 def read_columns(source: Source, streams: Sequence[Stream], columns: Sequence[str]) -> Table:
-    """The named columns, and `t` in ns: a row for each stamp that any of their topics has, NaN where a topic has none
-    then.
+    """The named columns and `t` in ns: one row for each stamp of any of their topics, NaN where a topic has no sample.
 
-    The recording is read once, message by message; what stays in memory are the columns' own numbers.
+    The recording is read once, message by message; only the numbers of the columns stay in memory.
 
     Raises:
         BadInput: a damaged recording, or one without messages.
@@ -53,29 +53,31 @@ def read_columns(source: Source, streams: Sequence[Stream], columns: Sequence[st
         raise BadInput("the topics that are needed have no messages", str(source.path), "record it again")
     receive = {key: np.frombuffer(s.receive, dtype=np.int64) for key, s in kept.items()}
     header = {key: np.frombuffer(s.header, dtype=np.int64) for key, s in kept.items()}
-    clocks, remarks = choose_clocks({key: Clock(key[0], receive[key], header[key]) for key in kept})
+    clocks, remarks = choose_clocks({key: TopicClock(key[0], receive[key], header[key]) for key in kept})
     remarks += [
-        Remark("warning", "late column", name, f"{name} first appears after {count} messages and is not read")
+        Remark("warning", "late column", name, f"{name} first appears after {count} messages and is ignored")
         for name, count in unknown.items()
     ]
     remarks += _still_twists(kept)
     return Table(_joined(kept, clocks, columns), (), {}, tuple(remarks))
 
 
-Kept = dict[tuple[str, tuple[str, ...]], Samples]  # by topic and columns
+Key = tuple[str, tuple[str, ...]]  # topic, columns
+Kept = dict[Key, TopicSamples]
 
 
 def _collect(source: Source, streams: Sequence[Stream], wanted: frozenset[str]) -> tuple[Kept, dict[str, int]]:
-    """The samples of all messages, and fields that the header does not know, with the messages before their first."""
+    """The samples of all messages; and the fields that the header does not list, with the number of messages before
+    the first that has them."""
     by_topic = {stream.topic.name: stream for stream in streams}
     known = {(s.topic.name, *place): column for s in streams for column, place in s.fields.items()}
-    layouts: dict[tuple[Any, ...], tuple[Samples, list[str]]] = {}  # by topic, part and fields of a sample
+    layouts: dict[tuple[str, ...], tuple[TopicSamples, list[str]]] = {}  # by topic, part and fields of a sample
     kept: Kept = {}
     unknown: dict[str, int] = {}
     for number, (topic, receive, raw) in enumerate(source.messages(list(by_topic))):
         stream = by_topic[topic]
         with readable(source.path):
-            samples = list(stream.type.samples(stream.decode(raw)))
+            samples = [_checked(sample) for sample in stream.type.samples(stream.decode(raw))]
             if receive > LATEST:
                 raise ValueError(f"a message was received at {receive} ns")
         for sample in samples:
@@ -87,7 +89,7 @@ def _collect(source: Source, streams: Sequence[Stream], wanted: frozenset[str]) 
                         unknown.setdefault(".".join(x for x in (topic, sample.part, f) if x), number)
                 fields = [f for f, column in places.items() if column in wanted]
                 names = tuple(str(places[f]) for f in fields)
-                layouts[shape] = kept.setdefault((topic, names), Samples(names)), fields
+                layouts[shape] = kept.setdefault((topic, names), TopicSamples(names)), fields
             into, fields = layouts[shape]
             if fields:
                 into.receive.append(receive)
@@ -96,8 +98,19 @@ def _collect(source: Source, streams: Sequence[Stream], wanted: frozenset[str]) 
     return kept, unknown
 
 
-def _joined(kept: Kept, clocks: dict[Any, IntArray], columns: Sequence[str]) -> dict[str, Any]:
-    """All samples on the stamps of all, which increase; of samples of one topic and stamp the first is taken."""
+def _checked(sample: Sample) -> Sample:
+    """A sample whose stamp fits into 64 bits and whose values are numbers, which JSON does not guarantee.
+
+    Raises:
+        ValueError, TypeError: any other sample.
+    """
+    if sample.stamp is not None and abs(sample.stamp) > LATEST:
+        raise ValueError(f"a header is stamped {sample.stamp} ns")
+    return Sample(sample.stamp, sample.part, {field: float(x) for field, x in sample.values.items()})
+
+
+def _joined(kept: Kept, clocks: Mapping[Key, IntArray], columns: Sequence[str]) -> dict[str, Any]:
+    """The samples of all topics on the sorted stamps of all; of several samples of a topic at one stamp, the first."""
     import pyarrow as pa
 
     rows = np.unique(np.concatenate([stamps[stamps != NO_STAMP] for stamps in clocks.values()]))
@@ -117,7 +130,7 @@ def _joined(kept: Kept, clocks: dict[Any, IntArray], columns: Sequence[str]) -> 
 
 
 def _still_twists(kept: Kept) -> list[Remark]:
-    """Makes the samples of a twist missing that stays at zero while the pose moves: nobody measures it."""
+    """Set a twist to missing if it is zero throughout while the pose moves, since it was not measured."""
     remarks = []
     for (topic, names), samples in kept.items():
         twist = [j for j, name in enumerate(names) if name.startswith(f"{topic}.twist.")]
@@ -125,6 +138,6 @@ def _still_twists(kept: Kept) -> list[Remark]:
         moved = [j for j, name in enumerate(names) if name.startswith(f"{topic}.pose.") and np.ptp(values[:, j]) > 0.0]
         if twist and moved and not values[:, twist].any():
             values[:, twist] = np.nan
-            text = f"the twist of {topic} is zero throughout, although its pose moves; it is taken as not measured"
+            text = f"the twist of {topic} is zero throughout, although its pose moves; it is treated as not measured"
             remarks.append(Remark("info", "empty twist", "", text))
     return remarks

@@ -1,4 +1,4 @@
-"""From the bytes of a message to an object with its fields, by the definition that the recording carries."""
+"""Decode a message into an object with its fields, by the type definition in the recording."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def _controller_state(*parts: str, multi: bool = True) -> str:
     return "\n".join(lines)
 
 
-# Bags that ROS 2 Humble and older write to SQLite carry no definitions. The fields of the one message that is not
-# among the common ones have changed over the years; the first of these that fits a message is taken.
+# SQLite bags of ROS 2 Humble and older contain no definitions. This message is not among the common ones, and its
+# fields differ between ROS versions; the first definition that fits a message is used.
 NEWER, OLDER = ("reference", "feedback", "error", "output"), ("desired", "actual")
 CONTROLLER_STATES = (
     _controller_state(*NEWER, *OLDER),  # Humble and Iron
@@ -45,14 +45,14 @@ def full_name(kind: str) -> str:
 
 
 def decoder(kind: str, encoding: str, definition: str, language: str, first: bytes | None) -> Decode | None:
-    """What decodes messages of a topic, or None where nothing here can.
+    """The decoder of a topic's messages, or None if there is none.
 
     Args:
         kind: the type of the messages.
         encoding: of the messages: "cdr", "ros1" or "json".
-        definition: of the type, empty where the recording carries none.
+        definition: of the type; empty if the recording contains none.
         language: of the definition: "msg" or "idl".
-        first: a message by which to choose among known definitions, where the recording carries none.
+        first: a message by which to choose among known definitions if the recording contains none.
     """
     if encoding == "json":
         return lambda raw: json.loads(raw, object_hook=lambda fields: SimpleNamespace(**fields))
@@ -76,7 +76,7 @@ def decoder(kind: str, encoding: str, definition: str, language: str, first: byt
 
 
 def _that_fits(first: bytes, name: str) -> Decode | None:
-    """The decoder of the first known definition by which a message can be read to its end."""
+    """The decoder of the first known definition that fits a message."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     for definition in CONTROLLER_STATES:

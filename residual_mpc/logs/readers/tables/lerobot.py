@@ -1,4 +1,4 @@
-"""Data sets that LeRobot recorded: where their tables lie, and what their columns mean.
+"""LeRobot data sets: where their tables are and what their columns mean.
 
 The layouts of versions 2.1 and 3.0: `meta/info.json` names the features, `data/chunk-*/` holds a Parquet table per
 episode (`episode_000000.parquet`) or several episodes in one (`file-000.parquet`), told apart by `episode_index`.
@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-INFO = Path("meta") / "info.json"  # two folders above the tables
-ABOVE = 4  # folders in which it is looked for
+INFO = Path("meta") / "info.json"  # in a folder above the tables
+ABOVE = 4  # number of parent folders that are searched for it
 FEATURES = {  # list column -> group of the log format
     "action": "command",
     "observation.state": "position",
@@ -23,7 +23,7 @@ KINDS = {"pos": "position", "vel": "velocity", "effort": "effort", "torque": "ef
 
 
 def is_data_set(folder: Path) -> bool:
-    """Whether a folder is such a data set."""
+    """Whether a folder is a LeRobot data set."""
     return (folder / INFO).is_file() and (folder / "data").is_dir()
 
 
@@ -33,7 +33,7 @@ def data_set_tables(folder: Path) -> list[Path]:
 
 
 def data_set_info(path: Path) -> Mapping[str, Any] | None:
-    """What the data set of a table says of itself, empty where it cannot be read; None for a table of no data set."""
+    """The content of `meta/info.json`; empty if it cannot be read, None for a table outside a data set."""
     for folder in list(path.resolve().parents)[:ABOVE]:
         if (folder / INFO).is_file():
             try:

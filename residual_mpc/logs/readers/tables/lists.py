@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-LONGEST = 128  # elements; a longer list is a scan or an image, and no joint's value
+LONGEST = 128  # elements; a longer list is a scan or an image, not joint values
 SHOWN = 4  # names in a note
 
 
@@ -36,7 +36,7 @@ def find_elements(file: Any, info: Mapping[str, Any] | None) -> dict[str, dict[s
 
 
 def note_of(lists: Mapping[str, Mapping[str, Element]]) -> str:
-    """What became of the list columns, as a sentence; empty without any."""
+    """How the list columns were split, as a sentence; empty if there are none."""
     parts = []
     for column, elements in lists.items():
         names = list(elements)
@@ -46,16 +46,14 @@ def note_of(lists: Mapping[str, Mapping[str, Element]]) -> str:
 
 
 def element_of(column: Any, element: Element) -> Any | str:
-    """One element of an Arrow column of lists, as an Arrow column; or why there is none, as a sentence."""
+    """One element of an Arrow column of lists, as an Arrow column; or the reason why there is none, as a sentence."""
     import pyarrow.compute as pc
 
     sizes = pc.fill_null(pc.list_value_length(column), element.size).to_numpy()
     others = np.flatnonzero(sizes != element.size)
     if others.size:
-        count = int(sizes[others[0]])
-        came = f"{count}"
         where = f"data row {others[0] + 1} of list column {element.column!r}"
-        return f"{where} must have {element.size} elements like the first row, got {came}"
+        return f"{where} must have {element.size} elements like the first row, got {int(sizes[others[0]])}"
     return pc.list_element(column, element.index)
 
 
