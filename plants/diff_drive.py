@@ -43,8 +43,8 @@ class DiffDrive:
 
     @property
     def sites(self) -> Sites:
-        """Where effects can act. A bias of pose.x or pose.y shifts the world, which nothing shows; a gyroscope reports
-        twist.theta."""
+        """Where effects can act. A bias of pose.x or pose.y only shifts the world and is not observable; a bias of
+        twist.theta is that of a gyroscope."""
         robot = (self.name,)
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "play"), WHEELS),

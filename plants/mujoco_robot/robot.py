@@ -85,9 +85,9 @@ class MujocoRobot(CompiledRobot):
 
 @dataclass(frozen=True, eq=False)
 class SteppingMujoco(MujocoRobot):
-    """A robot of a user's own model file. It adds the protocol `Stepping` and overrides nothing.
+    """A robot from a user's own model file, which adds the protocol `Stepping`.
 
-    task: whether controllers bring its tool (the payload site) to their reference, or its joints.
+    task: whether controllers track the position of the tool (the payload site) or those of the joints.
     """
 
     task: bool = False

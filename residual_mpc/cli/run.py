@@ -26,17 +26,16 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--reference", metavar="CSV|NAME",
-    help="What it follows: a CSV with t and position.* (or tool.x, tool.y, tool.z), or one of the motions sines, "
-    "postures, circle; by default sines.",
+    help="Reference: a CSV with t and position.* (or tool.x, tool.y, tool.z), or one of the motions sines "
+    "(default), postures and circle.",
 )  # fmt: skip
 @click.option(
     "--plant", metavar="MODULE:FACTORY",
-    help="What is driven: factory(robot_file, period) -> simulator; by default the robot in MuJoCo at a quarter of its "
-    "step.",
+    help="Plant: factory(robot_file, period) -> simulator; by default the robot in MuJoCo at a quarter of its step.",
 )  # fmt: skip
 @click.option(
     "--withheld", type=click.Path(path_type=Path),
-    help="A model.json with the effects that the MuJoCo plant has; by default those of --model.",
+    help="model.json with the effects of the MuJoCo plant; by default those of --model. Not with --plant.",
 )  # fmt: skip
 @click.option("--dt", type=click.FloatRange(1e-3, 0.5), help="Sample time of your own robot's controllers in seconds.")
 @click.option(
@@ -99,7 +98,7 @@ def run(
 def _refuse_mixed(scenario: str | None, robot: str | None, model: Path | None) -> None:
     if scenario is not None:
         raise BadInput(
-            f"both the scenario {scenario!r} and a robot of your own were given", "--robot", "leave one of them out"
+            f"the scenario {scenario!r} cannot be combined with --robot and --model", scenario, "leave one of them out"
         )
     if robot is None or model is None:
         missing = "--robot" if robot is None else "--model"
@@ -126,7 +125,7 @@ def _own(
 
 
 def _show(title: str, result: dict[str, Any]) -> None:
-    """The table of a run in words."""
+    """Print the results of a run, one line per controller."""
     unit = f"m{result.get('unit', 'm')}"
     click.echo(title)
     for name, c in result.get("controllers", {}).items():

@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol
 from residual_mpc.errors import BadInput
 
 GROUP = "residual_mpc.scenarios"
-OWN_GROUP = "residual_mpc.own_scenarios"  # one entry: what drives a user's own robot
+OWN_GROUP = "residual_mpc.own_scenarios"  # one entry: the function that runs a user's own robot
 Progress = Callable[[str, float], None]
 
 
@@ -50,11 +50,11 @@ def scenario_names() -> tuple[str, ...]:
 
 
 def find_own_scenario() -> Callable[..., dict[str, Any]]:
-    """What drives a user's own robot. Raises BadInput where no installed package does."""
+    """The function that runs a user's own robot. Raises BadInput if no installed package provides it."""
     for entry in entry_points(group=OWN_GROUP):
         found: Callable[..., dict[str, Any]] = entry.load()
         return found
-    raise BadInput("no installed package drives a robot of one's own", "", "install the package `scenarios`")
+    raise BadInput("no installed package runs a user's own robot", "", "install the package `scenarios`")
 
 
 def find_scenario(name: str) -> Scenario:

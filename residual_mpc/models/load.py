@@ -66,10 +66,10 @@ def _factory(robot: RobotFile) -> Callable[[RobotFile], Robot]:
 
 
 def load_factory(path: str, where: str) -> Callable[..., Any]:
-    """The function of a user's own module that `package.module:factory` names. Raises BadInput where there is none."""
+    """The function `package.module:factory` of a user's own module. Raises BadInput if it cannot be loaded."""
     module, colon, name = path.partition(":")
     if not colon:
-        raise BadInput(f"{path!r} names no factory", where, "give package.module:factory")
+        raise BadInput(f"{path!r} is not a factory", where, "give package.module:factory")
     try:
         with _leaving_no_bytecode():
             found = getattr(importlib.import_module(module), name, None)

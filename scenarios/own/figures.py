@@ -1,4 +1,4 @@
-"""What a run of a user's own robot leaves in its folder: the episodes as runs, a picture and an animation."""
+"""Files of a closed-loop run of a user's own robot: the episodes as runs, a figure and an animation."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,8 @@ from residual_mpc.files import write_atomically
 from residual_mpc.models.protocol import Robot
 from scenarios.closed_loop.results import COLOURS
 
-FRAME, RATE = 0.1, 20  # s of motion a frame, frames a second: twice as fast as it was
+FRAME, RATE = 0.1, 20  # s of motion per frame, frames per second: at twice the real speed
+MOST_FRAMES = 600  # longer runs are shown faster, since each frame takes tens of ms to draw
 
 
 def write(out: Path, robot: Robot, comparison: Comparison, result: dict[str, Any]) -> list[str]:
@@ -50,7 +51,7 @@ def _picture(path: Path, comparison: Comparison, unit: str) -> None:
     half = max(1, count // 2)
     error, norm = figure.add_subplot(grid[:half, 1]), figure.add_subplot(grid[half:, 1] if count > 1 else grid[0, 1])
     for i, axes in enumerate(traces):
-        axes.plot(first.t, first.reference[:, i], color="black", lw=0.8, ls="--", label="wanted")
+        axes.plot(first.t, first.reference[:, i], color="black", lw=0.8, ls="--", label="reference")
         axes.set_ylabel(f"{first.poses[i].partition('.')[2]} ({unit})", fontsize=7)
         axes.tick_params(labelsize=7, labelbottom=i == count - 1)
     for name, episodes in comparison.episodes.items():
@@ -78,7 +79,7 @@ def _animation(path: Path, robot: CompiledRobot, comparison: Comparison) -> None
 
     episodes = {name: es[0] for name, es in comparison.episodes.items()}
     first = _first(comparison)
-    stride = max(1, round(FRAME / float(first.t[1] - first.t[0])))
+    stride = max(1, round(FRAME / float(first.t[1] - first.t[0])), -(-len(first.t) // MOST_FRAMES))
     shapes = {name: joint_points(robot, e.measured, stride)[:, :, [0, 2]] for name, e in episodes.items()}
     points = np.concatenate([s.reshape(-1, 2) for s in shapes.values()])
     low, high = points.min(axis=0) - 0.05, points.max(axis=0) + 0.05

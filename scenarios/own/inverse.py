@@ -1,4 +1,4 @@
-"""The joints' positions at which an arm's tool is where a reference begins."""
+"""Inverse kinematics for the first point of a reference in tool space."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ DAMPING = 1e-3  # m^2/rad^2
 
 
 def posture_at(model: Augmented, wanted: np.ndarray) -> dict[str, float]:
-    """Positions by channel at which the model's outputs are `wanted` (ny,), near home.
+    """Joint positions by channel, rad or m, near home, at which the model's outputs are `wanted` (ny,).
 
-    Raises BadInput where the tool cannot get there.
+    Raises BadInput if the tool cannot reach the point.
     """
     at = model.stepped
     if not at.outputs:
@@ -28,6 +28,6 @@ def posture_at(model: Augmented, wanted: np.ndarray) -> dict[str, float]:
         J = (model.outputs(nudged) - model.outputs(x)).T / 1e-6
         x[:n] = np.clip(x[:n] + J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(len(e)), e), low, high)
     raise BadInput(
-        f"the tool comes no nearer than {np.abs(e).max():.3g} m to where the reference begins", model.robot.name,
-        "begin the reference within reach, or give it as positions of the joints",
+        f"the tool comes no closer than {np.abs(e).max():.3g} m to the start of the reference", model.robot.name,
+        "start the reference within the workspace, or give joint positions",
     )  # fmt: skip

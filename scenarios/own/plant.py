@@ -1,4 +1,4 @@
-"""What is driven: the robot in MuJoCo at a finer step, or whatever the user's own factory makes."""
+"""The plant of a user's own robot: the robot in MuJoCo at a shorter step, and noise on its sensors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from residual_mpc.models.settings import Values
 
 
 def plant_of(robot: Robot, withheld: Values, period: float) -> Simulator:
-    """A MuJoCo robot with effects that its model lacks. Raises BadInput for a robot that is none."""
+    """A MuJoCo robot with effects that its model lacks. Raises BadInput for a robot that is not a MuJoCo model."""
     if not isinstance(robot, CompiledRobot):
         raise BadInput(
-            f"{robot.name!r} is no MuJoCo model, so there is nothing to drive", "--plant",
+            f"{robot.name!r} is not a MuJoCo model and cannot be simulated as a plant", "--plant",
             "name a factory with --plant package.module:factory",
         )  # fmt: skip
     return mujoco_plant(robot, withheld, period)
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
-    """A simulator whose channels of `sigma` carry white noise of that size; the tool is for scoring alone."""
+class NoisySensors:
+    """A simulator with white noise of 1-sigma `sigma` on those channels; its other channels are not measured."""
 
     inner: Simulator
     sigma: Mapping[str, float]
@@ -43,7 +43,7 @@ class Measured:
 
 
 class _Noisy:
-    """A leaf: the plant and its sensors' noise."""
+    """A running plant with noise on its sensors."""
 
     def __init__(self, inner: Plant, sigma: Mapping[str, float], rng: np.random.Generator) -> None:
         self._inner, self._sigma, self._rng = inner, sigma, rng
@@ -61,4 +61,3 @@ class _Noisy:
 
     def close(self) -> None:
         self._inner.close()
-

@@ -29,31 +29,34 @@ from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Values
 from scenarios.own.inverse import posture_at
-from scenarios.own.plant import Measured, plant_of
+from scenarios.own.plant import NoisySensors, plant_of
 from scenarios.own.reference import Waypoints, is_of_the_tool, named_motion, read_reference
 
-NOISE = 2e-4  # rad or m, of an encoder that the robot file does not describe
-DRIFT = 0.01  # rad or m a root second, by which a joint moves beside its model
+NOISE = 2e-4  # rad or m, 1-sigma, of an encoder without an entry in the robot file
+DRIFT = 0.01  # rad/sqrt(s) or m/sqrt(s), process noise of the estimator's positions
+CONTROLLERS = ("nominal", "augmented", "oracle")
 
-Plant = Callable[[RobotFile, float], Simulator]  # robot file, s between commands -> what is driven
+PlantFactory = Callable[[RobotFile, float], Simulator]  # (robot file, s between commands) -> plant
 
 
 @dataclass(frozen=True, eq=False)
 class OwnScenario:
-    """What is driven, and by which controllers.
+    """The plant, its reference and the controllers that are compared on it.
 
-    robot: the nominal one. model: the augmented model; its dt is the sample. reference: a motion's name, a CSV file or
-    waypoints; of the tool if its columns are. plant: makes what is driven; None: the robot in MuJoCo at a finer step,
-    with the effects `withheld`, by default those of the model. settings: of the controllers, None for the usual ones.
-    noise: 1-sigma of the encoders, where it is not that of the robot file. controllers: those of "nominal",
-    "augmented" and "oracle" that drive, by default all.
+    robot: the nominal robot. model: the augmented model; its dt is the sample time. reference: the name of a motion, a
+    CSV file or waypoints, in joint space or, with columns `tool.*`, in tool space. plant: builds the plant; None: the
+    robot in MuJoCo at a shorter step, with the effects `withheld`, by default those of the model. settings: of the
+    controllers; None for `usual_settings`. noise: 1-sigma of the encoders, overrides the robot file. controllers: those
+    of "nominal", "augmented" and "oracle" that drive; by default all.
+
+    Raises BadInput for an unknown controller, and for withheld effects beside a plant, which would not have them.
     """
 
     robot: NominalRobot
     model: AugmentedModel
     reference: str | Path | Waypoints = "sines"
     withheld: Values | None = None
-    plant: Plant | None = None
+    plant: PlantFactory | None = None
     settings: MpcSettings | None = None
     noise: Mapping[str, float] = field(default_factory=dict)
     controllers: tuple[str, ...] = ()
@@ -61,8 +64,18 @@ class OwnScenario:
     name: str = "own"
     summary: str = "your own robot: nominal against augmented"
 
+    def __post_init__(self) -> None:
+        unknown = [name for name in self.controllers if name not in CONTROLLERS]
+        if unknown:
+            raise BadInput(f"unknown controller {unknown[0]!r}", self.robot.model.name, f"use {', '.join(CONTROLLERS)}")
+        if self.plant is not None and self.withheld is not None:
+            raise BadInput(
+                "withheld effects cannot be put into a plant of your own", "--withheld",
+                "leave out --withheld, or leave out --plant to drive the robot in MuJoCo",
+            )  # fmt: skip
+
     def run(self, options: RunOptions, progress: Progress = lambda stage, done: None) -> dict[str, Any]:
-        """The contract's `run` object; with options.out the episodes, a picture and an animation."""
+        """The object that `run --json` prints; with options.out also the episodes, a figure and an animation."""
         comparison, names = self.drive(options, progress)
         label = self.reference if isinstance(self.reference, str) else "reference"
         plant = "own plant" if self.plant else "mujoco"
@@ -78,7 +91,7 @@ class OwnScenario:
         return result
 
     def drive(self, options: RunOptions, progress: Progress) -> tuple[Comparison, tuple[str, ...]]:
-        """Every controller on every seed, and the names of what they track."""
+        """The episodes of every controller and seed, and the names of the tracked channels."""
         progress("building the controllers", 0.0)
         models = self._models()
         nominal = models["nominal"]
@@ -91,7 +104,7 @@ class OwnScenario:
         for i, (name, model) in enumerate(chosen.items()):
             progress(f"building the controllers: {name}", 0.1 * i)
             stacks[name] = self._stack(model, settings, reference, begin, options)
-        simulator = Measured(self._simulator(), self._sigma(nominal))
+        simulator = NoisySensors(self._simulator(), self._sigma(nominal))
         seeds = tuple(range(options.seed, options.seed + options.seeds))
         comparison = compare(
             simulator, stacks, reference, LoopSettings(reference.seconds, dt), seeds, (),
@@ -100,12 +113,12 @@ class OwnScenario:
         return comparison, nominal.stepped.tracked
 
     def _models(self) -> dict[str, Augmented]:
-        """nominal, augmented, and the oracle where somebody knows what was withheld."""
+        """The model of each controller; the oracle only if the withheld effects are given."""
         build, source = self.model.build, self.model.source
         robot = self.robot.model
         if self._of_the_tool():
             if not hasattr(robot, "task"):
-                raise BadInput(f"{robot.name!r} has no tool to track", robot.name, "give a reference of its poses")
+                raise BadInput(f"{robot.name!r} has no tool to track", robot.name, "give a reference for its poses")
             robot = replace(robot, task=True)  # type: ignore[type-var]
         models = {"nominal": augment(robot, {}, None, build), "augmented": augmented_from(source, robot, build)}
         if self.plant is None and self.withheld is not None:
@@ -153,12 +166,12 @@ class OwnScenario:
 
 
 def drive(
-    robot: NominalRobot, model: AugmentedModel, reference: str, plant: Plant | None, withheld: Path | None,
+    robot: NominalRobot, model: AugmentedModel, reference: str, plant: PlantFactory | None, withheld: Path | None,
     options: RunOptions, progress: Progress,
 ) -> dict[str, Any]:  # fmt: skip
-    """What `residual-mpc run --robot R --model FILE --reference NAME` runs.
+    """Run `residual-mpc run --robot R --model FILE --reference NAME`.
 
-    withheld: a model.json or diagnosis.json whose effects the plant has, None for those of the model.
+    withheld: a model.json or diagnosis.json with the effects of the plant; None for those of the model.
     """
     values: Values | None = None
     if withheld is not None:
@@ -166,6 +179,6 @@ def drive(
             written = Written(json.loads(withheld.read_text()), str(withheld))
         except (OSError, ValueError) as error:
             raise BadInput(f"the file cannot be read: {error}", str(withheld), "give a model.json") from error
-        settings_from(written, robot.model)  # refuses what is of another robot
+        settings_from(written, robot.model)  # raises for a file of another robot
         values = model_in(written)[1]
     return OwnScenario(robot, model, reference, values, plant).run(options, progress)

@@ -107,6 +107,15 @@ def test_a_plant_of_ones_own_is_driven(tmp_path: Path) -> None:
     assert errors(result)["nominal"] < 0.05
 
 
+def test_settings_that_would_be_ignored_are_refused(tmp_path: Path) -> None:
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    with pytest.raises(BadInput, match="withheld effects cannot be put into a plant"):
+        OwnScenario(robot, model, swing(), withheld=TRUTH, plant=Sluggish)
+    with pytest.raises(BadInput, match="unknown controller 'nominl'"):
+        OwnScenario(robot, model, swing(), controllers=("nominl",))
+
+
 def test_the_command_reads_a_table_and_what_was_withheld(tmp_path: Path) -> None:
     robot = robot_file(tmp_path)
     rows = "\n".join(f"{t},{a},{b}" for t, (a, b) in zip(SHORT, swing().values, strict=True))
@@ -121,9 +130,9 @@ def test_the_command_reads_a_table_and_what_was_withheld(tmp_path: Path) -> None
     ("words", "said"),
     [
         (["--robot", "arm.toml"], "--model is missing"),
-        (["spin", "--robot", "arm.toml", "--model", "model.json"], "both the scenario 'spin' and a robot"),
+        (["spin", "--robot", "arm.toml", "--model", "model.json"], "the scenario 'spin' cannot be combined"),
         (["spin", "--dt", "0.1"], "--dt is for a robot of your own"),
-        (["--robot", "arm.toml", "--model", "model.json", "--plant", "nowhere"], "'nowhere' names no factory"),
+        (["--robot", "arm.toml", "--model", "model.json", "--plant", "nowhere"], "'nowhere' is not a factory"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(tmp_path: Path, monkeypatch: Any, words: list[str], said: str) -> None:
@@ -136,8 +145,8 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path, monkeypatch: Any, w
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("t,position.j1\n0,1\n0,2\n", "must increase"),
-        ("t,position.j1\n0,1\n1,\n", "row 3"),
+        ("t,position.j1\n0,1\n0,2\n", "must increase, but does not at line 3"),
+        ("t,position.j1\n0,1\n1,\n", "line 3"),
         ("a,b\n0,1\n", "column t"),
         ("", "cannot be read"),
     ],
@@ -151,9 +160,9 @@ def test_a_table_that_is_no_reference_is_refused(tmp_path: Path, text: str, said
 @pytest.mark.parametrize(
     ("reference", "said"),
     [
-        ("sinus", "no file and no motion"),
+        ("sinus", "neither a file nor a named motion"),
         (Waypoints(("position.j1",), SHORT, np.zeros((31, 1))), "no column 'position.j2'"),
-        (Waypoints(("tool.x", "tool.y", "tool.z"), SHORT, np.full((31, 3), 9.0)), "comes no nearer"),
+        (Waypoints(("tool.x", "tool.y", "tool.z"), SHORT, np.full((31, 3), 9.0)), "comes no closer"),
     ],
 )
 def test_a_reference_that_does_not_fit_is_refused(tmp_path: Path, reference: Any, said: str) -> None:

@@ -1,4 +1,4 @@
-"""A MuJoCo robot with withheld effects as a plant of the closed loop, at a finer step than its model's."""
+"""A MuJoCo robot with withheld effects as the plant of a closed loop, at a shorter time step than its model's."""
 
 import copy
 from collections.abc import Mapping
@@ -11,13 +11,13 @@ from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.models.settings import Settings, Values, assemble
 
 TOOL = ("tool.x", "tool.y", "tool.z")
-FINER = 4  # steps in one of the model's
+FINER = 4  # steps of the plant in one step of the model
 Reading = Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
 class MujocoPlant:
-    """See plants.simulator.Simulator. robot: at its finer step; withheld: one row; period: s of a command."""
+    """See plants.simulator.Simulator. robot: with the shorter step; withheld: one row; period: s between commands."""
 
     robot: CompiledRobot
     withheld: Settings
@@ -36,12 +36,12 @@ class MujocoPlant:
         return (*self.robot.channels, *TOOL)
 
     def start(self, rng: np.random.Generator, at: Reading) -> "MovingRobot":
-        """At rest at these channels; the robot draws nothing at random."""
+        """The robot at rest at these channels; nothing is random."""
         return MovingRobot(self, at)
 
 
 class MovingRobot:
-    """A leaf that owns the engine. The tool is where the model's own links have it."""
+    """A running MuJoCo simulation. The tool position is that of the nominal link lengths."""
 
     def __init__(self, plant: MujocoPlant, at: Reading) -> None:
         import mujoco
@@ -75,7 +75,7 @@ class MovingRobot:
         self._steps += 1
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Nothing to release."""
 
     def _tool(self) -> dict[str, float]:
         import mujoco
@@ -90,7 +90,7 @@ class MovingRobot:
 
 
 def mujoco_plant(robot: CompiledRobot, withheld: Values, period: float, finer: int = FINER) -> MujocoPlant:
-    """The robot with effects that its model lacks, at a step of the engine `finer` times as short as the model's."""
+    """The robot with effects that its model lacks, simulated at 1/`finer` of the model's time step."""
     model = copy.copy(robot.model)
     model.opt.timestep = robot.model.opt.timestep / finer
     spec = None if robot.spec is None else robot.spec.copy()
@@ -101,7 +101,7 @@ def mujoco_plant(robot: CompiledRobot, withheld: Values, period: float, finer: i
 
 
 def joint_points(robot: CompiledRobot, columns: Mapping[str, np.ndarray], stride: int) -> np.ndarray:
-    """(frames, joints + 1, 3) m: the anchors of the joints and the tool at every stride-th row of a run's columns."""
+    """(frames, joints + 1, 3) positions of the joint anchors and the tool at every stride-th row of a run, m."""
     import mujoco
 
     data, (body, place) = mujoco.MjData(robot.model), robot.payload

@@ -1,7 +1,7 @@
-"""A MuJoCo model as the links and joints of adam-robotics, masses and lengths as CasADi expressions.
+"""Describe a MuJoCo model as links and joints for adam-robotics, with masses and lengths as CasADi expressions.
 
-adam reads MuJoCo models itself, but drops joints that hang on the world and takes every number as a constant. Here each
-moving body is one link whose frame sits at its joint's anchor; what is welded to it is part of it.
+adam reads MuJoCo models itself, but drops joints attached to the world and treats every number as a constant. Here each
+moving body, with all bodies welded to it, is one link, whose frame is at the anchor of its joint.
 """
 
 from collections.abc import Mapping
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     import mujoco
 
 WORLD = "world"
-ROUNDING = 1e-14  # of a direction's entry: below it is 0, and CasADi drops the product
+ROUNDING = 1e-14  # entries of a direction closer than this to an integer are rounded, so that CasADi drops products
 
 
 @dataclass(frozen=True)
 class Changes:
-    """What differs from the compiled model, as numbers or CasADi scalars, by the body's number in the model.
+    """Differences from the compiled model, as numbers or CasADi scalars, by body number.
 
-    masses: kg, in place of the body's own, its inertia in proportion. added: kg at the body's own centre of mass.
-    shifts: m, of the centre towards the next joint. offsets: m, by which the next joint sits farther along the link.
-    tool: kg at the payload site.
+    masses: kg, in place of the body's own; its inertia scales with it. added: kg at the body's own centre of mass.
+    shifts: m, of the centre of mass towards the next joint. offsets: m, by which the link is longer up to the next
+    joint. tool: kg at the payload site.
     """
 
     masses: Mapping[int, Any] = field(default_factory=dict)
@@ -40,8 +40,8 @@ class Changes:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A body's pose in the frame of the link that it moves with: link (a joint's name, or WORLD), place (3,) m as a
-    CasADi column, turn (3, 3).
+    """A body's pose in the frame of its link. link: a joint's name, or WORLD; place: (3,) position, m, a CasADi column;
+    turn: (3, 3) rotation matrix.
     """
 
     link: str
@@ -51,8 +51,9 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class JointPlace:
-    """A joint: its parent link, its place (3,) m and turn (3, 3) in that link's frame, its axis (3,) in its own,
-    whether it slides, and its position in the model as drawn, rad or m.
+    """A joint. parent: its parent link; place (3,) m and turn (3, 3): its position and rotation in that link's frame;
+    axis (3,): in its own frame; slides: whether it is prismatic; zero: its position in the model's initial
+    configuration (qpos0), rad or m.
     """
 
     name: str
@@ -66,8 +67,8 @@ class JointPlace:
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """joints: by the order of `CompiledRobot.joints`. inertias: link -> (6, 6) spatial inertia at its frame. frames: by
-    body. tool: (3,) m, the payload site in its link's frame, tool_link the link.
+    """joints: in the order of `CompiledRobot.joints`. inertias: link -> (6, 6) spatial inertia in its frame. frames: by
+    body. tool: (3,) position of the payload site in the frame of tool_link, m.
     """
 
     joints: tuple[JointPlace, ...]
@@ -78,7 +79,7 @@ class Description:
 
 
 def describe(robot: CompiledRobot, changes: Changes) -> Description:
-    """The description of a robot on a fixed base, with what differs from its model."""
+    """The description of a robot on a fixed base, with changes to its model."""
     with extra("arm"):
         import casadi as ca
 
@@ -105,7 +106,7 @@ def describe(robot: CompiledRobot, changes: Changes) -> Description:
 
 
 def _in_parent(robot: CompiledRobot, b: int, parent: Frame, changes: Changes) -> Frame:
-    """Body b before its own joints, in the frame of the link that its parent moves with."""
+    """The pose of body b before its own joints, in the frame of its parent's link."""
     import casadi as ca
 
     model, place = robot.model, ca.DM(robot.model.body_pos[b])
@@ -127,7 +128,8 @@ def _joint(model: "mujoco.MjModel", j: int, at: Frame, place: Any) -> JointPlace
 
 
 def _inertia(robot: CompiledRobot, b: int, at: Frame, changes: Changes) -> Any:
-    """(6, 6) of body b at its link's frame. Mass that is added at the body's own centre leaves its inertia about it."""
+    """(6, 6) spatial inertia of body b in its link's frame. Mass added at the centre of mass does not change the
+    rotational inertia about it."""
     import casadi as ca
 
     model = robot.model
@@ -146,7 +148,7 @@ def _inertia(robot: CompiledRobot, b: int, at: Frame, changes: Changes) -> Any:
 
 
 def _spatial(about: Any, mass: Any, centre: Any) -> Any:
-    """Featherstone, Rigid Body Dynamics Algorithms, 2008, eq. 2.63, with the linear part first, as adam has it."""
+    """Featherstone, Rigid Body Dynamics Algorithms, 2008, eq. 2.63, with the linear part first, as in adam."""
     import casadi as ca
 
     c = ca.skew(centre)
@@ -155,6 +157,6 @@ def _spatial(about: Any, mass: Any, centre: Any) -> Any:
 
 
 def _rounded(x: np.ndarray) -> np.ndarray:
-    """Directions with exact zeros and ones where they are meant."""
+    """Directions with entries near 0 and 1 made exact."""
     whole = np.round(x)
     return np.where(np.abs(x - whole) < ROUNDING, whole, x)

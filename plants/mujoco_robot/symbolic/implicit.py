@@ -1,23 +1,23 @@
-"""One linearly implicit step of joint velocities: stiff servos, dampers and dry friction at any length of the step.
+"""One linearly implicit step of the joint velocities, stable for stiff servos, dampers and dry friction at any length.
 
-M v' + c = T(q, v) - f is stepped as W (v+ - v) = h (T - c) - h^2 K v - h f with W = M + h D + h^2 K, where D and K are
-what the torques lose by a joint's own velocity and position: the linearly implicit Euler method (Hairer and Wanner,
-Solving ODEs II, 1996, section IV.7), as MuJoCo's `implicitfast` in D, and implicit in K besides, so that a stiff servo
-is stable at any h. Dry friction f keeps |f_i| <= F_i, and f_i = F_i sgn(v+_i) where a joint moves; it is found by
-sweeps over the joints, from the friction of the step before.
+M v' + c = T(q, v) - f is integrated as W (v+ - v) = h (T - c) - h^2 K v - h f with W = M + h D + h^2 K, where D_i =
+-dT_i/dv_i and K_i = -dT_i/dq_i: the linearly implicit Euler method (Hairer and Wanner, Solving ODEs II, 1996, section
+IV.7). MuJoCo's `implicitfast` is implicit in D only; the term in K keeps a stiff servo stable at any h. Dry friction
+satisfies |f_i| <= F_i, and f_i = F_i sgn(v+_i) for a moving joint; projected Gauss-Seidel sweeps over the joints find
+it, starting from the friction of the previous step.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-SWEEPS = 3  # over the joints; W is nearly diagonal where servos or rotors are stiff
+SWEEPS = 3  # over the joints; W is nearly diagonal if servos are stiff or rotors heavy
 
 
 @dataclass(frozen=True, eq=False)
 class Torques:
-    """By joint, CasADi scalars: T N m, D N m s/rad and K N m/rad as above, and the level F of dry friction, N m (None
-    where there is none).
+    """CasADi scalars by joint: T (N m), D (N m s/rad) and K (N m/rad) as above, and the level F of dry friction (N m),
+    None without friction.
     """
 
     torque: Sequence[Any]
@@ -27,34 +27,36 @@ class Torques:
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
-    """W v+ + h f = wanted, f the dry friction; factors: of W."""
+class LinearStep:
+    """The linear system of a step. w: W; factors: those of W."""
 
     w: Sequence[Sequence[Any]]
     factors: tuple[list[list[Any]], list[Any]]
     push: Sequence[Any]  # h (T - c) - h^2 K v
 
     def changes(self, held: Sequence[Any], h: float) -> list[Any]:
-        """(n,) of the velocities, under friction `held`, N m."""
+        """(n,) change of the velocities in a step of h s under the friction `held` (n,) N m."""
         return solved(self.factors, [r - h * f for r, f in zip(self.push, held, strict=True)])
 
 
-def program(mass: Sequence[Sequence[Any]], bias: Sequence[Any], t: Torques, v: Sequence[Any], h: float) -> Program:
-    """Of a step of h s from velocities v (n,): mass (n, n) and bias (n,) of M v' + c."""
+def linear_step(
+    mass: Sequence[Sequence[Any]], bias: Sequence[Any], t: Torques, v: Sequence[Any], h: float
+) -> LinearStep:
+    """The linear system of a step of h s from velocities v (n,), with mass M (n, n) and bias c (n,)."""
     w = [list(row) for row in mass]
     push = []
     for i, speed in enumerate(v):
         w[i][i] = mass[i][i] + h * t.damping[i] + h * h * t.stiffness[i]
         push.append(h * (t.torque[i] - bias[i]) - h * h * t.stiffness[i] * speed)
-    return Program(w, factorised(w), push)
+    return LinearStep(w, factorised(w), push)
 
 
 def velocities(
-    at: Program, dry: Sequence[Any] | None, v: Sequence[Any], held: Sequence[Any], h: float, clip: Any
+    at: LinearStep, dry: Sequence[Any] | None, v: Sequence[Any], held: Sequence[Any], h: float, clip: Any
 ) -> tuple[list[Any], list[Any]]:
     """v+ (n,) and the dry friction (n,) N m of a step of h s.
 
-    dry: the level F; held (n,): the friction of the step before. clip(x, bound): x held within +-bound.
+    dry: the level F; held (n,): the friction of the previous step; clip(x, bound): x limited to +-bound.
     """
     n, w = len(v), at.w
     friction = list(held)

@@ -1,7 +1,8 @@
-"""Positions and velocities of the joints one step later, as a CasADi function of plain numbers.
+"""Positions and velocities of the joints after one step, as a CasADi function.
 
-M and c are evaluated ahead, in the middle of a stretch of at most STRETCH s, and held over it; within it servos and
-friction are stepped by Alexander's L-stable method of order 2 (SIAM J. Numer. Anal. 14(6), 1977, theorem 5 with s = 2).
+The step is divided into substeps of at most STRETCH s. M and c are evaluated at the middle of a substep and held over
+it, while servos and friction are integrated by Alexander's L-stable method of order 2 (SIAM J. Numer. Anal. 14(6),
+1977, theorem 5 with s = 2).
 """
 
 import math
@@ -11,10 +12,10 @@ from typing import Any
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.symbolic.description import Changes, describe
-from plants.mujoco_robot.symbolic.implicit import program, velocities
+from plants.mujoco_robot.symbolic.implicit import linear_step, velocities
 from plants.mujoco_robot.symbolic.numbers import Parameters
 from plants.mujoco_robot.symbolic.rigid_body import mass_and_bias, tool_place
-from plants.mujoco_robot.symbolic.torques import Drives, casadi_clip
+from plants.mujoco_robot.symbolic.torques import JointTorques, casadi_clip
 from residual_mpc.effects.chain import Chain
 from residual_mpc.effects.library import changes
 from residual_mpc.effects.ops import Kinks
@@ -25,7 +26,7 @@ GAMMA = 1.0 - math.sqrt(0.5)  # of a stretch: each implicit step of the method
 
 
 def motion(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: Kinks, dt: float) -> Any:
-    """(q (n,), v (n,), u (nu,), p, push (n,) N m, clock s) -> (q+, v+), exact or smooth as `kinks` of CasADi has it."""
+    """(q (n,), v (n,), u (nu,), p, push (n,) N m, clock s) -> (q+, v+), exact or smoothed according to `kinks`."""
     with extra("arm"):
         import casadi as ca
 
@@ -33,7 +34,7 @@ def motion(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: K
     q, v, u = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("u", nu)
     p, push, clock = ca.SX.sym("p", len(parameters.numbers)), ca.SX.sym("push", n), ca.SX.sym("clock")
     each = ca.vertsplit(p) if len(parameters.numbers) else []
-    drives = Drives(robot, parameters, errors, kinks)
+    drives = JointTorques(robot, parameters, errors, kinks)
     body = describe(robot, changed(robot, parameters, each))
     stretches = max(1, math.ceil(dt / STRETCH - 1e-9))
     whole = dt / stretches
@@ -47,7 +48,7 @@ def motion(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: K
 
 
 def forces(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: Kinks) -> Any:
-    """(q (n,), v (n,), u (nu,), p, clock s) -> (nu,), the actuators' forces without limits."""
+    """(q (n,), v (n,), u (nu,), p, clock s) -> (nu,) actuator forces before any force limit."""
     with extra("arm"):
         import casadi as ca
 
@@ -55,13 +56,13 @@ def forces(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: K
     q, v, u = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("u", nu)
     p, clock = ca.SX.sym("p", len(parameters.numbers)), ca.SX.sym("clock")
     each = ca.vertsplit(p) if len(parameters.numbers) else []
-    drives = Drives(robot, parameters, errors, kinks)
+    drives = JointTorques(robot, parameters, errors, kinks)
     found = drives.forces(ca.vertsplit(q), ca.vertsplit(v), ca.vertsplit(u), each, clock)
     return ca.Function("forces", [q, v, u, p, clock], [ca.vertcat(*found)], ["q", "v", "u", "p", "clock"], ["force"])
 
 
 def tool(robot: CompiledRobot, parameters: Parameters) -> Any:
-    """(q (n,), p) -> (3,) m, where the payload site is in the world."""
+    """(q (n,), p) -> (3,) position of the payload site in the world, m."""
     with extra("arm"):
         import casadi as ca
 
@@ -72,7 +73,7 @@ def tool(robot: CompiledRobot, parameters: Parameters) -> Any:
 
 
 def changed(robot: CompiledRobot, parameters: Parameters, p: Sequence[Any]) -> Changes:
-    """What the numbers p make of the bodies."""
+    """The changes of masses, centres and lengths that the numbers p describe."""
     masses, added, shifts, offsets = {}, {}, {}, {}
     for b, link in enumerate(robot.links, start=1):
         name = f"body.{robot.model.body(b).name or b}.mass"
@@ -92,10 +93,10 @@ def changed(robot: CompiledRobot, parameters: Parameters, p: Sequence[Any]) -> C
 
 
 def _stretch(
-    drives: Drives, mass: Any, bias: Any, state: tuple[Any, Any, list[Any]], given: tuple[Any, ...], whole: float
+    drives: JointTorques, mass: Any, bias: Any, state: tuple[Any, Any, list[Any]], given: tuple[Any, ...], whole: float
 ) -> tuple[Any, Any, list[Any]]:
-    """Servos and friction over `whole` s, mass matrix and bias held: Alexander's method of order 2, as two implicit
-    steps, the second from where the first one's slope leads.
+    """Integrate servos and friction over `whole` s with M and c held: Alexander's method of order 2, as two implicit
+    steps. The second starts from the first's result extrapolated along its slope.
     """
     (at, speed, held), (u, p, push, clock) = state, given
     n = at.shape[0]
@@ -109,9 +110,9 @@ def _stretch(
 
 @dataclass(frozen=True, eq=False)
 class _Law:
-    """What is held over a stretch; h: s, of an implicit step."""
+    """Quantities that are constant over a substep. h: length of an implicit step, s."""
 
-    drives: Drives
+    drives: JointTorques
     mass: list[list[Any]]
     bias: Any
     u: Any
@@ -127,11 +128,11 @@ class _Law:
         h, now, place, command = self.h, ca.vertsplit(speed), ca.vertsplit(at), ca.vertsplit(self.u)
         bias = ca.vertsplit(self.bias)
         torques = self.drives.torques(place, now, command, self.p, self.clock)
-        step = program(self.mass, bias, torques, now, h)
-        if self.limited:  # which forces are, shows in the step without limits
+        step = linear_step(self.mass, bias, torques, now, h)
+        if self.limited:  # the step without limits shows which forces reach theirs
             change = step.changes(held, h), h
             torques = self.drives.torques(place, now, command, self.p, self.clock, change)
-            step = program(self.mass, bias, torques, now, h)
+            step = linear_step(self.mass, bias, torques, now, h)
         new, held = velocities(step, torques.dry, now, held, h, casadi_clip(self.drives.kinks.rough(1.0)))
         after = ca.vertcat(*new)
         return at + h * after, after, held

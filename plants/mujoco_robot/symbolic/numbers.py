@@ -1,4 +1,4 @@
-"""The numbers that a robot's step takes as arguments: its own, and those of the effects."""
+"""The parameters that a robot's step takes as arguments: those of the model and those of the effects."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,21 +15,21 @@ HOSTED: tuple[Site, ...] = (
     "command", "strength", "limit", "damping", "dry friction", "friction", "rotor", "tool", "link", "length",
 )  # fmt: skip
 LEFT_OUT: Mapping[str, str] = {
-    "spring": "this step has one inertia a joint; the motor's side of a gear is not apart",
-    "play": "this step has one inertia a joint; the motor's side of a gear is not apart",
+    "spring": "this step has one inertia per joint and does not separate motor and link",
+    "play": "this step has one inertia per joint and does not separate motor and link",
 }
-LENGTHENS: tuple[Site, ...] = ("link", "length")  # each target makes the dynamics longer: only those that differ
+LENGTHENS: tuple[Site, ...] = ("link", "length")  # each target adds operations: only those that are not null
 UNITS = {
     "kp": "N m/rad", "kv": "N m s/rad", "damping": "N m s/rad", "armature": "kg m^2", "frictionloss": "N m",
     "mass": "kg",
 }  # fmt: skip
 DRY = "frictionloss"
-COSTLY = (DRY, "mass")  # are arguments only where they do something, since they make the step longer
+COSTLY = (DRY, "mass")  # arguments only if they have an effect, since they add operations to the step
 
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """numbers: p, in its order. effects: those that are in the step, in the chain's order. left_out: the others."""
+    """numbers: p, in order. effects: those in the step, in the chain's order. left_out: the others, with reasons."""
 
     robot: CompiledRobot
     numbers: tuple[Number, ...]
@@ -39,7 +39,7 @@ class Parameters:
 
     @property
     def now(self) -> tuple[float, ...]:
-        """p as it is."""
+        """The present values of p."""
         return tuple(n.value for n in self.numbers)
 
     def own(self, name: str, p: Sequence[Array]) -> Array:
@@ -48,7 +48,7 @@ class Parameters:
         return tunable_values(self.robot.model)[name] if at is None else p[at]
 
     def values(self, effect: str, target: str, p: Sequence[Array]) -> dict[str, Array]:
-        """The parameters of an effect at a target, null where it does nothing there."""
+        """The parameters of an effect at a target; null values if it does not act there."""
         slot = "" if target == self.robot.name else target
         found = {q.name: self.index.get((effect, slot, q.name)) for q in BY_NAME[effect].parameters}
         return {q.name: q.null if found[q.name] is None else p[found[q.name]] for q in BY_NAME[effect].parameters}  # type: ignore[index]
@@ -59,7 +59,7 @@ class Parameters:
 
 
 def parameters(robot: CompiledRobot, settings: Settings) -> Parameters:
-    """The numbers of a step under settings of one row."""
+    """The parameters of a step for settings with one row."""
     live = sorted((e for e in settings.effects if BY_NAME[e].stage != "sensor"), key=ORDER.__getitem__)
     reasons = {e: _not_hosted(e, robot) for e in live}
     hosted = [e for e in live if not reasons[e]]
@@ -80,18 +80,18 @@ def parameters(robot: CompiledRobot, settings: Settings) -> Parameters:
 
 
 def _not_hosted(effect: str, robot: CompiledRobot) -> str:
-    """Why an effect is not in the step; empty where it is."""
+    """The reason why an effect is not in the step; empty if it is."""
     found = BY_NAME[effect]
     if found.place not in HOSTED:
         return LEFT_OUT.get(found.place, "not part of this step")
     if found.on_error and found.remembers and robot.servo.any():
-        return "this step hosts no effect with memory on a servo's error"
+        return "this step has no effects with memory on a servo's error"
     return ""
 
 
 def _own(robot: CompiledRobot, settings: Settings) -> list[Number]:
-    """Gains, dampings, rotors and, where there is any, dry friction; masses alone where they were retuned, since each
-    one makes the dynamics longer."""
+    """Gains, dampings, rotor inertias, dry friction if the model has any, and masses that were retuned (each mass adds
+    operations to the dynamics)."""
     rubs = bool(robot.model.dof_frictionloss.any())
     out = []
     for name, value in tunable_values(robot.model).items():
@@ -104,7 +104,7 @@ def _own(robot: CompiledRobot, settings: Settings) -> list[Number]:
 
 
 def unit_of(state: str, sliding: frozenset[str]) -> str:
-    """Of a state by its name."""
+    """The unit of a state, from its name."""
     kind, _, name = state.partition(".")
     length = "m" if name in sliding else "rad"
     known = {"position": length, "velocity": f"{length}/s", "clock": "s", "disturbance": "N m"}

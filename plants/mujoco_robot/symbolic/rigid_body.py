@@ -10,7 +10,7 @@ from residual_mpc.extras import extra
 
 
 def mass_and_bias(d: Description, gravity: np.ndarray, q: Any, v: Any) -> tuple[Any, Any]:
-    """M(q) (n, n) without rotors and c(q, v) (n,): M v' + c = torques, from SX columns q, v (n,).
+    """M(q) (n, n) without rotor inertias and c(q, v) (n,) of M v' + c = torques, for SX columns q, v (n,).
 
     gravity (3,) m/s^2.
     """
@@ -27,7 +27,7 @@ def mass_and_bias(d: Description, gravity: np.ndarray, q: Any, v: Any) -> tuple[
 
 
 def tool_place(d: Description, q: Any) -> tuple[Any, Any]:
-    """(3,) m of the payload site in the world, and (3, 3) the turn of its link."""
+    """Position of the payload site in the world, (3,) m, and rotation of its link, (3, 3)."""
     with extra("arm"):
         import casadi as ca
 
@@ -45,7 +45,7 @@ def tool_place(d: Description, q: Any) -> tuple[Any, Any]:
 
 
 def _moved(joint: JointPlace, q: Any) -> tuple[Any, Any]:
-    """Place (3,) and turn (3, 3) of the joint's link in its parent's frame, q from the model as drawn."""
+    """Position (3,) m and rotation (3, 3) of the joint's link in its parent's frame, q counted from qpos0."""
     import casadi as ca
 
     fixed, axis = ca.DM(joint.turn), ca.DM(joint.axis)
@@ -71,7 +71,7 @@ def _algorithms(d: Description) -> Any:
 
 
 class _Factory:
-    """What adam's `Model.build` asks of a description (adam.model.ModelFactory)."""
+    """A description in the interface of adam.model.ModelFactory."""
 
     name = "robot"
 
@@ -91,7 +91,7 @@ class _Factory:
 
 @dataclass(eq=False)
 class _Link:
-    """What adam asks of a link."""
+    """A link in adam's interface."""
 
     name: str
     inertia: Any
@@ -105,7 +105,7 @@ class _Link:
 
 
 class _Joint:
-    """What adam asks of a joint; adam itself numbers it (`idx`)."""
+    """A joint in adam's interface; adam assigns its number (`idx`)."""
 
     type = "moving"
 

@@ -1,7 +1,7 @@
-"""One step of an arm with its effects: commands through their chain, the joints' motion, what was learned on top.
+"""One step of an arm with its effects: the command chain, the motion of the joints, and the learned correction.
 
-The state is the joints' positions and velocities; commands on their way, a lag and the run's clock follow. NumPy and
-CasADi share one CasADi function of the motion: on symbols it is written out, on arrays it is mapped over the batch.
+The state is the positions and velocities of the joints, followed by delayed commands, lag states and the run's clock.
+NumPy and CasADi share one CasADi function of the motion: it is called on symbols, and mapped over a batch of arrays.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
-from plants.mujoco_robot.symbolic.carried import left_out, refuse_uncarried
 from plants.mujoco_robot.symbolic.motion import forces, motion, tool
 from plants.mujoco_robot.symbolic.numbers import Parameters, parameters, unit_of
 from plants.mujoco_robot.symbolic.ranges import home, reach, span, strength
+from plants.mujoco_robot.symbolic.supported import left_out, refuse_without_step
 from residual_mpc.effects.chain import Chain, chain_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.ops import Array, Kinks, Ops, casadi_ops
@@ -31,18 +31,18 @@ SMALL = 1e-6  # of a command's reach, for a difference quotient
 
 @dataclass(frozen=True, eq=False)
 class ArmStep:
-    """What the step needs to know beside its numbers."""
+    """The step of a robot with its parameters and chains of effects."""
 
     robot: CompiledRobot
     parameters: Parameters
     options: StepOptions
-    servos: Chain  # commands on their way to position servos
-    others: Chain  # and to the other actuators, on which every effect acts directly
-    errors: Chain  # what acts on position servos' errors
+    servos: Chain  # effects on the commands of position servos
+    others: Chain  # effects on the commands of the other actuators
+    errors: Chain  # effects on the errors of position servos
 
     @cached_property
     def states(self) -> tuple[str, ...]:
-        """Positions, velocities, then what is remembered."""
+        """Names of the states: positions, velocities, then memory."""
         joints = self.robot.joints
         names = [*(f"position.{j}" for j in joints), *(f"velocity.{j}" for j in joints)]
         names += [*self.servos.states, *self.others.states]
@@ -54,14 +54,14 @@ class ArmStep:
 
     @cached_property
     def signals(self) -> tuple[str, ...]:
-        """What a correction reads and adds to, and what an unknown constant may be added to."""
+        """Signals that a correction reads or adds to, or to which an unknown constant may be added."""
         r = self.robot
         own = [f"{kind}.{j}" for kind in ("position", "velocity", "acceleration", "torque") for j in r.joints]
         return (*own, *(f"{kind}.{a}" for kind in ("command", "ahead") for a in r.actuators))
 
     @cached_property
     def _motions(self) -> dict[float, Any]:
-        """By the width of the rounded kinks."""
+        """Motion functions by the width of the rounded kinks."""
         return {}
 
     @cached_property
@@ -100,7 +100,7 @@ class ArmStep:
         return tuple(new[s] for s in self.states)
 
     def effort(self, kinks: Kinks, x: Sequence[Array], u: Sequence[Array], p: Sequence[Array]) -> tuple[Array, ...]:
-        """(nu,) forces of the actuators at the step's beginning, N m (N), as their laws have it without limits."""
+        """(nu,) actuator forces at the beginning of the step before any force limit, N m (N)."""
         n, now = len(self.robot.joints), dict(zip(self.states, x, strict=True))
         arrived = self._arrived(kinks, u, p, now, {})
         columns = [list(x[:n]), list(x[n : 2 * n]), arrived, list(p), [now.get("clock", 0.0)]]
@@ -109,7 +109,7 @@ class ArmStep:
     def _arrived(
         self, kinks: Kinks, u: Sequence[Array], p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
     ) -> list[Array]:
-        """(nu,) what the actuators see of the commands; `new` is filled with what is remembered next."""
+        """(nu,) commands after their chain of effects; writes the next memory states into `new`."""
 
         def values(effect: str, target: str) -> dict[str, Array]:
             return self.parameters.values(effect, target, p)
@@ -120,7 +120,7 @@ class ArmStep:
         ]
 
     def output(self, p: Sequence[float]) -> Callable[[Ops, Sequence[Array]], tuple[Array, ...]]:
-        """Where the payload site is, m, as a function of the state, the lengths being those of p."""
+        """The position of the payload site, m, as a function of the state, with the link lengths of p."""
 
         def place(ops: Ops, x: Sequence[Array]) -> tuple[Array, ...]:
             return tuple(_called(self._tool, [list(x[: len(self.robot.joints)]), list(p)])[0])
@@ -128,7 +128,7 @@ class ArmStep:
         return place
 
     def resting(self, pose: Mapping[str, float]) -> np.ndarray:
-        """(nx,) at rest at these positions, by default `home`; the commands on their way hold it."""
+        """(nx,) at rest at these positions, by default `home`; delayed commands are those that hold it there."""
         at = home(self.robot)
         at |= {c: x for c, x in pose.items() if c in at}
         x = np.array([at.get(name, 0.0) for name in self.states])
@@ -143,19 +143,19 @@ class ArmStep:
         return np.array([known.get(name, value) for name, value in zip(self.states, x.tolist(), strict=True)])
 
     def holding(self, x: np.ndarray) -> np.ndarray:
-        """(nu,) the commands under which the joints stay where they are, their weight held; within their ranges."""
+        """(nu,) commands that hold the joints at rest against gravity, within the commands' ranges."""
         robot, n = self.robot, len(self.robot.joints)
         u = _unloaded(robot, x[:n])
         push, clock = np.zeros(n), x[self.states.index("clock")] if "clock" in self.states else 0.0
         low, high = (np.array(side) for side in zip(*reach(robot), strict=True))
-        small = SMALL * (high - low)  # so that no force that is inside of its range leaves it
+        small = SMALL * (high - low)  # too small for a force to leave its range
         gap = self._pulled(x[:n], u, push, clock)
         slope = np.stack([self._pulled(x[:n], u + e, push, clock) - gap for e in np.diag(small)], axis=1)
         held = u - small * np.linalg.lstsq(slope, gap, rcond=1e-9)[0]
         return np.asarray(np.clip(held, low, high))
 
     def _pulled(self, q: np.ndarray, u: np.ndarray, push: np.ndarray, clock: float) -> np.ndarray:
-        """(n,) velocity that a robot at rest without friction and dead zones has gained after a step."""
+        """(n,) velocity after one step from rest, without friction and dead zones."""
         still = [0.0 if _stalls(n.effect, n.parameter) or n.stalls else n.value for n in self.parameters.numbers]
         return np.array(self._motion(0.0)(q, np.zeros(len(q)), u, still, push, clock)[1]).ravel()
 
@@ -166,7 +166,7 @@ class ArmStep:
         return self._motions[width]
 
     def _added(self, now: Mapping[str, Array], u: Sequence[Array], correction: Correction | None) -> dict[str, Array]:
-        """What was learned, from the signals at the step's beginning."""
+        """The learned correction, from the signals at the beginning of the step."""
         if correction is None:
             return {}
         robot = self.robot
@@ -185,7 +185,7 @@ def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, tas
 
     Raises BadInput for a robot that the step cannot express, settings of several rows, or an unknown signal.
     """
-    refuse_uncarried(robot)
+    refuse_without_step(robot)
     if settings.rows != 1:
         raise BadInput(f"a step needs settings with one row, got {settings.rows}", robot.name)
     with extra("arm"):
@@ -234,7 +234,7 @@ def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, tas
 
 
 def _unloaded(robot: CompiledRobot, q: np.ndarray) -> np.ndarray:
-    """(nu,) the commands that hold the joints at q (n,) but for their weight."""
+    """(nu,) commands that would hold the joints at q (n,) without gravity."""
     length = robot.model.actuator_gear[:, 0] * q[robot.driven]
     return np.where(robot.servo, length, 0.0)
 

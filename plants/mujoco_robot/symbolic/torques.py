@@ -1,4 +1,4 @@
-"""What servos, motors, springs and dampers give to the joints, with the effects that change them."""
+"""Joint torques of servos, motors, springs and dampers, with the effects on them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from residual_mpc.extras import extra
 
 
 @dataclass(frozen=True, eq=False)
-class Drives:
-    """The actuators and joints of a robot. errors: what acts on position servos' errors. clock: s since the run began,
-    at the step's middle.
+class JointTorques:
+    """The torque laws of a robot's actuators and joints. errors: effects on the errors of position servos. In its
+    methods, clock is the time since the run began, s, at the middle of the step.
     """
 
     robot: CompiledRobot
@@ -30,10 +30,10 @@ class Drives:
         self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], p: Sequence[Any], clock: Any,
         change: tuple[Sequence[Any], float] | None = None,
     ) -> Torques:  # fmt: skip
-        """At positions q, velocities v (n,) and commands u (nu,) that have gone through their chain.
+        """The torques at positions q, velocities v (n,) and commands u (nu,) after their chain of effects.
 
-        change: by how much the velocities change in a step of so many s, as far as is known. A force that would be
-        beyond its range after that stays at the range's end; without it none is limited.
+        change: (estimated change of the velocities, length of the step in s). A force that would leave its range by the
+        end of the step is held at the limit; without `change` no force is limited.
         """
         robot, n = self.robot, len(q)
         given: list[Any] = [0.0] * n
@@ -62,12 +62,12 @@ class Drives:
     def forces(
         self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], p: Sequence[Any], clock: Any
     ) -> list[Any]:
-        """(nu,) of the actuators, as their laws have it without limits."""
+        """(nu,) actuator forces before any force limit."""
         driven = enumerate(self.robot.driven.tolist())
         return [self._force(i, q[joint], v[joint], u[i], p, clock, None)[0] for i, joint in driven]
 
     def rotors(self, p: Sequence[Any]) -> list[Any]:
-        """(n,) kg m^2, seen through the gears."""
+        """(n,) rotor inertias reflected to the joints, kg m^2."""
         out = []
         for joint in self.robot.joints:
             own = self.parameters.own(f"joint.{joint}.armature", p)
@@ -83,7 +83,7 @@ class Drives:
     def _force(
         self, i: int, q: Any, v: Any, u: Any, p: Sequence[Any], clock: Any, change: tuple[Any, float] | None
     ) -> tuple[Any, Any, Any]:
-        """An actuator's force, and what it loses by its length's rate and by its length."""
+        """An actuator's force, and minus its derivatives with respect to the rate of its length and its length."""
         model, name = self.robot.model, self.robot.actuators[i]
         gear = float(model.actuator_gear[i, 0])
         kp, kv = (self.parameters.own(f"actuator.{name}.{k}", p) for k in ("kp", "kv"))
@@ -105,9 +105,9 @@ class Drives:
     def _limited(
         self, force: Any, slope: Any, hold: Any, rate: Any, change: Any, h: float, low: Any, high: Any
     ) -> tuple[Any, Any, Any]:
-        """A force within its range: a spring and damper while it is inside at the step's end, constant beyond."""
+        """A force and its coefficients, unchanged if it is within its range at the end of the step, else constant."""
         after = force - slope * change - h * hold * (rate + change)
-        over, under = after >= high, after <= low  # comparisons: whoever differentiates sees the final law alone
+        over, under = after >= high, after <= low  # comparisons have no derivative
         where = self.kinks.exact.where
         return (
             where(over, high, where(under, low, force)),
@@ -116,7 +116,7 @@ class Drives:
         )
 
     def _strength(self, name: str, p: Sequence[Any], clock: Any) -> tuple[Any, Any]:
-        """Factors of the supply alone, and of the whole law."""
+        """Factors of effects on the supply, and of all effects on strength."""
         effects = self.parameters.at(name, p, "strength")
         here = list(present(effects, "strength"))
         ops = self.kinks.exact
@@ -124,7 +124,7 @@ class Drives:
         return supply, scaled(ops, [(e, x) for e, x in here if not e.supply], supply, clock, 0.0)
 
     def _range(self, i: int, name: str, supply: Any, p: Sequence[Any]) -> tuple[Any, Any]:
-        """Lowest and highest force; (None, None) where nothing limits it."""
+        """Lowest and highest force; (None, None) without a limit."""
         own = self.robot.model.actuator_forcerange[i].tolist()
         limits = list(present(self.parameters.at(name, p, "limit"), "limit"))
         if not limits and max(map(abs, own)) >= 0.5 * NO_LIMIT:
@@ -136,7 +136,7 @@ class Drives:
         return low, high
 
     def _error(self, name: str, error: Any, p: Sequence[Any]) -> tuple[Any, Any]:
-        """A servo's position error as it sees it, and by how much that follows the true one."""
+        """A servo's position error after the effects on it, and its derivative with respect to the true error."""
         with extra("mpc"):
             import casadi as ca
 
@@ -154,7 +154,7 @@ class Drives:
         return own if change is None else self.kinks.exact.maximum(own + change, 0.0)
 
     def _dry(self, v: Sequence[Any], given: Sequence[Any], p: Sequence[Any]) -> list[Any] | None:
-        """Levels of dry friction; None where nothing rubs."""
+        """Levels of dry friction, N m (N); None without friction."""
         ops, robot = self.kinks.exact, self.robot
         sites: tuple[Site, ...] = ("dry friction", "friction")
         tuned = any((n.parameter.endswith(".frictionloss")) for n in self.parameters.numbers)
@@ -171,5 +171,5 @@ class Drives:
 
 
 def casadi_clip(ops: Ops) -> Any:
-    """x held within +-bound."""
+    """(x, bound) -> x limited to +-bound."""
     return lambda x, bound: clip(ops, x, -bound, bound)

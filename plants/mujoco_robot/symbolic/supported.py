@@ -1,4 +1,4 @@
-"""Which MuJoCo models have a step in CasADi: rigid bodies on a fixed base, driven joint by joint."""
+"""Check whether a MuJoCo model has a step in CasADi: rigid bodies on a fixed base, actuated joint by joint."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -11,30 +11,30 @@ from residual_mpc.errors import BadInput
 if TYPE_CHECKING:
     import mujoco
 
-NOT_HELD = "contacts and joint stops: the step lets bodies pass through each other and joints past their ranges"
+NO_CONTACTS = "contacts and joint stops: in the step, bodies pass through each other and joints exceed their ranges"
 
 
-def refuse_uncarried(robot: CompiledRobot) -> None:
-    """Raises BadInput for a robot whose dynamics the step cannot express, with the first reason."""
+def refuse_without_step(robot: CompiledRobot) -> None:
+    """Raises BadInput with the first reason if the step cannot express the robot's dynamics."""
     fault = next(_faults(robot), None)
     if fault:
         raise BadInput(
             f"{robot.name!r} has no step in CasADi: {fault}",
             robot.name,
-            "diagnose, compare and simulate it as it is; for MPC and LQR give a model without that",
+            "remove this from the model for MPC, LQR and export; diagnosis and simulation work as it is",
         )
 
 
 def left_out(model: "mujoco.MjModel") -> tuple[str, ...]:
-    """What the model has and the step ignores, because it does nothing while the arm keeps to its workspace."""
+    """Parts of the model that the step leaves out, as sentences."""
     collides = ((model.geom_contype != 0) | (model.geom_conaffinity != 0)).any()
-    return (NOT_HELD,) if collides or model.jnt_limited.any() else ()
+    return (NO_CONTACTS,) if collides or model.jnt_limited.any() else ()
 
 
 def _faults(robot: CompiledRobot) -> Iterator[str]:
     model = robot.model
     if robot.base is not None:
-        yield f"its base drives (pose_body {model.body(robot.base.body).name!r}) on contacts, which are left out"
+        yield f"its base (pose_body {model.body(robot.base.body).name!r}) drives on contacts, which the step leaves out"
     if robot.settings:
         yield "its variants use several models"
     if model.neq:
@@ -42,7 +42,7 @@ def _faults(robot: CompiledRobot) -> Iterator[str]:
     if _pulling_tendons(model):
         yield "it has tendons that exert forces"
     if len(robot.joints) != model.nv:
-        yield "not all of its joints are hinges and slides"
+        yield "it has joints other than hinges and slides"
     yield from _actuator_faults(model)
     yield from _passive_faults(model)
 
@@ -58,14 +58,14 @@ def _actuator_faults(model: "mujoco.MjModel") -> Iterator[str]:
     for i in range(model.nu):
         name = model.actuator(i).name
         if int(model.actuator_dyntype[i]) != int(mujoco.mjtDyn.mjDYN_NONE) or model.actuator_delay[i] > 0:
-            yield f"actuator {name!r} has dynamics or a delay of its own (write them as effects of a model)"
+            yield f"actuator {name!r} has dynamics or a delay of its own (give them as effects in a model file)"
         affine = int(model.actuator_gaintype[i]) == int(mujoco.mjtGain.mjGAIN_FIXED) and int(
             model.actuator_biastype[i]
         ) in (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
         if not affine:
-            yield f"actuator {name!r} is no motor and no position or velocity servo"
+            yield f"actuator {name!r} is neither a motor nor a position or velocity servo"
         if model.actuator_damping[i] or model.actuator_armature[i]:
-            yield f"actuator {name!r} has damping or armature of its own (write them at its joint)"
+            yield f"actuator {name!r} has damping or armature of its own (give them at its joint)"
 
 
 def _passive_faults(model: "mujoco.MjModel") -> Iterator[str]:
@@ -73,6 +73,6 @@ def _passive_faults(model: "mujoco.MjModel") -> Iterator[str]:
         if np.any(getattr(model, field)):
             yield f"its springs or dampers are not linear ({field})"
     if model.body_gravcomp.any():
-        yield "gravcomp compensates gravity outside of the actuators"
+        yield "it uses gravcomp, which compensates gravity without an actuator"
     if model.opt.density or model.opt.viscosity or np.any(model.opt.wind):
         yield "it moves in a fluid"
