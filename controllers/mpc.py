@@ -155,8 +155,8 @@ class Mpc:
     ) -> tuple[Qp, SoftRows | None]:
         """The Gauss-Newton program about the plan; z = (change of the plan, one slack a soft limit).
 
-        Where soft limits are left out of it, since they mostly do not bind, they stand beside it; OSQP's programs all
-        have one pattern, and hold them always.
+        Soft limits rarely bind, so they are returned separately and added if needed. OSQP's programs must all have one
+        sparsity pattern and always contain them.
         """
         s, n, m = self.settings, self.horizon, plan.size
         states = self.roll.drive(x, plan, self.p)  # (N, nx)
@@ -187,7 +187,7 @@ class Mpc:
     def _channel(
         self, name: str, tracked: Along, states: Along, forces: Along | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) and its derivative (N, m) of something tracked, of a state, or of an actuator's force."""
+        """(N,) a tracked quantity, a state or an actuator's force along the plan, and its derivative (N, m)."""
         at = self.model.stepped
         if name.startswith(EFFORT) and forces is not None:
             (value, slope), i = forces, at.commands.index(name.removeprefix(EFFORT))

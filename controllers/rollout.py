@@ -20,7 +20,7 @@ class Rollout:
     call: Buffered
     sensitivity: np.ndarray  # (steps + 1, nx, steps * nu) dx_k / dU, filled below the diagonal
     tracked: np.ndarray | None  # (ny,) places in x of what is tracked; None where it is a function of the state
-    efforts: int | None = None  # which result begins those of the actuators' forces; None where nobody asked for them
+    efforts: int | None = None  # index of the first result of the actuators' forces; None without them
 
     def drive(self, x: np.ndarray, plan: np.ndarray, p: np.ndarray) -> np.ndarray:
         """(steps, nx) states after each step, from x (nx,) under plan (steps, nu) and parameters p (np,)."""
@@ -50,8 +50,8 @@ class Rollout:
 
 
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
-        """(F (steps, nu), dF / dU (steps, nu, steps * nu)): the actuators' forces as each step begins, from what
-        `drive` and `condense` gave.
+        """(F (steps, nu), dF / dU (steps, nu, steps * nu)): the actuators' forces at the beginning of each step, after
+        `drive` and `condense`.
         """
         assert self.efforts is not None
         n, m, found = self.nx, self.nu, self.call.results[self.efforts :]

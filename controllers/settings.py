@@ -34,8 +34,8 @@ class Weights:
 
 @dataclass(frozen=True)
 class Soft:
-    """A limit on a tracked channel, a state or a force ("effort.<actuator>"), to be passed at a price: `price` a unit,
-    and `square` a unit squared.
+    """A soft limit on a tracked channel, a state or a force ("effort.<actuator>"), with the penalty
+    price * v + square * v^2 / 2 for a violation of v units.
     """
 
     channel: str

@@ -1,4 +1,4 @@
-"""Soft limits of a program: rows and a slack each, needed only where the program without them passes one."""
+"""Soft limits of a quadratic program: rows and a slack for each, added only if the solution violates one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ WITHIN = 1e-9  # of a limit's unit
 
 @dataclass(frozen=True, eq=False)
 class SoftRows:
-    """values: (N,) of each limited quantity along the plan; slopes: (N, m) of it by the plan."""
+    """values: (N,) each limited quantity along the plan; slopes: (N, m) its derivative with respect to the plan."""
 
     limits: Sequence[Soft]
     values: Sequence[np.ndarray]
     slopes: Sequence[np.ndarray]
 
     def kept(self, z: np.ndarray) -> bool:
-        """Whether the change z (m,) of the plan passes no limit: then it also solves the program that has them."""
+        """Whether the change z (m,) of the plan violates no limit. It then also solves the program with the limits."""
         for limit, value, slope in zip(self.limits, self.values, self.slopes, strict=True):
             there = value + slope @ z
             if there.min() < limit.lower - WITHIN or there.max() > limit.upper + WITHIN:
@@ -29,7 +29,7 @@ class SoftRows:
 
 
 def softened(qp: Qp, soft: SoftRows) -> Qp:
-    """The program with the limits in it, z = (change of the plan (m,), one slack a limit)."""
+    """The program with the limits, z = (change of the plan (m,), one slack per limit)."""
     m, n, extra = len(qp.g), len(soft.values[0]), len(soft.limits)
     H = np.block([[qp.H, np.zeros((m, extra))], [np.zeros((extra, m)), np.eye(extra)]])
     price = np.array([limit.price * limit.square**-0.5 for limit in soft.limits])

@@ -1,23 +1,23 @@
-"""Settings for an arm that nobody has tuned: from its ranges and what its actuators can do."""
+"""Default settings for an arm, from its ranges and the limits of its actuators."""
 
 import numpy as np
 
 from controllers.settings import Limits, MpcSettings, Soft, Weights
 from residual_mpc.export.augmented import Augmented
 
-JOINT, TOOL = 0.02, 0.005  # rad (m of a joint that slides) and m: an error that costs as much as a usual change
-SPEED = 2.0  # rad/s (m/s), at which a position servo's command may move
-SWEEP = 0.2  # s, in which the command of a motor or a velocity servo may cross its reach
-CHANGE = {"position": 0.05, "velocity": 0.1, "torque": 0.05}  # of the reach: a usual change in one sample
-FAINT = 100.0  # times the reach: commands themselves cost next to nothing
-MARGIN = 0.02  # rad or m, inside of a joint's range
-PRICE = 1000.0  # a unit, of passing it
-PUSH = 100.0  # price of twice the force that a servo can give
+JOINT, TOOL = 0.02, 0.005  # rad (m for a prismatic joint) and m: errors that cost 1
+SPEED = 2.0  # rad/s (m/s), rate limit of a position servo's command
+SWEEP = 0.2  # s, in which the command of a motor or a velocity servo may cross its range
+CHANGE = {"position": 0.05, "velocity": 0.1, "torque": 0.05}  # change per sample that costs 1: rad; shares of the range
+FAINT = 100.0  # times the range: commands that cost 1, so that commands cost almost nothing
+MARGIN = 0.02  # rad or m, distance of the soft limit from the end of a joint's range
+PRICE = 1000.0  # per rad or m, for violating it
+PUSH = 100.0  # linear penalty of a force of twice the servo's limit; the quadratic one is half of it
 
 
 def usual_settings(model: Augmented) -> MpcSettings:
-    """Weights by the reach of each command, limits of commands (a motor's are its torques) and of their rates, and soft
-    ones of the joints' ranges and the servos' forces. For a robot that drives, the rover's.
+    """Weights from the range of each command, hard limits on commands and rates, and soft limits on joint positions and
+    servo forces. For a robot that drives, those of the small rover.
     """
     at = model.stepped
     if not at.rates:

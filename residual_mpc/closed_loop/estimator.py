@@ -18,7 +18,7 @@ from residual_mpc.export.casadi_model import casadi_model
 from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
 from residual_mpc.models.sensing import sensor_value
 
-SMALL = 15_000  # instructions: a longer step takes longer to compile than an estimator saves by it, one call a sample
+SMALL = 15_000  # instructions, beyond which compiling takes longer than an estimator with one call per sample saves
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ def conditions_of(data: Dataset, scales: Scales, robots: Sequence[Robot], later:
 
 
 def driving_of(data: Dataset) -> np.ndarray:
-    """(W, k): how the windows were commanded, as the principal components of the mean, the mean size and the spread of
-    each command, largest first, each with mean 0 and variance 1."""
+    """(W, k) principal components of the commands of the windows (mean, mean magnitude and standard deviation of each
+    command), largest first, each with mean 0 and variance 1."""
     rows = np.zeros((data.count, 3 * max(b.drive.command.shape[2] for b in data.blocks)))
     for b in data.blocks:
         u = b.drive.command[:, b.drive.lead :]
@@ -38,9 +38,9 @@ def driving_of(data: Dataset) -> np.ndarray:
 
 
 def balanced(columns: np.ndarray, later: np.ndarray, most: int, apart: float) -> np.ndarray:
-    """(U, at most `most`) the first of these columns (U, k) whose means before and after differ by less than `apart`
-    standard deviations. They reduce the scatter of the units; one that differs could hide what changed, since a
-    controller answers a change with other commands."""
+    """(U, at most `most`) the first columns of (U, k) whose means before and after differ by less than `apart`
+    standard deviations. A component that differs could hide the change, since a controller reacts to a change with
+    different commands."""
     spread = np.sqrt(0.5 * (columns[later].var(axis=0) + columns[~later].var(axis=0)))
     difference = np.abs(columns[later].mean(axis=0) - columns[~later].mean(axis=0))
     return columns[:, (difference < apart * spread) & (spread > 0.0)][:, :most]

@@ -13,9 +13,9 @@ class ContrastSettings:
     change, over all hypotheses together; left: the same for a difference beyond the named changes. lots: number of
     permutations; labellings: number of ways to divide the runs, below which stretches are permuted; divisions: number
     of ways to divide the stretches, below which Student's distribution is used; clip: standard deviations at which
-    residuals are clipped. units_per_condition: number of units for each component of how the robot was commanded that
-    the test takes into account; balanced: standard deviations by which the means of such a component may differ between
-    the sets."""
+    residuals are clipped. units_per_condition: number of units needed for each component of the
+    commands that the test adjusts for; balanced: largest difference between the sets' means of such a component, in
+    standard deviations."""
 
     unit: float = 3.0
     units: int = 12

@@ -15,7 +15,7 @@ import numpy as np
 from residual_mpc.extras import extra
 
 COMPILERS = ("gcc", "cc", "clang")
-LONG = 500_000  # characters: beyond it -O2 takes minutes, and is no faster than -O1
+LONG = 500_000  # characters of C source, beyond which -O2 takes minutes and gives no faster code than -O1
 _LOADED: dict[str, Any] = {}  # by the hash of the source: the same model is compiled once a process
 _FOLDERS: list[tempfile.TemporaryDirectory[str]] = []  # kept for as long as the libraries in them are loaded
 

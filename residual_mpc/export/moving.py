@@ -1,4 +1,4 @@
-"""How far the step of a robot with inertia lies from its replay: from sampled postures at sampled speeds."""
+"""Largest difference between the step of a robot with inertia and its replay, over sampled moves."""
 
 from dataclasses import replace
 
@@ -10,15 +10,15 @@ from residual_mpc.models.protocol import Drive
 
 ROWS, SECONDS = 20, 0.5
 SPEED = 0.3  # rad/s (m/s), largest of a joint at the start
-SWING = 0.05  # of a command's reach, about what holds the posture
-LEAD = 0.32  # s, for the commands on their way
+SWING = 0.05  # amplitude of a command about the one that holds the posture, as a share of its range
+LEAD = 0.32  # s of commands before a move, for delays
 
 
 def moving_apart(model: Augmented, rng: np.random.Generator) -> float:
     """Largest difference of a position, rad or m, over `SECONDS` s of `ROWS` moves.
 
-    A move begins in the middle half of the joints' ranges; its commands swing by a twentieth of their reach about those
-    that hold the arm there.
+    A move begins in the middle half of the joints' ranges. Its commands are sinusoids about those that hold the arm
+    there, with an amplitude of a twentieth of their range.
     """
     plain = replace(model, build=replace(model.build, smooth=0.0, disturbances=False))
     learned = model.residual
@@ -59,5 +59,5 @@ def _moves(model: Augmented, rng: np.random.Generator) -> tuple[np.ndarray, np.n
 
 
 def _held(model: Augmented, x: np.ndarray) -> np.ndarray:
-    """(ROWS, nu)."""
+    """(ROWS, nu) commands that hold the arm at the states x (ROWS, nx)."""
     return np.stack([model.hold(row) for row in x])

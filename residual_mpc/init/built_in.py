@@ -1,4 +1,4 @@
-"""A robot file for a robot that is given by its name, such as `diff_drive`: its names are known, the log's are not."""
+"""Draft a robot file for a built-in robot such as `diff_drive`, whose channels are known and matched to the log's."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from residual_mpc.models.robot_file import WHEELS, RobotFile
 
 ALIKE = 0.9  # likeness of a column's words to an actuator's or a joint's name
 BODY = ("command.linear", "command.angular")
-SURE = 0.99  # correlation of odometry with wheel speeds from which the odometry tells the wheels' geometry
+SURE = 0.99  # correlation of odometry and wheel speeds above which the odometry determines the wheels' geometry
 
 
 def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
-    """Guess what the robot file of a robot that the plants know by name should say.
+    """Guess the robot file of a built-in robot.
 
     Raises BadInput for an unknown name, runs that cannot be read, and runs without a command or a measurement.
     """
@@ -95,7 +95,7 @@ def _is_kind(words: ColumnName, kind: str) -> bool:
 def _parameters(
     nominal: Mapping[str, float], roles: Mapping[str, str], recordings: Sequence[Recording], clock: Clock
 ) -> tuple[dict[str, float], list[Guess]]:
-    """The nominal parameters, told by the odometry where it was computed from the wheel speeds of the log."""
+    """The nominal parameters, estimated from the odometry if it was computed from the wheel speeds of the log."""
     told = _geometry(roles, recordings, clock) if set(WHEELS) == set(nominal) else None
     if told is not None:
         why = "least squares of the odometry's own speed on the wheel speeds; check it against the robot"
@@ -105,7 +105,8 @@ def _parameters(
 
 
 def _geometry(roles: Mapping[str, str], recordings: Sequence[Recording], clock: Clock) -> dict[str, float] | None:
-    """Wheel radius and track width, m, by which an odometry turns wheel speeds into the twist that it reports."""
+    """Wheel radius and track width, m, with which an odometry computes its twist from the wheel speeds; None if it does
+    not."""
     body, wheels = ("twist.x", "twist.y", "twist.theta", "pose.theta"), ("velocity.left", "velocity.right")
     if not {*body, *wheels} <= set(roles):
         return None
@@ -127,13 +128,13 @@ def _geometry(roles: Mapping[str, str], recordings: Sequence[Recording], clock: 
 
 
 def _at(when: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Samples of a column, between which it is interpolated, at other times; NaN where it has none."""
+    """A column interpolated linearly at the times `when`; NaN if it has no samples."""
     there = np.isfinite(values) & np.isfinite(t)
     return np.interp(when, t[there], values[there]) if there.any() else np.full(len(when), np.nan)
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """(slope through 0, correlation) of y on x, where both are there."""
+    """(slope through 0, uncentred correlation) of y on x, where both are finite."""
     there = np.isfinite(x) & np.isfinite(y)
     x, y = x[there], y[there]
     power = float(x @ x)

@@ -1,4 +1,4 @@
-"""The change that two diagnoses imply."""
+"""The change that follows from two diagnoses."""
 
 from typing import Any
 

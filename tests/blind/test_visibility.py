@@ -70,5 +70,5 @@ def test_a_change_that_the_runs_cannot_show_is_not_drawn():
 
 
 def test_runs_that_show_no_kind_are_refused():
-    with pytest.raises(BadInput, match="scatter so much"):
+    with pytest.raises(BadInput, match="even the largest change of every kind is invisible"):
         draw(((kind("a"), (None,)),), RECIPE, np.random.default_rng(0), lambda *_: None)

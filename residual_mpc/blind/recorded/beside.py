@@ -1,4 +1,4 @@
-"""What two diagnoses say of a change: that of the changed runs beside that of the same runs untouched."""
+"""Compare the diagnosis of changed runs with that of the same runs unchanged."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from residual_mpc.blind.recorded.half import Half
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.robot_file import RobotFile
 
-WORSE = 1.5  # times the gap that the diagnosis of the untouched runs leaves, from which more is left of the change
+WORSE = 1.5  # ratio of the remaining gaps above which a part of the change counts as unexplained
 Document = Mapping[str, Any]
 Name = tuple[str, str | None]
 
@@ -26,8 +26,8 @@ def write_beside(folder: Path, robot: RobotFile, untouched: Half, changed: Half)
 
 
 def difference(untouched: Document, changed: Document) -> dict[str, Any]:
-    """The document of a comparison (contract, section 8) that follows from two diagnoses: an effect that only one of
-    them names, or whose 95 % intervals exclude that it is the same, has changed."""
+    """The difference of two diagnoses, as a document of `compare`: an effect has changed if only one of them names it,
+    or if the 95 % interval of the change of a parameter excludes no change."""
     was, now = _named(untouched), _named(changed)
     pairs = [(name, was.get(name), now.get(name)) for name in dict.fromkeys([*now, *was])]
     changes = [c for name, a, b in pairs if (c := _change(name, a, b)) is not None]
@@ -47,7 +47,7 @@ def _named(diagnosis: Document) -> dict[Name, Document]:
 
 
 def _change(name: Name, was: Document | None, now: Document | None) -> dict[str, Any] | None:
-    """None where both diagnoses may mean the same size."""
+    """The change of one effect; None if the intervals allow that it is the same in both."""
     stated = [e for e in (was, now) if e is not None]
     parameters, differs = {}, len(stated) == 1
     for parameter in stated[-1]["parameters"]:
@@ -64,8 +64,8 @@ def _change(name: Name, was: Document | None, now: Document | None) -> dict[str,
 def _figures(
     effect: str, parameter: str, was: Document | None, now: Document | None
 ) -> tuple[dict[str, Any], bool] | None:
-    """How much one parameter changed, and whether that is beyond both intervals together; None where doing nothing is
-    no number, so that an effect which only one diagnosis names has no size of change."""
+    """The change of one parameter, and whether it exceeds its 95 % interval; None for a parameter without a finite null
+    value of an effect that only one diagnosis names."""
     null = BY_NAME[effect].parameter(parameter).null
     (a, da), (b, db) = (_value(e, parameter, null) for e in (was, now))
     if not (isfinite(a) and isfinite(b)):
@@ -81,7 +81,7 @@ def _figures(
 
 
 def _value(effect: Document | None, parameter: str, null: float) -> tuple[float, float]:
-    """(value, half of the width of its 95 % interval); no effect has none of either."""
+    """(value, half the width of its 95 % interval); (null, 0) without the effect."""
     if effect is None:
         return null, 0.0
     figures = effect["parameters"][parameter]

@@ -19,7 +19,7 @@ from residual_mpc.blind.recorded.kinds.library import carried_by
 from residual_mpc.blind.recorded.log import log_of
 from residual_mpc.blind.recorded.recipe import Change, Recipe, draw, plan
 from residual_mpc.blind.recorded.robot_text import settings_of
-from residual_mpc.blind.recorded.sizing import Recording
+from residual_mpc.blind.recorded.sizing import UntouchedHalves
 from residual_mpc.blind.records import Answer
 from residual_mpc.blind.seal import Sealed, digest, read_sealed, seal, write_sealed
 from residual_mpc.blind.suite import FIRST_TEST_SEED, Entry, Suite, program_version, write_suite
@@ -89,7 +89,7 @@ def changed_halves(
     rng = np.random.default_rng([recipe.seed, crc32(LEVEL.encode()), crc32(robot.name.encode())])
     before, after = _two_halves(robot, runs, rng)
     carried = carried_by(after, settings.kinds)
-    changes = draw(carried, recipe, rng, Recording.of(robot, before, after).sized) if recipe.number else ()
+    changes = draw(carried, recipe, rng, UntouchedHalves.of(robot, before, after).sized) if recipe.number else ()
     changed = after
     for change in changes:
         changed = change.kind.apply(changed, change.target, change.sizes, rng)

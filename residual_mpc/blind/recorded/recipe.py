@@ -37,7 +37,7 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Change:
-    """One drawn change. dose: its step, from 1; visibility: z of a test that knows it, NaN where it has none."""
+    """One drawn change. dose: its step, from 1; visibility: see `visibility`, NaN for a kind without one."""
 
     kind: Kind
     target: Target
@@ -66,10 +66,10 @@ def plan(robot: str, cases: int, first_seed: int, test: bool) -> list[Recipe]:
 
 
 def draw(carried: Carried, recipe: Recipe, rng: np.random.Generator, size: Sizer) -> tuple[Change, ...]:
-    """The changes of a case, in the order in which they are put in. Changes that the runs would not show even in their
-    largest size are left out.
+    """The changes of a case, in the order in which they are put in. Changes that are not visible even at their largest
+    size are not drawn.
 
-    Raises BadInput where the runs would show none of the kinds.
+    Raises BadInput if no kind is visible in these runs.
     """
     if not recipe.number:
         return ()
@@ -89,7 +89,7 @@ def draw(carried: Carried, recipe: Recipe, rng: np.random.Generator, size: Sizer
         else:
             return tuple(sorted(changes, key=lambda change: change.kind.rank))
     raise BadInput(
-        "these runs scatter so much that they would not show the largest change of any kind", "--kind",
+        "these runs scatter so much that even the largest change of every kind is invisible", "--kind",
         "choose other kinds, or give more runs",
     )  # fmt: skip
 

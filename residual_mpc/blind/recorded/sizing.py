@@ -1,4 +1,4 @@
-"""How large a change is drawn: from barely visible in these runs to large."""
+"""Draw the size of a change by its visibility in the recorded runs."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from residual_mpc.blind.recorded.visibility import WindowErrors, visibility, win
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
 
-FAINTEST = 3.0  # visibility of the smallest change that is drawn: a test that knows it misses one in six
-CLEAREST = 30.0  # of the largest
-TRIES = 4  # sizes tried on the way to a visibility
-NEAR = 1.15  # factor within which a visibility is met
+FAINTEST = 3.0  # visibility of the smallest change: a test at z = 2 that knows the change misses one in six
+CLEAREST = 30.0  # visibility of the largest change
+TRIES = 4  # bisections of the strength towards a visibility
+NEAR = 1.15  # factor within which a visibility counts as reached
 
 
 @dataclass(frozen=True)
 class Sized:
-    """sizes: of a change; visibility: its z (see `visibility`), NaN for a kind that has none."""
+    """sizes: parameters of a change; visibility: its z (see `visibility`), NaN for a kind without one."""
 
     sizes: Sizes
     visibility: float
@@ -31,8 +31,8 @@ Sizer = Callable[[Kind, Target, float, np.random.Generator], Sized | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """Both halves before anything is changed, and the errors of their nominal model."""
+class UntouchedHalves:
+    """Both halves before any change, and the errors of the nominal model in them."""
 
     robot: RobotFile
     before: Half
@@ -40,13 +40,13 @@ class Recording:
     untouched: WindowErrors
 
     @staticmethod
-    def of(robot: RobotFile, before: Half, after: Half) -> Recording:
-        """With the errors measured."""
-        return Recording(robot, before, after, window_errors(robot, before, after))
+    def of(robot: RobotFile, before: Half, after: Half) -> UntouchedHalves:
+        """Compute the errors of the nominal model in both halves."""
+        return UntouchedHalves(robot, before, after, window_errors(robot, before, after))
 
     def sized(self, kind: Kind, target: Target, strength: float, rng: np.random.Generator) -> Sized | None:
-        """The change whose visibility lies this far, in equal ratios, between the faintest (0) and the clearest (1)
-        that the runs and the kind's sizes allow; None if not even the kind's largest size is visible."""
+        """The change whose visibility is at this strength on a logarithmic scale from the faintest (0) to the clearest
+        (1) that the kind reaches in these runs; None if even the kind's largest size is not visible."""
         seed = int(rng.integers(2**32))
         if not kind.directed:
             return Sized(kind.size(self.after, target, strength, np.random.default_rng(seed)), float("nan"))
@@ -69,7 +69,7 @@ class Recording:
         return best
 
     def _at(self, kind: Kind, target: Target, strength: float, seed: int) -> Sized | None:
-        """The size at one strength of the kind's own range; None where it cannot be put in."""
+        """The change at one strength of the kind's range; None if it cannot be put into these runs."""
         sizes = kind.size(self.after, target, strength, np.random.default_rng(seed))
         try:
             before, after = (

@@ -1,15 +1,14 @@
-"""How clearly recorded runs show a change: its size over the scatter that these runs have without it.
+"""The visibility of a change in recorded runs: its size relative to the scatter of these runs without it.
 
-The change is put into both halves. In each unit, a run or a stretch of one, the errors of the nominal model are
-projected onto the difference that the change makes to them: a change of the full size shifts this estimate by one. The
-visibility is that shift over the standard error of the difference between the halves, the z of a test that knows which
-change to look for. Neither the search nor the common model of `compare` takes part.
+The change is put into both halves. In each unit (a run or a stretch of one) the errors of the nominal model are
+projected onto the difference that the change makes to them; the full change shifts this estimate by one. The visibility
+is that shift divided by the standard error of the difference between the halves: the z of a test that knows which
+change to look for. It uses neither the search nor the common model of `compare`.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,18 +19,17 @@ from residual_mpc.blind.recorded.half import Half
 from residual_mpc.models.robot_file import RobotFile
 
 STEPS = 60_000  # simulation steps of one replay of both halves
-STRETCH = 3.0  # s, of a unit where there are few runs
-FEW_RUNS = 6  # in a half, below which stretches of runs are the units
+STRETCH = 3.0  # s, length of a unit if there are few runs
+FEW_RUNS = 6  # runs in a half, below which stretches of runs are the units
 BINS = 10  # of a window
 MAD = 1.4826  # standard deviations in a median absolute deviation of a normal distribution
-Change = Callable[[Half], Half]
 
 
 @dataclass(frozen=True, eq=False)
 class WindowErrors:
-    """Errors of the nominal model. key (W, 2): number of the run within both halves, and of the window within it;
-    later (W,) bool; start (W,) s; errors (W, BINS, C), averaged over equal parts of the window, each channel over the
-    size of its motion, NaN where missing."""
+    """Errors of the nominal model in W windows. key (W, 2): number of the run within both halves, and of the window
+    within the run; later (W,) bool: whether the run is in the second half; start (W,) s; errors (W, BINS, C): averaged
+    over equal parts of the window, each channel divided by the size of its motion, NaN if missing."""
 
     key: np.ndarray
     later: np.ndarray
@@ -40,7 +38,7 @@ class WindowErrors:
 
 
 def window_errors(robot: RobotFile, before: Half, after: Half) -> WindowErrors:
-    """Of the windows of one second, evenly fewer where they are many."""
+    """The errors in windows of one second, evenly subsampled to at most STEPS simulation steps."""
     from residual_mpc.api.robot import load_robot
     from residual_mpc.api.run_models import RunModels
     from residual_mpc.diagnosis.data.dataset import build_dataset
@@ -74,7 +72,7 @@ def window_errors(robot: RobotFile, before: Half, after: Half) -> WindowErrors:
 
 
 def visibility(untouched: WindowErrors, changed: WindowErrors) -> float:
-    """z of the change that leads from one to the other, at least 0; 0 where no unit shows it."""
+    """z of the change that leads from one to the other, at least 0; 0 if no unit shows it."""
     _, mine, its = np.intersect1d(_flat(untouched), _flat(changed), return_indices=True)
     e, moved = untouched.errors[mine], changed.errors[its]
     there = np.isfinite(e) & np.isfinite(moved)
@@ -95,8 +93,8 @@ def visibility(untouched: WindowErrors, changed: WindowErrors) -> float:
 
 
 def _binned(part: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """(W, BINS, C) means of the errors (W, M, C) of samples at these parts of the window (W, M). A change may move the
-    stamps, and single samples hold more noise than change."""
+    """(W, BINS, C) means of the errors (W, M, C) of samples at the fractions `part` (W, M) of the window. Means are
+    compared because a change may move the stamps, and single samples are noisy."""
     out = np.full((len(errors), BINS, errors.shape[2]), np.nan)
     with np.errstate(invalid="ignore"):
         place = np.clip(np.floor(part * BINS), 0, BINS - 1)

@@ -41,8 +41,8 @@ class DiagnosisInput:
 class Prepared:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
     may see; longer: the same runs over the longer horizons that the nominal model can predict; near: shorter windows
-    that fits may see, with their scales, if it can predict the headline's and none of the longer ones: where errors
-    grow that fast, the few windows that diverge hide the others."""
+    that fits may see, with their scales, if the model can predict the headline's horizon but no longer one. Errors then
+    grow so fast that a few diverging windows of the headline's horizon would dominate the fit."""
 
     raw: Dataset
     clean: Dataset

@@ -73,7 +73,8 @@ def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Prog
 
 
 def _headline(prepared: Prepared) -> tuple[Dataset, Scales]:
-    """The windows of the headline's horizon that fits may see, with their scales; shorter ones if errors grow fast."""
+    """The windows that the first search fits, with their scales: of the headline's horizon, or shorter if errors grow
+    too fast."""
     return prepared.near or (prepared.fitting, prepared.scales)
 
 

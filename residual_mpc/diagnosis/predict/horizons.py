@@ -100,7 +100,7 @@ def windows_between(
     flagged: Mapping[tuple[int, str], np.ndarray],
     settings: PredictSettings,
 ) -> tuple[Dataset, Scales] | None:
-    """The windows of this horizon between what is held out, with the scales of their motion; None where too few have a
+    """The windows of this horizon outside the held-out spans, with the scales of their motion; None if too few have a
     measured start, or nothing moves."""
     spans = [held_spans(r, kept) for r in runs]
     return _cut(runs, robots, noise, horizon, spans, flagged, settings)

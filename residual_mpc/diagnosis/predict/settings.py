@@ -22,8 +22,8 @@ class StartSettings:
 class HorizonSettings:
     """apart: times the horizon before it, from which a longer one says something new; fewest: windows that a horizon
     needs; lengths: s, of windows that fits may see where none of a horizon's length is free; look_steps: simulation
-    steps that the first look at a horizon may cost; shorter: length of the windows that fits see as a share of the
-    headline's horizon, if errors grow too fast to predict longer ones."""
+    steps that the first look at a horizon may cost; shorter: length of the fitted windows as a share of
+    the headline's horizon, if errors grow too fast to predict longer ones."""
 
     apart: float = 1.5
     fewest: int = 3

@@ -16,6 +16,7 @@ from residual_mpc.logs.columns import group, is_measured
 from residual_mpc.logs.readers.cells import labels, numbers_or_none
 from residual_mpc.logs.readers.find import find_tables, stem
 from residual_mpc.logs.readers.headers import read_headers
+from residual_mpc.logs.readers.read import MEMORY_LIMIT
 from residual_mpc.logs.readers.table import Header
 from residual_mpc.logs.run import FloatArray
 
@@ -33,10 +34,10 @@ class Recording:
     run_column: which tells the runs of the table apart, None where it holds one.
     label: the value of run_column, empty without one.
     notes: how the table was read, where that needs a word.
-    hints: column -> text that says better than its name what it is, where the file's format knows.
-    preferred: name of the log format -> the one column that the file's format has for it.
-    doubles: columns that measure what a preferred one measures as well.
-    unit: of the column `t`, where the file's format fixes it.
+    hints: column -> text that describes it better than its name, if the file's format defines it.
+    preferred: name of the log format -> the column that the file's format has for it.
+    doubles: columns with the same quantity as a preferred one.
+    unit: of the column `t`, if the file's format fixes it.
     """
 
     name: str
@@ -60,9 +61,18 @@ class Recording:
 def read_recordings(paths: Sequence[str | Path]) -> tuple[Recording, ...]:
     """Every run behind paths.
 
-    Raises BadInput for a table that cannot be read, or holds no column of numbers or fewer than two rows.
+    Raises BadInput for a table that cannot be read, or holds no column of numbers or fewer than two rows, and for
+    tables that need more memory than MEMORY_LIMIT.
     """
     headers = [header for path in find_tables(paths) for header in read_headers(path)]
+    size = sum(header.size for header in headers)
+    if size > MEMORY_LIMIT:
+        raise BadInput(
+            f"`init` reads every column, which needs about {size / 2**30:.3g} GiB of memory, more than the limit of"
+            f" {MEMORY_LIMIT / 2**30:.3g} GiB",
+            str(max(headers, key=lambda header: header.size).path),
+            "give one or two short runs; the robot file serves the others as well",
+        )
     return tuple(recording for header in headers for recording in _read(header))
 
 
@@ -112,12 +122,12 @@ def _read(header: Header) -> list[Recording]:
 
 
 def _hint(header: Header, column: str, meaning: str) -> str:
-    """The group that a column means, and its name without that of its topic."""
+    """The group of a column in the log format, and its name without its topic."""
     return f"{group(meaning) or meaning} {column.removeprefix(header.topics.get(column, ''))}"
 
 
 def column_words(names: Sequence[str], recordings: Sequence[Recording]) -> dict[str, ColumnName]:
-    """What the columns' names say, or what their format says of them; without those that measure a thing twice."""
+    """The words in the columns' names or hints, without the columns that repeat the quantity of another."""
     hints = {column: hint for r in recordings for column, hint in r.hints.items()}
     doubles = frozenset[str]().union(*(r.doubles for r in recordings))
     return {name: replace(read_words(hints.get(name, name)), name=name) for name in names if name not in doubles}

@@ -28,8 +28,8 @@ class Kind:
         size: draws sizes for one target. The strength runs from 0, barely visible, to 1, large.
         apply: puts the change in.
         rank: changes of a lower rank are put in first.
-        directed: whether it moves what is measured or predicted in one direction, so that its visibility can be
-            measured; outliers do not.
+        directed: whether it shifts measurements or predictions in one direction, so that it has a visibility;
+            outliers do not.
     """
 
     effect: str
