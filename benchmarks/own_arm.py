@@ -1,9 +1,9 @@
 """MPC on arms of a user's own MJCF, timed against IPOPT and do-mpc: `python -m benchmarks.own_arm`.
 
-A six- and a seven-joint arm with 30 ms of dead time, a payload, dry friction, a weak gain and a network on the
-accelerations in the model; N = 20, 20 ms; limits of commands, of their rates and of the joints' ranges; every joint
-swings. `--recovery` instead withholds the four effects on three arms, diagnoses what the nominal MPC drove, and drives
-with the diagnosis.
+A six- and a seven-joint arm, with 30 ms of dead time, a payload, dry friction, a weak gain and a network on the
+accelerations in the model; N = 20 at 20 ms; limits on commands, rates, joint positions and forces; every joint moves
+along a sine. `--recovery` instead withholds the four effects on three arms, diagnoses runs of the nominal MPC, and runs
+the MPC with the diagnosed model.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ import residual_mpc as rm
 from benchmarks.control import Contestant, ControlProblem, do_mpc, full, print_table, race, real_time, row
 from benchmarks.findings.arm_models import SEVEN, SIX, ArmModel, Link
 from benchmarks.findings.arms import Servos
-from controllers.mpc import Mpc, build_mpc
+from controllers.mpc import build_mpc
 from controllers.usual import usual_settings
 from residual_mpc.closed_loop.scenario import RunOptions
 from residual_mpc.export import Augmented, Build, augment
 from residual_mpc.learning.forms.joint import JointForm
 from residual_mpc.learning.network.mlp import Mlp, initial_weights
 from residual_mpc.learning.network.residual import Residual
+from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Knob, Values
 from scenarios.own import OwnScenario, named_motion
@@ -90,7 +91,7 @@ def model(robot: Robot, smooth: float = 0.0) -> Augmented:
 
 
 def contest(robot: Robot, steps: int, few: int, long: int) -> list[dict[str, Any]]:
-    """One row a contestant; the converging ones drive `few` samples, or are left out at 0."""
+    """One row per contestant; those that solve to convergence drive `few` samples, or are left out if it is 0."""
     exact = model(robot)
     settings = usual_settings(exact)
     motion = named_motion("sines", exact, rounds=max(4, int(np.ceil(max(steps, long) * DT / 4.0)) + 1))
@@ -105,7 +106,7 @@ def contest(robot: Robot, steps: int, few: int, long: int) -> list[dict[str, Any
         pair = [
             real_time("", ours, problem),
             full("IPOPT, converged, smoothed", rounded, 100, problem),
-            do_mpc("do-mpc with IPOPT", _bare(rounded), problem),
+            do_mpc("do-mpc with IPOPT", rounded, problem),  # with limits on commands only
         ]
         race(pair, ours, problem, few, 10, rng)
     best = alone[0].cost * pair[1].cost / pair[0].cost if few else float("nan")
@@ -119,28 +120,23 @@ def contest(robot: Robot, steps: int, few: int, long: int) -> list[dict[str, Any
     return rows
 
 
-def _bare(mpc: Mpc) -> Mpc:
-    """do-mpc is given the box limits alone: it has no rate limits."""
-    return replace(mpc, settings=replace(mpc.settings, limits=replace(mpc.settings.limits, soft=())))
-
-
 def _row(c: Contestant, best: float) -> dict[str, Any]:
     kept = c if len(c.wall) > 40 else replace(c, wall=[c.wall[-1]] * 20 + c.wall, cpu=[c.cpu[-1]] * 20 + c.cpu)
     return row(kept, best)
 
 
 def recover(robot: rm.NominalRobot, seeds: int, only: tuple[str, ...] | None) -> dict[str, Any]:
-    """What the diagnosis of two practice drives is worth in closed loop, on a motion that was in neither."""
+    """Tracking errors with the diagnosis of two training motions, on a motion that is in neither."""
     truth = withheld(robot.model)
     plain = rm.augment(robot, dt=DT)
-    practice = []
+    training: list[Run] = []
     for k, motion in enumerate(("postures", "sines")):
         alone = OwnScenario(robot, plain, motion, truth, controllers=("nominal",))
         driven, _ = alone.drive(RunOptions(seeds=2, seed=7000 + 10 * k), _silent)
-        practice += [e.run() for e in driven.episodes["nominal"]]
+        training += [e.run() for e in driven.episodes["nominal"]]
     with tempfile.TemporaryDirectory() as folder:
-        for i, run in enumerate(practice):
-            _write(run, Path(folder) / f"practice_{i}.csv")
+        for i, run in enumerate(training):
+            _write(run, Path(folder) / f"training_{i}.csv")
         runs = rm.read_runs(robot, folder)
         made = rm.diagnose(robot, runs, only=only or ())
     found = rm.augment(robot, made, dt=DT)
@@ -156,7 +152,7 @@ def _values(found: rm.AugmentedModel) -> Values:
     return model_in(found.source)[1]
 
 
-def _write(run: Any, path: Path) -> None:
+def _write(run: Run, path: Path) -> None:
     import pandas as pd
 
     pd.DataFrame({"t": run.t, **run.columns}).to_csv(path, index=False)
@@ -170,10 +166,10 @@ def main() -> None:
     """Print the tables; --json for machines."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--arms", default="six,seven", help="names, separated by commas: six, seven, four")
-    parser.add_argument("--steps", type=int, default=500, help="samples that real-time iteration drives")
-    parser.add_argument("--few", type=int, default=30, help="samples that everyone drives")
+    parser.add_argument("--steps", type=int, default=500, help="samples of the real-time iteration")
+    parser.add_argument("--few", type=int, default=30, help="samples of every contestant")
     parser.add_argument("--long", type=int, default=0, help="samples of a run of our controller alone")
-    parser.add_argument("--recovery", action="store_true", help="diagnose, and drive with the diagnosis")
+    parser.add_argument("--recovery", action="store_true", help="diagnose training runs and drive with the diagnosis")
     parser.add_argument("--only", default="", help="effects that the diagnosis may name; by default all")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--json", action="store_true")

@@ -5,7 +5,7 @@ python -m benchmarks.recorded_changes [--shared ../shared] [--source NAME ...] [
 
 The recordings are no part of this repository. A source whose folder is absent says so, and the others are measured. A
 call that was stopped goes on where it was. `--only-make` stops before the comparisons. `--beside` also diagnoses the
-changed runs of each case and the same runs untouched, and scores what the two diagnoses differ in.
+changed runs of each case and the same runs unchanged, and scores the difference.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ def recorded_changes(
 
 
 def diagnose_beside(folder: Path, place: Path, cases: int, seed: int, kinds: tuple[str, ...]) -> None:
-    """The difference of two diagnoses of each case as a comparison in `beside`; those that are there stay. The
-    diagnoses see the runs alone."""
+    """Write the difference of two diagnoses of each case to `beside`, unless it is there. The diagnoses see only the
+    runs."""
     from residual_mpc.api.robot import load_robot
     from residual_mpc.api.runs import read_runs, usable
     from residual_mpc.blind.recorded.make import RecordedSettings, changed_halves
@@ -115,7 +115,7 @@ def diagnose_beside(folder: Path, place: Path, cases: int, seed: int, kinds: tup
 
 
 def _diagnose_both(case: Path, result: Path) -> None:
-    """Write what the diagnoses of both halves differ in to `result`."""
+    """Diagnose both halves and write the difference to `result`."""
     from residual_mpc import diagnose, load_robot, read_runs
     from residual_mpc.blind.suite import program_version, write_json
 

@@ -86,7 +86,7 @@ EFFECTS = [
 
 @pytest.mark.parametrize("values", EFFECTS, ids=lambda v: next(iter(v))[0])
 def test_an_effect_acts_as_in_the_replay(tmp_path: Path, values: dict) -> None:
-    """Far nearer to the replay with the effect than the step without it."""
+    """The step and the replay of one model with the effect differ little (that it acts at all is tested below)."""
     model = stepped(tmp_path, UR5E, values)
     assert not model.stepped.left_out[1:]
     assert moving_apart(model, np.random.default_rng(1)) < 3e-3
@@ -117,7 +117,7 @@ def test_a_stiff_servo_is_stable_at_twenty_milliseconds(tmp_path: Path) -> None:
 
 
 def test_a_joint_that_rubs_sticks(tmp_path: Path) -> None:
-    """A pendulum on its side falls by less than a hair within its dry friction, and swings without it."""
+    """A horizontal pendulum stays in place under its dry friction, and falls without it."""
     free = '<motor name="j1" joint="j1"/><motor name="j2" joint="j2"/>'
     ends = []
     for torque in (8.0, 0.0):
