@@ -130,3 +130,10 @@ def test_an_element_never_takes_the_name_of_another_column(tmp_path: Path) -> No
     pd.DataFrame({"t": T, "action": list(ACTION), "action.0": T}).to_parquet(tmp_path / "a.parquet")
     with pytest.raises(BadInput, match="'action.0' appears twice"):
         read_recordings([tmp_path / "a.parquet"])
+
+
+def test_init_refuses_what_does_not_fit_into_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.csv").write_text("t,command.a,position.a\n" + "".join(f"{k},0.0,0.0\n" for k in range(9)))
+    monkeypatch.setattr("residual_mpc.init.columns.recording.MEMORY_LIMIT", 50)
+    with pytest.raises(BadInput, match="more than the limit"):
+        read_recordings([tmp_path / "a.csv"])
