@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from residual_mpc.logs.run import FloatArray
+from residual_mpc.logs.window_polynomials import line_at_zero, quadratic
 
 BoolArray = NDArray[np.bool_]
 
@@ -26,7 +27,7 @@ FLANK = 0.3  # of a spike's height: the most that the samples beside it may shar
 REACH = 11  # samples in the window of a local polynomial
 STRETCH = 61  # samples over which errors of prediction are usual
 SPIKE = 6.0  # times the noise, and times the local error of prediction
-PAUSE = 1.3  # periods between two stamps from which the later one may have been held up
+PAUSE = 1.3  # periods between two stamps, above which the later sample may have been stamped late
 STAMP = 0.1  # of the period: how far any stamp may be off; one that is early by more is rather late by the rest
 
 
@@ -181,7 +182,8 @@ def find_jumps(t: FloatArray, y: FloatArray, sigma: float) -> Jumps:
 
     While a robot moves with v, a sample whose stamp is late by d lies v d behind the curve. How late it may be is
     seen from the stamps: by how much they leave the even grid of their neighbours, and a tenth of the period that no
-    stamp shows; after a pause of the clock, by up to the pause. What such a shift explains is no outlier.
+    stamp shows; after a pause between stamps, by up to the pause. A deviation that such a shift explains is not an
+    outlier.
 
     Args:
         t: (n,) s.
@@ -220,12 +222,12 @@ def _jumps(t: FloatArray, y: FloatArray, floor: float) -> Jumps:
     for _ in range(6):  # reweighted least squares, without the sample itself
         scale = np.median(np.abs(error), axis=1, keepdims=True) + 0.1 * floor + 1e-300
         weight = np.where(own, 0.0, 1.0 / (1.0 + np.minimum(np.abs(error) / scale, 1e6) ** 2))
-        fit, slope = _quadratic(powers, values, weight)
+        fit, slope = quadratic(powers, values, weight)
         error = values - fit
     away = error[own]  # (n,) one own sample a window
     nearest = np.abs(away)
     for side in (tau < 0.0, tau > 0.0):  # at a corner one side's line, continued, meets the sample
-        line = -_line_at_zero(powers, values, weight * side)
+        line = -line_at_zero(powers, values, weight * side)
         seen = np.count_nonzero(side, axis=1) >= 3
         nearest = np.where(seen, np.minimum(nearest, np.where(line * away > 0.0, np.abs(line), 0.0)), nearest)
     others = np.sort(np.where(own, np.inf, np.abs(error)), axis=1)
@@ -275,32 +277,6 @@ def _lateness(times: FloatArray, place: NDArray[np.intp]) -> tuple[FloatArray, F
     spread = np.abs(turns - median[:, :, None]).sum(axis=2)
     late = np.where(spread[0] <= spread[1], median[0], median[1] - (median[1] > 0.5))
     return late * period, period
-
-
-def _quadratic(powers: FloatArray, values: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The weighted least squares quadratic of every window: at its samples (n, k), and its slope at tau = 0 (n,).
-
-    Args:
-        powers: (5, n, k) tau^0 to tau^4.
-        values, weight: (n, k).
-    """
-    m0, m1, m2, m3, m4 = np.einsum("nk,pnk->pn", weight, powers)
-    r0, r1, r2 = np.einsum("nk,nk,pnk->pn", weight, values, powers[:3])
-    # the symmetric 3 x 3 normal equations by cofactors: thousands of tiny systems at once
-    c00, c01, c02 = m2 * m4 - m3 * m3, m2 * m3 - m1 * m4, m1 * m3 - m2 * m2
-    c11, c12, c22 = m0 * m4 - m2 * m2, m1 * m2 - m0 * m3, m0 * m2 - m1 * m1
-    scale = 1.0 / (m0 * c00 + m1 * c01 + m2 * c02 + 1e-300)
-    a = (c00 * r0 + c01 * r1 + c02 * r2) * scale
-    b = (c01 * r0 + c11 * r1 + c12 * r2) * scale
-    c = (c02 * r0 + c12 * r1 + c22 * r2) * scale
-    return a[:, None] + b[:, None] * powers[1] + c[:, None] * powers[2], b
-
-
-def _line_at_zero(powers: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:
-    """The weighted least squares line of every window at tau = 0, (n,)."""
-    m0, m1, m2 = np.einsum("nk,pnk->pn", weight, powers[:3])
-    r0, r1 = np.einsum("nk,nk,pnk->pn", weight, values, powers[:2])
-    return (m2 * r0 - m1 * r1) / (m0 * m2 - m1 * m1 + 1e-300)
 
 
 def _running_quantile(x: FloatArray, share: float) -> FloatArray:

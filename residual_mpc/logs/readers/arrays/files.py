@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from residual_mpc.errors import BadInput
 from residual_mpc.extras import extra
 from residual_mpc.logs.readers.arrays.mat_structure import sound_variables
-from residual_mpc.logs.readers.arrays.tree import Entry, Key
+from residual_mpc.logs.readers.arrays.tree import Entry, Key, Load
 
 NAMES = (
     "names",
@@ -114,11 +114,13 @@ def _leaves(key: Key, value: Any) -> Iterator[tuple[Key, Any]]:
         yield key, value
 
 
-def _same(array: Any) -> Any:
+def _same(array: np.ndarray) -> np.ndarray:
     return array
 
 
-def _entries_of(key: Key, shape: Any, kind: Any, load: Any, names: tuple[str, ...] = ()) -> list[Entry]:
+def _entries_of(
+    key: Key, shape: Sequence[int], kind: np.dtype[Any], load: Load, names: tuple[str, ...] = ()
+) -> list[Entry]:
     """One entry for an array, one for each field of a structured array, none for other contents."""
     shape = tuple(int(n) for n in shape)
     if kind.names:
@@ -133,5 +135,5 @@ def _entries_of(key: Key, shape: Any, kind: Any, load: Any, names: tuple[str, ..
     return [Entry(key, shape, load, names, text=True)] if kind.kind in "SUO" and len(shape) == 1 else []
 
 
-def _field(load: Any, name: str) -> Any:
+def _field(load: Load, name: str) -> Any:
     return load()[name]

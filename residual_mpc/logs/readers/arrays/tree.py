@@ -14,6 +14,7 @@ from residual_mpc.logs.columns import likely_time
 LONGEST = 128  # columns of a matrix; a wider one is an image or a scan
 
 Key = tuple[str, ...]  # the groups of an array, and its own name
+Load = Callable[[], Any]  # the values of an array
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Entry:
 
     key: Key
     shape: tuple[int, ...]
-    load: Callable[[], Any]
+    load: Load
     names: tuple[str, ...] = ()
     text: bool = False
 
