@@ -30,6 +30,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from residual_mpc.errors import BadInput
+from residual_mpc.init.mended_logs import write_corrected_logs
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.readers.headers import read_headers
 from residual_mpc.logs.readers.read import ReadResult, read_runs
@@ -337,8 +338,13 @@ def test_stamps_next_to_each_other_do_not_make_the_period(tmp_path: Path) -> Non
         ("/cmd_vel", t, twist(0.1, 0.0)),
         ("/joint_states", t + 2000, joint_state(t + 2000, ["left", "right"], [], [1.0, 1.0])),
         ("/odom", t + 4000, odometry(t + 4000, 0.1 * k, 0.0, 0.0)))]  # fmt: skip
-    run, _ = read(write_bag(tmp_path / "bag", messages))
+    bag = write_bag(tmp_path / "bag", messages)
+    run, _ = read(bag)
     assert len(run.t) == 180 and run.period == pytest.approx(0.05)
+    log = {"command.linear": "/cmd_vel.linear.x", "command.angular": "/cmd_vel.angular.z", "pose.x": "/odom.pose.x"}
+    (table,) = write_corrected_logs([bag], [], tmp_path / "corrected")  # as `init --mended` writes it
+    again, _ = read(table, RobotFile("rover", "diff_drive", parameters=ROVER.parameters, log=log))
+    np.testing.assert_allclose(again.t, run.t, atol=1e-9)
 
 
 @pytest.mark.parametrize("part", [{"sec": 10**12, "nsec": 0}, {"sec": "1", "nsec": None}])
