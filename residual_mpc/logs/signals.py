@@ -28,6 +28,8 @@ REACH = 11  # samples in the window of a local polynomial
 STRETCH = 61  # samples over which errors of prediction are usual
 SPIKE = 6.0  # times the noise, and times the local error of prediction
 PAUSE = 1.3  # periods between two stamps, above which the later sample may have been stamped late
+LONGEST_PAUSE = 4.0  # periods by which it may be late
+ON_GRID = 0.01  # of a period: a pause that is this near to whole periods is one of lost samples, stamped in time
 STAMP = 0.1  # of the period: how far any stamp may be off; one that is early by more is rather late by the rest
 
 
@@ -257,7 +259,8 @@ def _unexplained(away: FloatArray, slope: FloatArray, times: FloatArray, place: 
     # a sample may have been taken before a pause and stamped after it
     own = np.arange(len(times))
     since = times[own, place] - times[own, np.maximum(place - 1, 0)]
-    paused = np.where(since > PAUSE * period, since - period, 0.0)
+    held_up = (since > PAUSE * period) & (np.abs(since / period - np.rint(since / period)) > ON_GRID)
+    paused = np.where(held_up, np.minimum(since - period, LONGEST_PAUSE * period), 0.0)
     shifts = np.stack([np.zeros_like(late), -slope * late, -slope * np.maximum(late, paused)])
     low, high = shifts.min(axis=0) - margin, shifts.max(axis=0) + margin
     left = np.maximum(0.0, np.maximum(low - away, away - high))

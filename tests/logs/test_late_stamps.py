@@ -65,6 +65,18 @@ def test_samples_stamped_after_a_pause_are_no_outliers(rate: float) -> None:
     assert spikes(t, y, noise_sigma(t, y)).sum() <= 1
 
 
+def test_jumps_after_lost_samples_are_still_found() -> None:
+    rng = np.random.default_rng(7)
+    t = np.arange(4000) / 100.0
+    kept = ~some(rng, len(t), 0.03)
+    t = t[kept]
+    after = np.diff(t, prepend=t[0]) > 0.015
+    y = moving(t) + SIGMA * rng.standard_normal(len(t))
+    y[after] -= 0.009 * np.sign(np.gradient(y, t)[after])  # as a fast joint stamped a fraction of a period late
+    flags = spikes(t, y, noise_sigma(t, y))
+    assert (flags & after).sum() >= 0.6 * after.sum()
+
+
 @pytest.mark.parametrize("clock", ["even", "late", "uneven"])
 @pytest.mark.parametrize("rate", [50.0, 100.0, 500.0])
 def test_jumps_on_a_moving_robot_are_still_found(clock: str, rate: float) -> None:
