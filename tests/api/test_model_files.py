@@ -124,11 +124,13 @@ def test_a_robot_without_a_step_is_exported_as_mjcf(
     ],
 )
 def test_what_needs_a_step_says_that_there_is_none(arm: Path, gain: Path, use: Any) -> None:
+    """Gravity compensation without an actuator has no place in the step."""
+    arm.write_text(arm.read_text().replace("<body ", '<body gravcomp="1" ', 1))
     model = rm.augment(rm.load_robot(arm), gain)
-    with pytest.raises(rm.BadInput, match="no symbolic step"):
+    with pytest.raises(rm.BadInput, match="gravcomp"):
         use(model)
-    assert model.commands == ("command.j1", "command.j2") and model.dt == 0.05
-    assert "no symbolic step" in str(model) and "actuator_gain" in model._repr_html_()
+    assert model.commands == ("command.j1", "command.j2") and model.dt == 0.02
+    assert "gravcomp" in str(model) and "actuator_gain" in model._repr_html_()
     assert model.to_frame().to_dict("records") == [{**GAIN, "unit": "1"}]
 
 
