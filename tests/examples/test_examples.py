@@ -35,3 +35,16 @@ def test_a_wheeled_robot_from_a_rosbag(tmp_path: Path) -> None:
     assert found(result) == pytest.approx(hidden, rel=0.05)
     assert result["diagnosis"].verdict == "effects"
     assert share_left(result) < 0.4
+
+
+@pytest.mark.slow
+def test_a_position_controlled_arm_from_mcap(tmp_path: Path) -> None:
+    result, hidden = run("position_arm_mcap.py", tmp_path)
+    assert found(result) == pytest.approx(hidden, rel=0.1)
+    assert share_left(result) < 0.3
+
+
+def test_a_hobby_arm_from_lerobot(tmp_path: Path) -> None:
+    result, hidden = run("lerobot_arm.py", tmp_path)
+    assert found(result) == pytest.approx(hidden, rel=0.1)
+    assert share_left(result) < 0.3
