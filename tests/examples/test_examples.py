@@ -44,6 +44,13 @@ def test_a_position_controlled_arm_from_mcap(tmp_path: Path) -> None:
     assert share_left(result) < 0.3
 
 
+@pytest.mark.slow
+def test_a_torque_controlled_arm_from_hdf5(tmp_path: Path) -> None:
+    result, hidden = run("torque_arm_hdf5.py", tmp_path)
+    assert found(result) == pytest.approx(hidden, rel=0.1)
+    assert share_left(result) < 0.3
+
+
 def test_a_hobby_arm_from_lerobot(tmp_path: Path) -> None:
     result, hidden = run("lerobot_arm.py", tmp_path)
     assert found(result) == pytest.approx(hidden, rel=0.1)
