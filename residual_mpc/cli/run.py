@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--reference", metavar="CSV|NAME",
-    help="Reference: a CSV with t and position.* (or tool.x, tool.y, tool.z), or one of the motions sines "
-    "(default), postures and circle.",
+    help="Reference: a CSV with t and position.* (or tool.x, tool.y, tool.z; for a robot that drives pose.*), or one "
+    "of an arm's motions sines (default), postures and circle.",
 )  # fmt: skip
 @click.option(
     "--plant", metavar="MODULE:FACTORY",

@@ -1,4 +1,4 @@
-"""References for an arm: a user's table, or a motion by name."""
+"""References: a user's table, or a motion of an arm by name."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -51,7 +51,7 @@ class Waypoints:
 
 
 def read_reference(path: Path) -> Waypoints:
-    """A CSV with the columns t (s) and `position.<joint>` (rad, m), or tool.x, tool.y, tool.z (m).
+    """A CSV with the columns t (s) and `position.<joint>` (rad, m), tool.x, tool.y, tool.z (m), or `pose.*` (m, rad).
 
     Raises BadInput for a file that is missing or not a table, for missing values, and for stamps that do not increase.
     """
@@ -88,6 +88,11 @@ def named_motion(name: str, model: Augmented, rounds: int = 3) -> Waypoints:
     }  # fmt: skip
     if name not in motions:
         raise BadInput(f"{name!r} is neither a file nor a named motion", "--reference", did_you_mean(name, [*motions]))
+    if not model.stepped.spans:
+        raise BadInput(
+            f"the motion {name!r} is for an arm, and {model.robot.name!r} drives", "--reference",
+            f"give a CSV file with t, {', '.join(model.stepped.tracked)}",
+        )  # fmt: skip
     t = np.linspace(0.0, (rounds + 1) * TURN, 200 * (rounds + 1) + 1)
     return Waypoints(model.stepped.tracked, t, motions[name](model, t), TURN)
 

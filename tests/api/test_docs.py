@@ -54,8 +54,19 @@ def rover(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_every_python_page_of_the_guide_is_run_here() -> None:
-    own = text(Path(__file__))
-    assert [p.name for p in sorted(GUIDE.glob("*.md")) if blocks(p) and f'run("{p.name}")' not in own] == []
+    own, quoted = text(Path(__file__)), {"examples.md"}
+    pages = [p for p in sorted(GUIDE.glob("*.md")) if p.name not in quoted]
+    assert [p.name for p in pages if blocks(p) and f'run("{p.name}")' not in own] == []
+
+
+def test_the_examples_quote_their_scripts() -> None:
+    """tests/examples runs the scripts; their page shows parts of them."""
+    scripts = [text(p) for p in sorted((DOCS / "examples").glob("*.py"))]
+    plain = ["\n".join(line.strip() for line in s.splitlines()) for s in scripts]
+    for block in blocks(GUIDE / "examples.md"):
+        wanted = "\n".join(line.strip() for line in block.strip().splitlines())
+        assert any(wanted in s for s in plain), block
+    assert [p.name for p in (DOCS / "examples").glob("*.py") if p.name not in text(GUIDE / "examples.md")] == []
 
 
 def test_readme(rover: Path) -> None:

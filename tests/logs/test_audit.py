@@ -203,3 +203,8 @@ def test_recorded_robots_raise_no_false_alarm(robot: str) -> None:
     assert kinds(result.findings) == set()
     stopped = {("stop", "position.wrist_roll")} if robot == "so101" else set()  # which its model lets turn on
     assert kinds(audit(result.runs, ROBOTS[robot])) == stopped
+
+
+def test_positions_in_degrees_name_the_command_that_corrects_them() -> None:
+    found = audit(with_fault(arms(), scaled(DEG, "position.a", "velocity.a", "command.a")), ARM)
+    assert any("--mended DIR" in f.remedy for f in found if f.kind == "degrees")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from oracles.arms import arm_xml
+from oracles.rover_log import ROBOT
 
 import residual_mpc as rm
 from residual_mpc.cli.main import cli
@@ -170,3 +171,10 @@ def test_a_reference_that_does_not_fit_is_refused(tmp_path: Path, reference: Any
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
     with pytest.raises(BadInput, match=said):
         OwnScenario(robot, model, reference).run(RunOptions(seeds=1))
+
+
+def test_a_robot_that_drives_needs_a_path(tmp_path: Path) -> None:
+    (tmp_path / "rover.toml").write_text(ROBOT)
+    robot = rm.load_robot(tmp_path / "rover.toml")
+    with pytest.raises(BadInput, match="is for an arm, and 'rover' drives.*pose.theta"):
+        OwnScenario(robot, rm.augment(robot, dt=0.05), "sines", plant=Sluggish).run(RunOptions(seeds=1))

@@ -88,7 +88,8 @@ def _beyond_limits(name: str, runs: Sequence[Run], robot: RobotFacts) -> list[Fi
                     name,
                     None,
                     f"{name} reaches {far:.4g}, beyond the joint range {low:.4g} to {high:.4g} rad: it is in degrees",
-                    "multiply position, velocity and command by pi / 180",
+                    "multiply position, velocity and command by pi / 180, or let `residual-mpc init` write corrected "
+                    "runs (--mended DIR)",
                 )
             ]
         margin = 0.2 * (high - low)
