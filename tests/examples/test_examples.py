@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import runpy
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
+
+
+@pytest.fixture(autouse=True)
+def command_on_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command of this environment, which `make test` does not activate."""
+    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
 
 
 def run(script: str, folder: Path) -> tuple[dict[str, Any], Any]:
