@@ -23,16 +23,22 @@ COLOURS = {
 }
 
 
-def write(
-    out: Path, task: ClosedLoopTask, comparison: Comparison, learned: TrainingOutcome, result: dict[str, Any]
-) -> list[str]:
-    """Fill the folder; returns the names of the files."""
+def write_episodes(out: Path, comparison: Comparison) -> list[str]:
+    """Write every episode as a run into the folder, which is made; returns the names of the files."""
     out.mkdir(parents=True, exist_ok=True)
     names = []
     for episodes in comparison.episodes.values():
         for e in episodes:
             names.append(f"{e.name}.csv")
             e.table().to_csv(out / names[-1], index=False, lineterminator="\n")
+    return names
+
+
+def write(
+    out: Path, task: ClosedLoopTask, comparison: Comparison, learned: TrainingOutcome, result: dict[str, Any]
+) -> list[str]:
+    """Fill the folder; returns the names of the files."""
+    names = write_episodes(out, comparison)
     write_atomically(out / "diagnosis.json", json.dumps(to_document(learned.made.diagnosis), indent=2))
     write_atomically(out / "result.json", json.dumps(result, indent=2))
     _picture(out / "tracking.png", task, comparison)

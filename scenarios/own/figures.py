@@ -13,7 +13,7 @@ from residual_mpc.closed_loop.episode import Episode
 from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.files import write_atomically
 from residual_mpc.models.protocol import Robot
-from scenarios.closed_loop.results import COLOURS
+from scenarios.closed_loop.results import COLOURS, write_episodes
 
 FRAME, RATE = 0.1, 20  # s of motion per frame, frames per second: at twice the real speed
 MOST_FRAMES = 600  # longer runs are shown faster, since each frame takes tens of ms to draw
@@ -21,12 +21,7 @@ MOST_FRAMES = 600  # longer runs are shown faster, since each frame takes tens o
 
 def write(out: Path, robot: Robot, comparison: Comparison, result: dict[str, Any]) -> list[str]:
     """Fill the folder; returns the names of the files."""
-    out.mkdir(parents=True, exist_ok=True)
-    names = []
-    for episodes in comparison.episodes.values():
-        for e in episodes:
-            names.append(f"{e.name}.csv")
-            e.table().to_csv(out / names[-1], index=False, lineterminator="\n")
+    names = write_episodes(out, comparison)
     write_atomically(out / "result.json", json.dumps(result, indent=2))
     _picture(out / "tracking.png", comparison, result["unit"])
     names += ["result.json", "tracking.png"]

@@ -93,7 +93,7 @@ def test_a_model_that_diverges_is_not_foretold() -> None:
 
 
 def test_shorter_windows_fill_what_is_not_held_out() -> None:
-    """The windows of a quarter of a second that fits see where errors grow fast hold nothing of what is kept back."""
+    """If errors grow fast, the fits use windows of a quarter of a second, none of which overlaps a held-out span."""
     runs = [rover_run(f"r{k}", {}, seed=k) for k in range(2)]
     kept = [KeptBack("r0", 2.0, 5.0)]
     near = windows_between(runs, [ROVER] * 2, SIGMA, 0.25, kept, {}, settings=PredictSettings())
