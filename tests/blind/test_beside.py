@@ -56,6 +56,12 @@ def test_more_left_than_of_the_untouched_runs_is_partial_or_unknown():
     assert difference(diagnosis(0.1), diagnosis(0.2, GAIN))["verdict"] == "partial"
 
 
+def test_a_gain_of_zero_has_no_ratio():
+    dead = ("actuator_gain", "m2", 0.9, "gain", 0.0, 0.0)
+    (change,) = difference(diagnosis(0.1, dead), diagnosis(0.1))["changes"]
+    assert change["effect"] == "actuator_gain" and change["parameters"] == {}
+
+
 def test_a_limit_that_only_one_names_has_no_size_of_change():
     limit = ("saturation", "left", 0.9, "limit", 4.0, 0.1)
     (change,) = difference(diagnosis(0.1), diagnosis(0.1, limit))["changes"]

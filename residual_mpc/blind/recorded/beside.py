@@ -65,10 +65,10 @@ def _figures(
     effect: str, parameter: str, was: Document | None, now: Document | None
 ) -> tuple[dict[str, Any], bool] | None:
     """The change of one parameter, and whether it exceeds its 95 % interval; None for a parameter without a finite null
-    value of an effect that only one diagnosis names."""
+    value of an effect that only one diagnosis names, and for a ratio to or from zero."""
     null = BY_NAME[effect].parameter(parameter).null
     (a, da), (b, db) = (_value(e, parameter, null) for e in (was, now))
-    if not (isfinite(a) and isfinite(b)):
+    if not (isfinite(a) and isfinite(b)) or (null == 1.0 and 0.0 in (a, b)):
         return None
     if null == 1.0:  # gains, scales and radii change by a ratio
         ratio = b / a
