@@ -80,6 +80,15 @@ def write_numbers(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Setting
             at.frictionloss = changed["dof_frictionloss"][dof]
         if "dof_solimp" in changed:
             at.solimp_friction = changed["dof_solimp"][dof]
+        number = int(robot.numbers[j])
+        if "jnt_stiffness" in changed:
+            at.stiffness[0] = changed["jnt_stiffness"][number]
+            at.springref = changed.get("qpos_spring", model.qpos_spring)[robot.places[j]]
+        if "jnt_limited" in changed or "jnt_range" in changed:
+            at.limited = bool(changed.get("jnt_limited", model.jnt_limited)[number])
+            at.range = changed.get("jnt_range", model.jnt_range)[number]
+    if "opt.gravity" in changed:
+        spec.option.gravity = changed["opt.gravity"]
     for i, name in enumerate(robot.actuators):
         at = spec.actuator(name)
         for field in ("gainprm", "biasprm"):

@@ -3,22 +3,27 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from residual_mpc.effects.actuator import ACTUATOR_GAIN, ACTUATOR_LAG, BACKLASH
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, ACTUATOR_LAG, BACKLASH, SATURATION, TORQUE_SPEED_LIMIT
 from residual_mpc.effects.body import (
     ARMATURE,
+    BASE_TILT,
     COULOMB,
+    END_STOP,
+    GEAR_EFFICIENCY,
     JOINT_COMPLIANCE,
+    JOINT_SPRING,
     LINK_LENGTH,
     LINK_MASS,
     LOAD_FRICTION,
     PAYLOAD,
     STRIBECK,
+    TORQUE_OFFSET,
     VISCOUS,
 )  # fmt: skip
-from residual_mpc.effects.command import COMMAND_DELAY
+from residual_mpc.effects.command import COMMAND_DELAY, RATE_LIMIT
 from residual_mpc.effects.contact import LATERAL_SLIP, LONGITUDINAL_SLIP, SLOPE, WHEEL_RADIUS, WHEEL_RADIUS_MISMATCH
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.sensor import SENSOR_DELAY, SENSOR_MOUNTING
+from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_MOUNTING
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,15 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(COULOMB, LOAD_FRICTION, "", "repeat the motion under a second payload"),
     Separation(COULOMB, STRIBECK, "", "move slowly and fast: creep, then chirp"),
     Separation(PAYLOAD, LINK_MASS, "", "repeat the motion with a known payload"),
+    Separation(LOAD_FRICTION, GEAR_EFFICIENCY, "", "raise and lower a heavy load, slowly and at the same speed"),
+    Separation(TORQUE_SPEED_LIMIT, SATURATION, "", "send large steps from rest and in fast motion"),
+    Separation(RATE_LIMIT, ACTUATOR_LAG, "", "send small and large steps"),
+    Separation(RATE_LIMIT, TORQUE_SPEED_LIMIT, "", "send large steps with and without a payload"),
+    Separation(JOINT_SPRING, TORQUE_OFFSET, "", "hold the joint at several positions over its whole range"),
+    Separation(JOINT_SPRING, PAYLOAD, "", "hold the arm stretched out and folded, in several directions"),
+    Separation(TORQUE_OFFSET, SENSOR_BIAS, "", OFF),
+    Separation(BASE_TILT, PAYLOAD, "", "hold the arm stretched out in several directions about the vertical"),
+    Separation(END_STOP, SATURATION, "", "approach the position at which the joint stops slowly and fast"),
 )
 
 
@@ -97,6 +111,11 @@ SUBSTITUTES: tuple[tuple[Effect, Effect], ...] = (
     (STRIBECK, LOAD_FRICTION),
     (COULOMB, STRIBECK),
     (PAYLOAD, LINK_MASS),
+    (LOAD_FRICTION, GEAR_EFFICIENCY),
+    (COULOMB, GEAR_EFFICIENCY),
+    (SENSOR_BIAS, TORQUE_OFFSET),
+    (JOINT_SPRING, TORQUE_OFFSET),
+    (SATURATION, TORQUE_SPEED_LIMIT),
 )
 
 # Effects of an arm of which nobody has measured yet how much of them others remove.
