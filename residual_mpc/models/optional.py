@@ -92,6 +92,13 @@ class Disturbed(Protocol):
 
 
 @runtime_checkable
+class HalvingStep(Protocol):
+    def with_half_step(self) -> Robot | None:
+        """The same robot simulated at half the time step, for the same drives and nodes; None where that cannot be."""
+        ...
+
+
+@runtime_checkable
 class Wrapping(Protocol):
     @property
     def wraps(self) -> Robot:
@@ -151,6 +158,11 @@ def disturbed(robot: Robot) -> tuple[str, ...]:
     """Signals that offset-free tracking disturbs; by default the velocities of a robot that drives."""
     robot = _innermost(robot)
     return robot.disturbed if isinstance(robot, Disturbed) else BODY
+
+
+def with_half_step(robot: Robot) -> Robot | None:
+    """The robot simulated at half its time step; by default None, as of one that integrates exactly."""
+    return robot.with_half_step() if isinstance(robot, HalvingStep) else None
 
 
 def _innermost(robot: Robot) -> Robot:

@@ -36,6 +36,7 @@ class CompiledRobot:
     gears: Gears | None = None  # of a robot whose motors and links were told apart
     settings: "tuple[CompiledRobot, ...]" = ()  # where several settings were merged: the robot in each
     differing: tuple[str, ...] = ()  # the model fields in which they differ
+    finer: int = 1  # simulation steps in one of the robot's
     held: tuple[str, ...] = ()  # actuators of the model file that act on no joint and are not commanded
 
     @cached_property
@@ -174,12 +175,12 @@ class CompiledRobot:
 
     @property
     def step(self) -> float:
-        return float(self.model.opt.timestep)
+        return float(self.model.opt.timestep) * self.finer
 
     @property
     def substeps(self) -> int:
         """Steps of the model in one of the robot's."""
-        return 1 if self.gears is None else self.gears.substeps
+        return self.finer * (1 if self.gears is None else self.gears.substeps)
 
     @cached_property
     def sites(self) -> Sites:
