@@ -15,9 +15,9 @@ WINDOWS = 40  # at most
 
 
 def finer_prediction(data: Dataset, row: Settings, here: np.ndarray | None = None) -> np.ndarray | None:
-    """(W, M, C) by how much the prediction of a model (settings of one row) lacks that of one stepped infinitely finely,
-    by Richardson's extrapolation of a step and its half at order 1 (Hairer, Norsett and Wanner, Solving ODEs I, 1993,
-    section II.4). here: the prediction with the whole step. None where no model here has another step.
+    """(W, M, C) what has to be added to the prediction of a model (settings of one row) to get that of one stepped
+    infinitely finely, by Richardson's extrapolation of a step and its half at order 1 (Hairer, Norsett and Wanner,
+    Solving ODEs I, 1993, section II.4). here: the prediction with the whole step. None where no model has another step.
     """
     finer = [optional.with_half_step(block.robot) for block in data.blocks]
     halves = tuple(replace(b, robot=r) for b, r in zip(data.blocks, finer, strict=True) if r is not None)
