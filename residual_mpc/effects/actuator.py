@@ -218,7 +218,7 @@ TORQUE_SPEED_LIMIT = Effect(
     kink="signal",
     unseen="no motion that is fast and needs torque at once",
     phrase=Phrase("{who} gives {stall_torque} at standstill and none at {no_load_speed}"),
-    nouns={"stall_torque": Noun("stall torque"), "no_load_speed": Noun("no-load speed")},
+    nouns={"stall_torque": Noun("stall torque")},
     not_in_mjcf="MuJoCo's force limits do not depend on the speed",
 )
 

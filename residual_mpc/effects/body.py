@@ -275,7 +275,7 @@ JOINT_SPRING = Effect(
     site="elastic",
     imitates=frozenset({"position"}),
     phrase=Phrase("a spring of {stiffness} pulls {who} towards {rest}"),
-    nouns={"stiffness": Noun("stiffness", appears="spring", size="stiffness"), "rest": Noun("rest position")},
+    nouns={"stiffness": Noun("stiffness", appears="spring", size="stiffness")},
 )
 
 TORQUE_OFFSET = Effect(
@@ -289,7 +289,7 @@ TORQUE_OFFSET = Effect(
     null_target=False,
     site="elastic",
     imitates=frozenset({"position"}),
-    phrase=Phrase("a constant torque of {torque} acts on {who}"),
+    phrase=Phrase("{who} carries a constant torque of {torque} that the model lacks"),
     nouns={"torque": Noun("constant torque", "excess")},
 )
 
