@@ -56,7 +56,7 @@ class PybulletRobot:
         """Where effects can act."""
         return {
             **dict.fromkeys(("command", "limit", "delay"), MOTORS),
-            "offset": tuple(f"position.{m}" for m in MOTORS),
+            **dict.fromkeys(("offset", "range"), tuple(f"position.{m}" for m in MOTORS)),
             "samples": (self.name,),
         }
 

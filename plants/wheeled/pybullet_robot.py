@@ -43,7 +43,7 @@ class BulletRobot:
             **dict.fromkeys(("command", "strength", "limit", "output", "dry friction"), WHEELS),
             **dict.fromkeys(("rolling", "point", "samples"), (self.name,)),
             "delay": ("pose",),
-            "offset": ("pose.theta",),
+            **dict.fromkeys(("offset", "range"), ("pose.theta",)),
         }
 
     def slots(self, effect: str) -> tuple[str, ...]:

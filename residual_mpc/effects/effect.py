@@ -35,6 +35,7 @@ Site = Literal[
     "drift",  # motion of the base in the world
     "delay",  # the age of a reading
     "offset",  # a constant in a reading
+    "range",  # a factor on a reading
     "point",  # the tracked point on the body
     "samples",  # single samples of a reading
 ]
@@ -51,6 +52,7 @@ Quantity = Literal[
     "gear play",  # rad
     "reading delay",  # s
     "reading offset",  # the channel's unit
+    "reading scale",  # a factor
 ]  # fmt: skip
 
 STAGES: tuple[Stage, ...] = ("command", "actuator", "body", "contact", "sensor")

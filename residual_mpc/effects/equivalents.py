@@ -16,9 +16,16 @@ from residual_mpc.effects.body import (
     VISCOUS,
 )  # fmt: skip
 from residual_mpc.effects.command import COMMAND_DELAY
-from residual_mpc.effects.contact import LATERAL_SLIP, LONGITUDINAL_SLIP, SLOPE, WHEEL_RADIUS, WHEEL_RADIUS_MISMATCH
+from residual_mpc.effects.contact import (
+    LATERAL_SLIP,
+    LONGITUDINAL_SLIP,
+    SLOPE,
+    TRACK_WIDTH,
+    WHEEL_RADIUS,
+    WHEEL_RADIUS_MISMATCH,
+)
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.sensor import SENSOR_DELAY, SENSOR_MOUNTING
+from residual_mpc.effects.sensor import SENSOR_DELAY, SENSOR_MOUNTING, SENSOR_SCALE
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,7 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(WHEEL_RADIUS, SLOPE, "drive straight at two headings, both ways", ""),
     Separation(WHEEL_RADIUS, LONGITUDINAL_SLIP, "drive at constant speed as well as with hard accelerations", ""),
     Separation(LATERAL_SLIP, SENSOR_MOUNTING, "spin in place, and drive arcs at varying speed", ""),
+    Separation(TRACK_WIDTH, SENSOR_SCALE, "log pose.x and pose.y beside the heading, and drive on after turns", ""),
     Separation(ACTUATOR_LAG, COMMAND_DELAY, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(COULOMB, BACKLASH, "", CHIRP),
     Separation(PAYLOAD, JOINT_COMPLIANCE, "", OFF),

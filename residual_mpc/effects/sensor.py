@@ -34,6 +34,22 @@ SENSOR_DELAY = Effect(
     not_in_mjcf=READ_ELSEWHERE,
 )
 
+SENSOR_SCALE = Effect(
+    name="sensor_scale",
+    stage="sensor",
+    port="sensor",
+    target="channel",
+    parameters=(Parameter("scale", "1", 1.0, 0.2, 5.0, (1.1,), tolerance=0.002, quantity="reading scale"),),
+    summary="a channel reads a multiple of the truth",
+    null_target=False,
+    site="range",
+    unseen="the channel hardly moves away from its zero",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("{who} reads {scale} of the true value", shares=("scale",)),
+    nouns={"scale": Noun("scale", "factor")},
+    not_in_mjcf=READ_ELSEWHERE,
+)
+
 SENSOR_BIAS = Effect(
     name="sensor_bias",
     stage="sensor",
@@ -90,4 +106,4 @@ SENSOR_OUTLIERS = Effect(
     not_in_mjcf=READ_ELSEWHERE,
 )
 
-EFFECTS = (SENSOR_DELAY, SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS)
+EFFECTS = (SENSOR_DELAY, SENSOR_SCALE, SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS)

@@ -16,8 +16,8 @@ from residual_mpc.models.settings import Knob, Settings, assemble
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
 SLOTS = {e.name: ROVER.slots(e.name) for e in LIBRARY}
-SENSORS = ("sensor_delay", "sensor_bias", "sensor_mounting")
-DELAY, BIAS, X, Y = 0.12, 0.2, 0.08, -0.05  # s, rad, m, m
+SENSORS = ("sensor_delay", "sensor_scale", "sensor_bias", "sensor_mounting")
+DELAY, SCALE, BIAS, X, Y = 0.12, 1.08, 0.2, 0.08, -0.05  # s, 1, rad, m, m
 
 
 def dataset(run: Run) -> Dataset:
@@ -53,6 +53,8 @@ def logged(clean: Run, effect: str) -> Run:
     x, y, theta = (clean.columns[c] for c in ("pose.x", "pose.y", "pose.theta"))
     if effect == "sensor_delay":
         seen = {c: np.interp(clean.t - DELAY, clean.t, clean.columns[c]) for c in ("pose.x", "pose.y", "pose.theta")}
+    elif effect == "sensor_scale":
+        seen = {"pose.theta": theta[0] + SCALE * (theta - theta[0])}
     elif effect == "sensor_bias":
         seen = {"pose.theta": theta + BIAS}
     else:
@@ -65,6 +67,7 @@ def logged(clean: Run, effect: str) -> Run:
     ("effect", "truth"),
     [
         ("sensor_delay", {("sensor_delay", None, "delay"): DELAY}),
+        ("sensor_scale", {("sensor_scale", "pose.theta", "scale"): SCALE}),
         ("sensor_bias", {("sensor_bias", "pose.theta", "bias"): BIAS}),
         ("sensor_mounting", {("sensor_mounting", None, "x"): X, ("sensor_mounting", None, "y"): Y}),
     ],
@@ -77,8 +80,9 @@ def test_the_true_fault_explains_the_log(
         data = data.take(data.start > 0.5)
     left, nominal = error(data, truth), error(data, {})
     assert nominal > 3e-3 and left < 0.05 * nominal
+    null = 1.0 if effect == "sensor_scale" else 0.0
     for off in (0.9, 1.1):
-        assert error(data, {k: off * v for k, v in truth.items()}) > 2 * left
+        assert error(data, {k: null + off * (v - null) for k, v in truth.items()}) > 2 * left
 
 
 def test_hypotheses_and_windows_do_not_mix(clean: Run) -> None:

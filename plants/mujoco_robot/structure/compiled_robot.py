@@ -198,11 +198,12 @@ class CompiledRobot:
     @property
     def _sensor_sites(self) -> Sites:
         if self.base is None:
-            return {"delay": self.joints, "offset": tuple(f"position.{j}" for j in self.joints)}
+            encoders = tuple(f"position.{j}" for j in self.joints)
+            return {"delay": self.joints, **dict.fromkeys(("offset", "range"), encoders)}
         others = tuple(j for j, rolls in zip(self.joints, self.base.rolling, strict=True) if not rolls.any())
         return {  # a wheel's angle is not measured, and says nothing of where the robot is
             "delay": ("pose", *others),
-            "offset": ("pose.theta", *(f"position.{j}" for j in others)),
+            **dict.fromkeys(("offset", "range"), ("pose.theta", *(f"position.{j}" for j in others))),
             "point": (self.name,),
         }
 

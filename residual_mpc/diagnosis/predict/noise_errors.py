@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.dataset import Dataset, Signal
+from residual_mpc.diagnosis.data.dataset import Block, Dataset, Signal
 from residual_mpc.diagnosis.data.local_fit import REACH, local_fit
 from residual_mpc.diagnosis.data.noise_model import draw_coloured
 from residual_mpc.diagnosis.predict.replay import earliest, predict, run_up
 from residual_mpc.logs.signals import fresh_samples
+from residual_mpc.models.sensing import sensor_value
 from residual_mpc.models.settings import Settings
 
 
@@ -22,7 +23,7 @@ def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, dr
     fresh = {key: fresh_samples(s.y) for key, s in data.signals.items()}
     for d in range(draws):
         noise = {key: draw_noise(data, key[1], s, fresh[key], rng) for key, s in data.signals.items()}
-        error = start_errors(data, noise)
+        error = start_errors(data, settings, noise)
         moved = predict(data, settings, {c: e + bias.get(c, 0.0) for c, e in error.items()})[0]
         seen = np.full(data.y.shape, np.nan)
         for (i, c), n in noise.items():
@@ -95,13 +96,14 @@ def draw_noise(data: Dataset, channel: str, signal: Signal, fresh: np.ndarray, r
     return np.asarray(noise[last] + signal.y[last] - between)
 
 
-def start_errors(data: Dataset, noise: dict[tuple[int, str], np.ndarray]) -> dict[str, np.ndarray]:
-    """Errors of the start states (W,) by channel that a noise on the signals causes."""
+def start_errors(data: Dataset, settings: Settings, noise: dict[tuple[int, str], np.ndarray]) -> dict[str, np.ndarray]:
+    """Errors of the start states (W,) by channel that a noise on the signals causes under one hypothesis."""
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
         for state in block.robot.states:
             position = np.zeros(data.count)
             rate = np.zeros(data.count)
+            scale = {c: _scale(block, settings, c) for c in (state.position, state.velocity) if c}
             for i in np.unique(data.run[block.where]):
                 mine = np.flatnonzero(data.run == i)
                 for channel in (state.position, state.velocity):
@@ -110,12 +112,18 @@ def start_errors(data: Dataset, noise: dict[tuple[int, str], np.ndarray]) -> dic
                         continue
                     fit = local_fit(signal.t, data.start[mine])
                     if channel == state.position:
-                        position[mine] = np.nan_to_num(fit.value(noise[int(i), channel]))
-                        rate[mine] = np.nan_to_num(fit.slope(noise[int(i), channel]))
+                        position[mine] = np.nan_to_num(fit.value(noise[int(i), channel])) / scale[channel]
+                        rate[mine] = np.nan_to_num(fit.slope(noise[int(i), channel])) / scale[channel]
                     else:
                         assert channel is not None
-                        rate[mine] = np.nan_to_num(fit.value(noise[int(i), channel]))
+                        rate[mine] = np.nan_to_num(fit.value(noise[int(i), channel])) / scale[channel]
             out[state.position] = out.get(state.position, 0.0) + position
             if state.velocity is not None:
                 out[state.velocity] = out.get(state.velocity, 0.0) + rate
     return out
+
+
+def _scale(block: Block, settings: Settings, channel: str) -> float:
+    """How many times the truth a channel reads under one hypothesis."""
+    scale = sensor_value(block.robot, settings, "reading scale", channel)
+    return 1.0 if scale is None else float(scale[0])

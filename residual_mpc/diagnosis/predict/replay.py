@@ -7,11 +7,11 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.diagnosis.predict.readings import reading_of
 from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models import optional
-from residual_mpc.models.protocol import Drive, Robot
-from residual_mpc.models.sensing import sensor_value
+from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
 ROOM = 24_000_000  # numbers that one chunk of hypotheses may hold
@@ -49,12 +49,14 @@ def start_states(data: Dataset, block: Block, settings: Settings, sooner: float 
     rest = optional.rest(block.robot)
     out: dict[str, np.ndarray] = {}
     for state in block.robot.states:
-        value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
+        position = reading_of(data, block, settings, state.position)
+        value, slope = _local(data, block, state.position, position.delay - early)
         value = np.where(np.isnan(value), rest.get(state.position, 0.0), value)
-        out[state.position] = np.nan_to_num(value) - _bias(block.robot, settings, state.position)
+        out[state.position] = position.true(np.nan_to_num(value))
         if state.velocity is not None:
-            rate, _ = _local(data, block, state.velocity, _delay(block.robot, settings, state.velocity) - early)
-            out[state.velocity] = np.nan_to_num(np.where(np.isnan(rate), slope, rate))
+            velocity = reading_of(data, block, settings, state.velocity)
+            rate, _ = _local(data, block, state.velocity, velocity.delay - early)
+            out[state.velocity] = np.nan_to_num(np.where(np.isnan(rate), position.rate(slope), velocity.true(rate)))
     for effect, p in present(settings.effects, "point"):
         assert effect.undo is not None
         out["pose.x"], out["pose.y"] = effect.undo(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
@@ -83,8 +85,9 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
     nodes = block.robot.replay({k: v.reshape(h * w) for k, v in start.items()}, drive, each, wanted)
     t = data.t[block.where]  # (W, M)
     sampled: dict[str, np.ndarray] = {}
+    readings = {c: reading_of(data, block, settings, c) for c in wanted}
     for channel in wanted:
-        late = (_delay(block.robot, settings, channel) - early)[:, None, None]  # (H, 1, 1) s
+        late = (readings[channel].delay - early)[:, None, None]  # (H, 1, 1) s
         sampled[channel] = _interpolate(nodes[channel].reshape(h, w, -1), t[None] - late, drive.dt)
     posed = "pose.x" in sampled and "pose.theta" in sampled
     for effect, values in present(settings.effects, "point") if posed else ():
@@ -95,7 +98,7 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
     out = np.full((h, w, t.shape[1], len(data.channels)), np.nan)
     for k, channel in enumerate(data.channels):
         if channel in sampled:
-            out[..., k] = sampled[channel] + _bias(block.robot, settings, channel)[:, :, None]
+            out[..., k] = readings[channel].of(sampled[channel])
     return out
 
 
@@ -143,7 +146,8 @@ def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tu
     each = settings.take(np.zeros(len(first), dtype=int))
     nodes = block.robot.replay(start, drive, each, wanted)
     for state in block.robot.states:
-        value, _ = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
+        position = reading_of(data, block, settings, state.position)
+        value, _ = _local(data, block, state.position, position.delay - early)
         measured = any(c == state.position for _, c in data.signals)
         reaches &= np.isfinite(value[0]) | (not measured)
     return dict(nodes), reaches
@@ -158,18 +162,6 @@ def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
     low = np.take_along_axis(nodes, k, axis=2)
     high = np.take_along_axis(nodes, k + 1, axis=2)
     return np.where(np.isnan(t), np.nan, low + (place - k) * (high - low))
-
-
-def _delay(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
-    """(H,) s."""
-    value = sensor_value(robot, settings, "reading delay", channel)
-    return np.zeros(settings.rows) if value is None else value
-
-
-def _bias(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
-    """(H, 1) channel unit."""
-    value = sensor_value(robot, settings, "reading offset", channel)
-    return np.zeros((settings.rows, 1)) if value is None else value[:, None]
 
 
 def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,61 @@
+"""What each hypothesis makes of one channel's readings: from the true value to the reading and back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Block, Dataset
+from residual_mpc.models.sensing import SINCE_START, scaled, sensor_value, unscaled
+from residual_mpc.models.settings import Settings
+
+
+@dataclass(frozen=True)
+class Reading:
+    """H hypotheses on the W windows of a block: reading(t) = scaled(true(t - delay)) + bias.
+
+    delay (H,) s; bias (H, 1) channel unit; scale (H, 1), None where no hypothesis scales; origin (H, W): the true value
+    that a scale leaves alone, channel unit.
+    """
+
+    delay: np.ndarray
+    bias: np.ndarray
+    scale: np.ndarray | None
+    origin: np.ndarray
+
+    def of(self, true: np.ndarray) -> np.ndarray:
+        """(H, W, M) readings of true values (H, W, M), delay aside."""
+        if self.scale is not None:
+            true = scaled(true, self.scale[:, :, None], self.origin[:, :, None])
+        return np.asarray(true + self.bias[:, :, None])
+
+    def true(self, value: np.ndarray) -> np.ndarray:
+        """(H, W) true values behind readings (H, W), delay aside."""
+        value = value - self.bias
+        return value if self.scale is None else unscaled(value, self.scale, self.origin)
+
+    def rate(self, rate: np.ndarray) -> np.ndarray:
+        """(H, W) rates of the true values, per second, behind the readings' own (H, W)."""
+        return rate if self.scale is None else np.asarray(rate / self.scale)
+
+
+def reading_of(data: Dataset, block: Block, settings: Settings, channel: str) -> Reading:
+    """What the hypotheses make of a channel."""
+    delay = sensor_value(block.robot, settings, "reading delay", channel)
+    bias = sensor_value(block.robot, settings, "reading offset", channel)
+    scale = sensor_value(block.robot, settings, "reading scale", channel)
+    zero = np.zeros(settings.rows)
+    offset = (zero if bias is None else bias)[:, None]
+    origin = zero[:, None] if scale is None else _origin(data, block, channel) - offset
+    return Reading(zero if delay is None else delay, offset, None if scale is None else scale[:, None], origin)
+
+
+def _origin(data: Dataset, block: Block, channel: str) -> np.ndarray:
+    """(1, W) channel unit: the reading that a scale leaves alone; 0 but for what counts from where a run began, its
+    first reading."""
+    run = data.run[block.where]
+    origin = np.zeros((1, len(run)))
+    for i in np.unique(run) if channel in SINCE_START else ():
+        signal = data.signals.get((int(i), channel))
+        if signal is not None and len(signal.y):
+            origin[0, run == i] = signal.y[0]
+    return origin
