@@ -50,7 +50,7 @@ class DiffDrive:
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "play"), WHEELS),
             **dict.fromkeys(("rolling", "rim", "side", "drift", "point", "samples"), robot),
-            "delay": ("pose",),
+            **dict.fromkeys(("delay", "filter"), ("pose",)),
             "offset": ("pose.theta", "twist.theta"),
             "range": ("pose.theta",),
         }

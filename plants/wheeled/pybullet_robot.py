@@ -42,7 +42,7 @@ class BulletRobot:
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "dry friction"), WHEELS),
             **dict.fromkeys(("rolling", "point", "samples"), (self.name,)),
-            "delay": ("pose",),
+            **dict.fromkeys(("delay", "filter"), ("pose",)),
             **dict.fromkeys(("offset", "range"), ("pose.theta",)),
         }
 

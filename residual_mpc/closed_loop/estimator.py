@@ -1,8 +1,8 @@
 """The model's state from what the sensors report: an extended Kalman filter on the augmented model.
 
 Memory (commands on their way, a motor's lag, play) is driven by known commands and follows the model; pose and unknown
-disturbances are corrected by the measurement. Sensor effects of the model (bias, scale, mounting, delay) are undone
-first.
+disturbances are corrected by the measurement. Sensor effects of the model (bias, scale, mounting, delay,
+low-pass) are undone first.
 """
 
 from collections import deque
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.closed_loop.protocols import Reading
+from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.augmented import Augmented
@@ -19,6 +20,7 @@ from residual_mpc.export.casadi_model import casadi_model
 from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
 from residual_mpc.models.sensing import SINCE_START, sensor_value, unscaled
 
+AGES: tuple[Quantity, ...] = ("reading delay", "reading lag")
 SMALL = 15_000  # instructions, beyond which compiling takes longer than an estimator with one call per sample saves
 
 
@@ -184,8 +186,9 @@ def build_filter(model: Augmented, settings: EstimatorSettings, compile: bool = 
     stage = compiled(c.stage, compiler() if compile and small else None)
     n, m = model.nx, model.nu
     call = buffered(stage, (n, m, len(model.p)), (n, n * n, n * m))
-    delays = changes(model.settings.effects, "reading delay")
-    late = 0.0 if delays is None else float(delays.max()) / model.build.dt
+    # a low-pass answers a ramp as a delay of its time constant does
+    ages = (changes(model.settings.effects, q) for q in AGES)
+    late = sum(float(a.max()) for a in ages if a is not None) / model.build.dt
     whole = int(np.ceil(late - 1e-9))
     part = float(late - np.floor(late + 1e-9))
     anew = tuple(states.index(name) for name in model.stepped.restarts)

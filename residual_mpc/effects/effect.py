@@ -36,6 +36,7 @@ Site = Literal[
     "delay",  # the age of a reading
     "offset",  # a constant in a reading
     "range",  # a factor on a reading
+    "filter",  # how fast a reading follows
     "point",  # the tracked point on the body
     "samples",  # single samples of a reading
 ]
@@ -53,6 +54,7 @@ Quantity = Literal[
     "reading delay",  # s
     "reading offset",  # the channel's unit
     "reading scale",  # a factor
+    "reading lag",  # s
 ]  # fmt: skip
 
 STAGES: tuple[Stage, ...] = ("command", "actuator", "body", "contact", "sensor")

@@ -25,7 +25,7 @@ from residual_mpc.effects.contact import (
     WHEEL_RADIUS_MISMATCH,
 )
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.sensor import SENSOR_DELAY, SENSOR_MOUNTING, SENSOR_SCALE
+from residual_mpc.effects.sensor import SENSOR_DELAY, SENSOR_LAG, SENSOR_MOUNTING, SENSOR_SCALE
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,9 @@ OFF = "log stretches with the motor off (enabled.* = 0)"
 # Measured separations; of several pairs in a group the first counts.
 SEPARATIONS: tuple[Separation, ...] = (
     Separation(COMMAND_DELAY, SENSOR_DELAY, ENCODERS, OFF),
+    Separation(ACTUATOR_LAG, SENSOR_LAG, ENCODERS, OFF),
+    Separation(COMMAND_DELAY, SENSOR_LAG, ENCODERS, OFF),
+    Separation(SENSOR_DELAY, SENSOR_LAG, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS, ENCODERS, ""),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS_MISMATCH, ENCODERS, ""),
     Separation(WHEEL_RADIUS, SLOPE, "drive straight at two headings, both ways", ""),
@@ -100,6 +103,9 @@ TWINS: tuple[Twins, ...] = (
 SUBSTITUTES: tuple[tuple[Effect, Effect], ...] = (
     (ACTUATOR_LAG, COMMAND_DELAY),
     (ACTUATOR_LAG, SENSOR_DELAY),
+    (ACTUATOR_LAG, SENSOR_LAG),
+    (COMMAND_DELAY, SENSOR_LAG),
+    (SENSOR_DELAY, SENSOR_LAG),
     (COMMAND_DELAY, SENSOR_DELAY),
     (COULOMB, LOAD_FRICTION),
     (STRIBECK, LOAD_FRICTION),

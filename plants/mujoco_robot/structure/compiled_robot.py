@@ -199,10 +199,10 @@ class CompiledRobot:
     def _sensor_sites(self) -> Sites:
         if self.base is None:
             encoders = tuple(f"position.{j}" for j in self.joints)
-            return {"delay": self.joints, **dict.fromkeys(("offset", "range"), encoders)}
+            return {**dict.fromkeys(("delay", "filter"), self.joints), **dict.fromkeys(("offset", "range"), encoders)}
         others = tuple(j for j, rolls in zip(self.joints, self.base.rolling, strict=True) if not rolls.any())
         return {  # a wheel's angle is not measured, and says nothing of where the robot is
-            "delay": ("pose", *others),
+            **dict.fromkeys(("delay", "filter"), ("pose", *others)),
             **dict.fromkeys(("offset", "range"), ("pose.theta", *(f"position.{j}" for j in others))),
             "point": (self.name,),
         }
