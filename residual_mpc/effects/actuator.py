@@ -208,8 +208,8 @@ TORQUE_SPEED_LIMIT = Effect(
     port="speed",
     target="actuator",
     parameters=(
-        Parameter("stall_torque", "N m", math.inf, 0.0, math.inf, (2.0, 1.3, 1.0, 0.8), "output", True),
-        Parameter("no_load_speed", "rad/s", 100.0, 1e-3, math.inf, (1.2, 1.3, 1.6, 2.5), "speed", shape=True),
+        Parameter("stall_torque", "N m", math.inf, 0.0, math.inf, (1.3, 0.8), "output", True),
+        Parameter("no_load_speed", "rad/s", 100.0, 1e-3, math.inf, (1.3, 2.0), "speed", shape=True),
     ),
     summary="the torque that a motor can add falls with its speed",
     step=line_limits,

@@ -239,8 +239,8 @@ GEAR_EFFICIENCY = Effect(
     port="friction",
     target="joint",
     parameters=(
-        Parameter("forward", "1", 1.0, 0.1, 1.0, (0.85, 0.7, 1.0)),
-        Parameter("backward", "1", 1.0, 0.1, 1.0, (1.0, 0.85, 0.8)),
+        Parameter("forward", "1", 1.0, 0.1, 1.0, (0.8, 1.0)),
+        Parameter("backward", "1", 1.0, 0.1, 1.0, (1.0, 0.8)),
     ),
     summary="a gear that loses more while driving than while being driven, or less",
     step=gear_level,
@@ -266,8 +266,8 @@ JOINT_SPRING = Effect(
     port="torque",
     target="joint",
     parameters=(
-        Parameter("stiffness", "N m/rad", 0.0, 0.0, math.inf, (0.4, 0.3, 0.3), "torque/motion"),
-        Parameter("rest", "rad", 0.0, -6.3, 6.3, (0.0, 1.5, -1.5), shape=True),
+        Parameter("stiffness", "N m/rad", 0.0, 0.0, math.inf, (0.3, 0.3), "torque/motion"),
+        Parameter("rest", "rad", 0.0, -6.3, 6.3, (1.5, -1.5), shape=True),
     ),
     summary="a spring, cable or gravity compensation beside the joint",
     step=spring_torque,

@@ -142,9 +142,7 @@ RATE_LIMIT = Effect(
     stage="actuator",
     port="command",
     target="actuator",
-    parameters=(
-        Parameter("rate", "command unit/s", math.inf, 0.0, math.inf, (10.0, 4.0, 1.6, 0.6), "command/time", True),
-    ),
+    parameters=(Parameter("rate", "command unit/s", math.inf, 0.0, math.inf, (4.0, 1.0), "command/time", True),),
     summary="the setpoint is let through no faster than this",
     start=rate_start,
     step=rate_step,

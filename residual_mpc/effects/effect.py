@@ -42,6 +42,8 @@ Site = Literal[
     "drift",  # motion of the base in the world
     "delay",  # the age of a reading
     "offset",  # a constant in a reading
+    "range",  # a factor on a reading
+    "filter",  # how fast a reading follows
     "point",  # the tracked point on the body
     "samples",  # single samples of a reading
 ]
@@ -60,6 +62,8 @@ Quantity = Literal[
     "joint stop",  # rad
     "reading delay",  # s
     "reading offset",  # the channel's unit
+    "reading scale",  # a factor
+    "reading lag",  # s
 ]  # fmt: skip
 
 STAGES: tuple[Stage, ...] = ("command", "actuator", "body", "contact", "sensor")

@@ -21,9 +21,16 @@ from residual_mpc.effects.body import (
     VISCOUS,
 )  # fmt: skip
 from residual_mpc.effects.command import COMMAND_DELAY, RATE_LIMIT
-from residual_mpc.effects.contact import LATERAL_SLIP, LONGITUDINAL_SLIP, SLOPE, WHEEL_RADIUS, WHEEL_RADIUS_MISMATCH
+from residual_mpc.effects.contact import (
+    LATERAL_SLIP,
+    LONGITUDINAL_SLIP,
+    SLOPE,
+    TRACK_WIDTH,
+    WHEEL_RADIUS,
+    WHEEL_RADIUS_MISMATCH,
+)
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_MOUNTING
+from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_LAG, SENSOR_MOUNTING, SENSOR_SCALE
 
 
 @dataclass(frozen=True)
@@ -47,11 +54,15 @@ OFF = "log stretches with the motor off (enabled.* = 0)"
 # Measured separations; of several pairs in a group the first counts.
 SEPARATIONS: tuple[Separation, ...] = (
     Separation(COMMAND_DELAY, SENSOR_DELAY, ENCODERS, OFF),
+    Separation(ACTUATOR_LAG, SENSOR_LAG, ENCODERS, OFF),
+    Separation(COMMAND_DELAY, SENSOR_LAG, ENCODERS, OFF),
+    Separation(SENSOR_DELAY, SENSOR_LAG, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS, ENCODERS, ""),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS_MISMATCH, ENCODERS, ""),
     Separation(WHEEL_RADIUS, SLOPE, "drive straight at two headings, both ways", ""),
     Separation(WHEEL_RADIUS, LONGITUDINAL_SLIP, "drive at constant speed as well as with hard accelerations", ""),
     Separation(LATERAL_SLIP, SENSOR_MOUNTING, "spin in place, and drive arcs at varying speed", ""),
+    Separation(TRACK_WIDTH, SENSOR_SCALE, "log pose.x and pose.y beside the heading, and drive on after turns", ""),
     Separation(ACTUATOR_LAG, COMMAND_DELAY, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(COULOMB, BACKLASH, "", CHIRP),
     Separation(PAYLOAD, JOINT_COMPLIANCE, "", OFF),
@@ -106,6 +117,9 @@ TWINS: tuple[Twins, ...] = (
 SUBSTITUTES: tuple[tuple[Effect, Effect], ...] = (
     (ACTUATOR_LAG, COMMAND_DELAY),
     (ACTUATOR_LAG, SENSOR_DELAY),
+    (ACTUATOR_LAG, SENSOR_LAG),
+    (COMMAND_DELAY, SENSOR_LAG),
+    (SENSOR_DELAY, SENSOR_LAG),
     (COMMAND_DELAY, SENSOR_DELAY),
     (COULOMB, LOAD_FRICTION),
     (STRIBECK, LOAD_FRICTION),

@@ -209,11 +209,12 @@ class CompiledRobot:
     @property
     def _sensor_sites(self) -> Sites:
         if self.base is None:
-            return {"delay": self.joints, "offset": tuple(f"position.{j}" for j in self.joints)}
+            encoders = tuple(f"position.{j}" for j in self.joints)
+            return {**dict.fromkeys(("delay", "filter"), self.joints), **dict.fromkeys(("offset", "range"), encoders)}
         others = self._not_rolling
         return {  # a wheel's angle is not measured, and says nothing of where the robot is
-            "delay": ("pose", *others),
-            "offset": ("pose.theta", *(f"position.{j}" for j in others)),
+            **dict.fromkeys(("delay", "filter"), ("pose", *others)),
+            **dict.fromkeys(("offset", "range"), ("pose.theta", *(f"position.{j}" for j in others))),
             "point": (self.name,),
         }
 
