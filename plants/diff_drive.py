@@ -65,6 +65,13 @@ class DiffDrive:
     def nominal(self) -> Mapping[str, float]:
         return {"wheel_radius": self.wheel_radius, "track_width": self.track_width}
 
+    @property
+    def outline(self) -> np.ndarray:
+        """See residual_mpc.models.drawing.Outlined: as wide as its track, with a nose."""
+        half = 0.5 * self.track_width
+        nose, side = [[0.8, -0.7], [1.25, 0.0], [0.8, 0.7]], [[0.8, 1.0], [-1.0, 1.0], [-1.0, -1.0], [0.8, -1.0]]
+        return half * np.array([*nose, *side])
+
     def outputs_from(self, value: Mapping[str, float], rate: Mapping[str, float]) -> Mapping[str, float]:
         """Wheel speeds, rad/s, that move the pose at this rate: the inverse of the paper's wheel_prop."""
         theta, yaw = value["pose.theta"], rate["pose.theta"]
