@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plants.diff_drive_step import drive_step
+from plants.outline import box_with_nose
 from residual_mpc.effects.chain import OUTPUT, command_chain, output_chain
 from residual_mpc.effects.ground import ground_twist, world_drift
 from residual_mpc.effects.library import Effects, Sites, present, slots_of
@@ -67,10 +68,9 @@ class DiffDrive:
 
     @property
     def outline(self) -> np.ndarray:
-        """See residual_mpc.models.drawing.Outlined: as wide as its track, with a nose."""
+        """See residual_mpc.models.drawing.Outlined: as wide and as long as its track."""
         half = 0.5 * self.track_width
-        nose, side = [[0.8, -0.7], [1.25, 0.0], [0.8, 0.7]], [[0.8, 1.0], [-1.0, 1.0], [-1.0, -1.0], [0.8, -1.0]]
-        return half * np.array([*nose, *side])
+        return box_with_nose((-half, -half), (half, half))
 
     def outputs_from(self, value: Mapping[str, float], rate: Mapping[str, float]) -> Mapping[str, float]:
         """Wheel speeds, rad/s, that move the pose at this rate: the inverse of the paper's wheel_prop."""

@@ -67,8 +67,9 @@ class Rendering(Protocol):
 @runtime_checkable
 class Outlined(Protocol):
     @property
-    def outline(self) -> np.ndarray:
-        """(P, 2) m: the robot's outline from above in its own frame, x forward, without the first point again."""
+    def outline(self) -> np.ndarray | None:
+        """(P, 2) m: the robot's outline from above in its own frame, x forward, without the first point again; None of
+        a robot that has none."""
         ...
 
 

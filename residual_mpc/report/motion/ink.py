@@ -35,8 +35,8 @@ def _rgb(code: str) -> tuple[int, int, int]:
 
 
 MEASURED = Ink("measured", _rgb(COLOURS["ink"]), 0.85, 4.0, None)
-PREDICTED = Ink("predicted", _rgb(COLOURS["before"]), 0.30, 2.4, (8.0, 5.0))
-CORRECTED = Ink("corrected", _rgb(COLOURS["after"]), 0.30, 2.0, None)
+PREDICTED = Ink("predicted", _rgb(COLOURS["before"]), 0.40, 2.4, (8.0, 5.0))
+CORRECTED = Ink("corrected", _rgb(COLOURS["after"]), 0.40, 2.0, None)
 INKS = (MEASURED, PREDICTED, CORRECTED)
 MUTED, GRID = _rgb(COLOURS["muted"]), _rgb(COLOURS["grid"])
 

@@ -38,7 +38,7 @@ def overlay(
 def _shapes(base: np.ndarray, shades: np.ndarray, inks: Sequence[Ink]) -> np.ndarray:
     """(height, width, 3) the shapes (N, height, width) over the background, each filled and outlined by its ink."""
     out = base.copy()
-    for shade, ink in zip(shades, inks, strict=False):
+    for shade, ink in [*zip(shades, inks, strict=False)][::-1]:  # the measured one over the others
         alpha = np.minimum(shade / EDGE, 1.0)[..., None]
         light = (0.75 + 0.5 * shade / 255.0)[..., None]
         lit = np.clip(np.array(ink.colour) * light + 30.0 * (light - 0.75), 0, 255)

@@ -9,7 +9,8 @@ AZIMUTHS = range(0, 180, 15)  # degrees; the opposite side shows the same
 ELEVATION = -15.0  # degrees: slightly from above
 MARGIN = 0.14  # of the picture, around what is shown
 LEAST = 0.05  # m
-THICK = 0.035  # of the view's height: a limb
+THICK = 0.036  # of the view's height: a limb
+BALL = 1.5  # times that: a joint
 LIMB = 200  # brightness of a limb that no renderer drew
 
 
@@ -40,7 +41,7 @@ def limbs(skeletons: np.ndarray, camera: Camera, size: Size) -> np.ndarray:
         for a, b in frame:
             draw.line((*a, *b), fill=LIMB, width=round(thick))
             for x, y in (a, b):
-                r = 0.5 * thick
+                r = 0.5 * BALL * thick
                 draw.ellipse((x - r, y - r, x + r, y + r), fill=LIMB)
         out.append(np.asarray(fine.reduce(FINE)))
     return np.stack(out).reshape(*skeletons.shape[:2], height, width)
