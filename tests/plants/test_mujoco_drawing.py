@@ -1,4 +1,4 @@
-"""Pictures of MuJoCo robots: the skeleton and the rendered shape are where the robot is, and say when they cannot be."""
+"""Pictures of MuJoCo robots: skeleton and rendered shape are where the robot is, and say when they cannot be."""
 
 from __future__ import annotations
 
