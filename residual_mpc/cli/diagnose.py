@@ -3,6 +3,7 @@
 import shlex
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -19,6 +20,10 @@ from residual_mpc.cli.common import (
     writable_folder,
 )
 from residual_mpc.cli.progress import progress_bar
+from residual_mpc.errors import BadInput
+
+if TYPE_CHECKING:
+    from residual_mpc.api.diagnosis import Diagnosis
 
 
 @click.command()
@@ -84,8 +89,7 @@ def diagnose(
             start=start, out=out, command=shlex.join(["residual-mpc", *sys.argv[1:]]), progress=progress,
         )  # fmt: skip
     document = found.document_in(out)
-    if video is not None:
-        found.save_video(video)
+    filmed = video is not None and _save_video(found, video)
     if as_json:
         emit(document)
         return
@@ -97,5 +101,15 @@ def diagnose(
         planned = out / following["commands"] if following["commands"] else f"plan with: {following['excite']}"
         click.echo(f"  commands: {planned}")
     click.echo(f"  report: {out / 'report.html'}")
-    if video is not None:
+    if filmed:
         click.echo(f"  video: {video}")
+
+
+def _save_video(found: "Diagnosis", video: Path) -> bool:
+    """Whether the video was written: the answer is there without it, so what is in the way is a warning."""
+    try:
+        found.save_video(video)
+    except BadInput as error:
+        click.echo(f"warning: no video: {error}", err=True)
+        return False
+    return True

@@ -111,6 +111,13 @@ def test_the_ground_is_not_part_of_the_robot() -> None:
     assert model.geom_rgba[:, 3].tolist() == [0.0, 1.0]
 
 
+def test_a_shape_that_hangs_in_the_air_gets_a_limb_to_its_joint() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="j"/><geom size="0.02" pos="0 0 -0.1"/></body></worldbody></mujoco>'
+    )
+    assert worker.prepare(model)
+
+
 def test_a_driving_robot_is_as_wide_as_its_wheels_stand(tmp_path: Path) -> None:
     (tmp_path / "rover.xml").write_text(rover_mjcf())
     rover = build(RobotFile("rover", "mujoco", model=tmp_path / "rover.xml", pose_body="base_link"))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 THICK = 0.018  # of the picture's height: the radius of a capsule that stands for a body without a shape
 BALL = 1.5  # times that: the radius of a ball at each of its ends
-SHAPED = 0.5  # share of the moving bodies with shapes, below which the skeleton is drawn as well
+SHAPED = 0.5  # share of the moving bodies with a shape at their joint, below which the skeleton is drawn as well
 GREY = (0.8, 0.8, 0.8, 1.0)
 AMBIENT, DIFFUSE = 0.45, 0.5  # of the light at the camera: no part of the robot is black, which stands for nothing
 VISIBLE = 3  # groups of shapes that MuJoCo's viewer shows; collision shapes are in others
@@ -71,7 +71,7 @@ def render(task: Task) -> np.ndarray:
 
 def prepare(model: "mujoco.MjModel") -> bool:
     """Paint all shapes grey under one light at the camera and hide the ground. Whether the skeleton is to be drawn as
-    well, since few of the moving bodies have a shape."""
+    well, since few of the moving bodies have a shape that reaches their origin, where their joint is."""
     import mujoco
 
     ground = np.isin(model.geom_type, (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)))
@@ -83,7 +83,8 @@ def prepare(model: "mujoco.MjModel") -> bool:
     head = model.vis.headlight
     head.active, head.ambient[:], head.diffuse[:], head.specular[:] = 1, AMBIENT, DIFFUSE, 0.0
     moving = set(np.flatnonzero(model.body_weldid > 0).tolist())
-    return len(moving & set(model.geom_bodyid[shown].tolist())) < SHAPED * len(moving)
+    near = shown & (np.linalg.norm(model.geom_pos, axis=1) <= model.geom_rbound)
+    return len(moving & set(model.geom_bodyid[near].tolist())) < SHAPED * len(moving)
 
 
 def add_capsules(scene: "mujoco.MjvScene", segments: np.ndarray, radius: float) -> None:
