@@ -1,16 +1,22 @@
 """The robot's motion in pictures: where it is drawn, how the motions are told apart, and what is shown of a window."""
 
 import io
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from fabricated_diagnosis import document
 from filmed import filmed
+from oracles.arms import arm_xml, robot_of
 from oracles.rover_log import rover_run
 from PIL import Image
 
 from plants.diff_drive import DiffDrive
+from plants.mujoco_robot.drawing import renderer
 from residual_mpc.errors import BadInput
+from residual_mpc.logs.run import Run
+from residual_mpc.models.drawing import NoRenderer
 from residual_mpc.models.settings import Knob
 from residual_mpc.report import Evidence, compose
 from residual_mpc.report.evidence.evidence import Clip
@@ -134,6 +140,40 @@ def test_a_model_without_named_effects_is_drawn_without_a_corrected_motion():
     assert [clip.shows for clip in clips] == [(GAP,), (TYPICAL,)]
     assert clips[0].before >= clips[1].before and clips[0].after is None
     assert not near(clips[0].frames[-1], CORRECTED.colour, 30).any()
+
+
+def test_a_joint_that_nobody_measured_moves_as_predicted_and_the_report_says_so(tmp_path, monkeypatch):
+    def none():
+        raise NoRenderer("no renderer was found (tried egl and osmesa)")
+
+    monkeypatch.setattr(renderer, "_backend", none)
+    arm = robot_of(tmp_path, arm_xml())
+    t = np.arange(0.0, 4.0, 0.02)
+    u = 0.5 * np.sin(2.0 * t)
+    run = Run("one", t, {"command.j1": 2.0 * u, "command.j2": u, "position.j1": 0.8 * u})
+    made = filmed(run, arm, {})
+    motions = ghosts(made, 2)
+    assert motions.assumed == ("position.j2",)
+    np.testing.assert_array_equal(motions.measured["position.j2"], motions.predicted["position.j2"])
+    assert np.ptp(motions.predicted["position.j2"]) > 0.05
+    clips, how = film(made)
+    page = compose(document("effects"), Evidence(clips=clips, drawing=how))
+    assert "Drawn as a skeleton: no renderer was found (tried egl and osmesa)." in page
+    assert "Not measured, and drawn as predicted: position.j2." in page
+
+
+def test_a_robot_of_which_no_position_was_logged_is_not_drawn():
+    whole = rover_run("one", {}, 4.0, seed=5)
+    blind = replace(whole, columns={k: v for k, v in whole.columns.items() if not k.startswith("pose")}
+                    | {"twist.theta": np.gradient(whole.columns["pose.theta"], whole.t)})  # fmt: skip
+    clips, how = film(filmed(blind, ROVER, {}))
+    assert clips == () and how.startswith("No position of the robot was logged")
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg")
+def test_an_mp4_is_written(tmp_path, clips):
+    write_video(clips, tmp_path / "motion.mp4")
+    assert (tmp_path / "motion.mp4").read_bytes()[4:8] == b"ftyp"
 
 
 def test_a_drawing_that_fails_leaves_the_report(made, monkeypatch):
