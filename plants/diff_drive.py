@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plants.diff_drive_step import drive_step
+from plants.outline import box_with_nose
 from residual_mpc.effects.chain import OUTPUT, command_chain, output_chain
 from residual_mpc.effects.ground import ground_twist, world_drift
 from residual_mpc.effects.library import Effects, Sites, present, slots_of
@@ -66,6 +67,12 @@ class DiffDrive:
 
     def nominal(self) -> Mapping[str, float]:
         return {"wheel_radius": self.wheel_radius, "track_width": self.track_width}
+
+    @property
+    def outline(self) -> np.ndarray:
+        """See residual_mpc.models.drawing.Outlined: as wide and as long as its track."""
+        half = 0.5 * self.track_width
+        return box_with_nose((-half, -half), (half, half))
 
     def outputs_from(self, value: Mapping[str, float], rate: Mapping[str, float]) -> Mapping[str, float]:
         """Wheel speeds, rad/s, that move the pose at this rate: the inverse of the paper's wheel_prop."""

@@ -86,6 +86,7 @@ def diagnose(case: Case, place: Path) -> Path:
     """Run `residual-mpc diagnose` in a process that never meets the answer, and return its diagnosis.json."""
     runs = str(case.folder.relative_to(place))
     words = ["diagnose", "--robot", f"{runs}/robot.toml", runs, "--out", "diagnosis"]
+    words += ["--video", "diagnosis/motion.webp"]
     words += [word for effect in case.without for word in ("--without", effect)]
     click.echo(f"$ cd {shlex.quote(str(place))}\n$ residual-mpc {shlex.join(words)}")
     sys.stdout.flush()  # the process writes to the same place

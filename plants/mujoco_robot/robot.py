@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from plants.mujoco_robot.drawing.outline import outline
+from plants.mujoco_robot.drawing.renderer import shade
+from plants.mujoco_robot.drawing.skeleton import skeleton
 from plants.mujoco_robot.edits.batch import tunable_values
 from plants.mujoco_robot.edits.bounds import PhysicalBounds, bounds_of_all
 from plants.mujoco_robot.edits.reference import reference
@@ -21,6 +24,7 @@ from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.structure.variants import merge
 from plants.mujoco_robot.symbolic.step import arm_step
 from residual_mpc.models.actuator_values import ActuatorValues
+from residual_mpc.models.drawing import Camera, Motion, Size
 from residual_mpc.models.optional import USUAL_PERIOD
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.robot_file import RobotFile
@@ -93,6 +97,19 @@ class MujocoRobot(CompiledRobot):
 
     def not_of_actuators(self, settings: Settings) -> tuple[str, ...]:
         return not_of_actuators(settings)
+
+    def skeleton(self, motion: Motion) -> np.ndarray:
+        """See residual_mpc.models.drawing.Skeletal."""
+        return skeleton(self, motion)
+
+    def shade(self, motions: Sequence[Motion], camera: Camera, size: Size) -> np.ndarray:
+        """See residual_mpc.models.drawing.Rendering."""
+        return shade(self, motions, camera, size)
+
+    @property
+    def outline(self) -> np.ndarray | None:
+        """See residual_mpc.models.drawing.Outlined; None of a robot that does not drive."""
+        return None if self.base is None else outline(self, self.base)
 
     def simulator(self, settings: Settings, rows: int, period: float) -> CorrectedMujoco:
         return CorrectedMujoco(self, settings, rows, period)

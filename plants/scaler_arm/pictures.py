@@ -8,29 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from plants.scaler_arm.kinematics.five_bar import coupling
-from plants.scaler_arm.kinematics.forward import chain, forward_kinematics, posture
+from plants.scaler_arm.kinematics.forward import forward_kinematics
 from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER
+from plants.scaler_arm.kinematics.skeleton import links
 from plants.scaler_arm.motions import CircleWithHeight, CircleWithLine, Motion, references, tool_path
-from residual_mpc.effects.ops import NUMPY
 
 SNAPSHOTS = 4
 ROUND = 16.0  # s, what is drawn of a motion
-
-
-def links(q: np.ndarray) -> list[np.ndarray]:
-    """The arm as lines to draw at q (6,) rad: crank a with rod b, then the way from the mount to the tool; (n, 3) m."""
-    arm = chain(SCALER)
-    at = posture(NUMPY, arm, list(q))
-    end_a, end_f, c = coupling(NUMPY, arm.bar, q[1], q[2])
-    out = np.array(at.out)
-
-    def lift(point: tuple[float, float]) -> np.ndarray:
-        return np.array([out[0] * point[0], out[1] * point[0], point[1]])
-
-    loop = np.array([lift(arm.bar.pivot_a), lift(end_a), lift(c)])
-    main = np.array([np.zeros(3), lift(arm.bar.pivot_a), lift(arm.bar.pivot_f), lift(end_f), at.wrist_centre, at.tool])
-    return [loop, np.array([lift(end_f), lift(c)]), main]
 
 
 def draw(motion: Motion, path: Path) -> None:
@@ -49,7 +33,7 @@ def draw(motion: Motion, path: Path) -> None:
     for i in range(SNAPSHOTS):
         k = round((i + 1) / SNAPSHOTS * (len(t) - 1))
         axes = figure.add_subplot(grid[0, i], projection="3d")
-        for line in links(q[k]):
+        for line in links(SCALER, q[k]):
             axes.plot(*line.T, color="0.25", lw=2.0, marker="o", ms=3)
         axes.plot(*tool[: k + 1].T, color="tab:red", lw=1.5)
         axes.set(xlim=(-0.05, 0.3), ylim=(-0.2, 0.15), zlim=(-0.42, 0.0), title=f"t = {t[k]:.0f} s")

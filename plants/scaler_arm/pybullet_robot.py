@@ -14,11 +14,13 @@ from plants.pybullet_import import import_pybullet
 from plants.scaler_arm.engines.pybullet_world import World
 from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER, Arm
 from plants.scaler_arm.kinematics.loop_closure import closed
+from plants.scaler_arm.kinematics.skeleton import skeleton
 from plants.scaler_arm.robot import with_servo
 from residual_mpc.effects.chain import command_chain, limits_of, on_errors
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.library import Sites, slots_of
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.models.drawing import Motion
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Settings
@@ -50,6 +52,10 @@ class PybulletRobot:
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:
         return dict(zip(MOTORS, self.arm.limits, strict=True))
+
+    def skeleton(self, motion: Motion) -> np.ndarray:
+        """See residual_mpc.models.drawing.Skeletal."""
+        return skeleton(self.arm, motion)
 
     @property
     def sites(self) -> Sites:

@@ -10,10 +10,12 @@ from plants.scaler_arm.dynamics.servo import Load, Servo, advance, weights
 from plants.scaler_arm.dynamics.step import RATES, arm_step, nominal
 from plants.scaler_arm.kinematics.forward import chain
 from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER, Arm
+from plants.scaler_arm.kinematics.skeleton import skeleton
 from plants.scaler_arm.robot import with_servo
 from residual_mpc.effects.chain import command_chain, on_errors, scaled
 from residual_mpc.effects.library import BY_NAME, Effects, Sites, changes, present, slots_of
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.models.drawing import Motion
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Settings
@@ -53,6 +55,10 @@ class ServoArm:
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:
         return dict(zip(MOTORS, self.arm.limits, strict=True))
+
+    def skeleton(self, motion: Motion) -> np.ndarray:
+        """See residual_mpc.models.drawing.Skeletal."""
+        return skeleton(self.arm, motion)
 
     @property
     def sites(self) -> Sites:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plants.outline import box_with_nose
 from plants.wheeled.engines.engine import CHANNELS, Motion
 from plants.wheeled.engines.geometry import WHEELS, Geometry
 from plants.wheeled.engines.pybullet_engine import BulletEngine
@@ -35,6 +36,13 @@ class BulletRobot:
     def states(self) -> tuple[State, ...]:
         planar = tuple(State(f"pose.{a}", f"twist.{a}") for a in AXES)
         return (*planar, *(State(f"velocity.{w}", None) for w in WHEELS))
+
+    @property
+    def outline(self) -> np.ndarray:
+        """See residual_mpc.models.drawing.Outlined: as wide as its track, from the castor to the wheels' front."""
+        g = self.geometry
+        half = 0.5 * g.track
+        return box_with_nose((g.castor[0] - g.castor[1], -half), (g.left.radius, half))
 
     @property
     def sites(self) -> Sites:

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +32,9 @@ from residual_mpc.logs.columns import did_you_mean
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import measured_over
 from residual_mpc.models.settings import Values
-from residual_mpc.report import compose, diagnosis_lines, sentence
+from residual_mpc.report import Evidence, compose, diagnosis_lines, sentence
 from residual_mpc.report.evidence.collect import collect
+from residual_mpc.report.motion.animation import check_video, write_video
 from residual_mpc.report.words.rest import rest_sentence
 
 if TYPE_CHECKING:
@@ -82,8 +84,24 @@ class Diagnosis:
         """Write diagnosis.json, model.json, report.html and, where one was planned, the next experiment's commands."""
         out = Path(folder)
         document = self.document_in(out)
-        write_whole(document, compose(document, collect(self.made)), self.commands, out)
+        write_whole(document, compose(document, self._evidence), self.commands, out)
         return out
+
+    def save_video(self, path: str | Path) -> Path:
+        """Write the robot's measured, predicted and corrected motion in the windows that the report shows, as .mp4
+        (by ffmpeg), .gif or .webp.
+
+        Raises BadInput for another suffix, an .mp4 without ffmpeg, and a robot whose motion cannot be drawn.
+        """
+        check_video(Path(path))
+        if not self._evidence.clips:
+            raise BadInput("there is no motion to show", "--video", self._evidence.drawing)
+        write_video(self._evidence.clips, Path(path))
+        return Path(path)
+
+    @cached_property
+    def _evidence(self) -> Evidence:
+        return collect(self.made)
 
     def document_in(self, folder: Path) -> dict[str, Any]:
         """diagnosis.json as it is written to a folder."""

@@ -3,6 +3,7 @@
 import shlex
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -19,6 +20,10 @@ from residual_mpc.cli.common import (
     writable_folder,
 )
 from residual_mpc.cli.progress import progress_bar
+from residual_mpc.errors import BadInput
+
+if TYPE_CHECKING:
+    from residual_mpc.api.diagnosis import Diagnosis
 
 
 @click.command()
@@ -42,6 +47,12 @@ from residual_mpc.cli.progress import progress_bar
     metavar="DIAGNOSIS",
     help="Begin the search with the effects of an earlier diagnosis.json of this robot; it may drop them.",
 )
+@click.option(
+    "--video",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write the robot's motion, measured, predicted and corrected, to this file as well: .mp4, .webp or .gif.",
+)
 @horizon_option
 @json_option
 @seed_option
@@ -53,6 +64,7 @@ def diagnose(
     without: tuple[str, ...],
     held_out: tuple[str, ...],
     start: Path | None,
+    video: Path | None,
     horizon: float,
     as_json: bool,
     seed: int,
@@ -62,6 +74,11 @@ def diagnose(
     A diagnosis that was stopped goes on when the same command is given again with the same --out.
     """
     writable_folder(out)
+    if video is not None:
+        from residual_mpc.report.motion.animation import check_video
+
+        check_video(video)
+        writable_folder(video.parent)
     nominal, logged = read(robot, runs)
 
     from residual_mpc.api.diagnosis import diagnose as run_diagnosis
@@ -72,6 +89,7 @@ def diagnose(
             start=start, out=out, command=shlex.join(["residual-mpc", *sys.argv[1:]]), progress=progress,
         )  # fmt: skip
     document = found.document_in(out)
+    filmed = video is not None and _save_video(found, video)
     if as_json:
         emit(document)
         return
@@ -83,3 +101,15 @@ def diagnose(
         planned = out / following["commands"] if following["commands"] else f"plan with: {following['excite']}"
         click.echo(f"  commands: {planned}")
     click.echo(f"  report: {out / 'report.html'}")
+    if filmed:
+        click.echo(f"  video: {video}")
+
+
+def _save_video(found: "Diagnosis", video: Path) -> bool:
+    """Whether the video was written: the answer is there without it, so what is in the way is a warning."""
+    try:
+        found.save_video(video)
+    except BadInput as error:
+        click.echo(f"warning: no video: {error}", err=True)
+        return False
+    return True

@@ -5,7 +5,8 @@ Each optional member is declared by a protocol of its own and read by the functi
     optional.limits(robot)    # robot.limits, or {} of a robot that does not state them
 
 `residual_mpc.models.contract` checks the members that a robot has. Larger abilities are protocols elsewhere:
-`Merging` and `Inverting` in `protocol`, `Stepping` in `stepping`, `Simulating` and `WritesMjcf` in `simulating`.
+`Merging` and `Inverting` in `protocol`, `Stepping` in `stepping`, `Simulating` and `WritesMjcf` in `simulating`, those
+of pictures in `drawing`.
 """
 
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from typing import Protocol, runtime_checkable
 
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.stepping import BODY
+from residual_mpc.models.wrapped import innermost
 
 USUAL_PERIOD = 0.05  # s, of a controller
 
@@ -97,66 +99,57 @@ class HalvingStep(Protocol):
         """The same robot simulated at half the time step, for the same drives and nodes; None where that cannot be."""
         ...
 
-
-@runtime_checkable
-class Wrapping(Protocol):
-    @property
-    def wraps(self) -> Robot:
-        """The robot whose optional members hold for this one, which predicts otherwise."""
-        ...
-
-
 def actuator_joints(robot: Robot) -> tuple[str, ...]:
     """The joint that each actuator drives; by default they share their names."""
-    robot = _innermost(robot)
+    robot = innermost(robot)
     return robot.actuator_joints if isinstance(robot, ActuatorJoints) else robot.actuators
 
 
 def joints(robot: Robot) -> tuple[str, ...]:
     """All joints; by default those that the actuators drive."""
-    robot = _innermost(robot)
+    robot = innermost(robot)
     return robot.joints if isinstance(robot, Joints) else tuple(dict.fromkeys(actuator_joints(robot)))
 
 
 def sliding(robot: Robot) -> frozenset[str]:
     """Joints that slide; by default none."""
-    robot = _innermost(robot)
+    robot = innermost(robot)
     return robot.sliding if isinstance(robot, Sliding) else frozenset()
 
 
 def limits(robot: Robot) -> Mapping[str, Range]:
     """Ranges of joints, rad or m; by default none is known."""
-    robot = _innermost(robot)
+    robot = innermost(robot)
     return robot.limits if isinstance(robot, Limits) else {}
 
 
 def command_limits(robot: Robot) -> Mapping[str, Range]:
     """Ranges of commands, actuator units; by default none is known."""
-    robot = _innermost(robot)
+    robot = innermost(robot)
     return robot.command_limits if isinstance(robot, CommandLimits) else {}
 
 
 def rest(robot: Robot) -> Mapping[str, float]:
     """Starts of position channels that nobody measures; by default 0, by no entry."""
-    robot = _innermost(robot)
+    robot = innermost(robot)
     return robot.rest if isinstance(robot, Rest) else {}
 
 
 def held(robot: Robot) -> tuple[str, ...]:
     """Actuators that the model holds still; by default none."""
-    robot = _innermost(robot)
+    robot = innermost(robot)
     return robot.held if isinstance(robot, Held) else ()
 
 
 def period(robot: Robot) -> float:
     """s between commands; by default USUAL_PERIOD."""
-    robot = _innermost(robot)
+    robot = innermost(robot)
     return robot.period if isinstance(robot, Period) else USUAL_PERIOD
 
 
 def disturbed(robot: Robot) -> tuple[str, ...]:
     """Signals that offset-free tracking disturbs; by default the velocities of a robot that drives."""
-    robot = _innermost(robot)
+    robot = innermost(robot)
     return robot.disturbed if isinstance(robot, Disturbed) else BODY
 
 
@@ -164,8 +157,3 @@ def with_half_step(robot: Robot) -> Robot | None:
     """The robot simulated at half its time step; by default None, as of one that integrates exactly."""
     return robot.with_half_step() if isinstance(robot, HalvingStep) else None
 
-
-def _innermost(robot: Robot) -> Robot:
-    while isinstance(robot, Wrapping):
-        robot = robot.wraps
-    return robot

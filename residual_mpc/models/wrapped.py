@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -9,6 +10,21 @@ from residual_mpc.models.protocol import Drive, Merging, Robot, State
 from residual_mpc.models.settings import Settings
 
 Replay = Callable[[Robot, Mapping[str, np.ndarray], Drive, Settings, tuple[str, ...]], Mapping[str, np.ndarray]]
+
+
+@runtime_checkable
+class Wrapping(Protocol):
+    @property
+    def wraps(self) -> Robot:
+        """The robot whose optional members hold for this one, which predicts otherwise."""
+        ...
+
+
+def innermost(robot: Robot) -> Robot:
+    """The robot whose optional members hold for this one."""
+    while isinstance(robot, Wrapping):
+        robot = robot.wraps
+    return robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +36,7 @@ class Wrapped:
 
     @property
     def wraps(self) -> Robot:
-        """See residual_mpc.models.optional.Wrapping."""
+        """See Wrapping."""
         return self.base
 
     @property

@@ -10,6 +10,7 @@ from residual_mpc.report.sections.confounded import confounded
 from residual_mpc.report.sections.definitions import definitions
 from residual_mpc.report.sections.gap import gap
 from residual_mpc.report.sections.left import left
+from residual_mpc.report.sections.motion import motion
 from residual_mpc.report.sections.next import next_experiment
 from residual_mpc.report.sections.not_testable import not_testable
 from residual_mpc.report.sections.section import Document, Maker, Section, render
@@ -18,7 +19,7 @@ from residual_mpc.report.sections.verdict import verdict
 from residual_mpc.report.sections.where import where
 
 SECTIONS: tuple[Maker, ...] = (
-    verdict, gap, traces, where, causes, confounded, next_experiment, not_testable, left, audit, definitions,
+    verdict, motion, gap, traces, where, causes, confounded, next_experiment, not_testable, left, audit, definitions,
 )  # fmt: skip
 
 NAME = "report.html"

@@ -267,3 +267,10 @@ def test_a_robot_that_never_moves(folder: Path, capsys: pytest.CaptureFixture[st
     for header in ("pose.x", "pose.y", "pose.theta"):
         column("one.csv", header, lambda i, cell: f"{1e-3 * rng.standard_normal():.6f}")
     refused(capsys, folder, *DIAGNOSE, "one.csv")
+
+
+def test_a_video_that_cannot_be_written_is_refused_before_the_diagnosis(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refused(capsys, folder, *DIAGNOSE, "--video", "motion.avi", "one.csv", "two.csv")
+    assert "--video" in said and ".webp" in said

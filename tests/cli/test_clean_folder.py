@@ -53,14 +53,14 @@ def rover(tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 def test_every_command_leaves_a_clean_folder(rover: Path) -> None:
-    only = ["--only", "command_delay"]
+    only, film = ["--only", "command_delay"], ["--video", "seen.webp"]
     runs = ["run0.csv", "run1.csv"]
     before_and_after = ["--before", runs[0], "--after", runs[1]]
     limits = ["--limit", "left=-9:9", "--limit", "right=-9:9"]
     for words, new in (
         (["check", "--robot", "robot.toml", *runs], set()),
         (["gap", "--robot", "robot.toml", *runs], set()),
-        (["diagnose", "--robot", "robot.toml", *runs, *only, "--out", "out"], {"out"}),
+        (["diagnose", "--robot", "robot.toml", *runs, *only, "--out", "out", *film], {"out", "seen.webp"}),
         (["gap", "--robot", "robot.toml", *runs, "--model", "out/model.json"], set()),
         (["compare", "--robot", "robot.toml", *before_and_after, *only, "--out", "changed"], {"changed"}),
         (["excite", "--robot", "robot.toml", "--seconds", "5", *limits, "--out", "first.csv"], {"first.csv"}),

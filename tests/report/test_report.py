@@ -10,6 +10,7 @@ import pytest
 from fabricated_diagnosis import HORIZON, document, evidence
 
 from residual_mpc.report import Evidence, Panel, Windows, compose, write_report
+from residual_mpc.report.words.confidence import likelihood
 
 VERDICTS = ("no_gap", "effects", "partial", "unknown")
 VOID = {"meta", "br", "img", "link", "hr", "input", "col"}
@@ -201,11 +202,12 @@ def test_every_horizon_has_a_row_and_one_that_the_fit_has_seen_is_marked():
 
 def test_the_forecast_of_constant_velocity_is_a_line_and_a_warning():
     page = compose(document("partial"), evidence("partial"))
-    assert "constant-velocity forecast from the same start states: 0.38" in page and 'style="--at:42.2%"' in page
+    mark = r'style="--at:42.2%"><i></i><span>constant velocity: 38.%<'
+    assert re.search(mark, page)
     assert "The nominal and the final model predict worse" in Page(page).text
     without = document("partial")
     del without["gap"]["constant_velocity"]
-    assert "constant-velocity forecast" not in compose(without, evidence("partial"))
+    assert "constant velocity" not in compose(without, evidence("partial"))
 
 
 def test_an_effect_in_doubt_is_a_possibility_and_says_what_supports_it():
@@ -234,3 +236,37 @@ def test_times_count_from_the_start_of_each_run():
     assert "1760" not in page and "10⁹" not in page
     text = Page(page).text
     assert "12 to 15.98 s" in text and "from 0.5 to 20.5 s" in text and "Begins 31.5 s into run1." in text
+
+
+def test_the_first_screen_has_the_gap_before_and_after_as_one_bar():
+    page = Page(compose(document("partial"), evidence("partial")))
+    (bar,) = (a for tag, a in page.elements if tag == "div" and a.get("class") == "gap-bar")
+    said = bar["aria-label"]
+    said = said.replace("\N{NO-BREAK SPACE}", " ")
+    assert said.startswith("Nominal model: 90 %; Nominal model, retuned: 66 %; With the named effects: 41 %; a tenth")
+    assert "noise floor: 2 %" in said and "constant velocity: 38 %" in said
+    widths = [a["style"] for tag, a in page.elements if tag == "i" and a.get("class") in ("nominal", "before", "after")]
+    assert widths == ["width:100.0%", "width:73.3%", "width:45.6%"]
+
+
+def test_a_forecast_off_the_scale_is_said():
+    far = document("effects")
+    far["gap"]["constant_velocity"] = 3.0
+    assert "Off this scale: constant velocity: 300" in Page(compose(far, Evidence())).text
+
+
+def test_the_first_screen_has_at_most_three_numbers_to_change_the_surest_first():
+    page = compose(document("partial"), evidence("partial"))
+    first = page[page.index('<section id="verdict"') : page.index('<section id="gap"')]
+    names = re.findall(r"<dt>([^<]*)</dt>", first)
+    assert names == ["Coulomb friction of elbow", "Backlash of shoulder_lift", "Sensor bias of position.elbow"]
+    assert "very likely (93 %)" in first.replace("\N{NO-BREAK SPACE}", " ") and "1 more number under" in first
+    assert "What to change" not in compose(document("no_gap"), evidence("no_gap"))
+
+
+@pytest.mark.parametrize(
+    ("probability", "word"),
+    [(1.0, "virtually certain"), (0.9, "very likely"), (0.89, "likely"), (0.5, "about as likely as not")],
+)
+def test_confidence_is_in_the_words_of_the_ipcc(probability, word):
+    assert likelihood(probability) == word

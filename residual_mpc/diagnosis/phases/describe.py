@@ -56,7 +56,7 @@ def describe(
     budget = validated.options.final_steps // 2
     steps, stages = staged(of.after_data, of.scales, of.space, final, gaps, budget, settings=settings)
     diagnosis = _diagnosis(validated, Extras(steps, stages, learned, rest))
-    return DiagnosisResult(diagnosis, of.raw, of.scales, *validated.errors, of.test)
+    return DiagnosisResult(diagnosis, of.raw, of.scales, *validated.errors, of.test, of.base.values)
 
 
 def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:

@@ -182,7 +182,8 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class DiagnosisResult:
-    """A diagnosis and what the report draws: errors (W, M, C) of all windows before and after, and which are judged."""
+    """A diagnosis and what the report draws: errors (W, M, C) of all windows before and after, and which are judged.
+    base: the values of the model before, which are those that were retuned."""
 
     diagnosis: Diagnosis
     data: Dataset
@@ -190,3 +191,4 @@ class DiagnosisResult:
     before: np.ndarray
     after: np.ndarray
     held: np.ndarray
+    base: Values

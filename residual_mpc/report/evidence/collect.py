@@ -6,6 +6,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import gap_from_squares, window_squares
 from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.report.evidence.evidence import Evidence, Panel, Windows
+from residual_mpc.report.motion.film import film
 
 PANELS = 6
 STRETCH = 8  # windows shown in one panel, at most
@@ -13,7 +14,8 @@ UNITS = {"pose.theta": "rad", "pose.x": "m", "pose.y": "m", "twist.theta": "rad/
 
 
 def collect(made: DiagnosisResult) -> Evidence:
-    """The channels with the largest gap, around the held-out window that shows it best, and the gap of every window."""
+    """The channels with the largest gap, around the held-out window that shows it best, the gap of every window, and
+    the robot in the windows that show most."""
     eye = np.eye(made.data.count)
     before = gap_from_squares(*window_squares(made.data, made.scales, made.before), eye)
     after = gap_from_squares(*window_squares(made.data, made.scales, made.after), eye)
@@ -23,7 +25,7 @@ def collect(made: DiagnosisResult) -> Evidence:
         [names[i] for i in order], made.data.start[order], np.asarray(before)[order], np.asarray(after)[order]
     )
     starts = {run.name: float(run.t[0]) for run in made.data.runs}
-    return Evidence(_panels(made, before), windows, starts)
+    return Evidence(_panels(made, before), windows, starts, *film(made))
 
 
 def _panels(made: DiagnosisResult, per_window: np.ndarray) -> tuple[Panel, ...]:

@@ -44,12 +44,36 @@ class Windows:
 
 
 @dataclass(frozen=True)
+class Clip:
+    """The robot in one held-out window, filmed: measured, predicted and, where `after` is there, corrected motion.
+
+    Raises ValueError where the frames are not pictures or the still is none of them.
+    """
+
+    shows: tuple[str, ...]  # why this window: "largest gap", "largest correction"
+    run: str
+    start: float  # s, on the log's clock
+    before: float  # 1, the window's gap under the nominal model
+    after: float | None  # 1, the same with the named effects; None where none is named
+    frames: NDArray[np.uint8]  # (F, height, width, 3), at equal times from the window's start to its end
+    still: int  # the frame that stands for all of them: where the motions are farthest apart
+    seconds: float  # of the window that the frames show
+    assumed: tuple[str, ...] = ()  # channels that nobody measured; the measured motion has their predicted values
+
+    def __post_init__(self) -> None:
+        if self.frames.ndim != 4 or self.frames.shape[3] != 3 or not 0 <= self.still < len(self.frames):
+            raise ValueError(f"frames must be (F, height, width, 3) with still in them, got {self.frames.shape}")
+
+
+@dataclass(frozen=True)
 class Evidence:
     """Everything that `write_report` needs beside the diagnosis document. Each part may be empty."""
 
     panels: tuple[Panel, ...] = ()
     windows: Windows = field(default_factory=Windows)
     starts: Mapping[str, float] = field(default_factory=dict)  # s: each run's first stamp, from which times count
+    clips: tuple[Clip, ...] = ()
+    drawing: str = ""  # how the clips were drawn, or why there are none
 
 
 def _one_length(record: object, *names: str) -> int:

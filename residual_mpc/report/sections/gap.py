@@ -1,4 +1,4 @@
-"""The size of the gap: before, after, and what the sensor noise alone would leave."""
+"""The size of the gap in detail: by horizon, step by step, by channel and by window."""
 
 import numpy as np
 
@@ -6,28 +6,22 @@ from residual_mpc.report.evidence.clock import since_start
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.evidence.held_out import held_out
 from residual_mpc.report.figures.windows import spread
-from residual_mpc.report.sections.horizons import channel_rows, horizon_rows, reference, scale
+from residual_mpc.report.sections.horizons import channel_rows, horizon_rows
 from residual_mpc.report.sections.section import Document, Section, render
-from residual_mpc.report.words.gaps import few_windows, horizons_of, seen_horizons, warnings
+from residual_mpc.report.words.gaps import few_windows, horizons_of, seen_horizons
 from residual_mpc.report.words.numbers import listed, number
 
 FEW = 8  # windows, below which their spread says nothing
 
 
 def gap(document: Document, evidence: Evidence) -> Section:
-    """Always there: the bars, the horizons, the steps, expected beside achieved, the channels and the windows."""
+    """Always there: the horizons, the steps, expected beside achieved, the channels and the windows."""
     figures, shrink = document["gap"], document.get("shrink")
-    bars = _bars(document)
-    largest = scale(figures, max(value for _, _, value in bars))
     explained = bool(document["explanation"])
     rows = horizon_rows(figures, explained)
     steps = document.get("stages_of_gap") or []
     body = render(
         "sections/gap.html.jinja",
-        bars=bars,
-        largest=largest,
-        reference=reference(figures, largest),
-        warnings=warnings(figures, explained),
         dominated=next((text for row in horizons_of(figures) if (text := few_windows(row, explained))), ""),
         rows=rows if len(rows) > 1 or rows[0].quantiles else [],
         seen=listed([f"{number(h)} s" for h in seen_horizons(horizons_of(figures))] or [""]),
@@ -43,21 +37,6 @@ def gap(document: Document, evidence: Evidence) -> Section:
         figure=_spread(document, evidence),
     )
     return Section("gap", "Size of the gap", body)
-
-
-def _bars(document: Document) -> list[tuple[str, str, float]]:
-    """(kind, label, gap), from the model as it came to the sensor noise alone."""
-    figures = document["gap"]
-    nominal = figures.get("nominal")
-    bars = [("before", "Nominal model", figures["before"])]
-    if nominal is not None and not np.isclose(nominal, figures["before"]):
-        bars = [
-            ("nominal", "Nominal model", nominal),
-            ("before", "Nominal model, retuned", figures["before"]),
-        ]
-    if document["explanation"]:
-        bars.append(("after", "With the named effects", figures["after"]))
-    return [*bars, ("floor", "Noise floor", figures["noise_floor"])]
 
 
 def _ranges(shrink: Document | None) -> dict[str, object] | None:

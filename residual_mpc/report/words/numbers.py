@@ -74,6 +74,16 @@ def measure_interval(value: float | None, interval: Interval | None, unit: str) 
     return f"{middle}{_suffix(shown)} ({low_text} to {high_text}){degrees}"
 
 
+def interval_in(interval: Interval, unit: str) -> str:
+    """A 95 % interval in the unit that suits its middle: "78 to 84 ms"; empty where an end is not known."""
+    low, high = interval
+    if low is None or high is None or not math.isfinite(high - low):
+        return ""
+    factor, shown = _scale(0.5 * (low + high), unit)
+    decimals = _decimals(factor * 0.5 * (high - low), factor * 0.5 * (low + high))
+    return f"{_fixed(factor * low, decimals)} to {_fixed(factor * high, decimals)}{_suffix(shown)}"
+
+
 def count(number_of: int, noun: str) -> str:
     """ "1 window", "3 windows"."""
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
