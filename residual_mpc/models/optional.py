@@ -99,6 +99,7 @@ class HalvingStep(Protocol):
         """The same robot simulated at half the time step, for the same drives and nodes; None where that cannot be."""
         ...
 
+
 def actuator_joints(robot: Robot) -> tuple[str, ...]:
     """The joint that each actuator drives; by default they share their names."""
     robot = innermost(robot)
