@@ -45,13 +45,15 @@ class DiffDrive:
     @property
     def sites(self) -> Sites:
         """Where effects can act. A bias of pose.x or pose.y only shifts the world and is not observable; a bias of
-        twist.theta is that of a gyroscope."""
+        twist.theta is that of a gyroscope. Another scale of it is what another track gives, and another scale of an
+        encoder what other gains give: neither can be told where it shows, and beside a pose neither shows."""
         robot = (self.name,)
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "play"), WHEELS),
             **dict.fromkeys(("rolling", "rim", "side", "drift", "point", "samples"), robot),
-            "delay": ("pose",),
+            **dict.fromkeys(("delay", "filter"), ("pose",)),
             "offset": ("pose.theta", "twist.theta"),
+            "range": ("pose.theta",),
         }
 
     def slots(self, effect: str) -> tuple[str, ...]:

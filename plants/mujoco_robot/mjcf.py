@@ -22,6 +22,7 @@ from residual_mpc.models.simulating import Mjcf
 if TYPE_CHECKING:
     import mujoco
 
+DEGREE = 180.0 / np.pi  # of a specification whose compiler takes angles in degrees
 SECONDS, DRIVES = 1.0, 4  # of the comparison with the replay
 
 
@@ -80,6 +81,15 @@ def write_numbers(spec: "mujoco.MjSpec", robot: CompiledRobot, settings: Setting
             at.frictionloss = changed["dof_frictionloss"][dof]
         if "dof_solimp" in changed:
             at.solimp_friction = changed["dof_solimp"][dof]
+        number, unit = int(robot.numbers[j]), 1.0 if joint in robot.sliding or not spec.compiler.degree else DEGREE
+        if "jnt_stiffness" in changed:
+            at.stiffness[0] = changed["jnt_stiffness"][number]
+            at.springref = unit * changed.get("qpos_spring", model.qpos_spring)[robot.places[j]]
+        if "jnt_limited" in changed or "jnt_range" in changed:
+            at.limited = bool(changed.get("jnt_limited", model.jnt_limited)[number])
+            at.range = unit * changed.get("jnt_range", model.jnt_range)[number]
+    if "opt.gravity" in changed:
+        spec.option.gravity = changed["opt.gravity"]
     for i, name in enumerate(robot.actuators):
         at = spec.actuator(name)
         for field in ("gainprm", "biasprm"):

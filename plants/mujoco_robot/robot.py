@@ -1,7 +1,8 @@
 """A MuJoCo robot as the diagnosis sees it: bounds, typical sizes, the batched replay, the simulator, the export."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -49,6 +50,20 @@ class MujocoRobot(CompiledRobot):
     def _bounds(self) -> tuple[PhysicalBounds, ...]:
         """In each of the settings that were merged."""
         return tuple(PhysicalBounds(part) for part in self.settings or (self,))
+
+    def with_half_step(self) -> "MujocoRobot | None":
+        """See residual_mpc.models.optional.HalvingStep; None for a robot of several settings."""
+        return self._halved
+
+    @cached_property
+    def _halved(self) -> "MujocoRobot | None":
+        if self.settings:
+            return None
+        model, spec = copy(self.model), None if self.spec is None else self.spec.copy()
+        model.opt.timestep *= 0.5
+        if spec is not None:
+            spec.option.timestep *= 0.5
+        return replace(self, model=model, spec=spec, finer=2 * self.finer)
 
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
         return bounds_of_all(self._bounds, effect, parameter, slot)

@@ -61,8 +61,8 @@ class PybulletRobot:
     def sites(self) -> Sites:
         """Where effects can act."""
         return {
-            **dict.fromkeys(("command", "limit", "delay"), MOTORS),
-            "offset": tuple(f"position.{m}" for m in MOTORS),
+            **dict.fromkeys(("command", "limit", "delay", "filter"), MOTORS),
+            **dict.fromkeys(("offset", "range"), tuple(f"position.{m}" for m in MOTORS)),
             "samples": (self.name,),
         }
 

@@ -67,7 +67,7 @@ class ServoArm:
         return {
             **dict.fromkeys(("command", "strength", "dry friction", "damping"), MOTORS),
             **dict.fromkeys(("tool", "samples"), (self.name,)),
-            "offset": tuple(f"position.{m}" for m in MOTORS),
+            **dict.fromkeys(("offset", "range"), tuple(f"position.{m}" for m in MOTORS)),
         }
 
     def slots(self, effect: str) -> tuple[str, ...]:

@@ -50,8 +50,8 @@ class BulletRobot:
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "dry friction"), WHEELS),
             **dict.fromkeys(("rolling", "point", "samples"), (self.name,)),
-            "delay": ("pose",),
-            "offset": ("pose.theta",),
+            **dict.fromkeys(("delay", "filter"), ("pose",)),
+            **dict.fromkeys(("offset", "range"), ("pose.theta",)),
         }
 
     def slots(self, effect: str) -> tuple[str, ...]:

@@ -1,7 +1,8 @@
 """The model's state from what the sensors report: an extended Kalman filter on the augmented model.
 
 Memory (commands on their way, a motor's lag, play) is driven by known commands and follows the model; pose and unknown
-disturbances are corrected by the measurement. Sensor effects of the model (bias, mounting, delay) are undone first.
+disturbances are corrected by the measurement. Sensor effects of the model (bias, scale, mounting, delay,
+low-pass) are undone first.
 """
 
 from collections import deque
@@ -11,13 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.closed_loop.protocols import Reading
+from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export.augmented import Augmented
 from residual_mpc.export.casadi_model import casadi_model
 from residual_mpc.export.compiled import Buffered, buffered, compiled, compiler
-from residual_mpc.models.sensing import sensor_value
+from residual_mpc.models.sensing import SINCE_START, sensor_value, unscaled
 
+AGES: tuple[Quantity, ...] = ("reading delay", "reading lag")
 SMALL = 15_000  # instructions, beyond which compiling takes longer than an estimator with one call per sample saves
 
 
@@ -44,13 +47,14 @@ class EstimatorSettings:
 @dataclass(frozen=True, eq=False)
 class StateBelief:
     """x (nx,) and P (nx, nx) at the time that the sensors speak of; sent: commands since then, oldest first; rejected:
-    measurements refused in a row.
+    measurements refused in a row; origin (ny,): the poses at the start.
     """
 
     x: np.ndarray
     P: np.ndarray
     sent: tuple[np.ndarray, ...]
     rejected: int
+    origin: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +76,8 @@ class Filter:
         """At rest at a known pose, by channel."""
         P = np.zeros((self.model.nx, self.model.nx))
         P[self.poses, self.poses] = np.square(self.settings.noise)
-        return StateBelief(self.model.start(at), P, (), 0)
+        x = self.model.start(at)
+        return StateBelief(x, P, (), 0, x[self.poses])
 
     def with_parameters(self, p: np.ndarray) -> "Filter":
         """The same filter, its model with other numbers (np,)."""
@@ -90,11 +95,12 @@ class Filter:
             x = x.copy()
             x[list(self.anew)] = 0.0
         if len(waiting) == self.late:  # before that, the sensors speak of the time before the start
-            x, P, rejected = self._correct(x, P, reading, rejected, waiting[0] if waiting else None)
+            y = self._pose(reading, belief.origin)
+            x, P, rejected = self._correct(x, P, y, rejected, waiting[0] if waiting else None)
         now = x
         for u in waiting:
             now = self.drive(now, u)
-        return now, StateBelief(x, P, tuple(waiting), rejected)
+        return now, StateBelief(x, P, tuple(waiting), rejected, belief.origin)
 
     def drive(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """(nx,) the model's state a sample later."""
@@ -117,9 +123,9 @@ class Filter:
         return new, A @ P @ A.T + self.Q
 
     def _correct(
-        self, x: np.ndarray, P: np.ndarray, reading: Reading, rejected: int, coming: np.ndarray | None
+        self, x: np.ndarray, P: np.ndarray, y: np.ndarray, rejected: int, coming: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        y = self._pose(reading)
+        """y (ny,): the measured pose."""
         expected = x[self.poses]
         if self.part and coming is not None:  # the reading lies between two samples of the model
             expected = expected + (1.0 - self.part) * (self.drive(x, coming)[self.poses] - expected)
@@ -139,14 +145,17 @@ class Filter:
         P = P - K @ S @ K.T
         return x, 0.5 * (P + P.T), 0
 
-    def _pose(self, reading: Reading) -> np.ndarray:
-        """(ny,) the measured pose with bias and mounting undone; NaN where nothing was reported."""
+    def _pose(self, reading: Reading, origin: np.ndarray) -> np.ndarray:
+        """(ny,) the measured pose with bias, scale and mounting undone; NaN where nothing was reported."""
         poses, settings = self.model.stepped.poses, self.model.settings
         y = np.array([reading.get(c, np.nan) for c in poses], dtype=np.float64)
         for i, c in enumerate(poses):
             offset = sensor_value(self.model.robot, settings, "reading offset", c)
             if offset is not None:
                 y[i] -= offset[0]
+            scale = sensor_value(self.model.robot, settings, "reading scale", c)
+            if scale is not None:
+                y[i] = unscaled(y[i], scale[0], origin[i] if c in SINCE_START else 0.0)
         for effect, values in present(settings.effects, "point"):
             assert effect.undo is not None
             y[0], y[1] = effect.undo(NUMPY, {k: v[0, 0] for k, v in values.items()}, y[0], y[1], y[2])
@@ -177,8 +186,9 @@ def build_filter(model: Augmented, settings: EstimatorSettings, compile: bool = 
     stage = compiled(c.stage, compiler() if compile and small else None)
     n, m = model.nx, model.nu
     call = buffered(stage, (n, m, len(model.p)), (n, n * n, n * m))
-    delays = changes(model.settings.effects, "reading delay")
-    late = 0.0 if delays is None else float(delays.max()) / model.build.dt
+    # a low-pass answers a ramp as a delay of its time constant does
+    ages = (changes(model.settings.effects, q) for q in AGES)
+    late = sum(float(a.max()) for a in ages if a is not None) / model.build.dt
     whole = int(np.ceil(late - 1e-9))
     part = float(late - np.floor(late + 1e-9))
     anew = tuple(states.index(name) for name in model.stepped.restarts)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.effects.command import RATE_LIMIT
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
 from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
@@ -56,6 +57,18 @@ def sag_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float
 def saturation_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:
     """y held within +-limit."""
     return clip(ops, y, -p["limit"], p["limit"]), memory
+
+
+SLOWEST = 1e-6  # of the stall torque: keeps an infinite one infinite at the no-load speed
+
+
+def line_limits(ops: Ops, p: Values, w: Array) -> tuple[Array, Array]:
+    """Lowest and highest output at speed w: stall (1 - |w| / no_load) in the direction of the motion (a DC motor at its
+    supply voltage: Fitzgerald, Kingsley and Umans, Electric Machinery, 2003, section 7.4), stall against it.
+    """
+    share = w / p["no_load_speed"]
+    high = p["stall_torque"] * clip(ops, 1.0 - share, SLOWEST, 1.0)
+    return -p["stall_torque"] * clip(ops, 1.0 + share, SLOWEST, 1.0), high
 
 
 def backlash_start(ops: Ops, p: Values, w: Array) -> Array:
@@ -189,4 +202,26 @@ BACKLASH = Effect(
     not_in_mjcf="it needs an additional joint behind the motor, which only the built-in simulator has",
 )
 
-EFFECTS = (ACTUATOR_LAG, ACTUATOR_GAIN, SATURATION, VOLTAGE_SAG, BACKLASH)
+TORQUE_SPEED_LIMIT = Effect(
+    name="torque_speed_limit",
+    stage="actuator",
+    port="speed",
+    target="actuator",
+    parameters=(
+        Parameter("stall_torque", "N m", math.inf, 0.0, math.inf, (1.3, 0.8), "output", True),
+        Parameter("no_load_speed", "rad/s", 100.0, 1e-3, math.inf, (1.3, 2.0), "speed", shape=True),
+    ),
+    summary="the torque that a motor can add falls with its speed",
+    step=line_limits,
+    site="speed limit",
+    rank=35,
+    kink="signal",
+    unseen="no motion that is fast and needs torque at once",
+    phrase=Phrase("{who} gives {stall_torque} at standstill and none at {no_load_speed}"),
+    nouns={"stall_torque": Noun("stall torque")},
+    not_in_mjcf="MuJoCo's force limits do not depend on the speed",
+)
+
+EFFECTS = (
+    ACTUATOR_LAG, ACTUATOR_GAIN, SATURATION, VOLTAGE_SAG, BACKLASH, TORQUE_SPEED_LIMIT, RATE_LIMIT,
+)  # fmt: skip

@@ -24,6 +24,23 @@ def load_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
     return p["coefficient"] * ops.absolute(tau)
 
 
+def gear_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
+    """What a gear loses, N m, times sgn(w): (1 - forward) |tau| while the motor drives, (1 / backward - 1) |tau| while
+    the load drives it (Siciliano et al., Robotics, 2009, section 5.2, with an efficiency for each direction)."""
+    driving = tau * w > 0
+    return ops.where(driving, 1.0 - p["forward"], 1.0 / p["backward"] - 1.0) * ops.absolute(tau)
+
+
+def spring_torque(ops: Ops, p: Values, q: Array) -> Array:
+    """stiffness (rest - q), N m."""
+    return p["stiffness"] * (p["rest"] - q)
+
+
+def constant_torque(ops: Ops, p: Values, q: Array) -> Array:
+    """The same torque everywhere, N m."""
+    return p["torque"] + 0.0 * q
+
+
 def viscous_torque(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
     """coefficient * w, N m, against the motion."""
     return p["coefficient"] * w
@@ -216,6 +233,100 @@ LINK_LENGTH = Effect(
     nouns={"offset": Noun("length", "excess")},
 )
 
+GEAR_EFFICIENCY = Effect(
+    name="gear_efficiency",
+    stage="body",
+    port="friction",
+    target="joint",
+    parameters=(
+        Parameter("forward", "1", 1.0, 0.1, 1.0, (0.8, 1.0)),
+        Parameter("backward", "1", 1.0, 0.1, 1.0, (1.0, 0.8)),
+    ),
+    summary="a gear that loses more while driving than while being driven, or less",
+    step=gear_level,
+    null_target=False,
+    rank=35,
+    stalls=("forward", "backward"),
+    unseen="the torque hardly varies, or the load never drives the motor",
+    imitates=frozenset({"position"}),
+    phrase=Phrase(
+        "the gear of {who} passes on {forward} of the torque while driving and {backward} while being driven",
+        shares=("forward", "backward"),
+    ),
+    nouns={
+        "forward": Noun("efficiency while driving", "factor"),
+        "backward": Noun("efficiency while being driven", "factor"),
+    },
+    not_in_mjcf="MuJoCo's dry friction does not depend on the load",
+)
+
+JOINT_SPRING = Effect(
+    name="joint_spring",
+    stage="body",
+    port="torque",
+    target="joint",
+    parameters=(
+        Parameter("stiffness", "N m/rad", 0.0, 0.0, math.inf, (0.3, 0.3), "torque/motion"),
+        Parameter("rest", "rad", 0.0, -6.3, 6.3, (1.5, -1.5), shape=True),
+    ),
+    summary="a spring, cable or gravity compensation beside the joint",
+    step=spring_torque,
+    null_target=False,
+    site="elastic",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("a spring of {stiffness} pulls {who} towards {rest}"),
+    nouns={"stiffness": Noun("stiffness", appears="spring", size="stiffness")},
+)
+
+TORQUE_OFFSET = Effect(
+    name="torque_offset",
+    stage="body",
+    port="torque",
+    target="joint",
+    parameters=(Parameter("torque", "N m", 0.0, -math.inf, math.inf, (0.3,), "torque"),),
+    summary="a constant torque on a joint",
+    step=constant_torque,
+    null_target=False,
+    site="elastic",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("{who} carries a constant torque of {torque} that the model lacks"),
+    nouns={"torque": Noun("constant torque", "excess")},
+)
+
+END_STOP = Effect(
+    name="end_stop",
+    stage="body",
+    port="model",
+    target="joint",
+    parameters=(
+        Parameter(
+            "position", "rad", math.inf, -math.inf, math.inf, (1.0, -1.0), "extremes", True, quantity="joint stop"
+        ),
+    ),
+    summary="the joint meets a stop that the model lacks",
+    null_target=False,
+    site="stop",
+    unseen="the model stays within the positions that the runs reach",
+    phrase=Phrase("{who} meets a stop at {position}"),
+    nouns={"position": Noun("stop", size="position")},
+)
+
+BASE_TILT = Effect(
+    name="base_tilt",
+    stage="body",
+    port="model",
+    target="robot",
+    parameters=(
+        Parameter("roll", "rad", 0.0, -0.6, 0.6, (0.05, 0.0), quantity="gravity roll"),
+        Parameter("pitch", "rad", 0.0, -0.6, 0.6, (0.0, 0.05), quantity="gravity pitch"),
+    ),
+    summary="the base is not upright, so gravity acts in another direction than modelled",
+    site="gravity",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("the base is tilted by {roll} about its x axis and by {pitch} about its y axis"),
+    nouns={"roll": Noun("roll of the base", "excess"), "pitch": Noun("pitch of the base", "excess")},
+)
+
 EFFECTS = (
     COULOMB,
     VISCOUS,
@@ -226,4 +337,9 @@ EFFECTS = (
     ARMATURE,
     JOINT_COMPLIANCE,
     LINK_LENGTH,
+    GEAR_EFFICIENCY,
+    JOINT_SPRING,
+    TORQUE_OFFSET,
+    END_STOP,
+    BASE_TILT,
 )

@@ -9,9 +9,12 @@ from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
 Stage = Literal["command", "actuator", "body", "contact", "sensor"]
-Port = Literal["command", "output", "friction", "ground", "sensor", "model"]
+Port = Literal["command", "output", "speed", "friction", "torque", "ground", "sensor", "model"]
 TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
-Reference = Literal["one", "command", "output", "torque", "torque/speed", "inertia", "mass", "length", "play"]
+Reference = Literal[
+    "one", "command", "command/time", "output", "speed", "torque", "torque/speed", "torque/motion", "extremes",
+    "inertia", "mass", "length", "play",
+]  # fmt: skip
 Values = Mapping[str, Array]  # parameter name -> value, an array that broadcasts over the signal
 
 # The places of a robot at which an effect can act. A robot names its targets at each place that it has.
@@ -19,14 +22,18 @@ Site = Literal[
     "command",  # a command on its way to the actuator
     "strength",  # a factor on the actuator's output (its force; of a wheel its speed)
     "limit",  # a limit of the actuator's output
+    "speed limit",  # a limit of the actuator's output that depends on its speed
     "output",  # any other change of the actuator's output
     "play",  # free motion between motor and link
     "spring",  # elasticity between motor and link
     "dry friction",  # a constant torque against a joint's motion
     "friction",  # a torque against a joint's motion that depends on speed or load
     "damping",  # a joint's viscous damping
+    "elastic",  # a torque on a joint that is constant or linear in its position
+    "stop",  # a stop of a joint
     "rotor",  # a rotor's inertia at a joint
     "tool",  # a mass at the payload site
+    "gravity",  # the direction of gravity in the base frame
     "link",  # a link's mass and centre of mass
     "length",  # the distance of two joints along a link
     "rolling",  # wheel radii and track
@@ -35,6 +42,8 @@ Site = Literal[
     "drift",  # motion of the base in the world
     "delay",  # the age of a reading
     "offset",  # a constant in a reading
+    "range",  # a factor on a reading
+    "filter",  # how fast a reading follows
     "point",  # the tracked point on the body
     "samples",  # single samples of a reading
 ]
@@ -49,8 +58,12 @@ Quantity = Literal[
     "link centre", "link length",  # m
     "gear stiffness",  # N m/rad
     "gear play",  # rad
+    "gravity roll", "gravity pitch",  # rad
+    "joint stop",  # rad
     "reading delay",  # s
     "reading offset",  # the channel's unit
+    "reading scale",  # a factor
+    "reading lag",  # s
 ]  # fmt: skip
 
 STAGES: tuple[Stage, ...] = ("command", "actuator", "body", "contact", "sensor")
@@ -63,7 +76,10 @@ class Parameter:
     `probes` are values worth a first look, in units of the reference named by `reference`, which the robot
     measures on the runs at hand ("one" is the parameter's own unit; "command" the range of the target's command,
     "output" the peak and "torque" the root mean square of the actuator's output that the nominal model predicts;
-    "inertia", "mass", "length" and "play" are the robot's own).
+    "speed" is the actuator's largest; "torque/speed" and "torque/motion" the torque over the joint's typical speed and
+    over the size of its motion; "command/time" the command's range in one second; "extremes" stands for the highest (a
+    positive probe) and the lowest (a negative one) position that the runs reach; "inertia", "mass", "length" and "play"
+    are the robot's own).
     """
 
     name: str
@@ -94,7 +110,9 @@ class Effect:
     - command:  start(ops, p, u, dt) -> memory;  step(ops, p, memory, u, dt) -> (u, memory)
     - output:   start(ops, p, y) -> memory;  step(ops, p, memory, y, clock, dt) -> (y, memory); clock is s since the
       run began
+    - speed:    step(ops, p, w) -> lowest and highest output at the actuator's speed w, rad/s
     - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))
+    - torque:   step(ops, p, q) -> torque on the joint at position q, N m, linear in q
     - ground:   by site; rim: step(ops, p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p,
       forward, yaw) -> m/s to the left; drift: step(ops, p) -> (m/s, m/s) in the world
     - sensor:   at the point: step(ops, p, x, y, theta) -> (x, y), and `undo`, its inverse

@@ -3,22 +3,34 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from residual_mpc.effects.actuator import ACTUATOR_GAIN, ACTUATOR_LAG, BACKLASH
+from residual_mpc.effects.actuator import ACTUATOR_GAIN, ACTUATOR_LAG, BACKLASH, SATURATION, TORQUE_SPEED_LIMIT
 from residual_mpc.effects.body import (
     ARMATURE,
+    BASE_TILT,
     COULOMB,
+    END_STOP,
+    GEAR_EFFICIENCY,
     JOINT_COMPLIANCE,
+    JOINT_SPRING,
     LINK_LENGTH,
     LINK_MASS,
     LOAD_FRICTION,
     PAYLOAD,
     STRIBECK,
+    TORQUE_OFFSET,
     VISCOUS,
 )  # fmt: skip
-from residual_mpc.effects.command import COMMAND_DELAY
-from residual_mpc.effects.contact import LATERAL_SLIP, LONGITUDINAL_SLIP, SLOPE, WHEEL_RADIUS, WHEEL_RADIUS_MISMATCH
+from residual_mpc.effects.command import COMMAND_DELAY, RATE_LIMIT
+from residual_mpc.effects.contact import (
+    LATERAL_SLIP,
+    LONGITUDINAL_SLIP,
+    SLOPE,
+    TRACK_WIDTH,
+    WHEEL_RADIUS,
+    WHEEL_RADIUS_MISMATCH,
+)
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.sensor import SENSOR_DELAY, SENSOR_MOUNTING
+from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_LAG, SENSOR_MOUNTING, SENSOR_SCALE
 
 
 @dataclass(frozen=True)
@@ -42,11 +54,15 @@ OFF = "log stretches with the motor off (enabled.* = 0)"
 # Measured separations; of several pairs in a group the first counts.
 SEPARATIONS: tuple[Separation, ...] = (
     Separation(COMMAND_DELAY, SENSOR_DELAY, ENCODERS, OFF),
+    Separation(ACTUATOR_LAG, SENSOR_LAG, ENCODERS, OFF),
+    Separation(COMMAND_DELAY, SENSOR_LAG, ENCODERS, OFF),
+    Separation(SENSOR_DELAY, SENSOR_LAG, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS, ENCODERS, ""),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS_MISMATCH, ENCODERS, ""),
     Separation(WHEEL_RADIUS, SLOPE, "drive straight at two headings, both ways", ""),
     Separation(WHEEL_RADIUS, LONGITUDINAL_SLIP, "drive at constant speed as well as with hard accelerations", ""),
     Separation(LATERAL_SLIP, SENSOR_MOUNTING, "spin in place, and drive arcs at varying speed", ""),
+    Separation(TRACK_WIDTH, SENSOR_SCALE, "log pose.x and pose.y beside the heading, and drive on after turns", ""),
     Separation(ACTUATOR_LAG, COMMAND_DELAY, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(COULOMB, BACKLASH, "", CHIRP),
     Separation(PAYLOAD, JOINT_COMPLIANCE, "", OFF),
@@ -56,6 +72,15 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(COULOMB, LOAD_FRICTION, "", "repeat the motion under a second payload"),
     Separation(COULOMB, STRIBECK, "", "move slowly and fast: creep, then chirp"),
     Separation(PAYLOAD, LINK_MASS, "", "repeat the motion with a known payload"),
+    Separation(LOAD_FRICTION, GEAR_EFFICIENCY, "", "raise and lower a heavy load, slowly and at the same speed"),
+    Separation(TORQUE_SPEED_LIMIT, SATURATION, "", "send large steps from rest and in fast motion"),
+    Separation(RATE_LIMIT, ACTUATOR_LAG, "", "send small and large steps"),
+    Separation(RATE_LIMIT, TORQUE_SPEED_LIMIT, "", "send large steps with and without a payload"),
+    Separation(JOINT_SPRING, TORQUE_OFFSET, "", "hold the joint at several positions over its whole range"),
+    Separation(JOINT_SPRING, PAYLOAD, "", "hold the arm stretched out and folded, in several directions"),
+    Separation(TORQUE_OFFSET, SENSOR_BIAS, "", OFF),
+    Separation(BASE_TILT, PAYLOAD, "", "hold the arm stretched out in several directions about the vertical"),
+    Separation(END_STOP, SATURATION, "", "approach the position at which the joint stops slowly and fast"),
 )
 
 
@@ -92,11 +117,19 @@ TWINS: tuple[Twins, ...] = (
 SUBSTITUTES: tuple[tuple[Effect, Effect], ...] = (
     (ACTUATOR_LAG, COMMAND_DELAY),
     (ACTUATOR_LAG, SENSOR_DELAY),
+    (ACTUATOR_LAG, SENSOR_LAG),
+    (COMMAND_DELAY, SENSOR_LAG),
+    (SENSOR_DELAY, SENSOR_LAG),
     (COMMAND_DELAY, SENSOR_DELAY),
     (COULOMB, LOAD_FRICTION),
     (STRIBECK, LOAD_FRICTION),
     (COULOMB, STRIBECK),
     (PAYLOAD, LINK_MASS),
+    (LOAD_FRICTION, GEAR_EFFICIENCY),
+    (COULOMB, GEAR_EFFICIENCY),
+    (SENSOR_BIAS, TORQUE_OFFSET),
+    (JOINT_SPRING, TORQUE_OFFSET),
+    (SATURATION, TORQUE_SPEED_LIMIT),
 )
 
 # Effects of an arm of which nobody has measured yet how much of them others remove.

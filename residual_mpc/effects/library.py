@@ -25,7 +25,7 @@ CHAINED: tuple[Effect, ...] = tuple(sorted(LIBRARY, key=lambda effect: effect.ra
 Sites = Mapping[Site, tuple[str, ...]]  # where effects can act on a robot -> its targets there
 Effects = Mapping[str, Values]  # effect -> parameter -> values, those of Settings.effects
 
-FACTORS: frozenset[Quantity] = frozenset({"wheel radius", "right wheel radius", "track width"})
+FACTORS: frozenset[Quantity] = frozenset({"wheel radius", "right wheel radius", "track width", "reading scale"})
 
 
 def slots_of(effect: str, sites: Sites) -> tuple[str, ...]:

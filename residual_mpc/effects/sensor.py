@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
@@ -21,6 +23,20 @@ def unmounted(ops: Ops, p: Values, x: Array, y: Array, theta: Array) -> tuple[Ar
     return x - (c * p["x"] - s * p["y"]), y - (s * p["x"] + c * p["y"])
 
 
+def low_pass(x: np.ndarray, y0: np.ndarray, tau: float, h: float) -> np.ndarray:
+    """(..., K + 1) the solution of tau dy/dt = x - y on nodes h s apart, for an input x (..., K + 1) that is straight
+    between them, exactly; from the memory y0 (...). The input itself where tau is 0."""
+    from scipy.signal import lfilter
+
+    if tau <= 0.0:
+        return x
+    a, reach = math.exp(-h / tau), -math.expm1(-h / tau) * tau / h
+    old, new = reach - a, 1.0 - reach  # weights of the input at the ends of a step
+    state = a * y0 + old * x[..., 0]
+    y, _ = lfilter([new, old], [1.0, -a], x[..., 1:], axis=-1, zi=state[..., None])
+    return np.concatenate([y0[..., None], y], axis=-1)
+
+
 SENSOR_DELAY = Effect(
     name="sensor_delay",
     stage="sensor",
@@ -31,6 +47,35 @@ SENSOR_DELAY = Effect(
     site="delay",
     phrase=Phrase("{who} arrive {delay} late", "the measurements", "the measurements of {}"),
     nouns={"delay": Noun("sensor delay", targeted="delay")},
+    not_in_mjcf=READ_ELSEWHERE,
+)
+
+SENSOR_LAG = Effect(
+    name="sensor_lag",
+    stage="sensor",
+    port="sensor",
+    target="channel",
+    parameters=(Parameter("time_constant", "s", 0.0, 0.0, 0.5, (0.05,), quantity="reading lag"),),
+    summary="measurements pass a low-pass",
+    site="filter",
+    phrase=Phrase("{who} follow with a time constant of {time_constant}", "the measurements", "the measurements of {}"),
+    nouns={"time_constant": Noun("time constant of the measurements", targeted="sensor time constant")},
+    not_in_mjcf=READ_ELSEWHERE,
+)
+
+SENSOR_SCALE = Effect(
+    name="sensor_scale",
+    stage="sensor",
+    port="sensor",
+    target="channel",
+    parameters=(Parameter("scale", "1", 1.0, 0.2, 5.0, (1.1,), tolerance=0.002, quantity="reading scale"),),
+    summary="a channel reads a multiple of the truth",
+    null_target=False,
+    site="range",
+    unseen="the channel hardly moves away from its zero",
+    imitates=frozenset({"position"}),
+    phrase=Phrase("{who} reads {scale} of the true value", shares=("scale",)),
+    nouns={"scale": Noun("scale", "factor")},
     not_in_mjcf=READ_ELSEWHERE,
 )
 
@@ -90,4 +135,4 @@ SENSOR_OUTLIERS = Effect(
     not_in_mjcf=READ_ELSEWHERE,
 )
 
-EFFECTS = (SENSOR_DELAY, SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS)
+EFFECTS = (SENSOR_DELAY, SENSOR_LAG, SENSOR_SCALE, SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS)

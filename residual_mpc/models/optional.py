@@ -93,6 +93,13 @@ class Disturbed(Protocol):
         ...
 
 
+@runtime_checkable
+class HalvingStep(Protocol):
+    def with_half_step(self) -> Robot | None:
+        """The same robot simulated at half the time step, for the same drives and nodes; None where that cannot be."""
+        ...
+
+
 def actuator_joints(robot: Robot) -> tuple[str, ...]:
     """The joint that each actuator drives; by default they share their names."""
     robot = innermost(robot)
@@ -145,3 +152,8 @@ def disturbed(robot: Robot) -> tuple[str, ...]:
     """Signals that offset-free tracking disturbs; by default the velocities of a robot that drives."""
     robot = innermost(robot)
     return robot.disturbed if isinstance(robot, Disturbed) else BODY
+
+
+def with_half_step(robot: Robot) -> Robot | None:
+    """The robot simulated at half its time step; by default None, as of one that integrates exactly."""
+    return robot.with_half_step() if isinstance(robot, HalvingStep) else None

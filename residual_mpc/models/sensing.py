@@ -1,15 +1,22 @@
-"""What a robot's sensors report of what is true: late, offset, from another point; for a robot that is stepped."""
+"""What the sensors of a robot that is stepped report of what is true: late, low-passed, scaled, offset."""
 
 from collections import deque
 from collections.abc import Mapping
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from residual_mpc.effects.effect import Quantity
-from residual_mpc.effects.library import BY_NAME, present
+from residual_mpc.effects.library import BY_NAME, FACTORS, present
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.sensor import low_pass
 from residual_mpc.models.settings import Settings
+
+Readings = Mapping[str, np.ndarray]  # channel -> (rows,)
+
+# Channels that count from where a run began: an integrated rate has no zero of its own, so a scale acts on what is
+# turned since then.
+SINCE_START = ("pose.theta",)
 
 
 class SensedRobot(Protocol):
@@ -31,31 +38,60 @@ def slot_of(channel: str, slots: tuple[str, ...]) -> int | None:
 
 
 def sensor_value(robot: SensedRobot, settings: Settings, quantity: Quantity, channel: str) -> np.ndarray | None:
-    """(rows,) of the settings, what the sensor effects add to a quantity of a channel's readings; None where they do
-    nothing to it."""
+    """(rows,) of the settings, what the sensor effects make of a quantity of a channel's readings: the product of its
+    factors, or the sum of what is added; None where they do nothing to it."""
     total: np.ndarray | None = None
     for effect, values in settings.effects.items():
         for p in BY_NAME[effect].parameters:
             slot = slot_of(channel, robot.slots(effect)) if p.quantity == quantity else None
             if slot is not None:
                 value = values[p.name][:, slot]
-                total = value if total is None else total + value
+                total = value if total is None else total * value if quantity in FACTORS else total + value
     return total
 
 
-def sensed(robot: SensedRobot, settings: Settings, true: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Mounting and bias on channels (rows,); see the order of the stages."""
+def scaled(true: np.ndarray, scale: np.ndarray, origin: np.ndarray | float) -> np.ndarray:
+    """What a sensor reads that multiplies what lies beyond its origin; the true value itself at a scale of 1."""
+    return np.asarray(scale * true + (1.0 - scale) * origin)
+
+
+def unscaled(reading: np.ndarray, scale: np.ndarray, origin: np.ndarray | float) -> np.ndarray:
+    """The true value behind a reading: the inverse of `scaled`."""
+    return np.asarray((reading - (1.0 - scale) * origin) / scale)
+
+
+def mounted_at(settings: Settings, true: Readings) -> dict[str, np.ndarray]:
+    """The channels (rows,) with the position of the tracked point."""
     out = dict(true)
     posed = {"pose.x", "pose.y", "pose.theta"} <= set(out)
     for effect, values in present(settings.effects, "point") if posed else ():
         assert effect.step is not None
         p = {k: v[:, 0] for k, v in values.items()}
         out["pose.x"], out["pose.y"] = effect.step(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
+    return out
+
+
+def sensed(robot: SensedRobot, settings: Settings, true: Readings, first: Readings) -> dict[str, np.ndarray]:
+    """Scale and bias on channels (rows,) of the tracked point, in this order. first: the true values with which the run
+    began."""
+    out = dict(true)
     for channel, value in out.items():
+        scale = sensor_value(robot, settings, "reading scale", channel)
+        if scale is not None:
+            out[channel] = value = scaled(value, scale, first[channel] if channel in SINCE_START else 0.0)
         bias = sensor_value(robot, settings, "reading offset", channel)
         if bias is not None:
             out[channel] = value + bias
     return out
+
+
+class Saved(NamedTuple):
+    """What the next readings depend on: the true values of the latest periods, newest first, what the low-passes gave
+    then, and the true values of the beginning."""
+
+    line: tuple[Readings, ...]
+    slow: tuple[Readings, ...]
+    first: Readings
 
 
 class Late:
@@ -66,30 +102,67 @@ class Late:
         delays = {c: sensor_value(robot, settings, "reading delay", c) for c in robot.channels}
         self._late = {c: d / period for c, d in delays.items() if d is not None and d.any()}
         longest = max((float(d.max()) for d in self._late.values()), default=0.0)
-        self._line: deque[Mapping[str, np.ndarray]] = deque(maxlen=int(np.ceil(longest)) + 2)  # newest first
+        self._line: deque[Readings] = deque(maxlen=int(np.ceil(longest)) + 2)  # newest first
+        self._slow: deque[Readings] = deque(maxlen=self._line.maxlen)  # newest first
+        self._first: Readings = {}
+        lags = {c: sensor_value(robot, settings, "reading lag", c) for c in robot.channels}
+        self._lags = {c: tau for c, tau in lags.items() if tau is not None and tau.any()}
+        self._period = period
 
-    def begin(self, true: Mapping[str, np.ndarray]) -> None:
+    def begin(self, true: Readings) -> None:
+        """The low-passes hold what is true."""
         self._line.extend([true] * (self._line.maxlen or 1))
+        self._slow.extend([self._behind(true)] * (self._line.maxlen or 1))
+        self._first = true
 
-    def push(self, true: Mapping[str, np.ndarray]) -> None:
+    def push(self, true: Readings) -> None:
+        if self._lags:
+            before, now = self._behind(self._line[0]), self._behind(true)
+            ends = {c: np.stack([before[c], now[c]], axis=-1) for c in now}  # (rows, 2)
+            held = self._slow[0]
+            self._slow.appendleft({c: self._low_passed(c, x, held[c]) for c, x in ends.items()})
         self._line.appendleft(true)
+
+    def _behind(self, true: Readings) -> Readings:
+        """What enters the low-passes."""
+        there = mounted_at(self._settings, true) if self._lags else {}
+        return {c: x for c, x in there.items() if c in self._lags}
+
+    def _low_passed(self, channel: str, x: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """(rows,) a period later, from the input's ends (rows, 2)."""
+        taus = self._lags[channel]
+        return np.array([low_pass(x[i], held[i], float(tau), self._period)[1] for i, tau in enumerate(taus)])
 
     def read(self) -> dict[str, np.ndarray]:
         """channel -> (rows,)"""
-        now = dict(self._line[0])
-        for channel, late in self._late.items():
-            past = np.stack([then[channel] for then in self._line])  # (n, rows)
+        there = mounted_at(self._settings, self._arrived(self._line))
+        if self._lags:
+            there |= self._arrived(self._slow)
+        return sensed(self._robot, self._settings, there, self._first)
+
+    def _arrived(self, line: deque[Readings]) -> dict[str, np.ndarray]:
+        """The channels of a line, each as late as it is."""
+        now = dict(line[0])
+        for channel in now.keys() & self._late.keys():
+            late = self._late[channel]
+            past = np.stack([then[channel] for then in line])  # (n, rows)
             whole = np.minimum(late.astype(int), len(past) - 2)
             row = np.arange(past.shape[1])
             part = late - whole
             now[channel] = (1.0 - part) * past[whole, row] + part * past[whole + 1, row]
-        return sensed(self._robot, self._settings, now)
+        return now
 
-    def save(self) -> tuple[Mapping[str, np.ndarray], ...]:
-        return tuple(self._line)
+    def save(self) -> Saved:
+        return Saved(tuple(self._line), tuple(self._slow), self._first)
 
-    def restore(self, saved: tuple[Mapping[str, np.ndarray], ...], rows: np.ndarray) -> None:
+    def restore(self, saved: Saved, rows: np.ndarray) -> None:
         """Go back to what `save` gave in the rows of the mask (rows,)."""
-        now = list(self._line)
-        self._line.clear()
-        self._line.extend({c: np.where(rows, old[c], new[c]) for c in old} for old, new in zip(saved, now, strict=True))
+
+        def back(old: Readings, new: Readings) -> Readings:
+            return {c: np.where(rows, old[c], new[c]) for c in old}
+
+        for line, before in ((self._line, saved.line), (self._slow, saved.slow)):
+            now = list(line)
+            line.clear()
+            line.extend(back(old, new) for old, new in zip(before, now, strict=True))
+        self._first = back(saved.first, self._first)

@@ -40,7 +40,7 @@ def commanded(motion, seconds=3.0):
 
 def bench(effects=()):
     one = np.ones(N)
-    robot = ArmRobot(ideal(ARM), PERFECT, one, 0.3 * one, 0.4 * one, inertia_at_home(ARM), one)
+    robot = ArmRobot(ideal(ARM), PERFECT, one, 0.3 * one, 0.4 * one, inertia_at_home(ARM), one, one, -one)
     setting = Setting(robot, commanded(multisine), 5e-4 * one, 0.0, Roughness(), False, 0.01, False, "csv")
     return ScalerBench(setting, effects)
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from residual_mpc.diagnosis.fit.least_squares import Race, fit_all
-from residual_mpc.models.settings import Knob, Values
+from residual_mpc.models.settings import TUNE, Knob, Values
 
 A, B, OTHER = (Knob("viscous_friction", joint, "coefficient") for joint in ("a", "b", "c"))
 GAIN = Knob("actuator_gain", "a", "gain")
+GUESSED = Knob(TUNE, None, "actuator.a.kp")
 BENT = np.random.default_rng(0).standard_normal((4, 25, 3))
 
 
@@ -27,7 +28,7 @@ class Ground:
         return (0.002, 9.0) if knob == GAIN else (-9.0, 9.0)
 
     def null(self, knob: Knob) -> float:
-        return 1.0 if knob == GAIN else 0.0
+        return {GAIN: 1.0, GUESSED: 2.0}.get(knob, 0.0)
 
 
 @dataclass
@@ -48,6 +49,20 @@ def curved(values: Values) -> np.ndarray:
     a, b = values.get(A, 0.0) - 1.5, values.get(B, 0.0) + 0.7
     bent = BENT[..., 0] * (a + 0.1 * a * a) + BENT[..., 1] * (np.exp(0.4 * b) - 1.0)
     return np.asarray(bent + 0.01 * BENT[..., 2] + 0.02 * values.get(OTHER, 0.0))
+
+
+@pytest.mark.parametrize("secants", [0, 2])
+def test_a_guessed_gain_may_be_off_by_decades(secants: int) -> None:
+    """A first-order servo of bandwidth kp: its errors saturate on both sides, as those of a gain do."""
+    t = np.linspace(0.0, 0.05, 25)
+
+    def servo(values: Values) -> np.ndarray:
+        return np.asarray(np.exp(-values[GUESSED] * t) - np.exp(-900.0 * t))[None] * np.ones((4, 1))
+
+    (fit,) = fit_all(Toy(servo), [{GUESSED: 2.0}], 24, 1e-9, secants=secants)
+    assert fit.values[GUESSED] == pytest.approx(900.0, rel=0.01)
+    slope = (servo({GUESSED: 1.001 * fit.values[GUESSED]}) - fit.r) / (0.001 * fit.values[GUESSED])
+    np.testing.assert_allclose(fit.jacobian[..., 0] / fit.scales[0], slope, atol=0.15 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize("secants", [0, 2])

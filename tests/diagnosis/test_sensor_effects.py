@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 from oracles.rover_log import rover_run
+from scipy.integrate import solve_ivp
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
@@ -16,8 +17,8 @@ from residual_mpc.models.settings import Knob, Settings, assemble
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
 SLOTS = {e.name: ROVER.slots(e.name) for e in LIBRARY}
-SENSORS = ("sensor_delay", "sensor_bias", "sensor_mounting")
-DELAY, BIAS, X, Y = 0.12, 0.2, 0.08, -0.05  # s, rad, m, m
+SENSORS = ("sensor_delay", "sensor_lag", "sensor_scale", "sensor_bias", "sensor_mounting")
+DELAY, LAG, SCALE, BIAS, X, Y = 0.12, 0.15, 1.08, 0.2, 0.08, -0.05  # s, s, 1, rad, m, m
 
 
 def dataset(run: Run) -> Dataset:
@@ -48,11 +49,23 @@ def test_at_null_nothing_changes(clean: Run, effect: str) -> None:
     np.testing.assert_array_equal(predict(data, Settings(2, {effect: beside}))[0], nominal[0])
 
 
+def slowed(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A low-pass by the adaptive integrator of SciPy."""
+    through = solve_ivp(
+        lambda s, y: (np.interp(s, t, x) - y) / LAG, (t[0], t[-1]), x[:1], t_eval=t, max_step=0.01, rtol=1e-8
+    )
+    return np.asarray(through.y[0])
+
+
 def logged(clean: Run, effect: str) -> Run:
     """The clean run through a faulty sensor, by its definition."""
     x, y, theta = (clean.columns[c] for c in ("pose.x", "pose.y", "pose.theta"))
     if effect == "sensor_delay":
         seen = {c: np.interp(clean.t - DELAY, clean.t, clean.columns[c]) for c in ("pose.x", "pose.y", "pose.theta")}
+    elif effect == "sensor_lag":
+        seen = {c: slowed(clean.t, clean.columns[c]) for c in ("pose.x", "pose.y", "pose.theta")}
+    elif effect == "sensor_scale":
+        seen = {"pose.theta": theta[0] + SCALE * (theta - theta[0])}
     elif effect == "sensor_bias":
         seen = {"pose.theta": theta + BIAS}
     else:
@@ -65,6 +78,8 @@ def logged(clean: Run, effect: str) -> Run:
     ("effect", "truth"),
     [
         ("sensor_delay", {("sensor_delay", None, "delay"): DELAY}),
+        ("sensor_lag", {("sensor_lag", None, "time_constant"): LAG}),
+        ("sensor_scale", {("sensor_scale", "pose.theta", "scale"): SCALE}),
         ("sensor_bias", {("sensor_bias", "pose.theta", "bias"): BIAS}),
         ("sensor_mounting", {("sensor_mounting", None, "x"): X, ("sensor_mounting", None, "y"): Y}),
     ],
@@ -77,8 +92,9 @@ def test_the_true_fault_explains_the_log(
         data = data.take(data.start > 0.5)
     left, nominal = error(data, truth), error(data, {})
     assert nominal > 3e-3 and left < 0.05 * nominal
+    null = 1.0 if effect == "sensor_scale" else 0.0
     for off in (0.9, 1.1):
-        assert error(data, {k: off * v for k, v in truth.items()}) > 2 * left
+        assert error(data, {k: null + off * (v - null) for k, v in truth.items()}) > 2 * left
 
 
 def test_hypotheses_and_windows_do_not_mix(clean: Run) -> None:
@@ -86,11 +102,13 @@ def test_hypotheses_and_windows_do_not_mix(clean: Run) -> None:
     hypotheses = (
         {},
         {("sensor_delay", None, "delay"): 0.07, ("command_delay", "left", "delay"): 0.03},
+        {("sensor_lag", None, "time_constant"): 0.1, ("sensor_delay", None, "delay"): 0.05},
+        {("sensor_lag", None, "time_constant"): 0.1, ("sensor_mounting", None, "x"): 0.1},
         {("sensor_bias", "pose.theta", "bias"): 0.1, ("lateral_slip", None, "coefficient"): 0.2},
         {("sensor_mounting", None, "x"): 0.1, ("slope", None, "rate"): 0.05, ("slope", None, "heading"): 1.0},
     )
     whole = predict(data, settings_of(*hypotheses))
-    assert whole.shape == (4, data.count, *data.y.shape[1:])
+    assert whole.shape == (len(hypotheses), data.count, *data.y.shape[1:])
     for h, hypothesis in enumerate(hypotheses):
         np.testing.assert_allclose(whole[h], predict(data, settings_of(hypothesis))[0], rtol=0, atol=1e-12)
     few = data.take(np.arange(data.count) % 3 == 1)

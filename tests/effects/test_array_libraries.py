@@ -14,11 +14,19 @@ from residual_mpc.effects.actuator import (
     gain_step,
     lag_start,
     lag_step,
+    line_limits,
     sag_step,
     saturation_step,
 )
-from residual_mpc.effects.body import coulomb_level, load_level, stribeck_level, viscous_torque
-from residual_mpc.effects.command import dead_zone_step, delay_start, delay_step
+from residual_mpc.effects.body import (
+    coulomb_level,
+    gear_level,
+    load_level,
+    spring_torque,
+    stribeck_level,
+    viscous_torque,
+)
+from residual_mpc.effects.command import dead_zone_step, delay_start, delay_step, rate_start, rate_step
 from residual_mpc.effects.contact import slope_drift
 from residual_mpc.effects.ground import ground_twist
 from residual_mpc.effects.ops import NUMPY, Array, Ops, casadi_ops, jax_ops
@@ -44,6 +52,15 @@ def lagged(ops: Ops, tau: Array, *u: Array) -> tuple[Array, ...]:
     memory = lag_start(ops, p, u[0], DT)
     for v in u:
         y, memory = lag_step(ops, p, memory, v, DT)
+        out.append(y)
+    return tuple(out)
+
+
+def slewed(ops: Ops, rate: Array, *u: Array) -> tuple[Array, ...]:
+    p, out = {"rate": rate}, []
+    memory = rate_start(ops, p, u[0], DT)
+    for v in u:
+        y, memory = rate_step(ops, p, memory, v, DT)
         out.append(y)
     return tuple(out)
 
@@ -97,6 +114,12 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
         2,
     ),
     "load_dependent_friction": (_one(load_level, "coefficient"), [(0.0, 0.9)], 2),
+    "rate_limit": (slewed, [(1.0, 100.0)], STEPS),
+    "torque_speed_limit": (
+        lambda o, s, n, w: line_limits(o, {"stall_torque": s, "no_load_speed": n}, w), [(0.1, 3.0), (0.5, 3.0)], 1
+    ),
+    "gear_efficiency": (_one(gear_level, "forward", "backward"), [(0.3, 1.0), (0.3, 1.0)], 2),
+    "joint_spring": (_one(spring_torque, "stiffness", "rest"), [(0.0, 3.0), (-1.0, 1.0)], 1),
     "ground": (on_the_ground, [(0.5, 2.0), (0.8, 1.2), (0.0, 2.0), (0.5, 2.0), (-0.5, 0.5)], 4),
     "slope": (lambda o, r, h: slope_drift(o, {"rate": r, "heading": h}), [(0.0, 0.1), (-4.0, 4.0)], 0),
     "mounted": (lambda o, x, y, *q: mounted(o, {"x": x, "y": y}, *q), [(-1.0, 1.0)] * 2, 3),

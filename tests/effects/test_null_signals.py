@@ -54,6 +54,22 @@ def test_a_friction_brakes_nothing(name: str) -> None:
     np.testing.assert_array_equal(effect.step(NUMPY, null_of(effect), SIGNALS[0], SIGNALS[1]) + SIGNALS[2], SIGNALS[2])
 
 
+@pytest.mark.parametrize("name", of_port("torque"))
+def test_a_torque_beside_the_joint_is_none(name: str) -> None:
+    effect = BY_NAME[name]
+    assert effect.step is not None
+    np.testing.assert_array_equal(effect.step(NUMPY, null_of(effect), SIGNALS[0]), np.zeros_like(SIGNALS[0]))
+
+
+@pytest.mark.parametrize("name", of_port("speed"))
+def test_a_limit_by_speed_is_none(name: str) -> None:
+    effect = BY_NAME[name]
+    assert effect.step is not None
+    low, high = effect.step(NUMPY, null_of(effect), 1000.0 * SIGNALS[0])
+    np.testing.assert_array_equal(low, np.full_like(SIGNALS[0], -np.inf))
+    np.testing.assert_array_equal(high, np.full_like(SIGNALS[0], np.inf))
+
+
 @pytest.mark.parametrize("name", [e.name for e in LIBRARY if e.stage == "contact"])
 def test_the_ground_is_the_papers(name: str) -> None:
     w, a = (SIGNALS[0], SIGNALS[1]), (SIGNALS[2], SIGNALS[3])
@@ -86,7 +102,7 @@ def test_every_effect_has_its_place() -> None:
     stages = [STAGES.index(e.stage) for e in LIBRARY]
     assert stages == sorted(stages)  # of a confounded group the earliest is named
     ports = {p for e in LIBRARY for p in (e.port,)}
-    assert ports == {"command", "output", "friction", "ground", "sensor", "model"}
+    assert ports == {"command", "output", "speed", "friction", "torque", "ground", "sensor", "model"}
     for effect in LIBRARY:
         assert len({p.name for p in effect.parameters}) == len(effect.parameters)
         with pytest.raises(KeyError):

@@ -39,6 +39,11 @@ CHANGING = {
 }
 
 GEARED = {"joint_compliance": {"stiffness": 80.0}, "backlash": {"gap": 0.02}, "link_length": {"offset": 0.05}}
+BESIDE = {
+    "rate_limit": {"rate": 0.8}, "torque_speed_limit": {"stall_torque": 3.0, "no_load_speed": 4.0},
+    "gear_efficiency": {"forward": 0.8, "backward": 0.9}, "joint_spring": {"stiffness": 2.0, "rest": 0.3},
+    "torque_offset": {"torque": 0.2}, "end_stop": {"position": 0.15}, "base_tilt": {"roll": 0.05, "pitch": -0.1},
+}  # fmt: skip
 
 
 def written(folder: Path, effects: dict[str, dict[str, float]], actuators: str = SERVOS) -> Path:
@@ -83,8 +88,8 @@ def played(simulator: Simulator, u: np.ndarray, start: dict[str, np.ndarray]) ->
 @pytest.mark.parametrize("actuators", [SERVOS, MIXED], ids=["servos", "motor and speed"])
 @pytest.mark.parametrize(
     "effects",
-    [{}, CONSTANT, {**CONSTANT, **CHANGING}, {**CONSTANT, **GEARED}, {**CHANGING, **GEARED}],
-    ids=["none", "constant", "changing", "geared", "geared and changing"],
+    [{}, CONSTANT, {**CONSTANT, **CHANGING}, {**CONSTANT, **GEARED}, {**CHANGING, **GEARED}, BESIDE],
+    ids=["none", "constant", "changing", "geared", "geared and changing", "beside"],
 )
 def test_stepping_is_the_replay_of_the_diagnosis(tmp_path: Path, effects: dict, actuators: str) -> None:
     path = written(tmp_path, effects, actuators)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from math import pi
 
 STEP = 0.002  # s, of the models
+FINE_STEP = 0.001  # s, of wheels in contact
 
 
 # ---------------------------------------------------------------- UR5e, a URDF as its ROS package has it
@@ -183,7 +184,7 @@ def rover_mjcf() -> str:
     servos = "".join(f'<velocity name="{w}" joint="{w}_wheel" kv="3" forcerange="-20 20"/>' for w in WHEELS)
     return (
         f'<mujoco model="rover"><compiler angle="radian" autolimits="true"/><option integrator="implicitfast" '
-        f'timestep="{STEP}"/><worldbody><geom name="ground" type="plane" size="0 0 1"/>'
+        f'timestep="{FINE_STEP}"/><worldbody><geom name="ground" type="plane" size="0 0 1"/>'
         f'<body name="base_link" pos="0 0 0.0635"><freejoint/><inertial pos="0.012 0.002 0.067" mass="16.523" '
         f'diaginertia="0.3136 0.3922 0.4485"/>{wheels}</body></worldbody><actuator>{servos}</actuator></mujoco>'
     )

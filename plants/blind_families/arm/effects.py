@@ -24,6 +24,7 @@ from residual_mpc.effects.body import (
     VISCOUS,
 )
 from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_OUTLIERS
 
 Array = NDArray[np.float64]
@@ -50,6 +51,8 @@ class ArmRobot:
     speed_rms: Array  # (n,) rad/s
     inertia: Array  # (n,) kg m^2
     command: Array  # (n,) largest command, in its unit
+    highest: Array  # (n,) rad, to which the reference motion goes
+    lowest: Array  # (n,) rad
     changes: tuple[tuple[float, ArmTruth], ...] = ()  # by run: from when on (s) it is another
 
     def at(self, run: int) -> tuple[ArmTruth, tuple[float, ArmTruth] | None]:
@@ -148,7 +151,7 @@ def _width(s: float, draw: Draw, robot: ArmRobot, j: int) -> float:
     return float(0.15 * s if robot.truth.arm.kind == "position" else s * 0.6 * robot.command[j])
 
 
-def _any(joints: int, rng: np.random.Generator) -> int | None:
+def one_joint(joints: int, rng: np.random.Generator) -> int | None:
     return int(rng.integers(joints))
 
 
@@ -157,7 +160,7 @@ def _inner(joints: int, rng: np.random.Generator) -> int | None:
     return int(rng.integers(joints - 1))
 
 
-def _all(joints: int, rng: np.random.Generator) -> int | None:
+def every_joint(joints: int, rng: np.random.Generator) -> int | None:
     rng.integers(joints)  # the numbers behind it stay those of an effect that sits at one joint
     return None
 
@@ -189,7 +192,7 @@ PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
         clashes=(DELAYS,),
         confounded=Confounded(),
     ),
-    Planting(DEAD_ZONE, _joint("dead_zone", "width", _width), _any, typical=0.2),
+    Planting(DEAD_ZONE, _joint("dead_zone", "width", _width), one_joint, typical=0.2),
     Planting(
         ACTUATOR_LAG,
         _joint("lag", "time_constant", lambda s, d, r, j: 0.3 * s),
@@ -200,45 +203,45 @@ PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(
         ACTUATOR_GAIN,
         _joint("gain", "gain", lambda s, d, r, j: 1 + (0.8 if d.sign > 0 else -0.7) * s),
-        _any,
+        one_joint,
         typical=0.2,
         clashes=(OUTPUTS,),
     ),
     Planting(
         SATURATION,
         _joint("limit", "limit", lambda s, d, r, j: float(r.torque[j] * (1 - 0.85 * s))),
-        _any,
+        one_joint,
         typical=0.2,
         clashes=(OUTPUTS,),
         faint=Faint.NONE,
     ),
-    Planting(VOLTAGE_SAG, _sag, _all, typical=0.3, clashes=(OUTPUTS,)),
-    Planting(COULOMB, _coulomb, _any, typical=0.2, clashes=(FRICTIONS,), faint=Faint.NO_CLASH),
+    Planting(VOLTAGE_SAG, _sag, every_joint, typical=0.3, clashes=(OUTPUTS,)),
+    Planting(COULOMB, _coulomb, one_joint, typical=0.2, clashes=(FRICTIONS,), faint=Faint.NO_CLASH),
     Planting(
         VISCOUS,
         _joint("viscous", "coefficient", lambda s, d, r, j: float(s * 2 * r.torque_rms[j] / r.speed_rms[j])),
-        _any,
+        one_joint,
         typical=0.2,
     ),
-    Planting(STRIBECK, _stribeck, _any, typical=0.2, clashes=(FRICTIONS,), faint=Faint.NONE),
+    Planting(STRIBECK, _stribeck, one_joint, typical=0.2, clashes=(FRICTIONS,), faint=Faint.NONE),
     Planting(
         LOAD_FRICTION,
         _joint("load", "coefficient", lambda s, d, r, j: 0.8 * s),
-        _any,
+        one_joint,
         typical=0.2,
         clashes=(FRICTIONS,),
         faint=Faint.NO_CLASH,
     ),
-    Planting(PAYLOAD, _payload, _all, typical=0.1, clashes=(INERTIAS, WEIGHTS)),
-    Planting(LINK_MASS, _link_mass, _any, typical=0.3, clashes=(INERTIAS, WEIGHTS)),
+    Planting(PAYLOAD, _payload, every_joint, typical=0.1, clashes=(INERTIAS, WEIGHTS)),
+    Planting(LINK_MASS, _link_mass, one_joint, typical=0.3, clashes=(INERTIAS, WEIGHTS)),
     Planting(
         ARMATURE,
         _joint("armature", "inertia", lambda s, d, r, j: float(3 * s * r.inertia[j])),
-        _any,
+        one_joint,
         typical=0.2,
         clashes=(INERTIAS,),
     ),
-    Planting(SENSOR_BIAS, _sensor("bias", "bias", lambda s, d: d.sign * 0.3 * s), _any, typical=0.2),
+    Planting(SENSOR_BIAS, _sensor("bias", "bias", lambda s, d: d.sign * 0.3 * s), one_joint, typical=0.2),
     Planting(
         SENSOR_OUTLIERS,
         _sensor("outliers", "rate", lambda s, d: 0.06 * s),
@@ -250,12 +253,12 @@ PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(
         BACKLASH,
         _joint("play", "gap", lambda s, d, r, j: 0.2 * s),
-        _any,
+        one_joint,
         typical=0.2,
         clashes=(GEARS,),
         faint=Faint.NONE,
     ),
-    Planting(JOINT_COMPLIANCE, _compliance, _any, typical=0.2, clashes=(GEARS,), faint=Faint.NONE),
+    Planting(JOINT_COMPLIANCE, _compliance, one_joint, typical=0.2, clashes=(GEARS,), faint=Faint.NONE),
     Planting(
         LINK_LENGTH,
         _joint("longer", "offset", lambda s, d, r, j: float(0.8 * d.sign * s * r.truth.arm.length[j])),
@@ -279,7 +282,7 @@ def target_of(draw: Draw, joints: Sequence[str], links: Sequence[str]) -> str | 
     """The name the contract gives to where the effect sits; links: those that the joints carry."""
     if draw.joint is None:
         return None
-    effect = PLANTINGS[draw.effect].effect
+    effect = BY_NAME[draw.effect]
     if effect.target == "body":
         return links[draw.joint]
     return f"position.{joints[draw.joint]}" if effect.stage == "sensor" else joints[draw.joint]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from plants.blind_families.arm.faults import (
 )
 from plants.blind_families.arm.files import write_clean, write_played, write_robot, write_runs
 from plants.blind_families.arm.runs import play_robot
+from plants.blind_families.arm.servo_effects import SERVO_PLANTINGS
 from plants.blind_families.arm.setting import Setting, draw_setting, left, ratio
 from plants.blind_families.bench import Habits
 from plants.blind_families.case import Drawn, choose_for, first_case, make
@@ -56,6 +57,7 @@ class ArmBench:
     always: tuple[str, ...] = ()
     described: tuple[str, ...] = ()
     rest: float = 0.0
+    known: Plantings[ArmRobot, Draw, Place] = field(default_factory=lambda: PLANTINGS)
 
     @property
     def robot(self) -> ArmRobot:
@@ -63,7 +65,7 @@ class ArmBench:
 
     @property
     def plantings(self) -> Plantings[ArmRobot, Draw, Place]:
-        return PLANTINGS
+        return self.known
 
     @property
     def traits(self) -> tuple[str, ...]:
@@ -75,7 +77,7 @@ class ArmBench:
         return {"joints": len(arm.joints), "actuators": arm.kind}
 
     def draw(self, effect: str, rng: np.random.Generator) -> Draw:
-        return draw_effect(effect, len(self.robot.truth.arm.joints), rng)
+        return draw_effect(effect, len(self.robot.truth.arm.joints), rng, self.known)
 
     def beside(self, draw: Draw, first: Draw) -> Draw:
         return draw if draw.joint is None else replace(draw, joint=first.joint)
@@ -85,7 +87,7 @@ class ArmBench:
         return target_of(draw, joints, [f"link{i + 1}" for i in range(len(joints))])
 
     def plant(self, robot: ArmRobot, draw: Draw, strength: float) -> tuple[ArmRobot, dict[str, float]]:
-        return PLANTINGS[draw.effect].plant(robot, draw, strength)
+        return self.known[draw.effect].plant(robot, draw, strength)
 
     def ratio(self, robot: ArmRobot, horizon: float | None = None) -> float:
         """Always over a second: no level of arms is slow."""
@@ -141,15 +143,16 @@ class ArmFamily:
 def _bench(level: Level, rng: np.random.Generator) -> ArmBench | None:
     effects: tuple[str, ...]
     flaws: tuple[str, ...]
+    known = SERVO_PLANTINGS if level.servo else PLANTINGS
     if level.confounded:
         effects, flaws = (str(rng.choice(list(confounded(PLANTINGS)))),), ()
     else:
-        effects, flaws = choose_for(PLANTINGS, HABITS, level, rng)
+        effects, flaws = choose_for(known, HABITS, level, rng)
     setting = draw_setting(level, rng)
     if setting is None or ((level.pairs or level.changed) and setting.robot.truth.arm.kind != "position"):
         return None  # the remaining gap needs whole runs, and only position servos keep to the planned motion
     # stretches with the motor off would tell the members of the group apart
-    return None if level.confounded and setting.drops else ArmBench(setting, effects, flaws)
+    return None if level.confounded and setting.drops else ArmBench(setting, effects, flaws, known=known)
 
 
 FAMILY = ArmFamily()

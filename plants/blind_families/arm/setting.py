@@ -61,6 +61,8 @@ def draw_setting(level: Level, rng: np.random.Generator) -> Setting | None:
         np.sqrt((speed**2).mean(axis=(0, 1))),
         inertia_at(arm, arm.home),
         np.abs(happened.command).max(axis=(0, 1)),
+        motion.reference.max(axis=(0, 1)),
+        motion.reference.min(axis=(0, 1)),
     )
     resolution = 2 * np.pi / float(rng.choice([4096, 16384]))
     table = str(rng.choice(["csv", "parquet"]))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from plants.blind_families.arm.flaws import ArmFlaws
 from plants.blind_families.arm.gear import GearLaw, Rotors
+from plants.blind_families.arm.surroundings import Surroundings
 from plants.mujoco_log import silence_mujoco
 
 Array = NDArray[np.float64]
@@ -132,6 +133,7 @@ class ArmTruth:
     warm_up: Array  # N m, friction lost as the joint warms
     gusts: Array  # (m, n + 2): from s, to s, torques N m
     flaws: ArmFlaws = ArmFlaws()  # the rest of them, and what is wrong with the model
+    beside: Surroundings = Surroundings()  # servos, springs, stops and the mounting
 
 
 def ideal(arm: NominalArm) -> ArmTruth:
@@ -178,6 +180,8 @@ class Stepper:
         self.motors = rigid.motors
         silence_mujoco()
         self.batch = mujoco.batch.Batch(rigid.model, s, nthread=1)
+        if any(truth.beside.tilt):
+            self.batch.expand("opt.gravity")[:] = truth.beside.gravity(rigid.model.opt.gravity)
         self.batch.reset()
         self.all_q, self.all_v, self.force = (self.batch.bind(f) for f in ("qpos", "qvel", "qfrc_applied"))
         self.all_q[:, self.motors], self.all_v[:, self.motors] = q, v
@@ -188,7 +192,7 @@ class Stepper:
         whole = np.floor(truth.delay / STEP + 1e-9).astype(int)
         self.whole, self.part = whole, truth.delay / STEP - whole
         self.line = np.repeat(command[None], whole.max() + 2, axis=0)  # newest last
-        self.slow, self.current = command.copy(), command.copy()
+        self.slow, self.current, self.ramp = command.copy(), command.copy(), command.copy()
         self.charge = np.zeros(s)
         self.seconds = seconds.astype(float).copy()
         self.torque = np.zeros((s, n))
@@ -197,7 +201,8 @@ class Stepper:
     def become(self, truth: ArmTruth) -> None:
         """Go on as another truth with the same bodies, gears and delays."""
         self.p = truth
-        self.rubbing = bool(np.any(truth.static) or np.any(truth.load) or np.any(truth.warm_up))
+        loses = not (np.all(np.equal(truth.beside.forward, 1.0)) and np.all(np.equal(truth.beside.backward, 1.0)))
+        self.rubbing = bool(np.any(truth.static) or np.any(truth.load) or np.any(truth.warm_up)) or loses
 
     @property
     def q(self) -> Array:
@@ -228,9 +233,9 @@ class Stepper:
         torque = np.clip(torque, -arm.stop, arm.stop)
         if np.isfinite(p.limit).any():
             torque = torque / (1.0 + (np.abs(torque) / p.limit) ** 12) ** (1.0 / 12)
-        torque *= on
+        torque = p.beside.driven(torque, v) * on
         self.torque = torque
-        total = torque - p.viscous * v + p.flaws.pull(q, v)
+        total = torque - p.viscous * v + p.flaws.pull(q, v) + p.beside.pull(q, v)
         if self.rubbing:
             total -= self._friction(v, torque)
         if p.cogging.any():
@@ -257,6 +262,7 @@ class Stepper:
             u = (1.0 - self.part) * newer + self.part * older
         if p.dead_zone.any() and p.arm.kind != "position":
             u = np.where(np.abs(u) < p.dead_zone, 0.0, u)
+        self.ramp = u = p.beside.ramped(self.ramp, u, STEP)
         if p.lag.any():
             fast = np.maximum(_CURRENT_SHARE * p.lag, 1e-6)
             self.current += (u - self.current) * (1.0 - np.exp(-STEP / fast))
@@ -279,7 +285,7 @@ class Stepper:
     def _friction(self, v: Array, torque: Array) -> Array:
         p = self.p
         warm = p.warm_up * np.exp(-self.seconds / 6.0)[:, None] if p.warm_up.any() else 0.0
-        rub = p.load * np.abs(torque) + warm
+        rub = p.load * np.abs(torque) + warm + p.beside.lost(torque, v)
         level = p.kinetic + (p.static - p.kinetic) * np.exp(-((v / p.stribeck) ** 2)) + rub
         # the bristles' stiffness follows the level, so that each slips after the same bend
         level = np.maximum(level, 1e-9)

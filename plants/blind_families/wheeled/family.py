@@ -17,7 +17,7 @@ from plants.blind_families.wheeled.faults import BEYOND, CHANGING, FLAWS, PAIRS,
 from plants.blind_families.wheeled.files import write_clean, write_played, write_robot, write_runs
 from plants.blind_families.wheeled.setting import Setting, draw_setting, left, ratio
 from residual_mpc.blind.commanded_motion import CommandedMotion
-from residual_mpc.blind.levels import Level
+from residual_mpc.blind.levels import LEVELS, Level
 from residual_mpc.blind.records import Answer
 
 HABITS = Habits(
@@ -111,6 +111,7 @@ class WheeledFamily:
     """Differential drives of many sizes."""
 
     name = "wheeled"
+    levels = tuple(name for name, level in LEVELS.items() if not level.servo)
 
     def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
         """Draw a truth and write what its user would have."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plants.mujoco_robot.edits.masses import add_point_mass, principal, quat_to_matrix
+from plants.mujoco_robot.edits.surroundings import edit_surroundings
 from plants.mujoco_robot.edits.wheel_sizes import edit_wheels
 from plants.mujoco_robot.structure.base import hinges_and_slides
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
@@ -23,7 +24,7 @@ DERIVED_FROM = {"dof_armature"}  # what MuJoCo computes constants of the model f
 
 
 def edit_batch(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
-    """Write payload, link masses and lengths, armature, constant frictions, wheels and retuned parameters into the
+    """Write payload, link masses and lengths, armature, frictions, wheels, surroundings and retuned parameters into the
     batch (one row a simulation).
     """
     model, dofs = robot.model, robot.dofs
@@ -43,6 +44,7 @@ def edit_batch(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
     changed |= _edit_masses(batch, model, effects, robot.payload)
     if changed:
         batch.set_const()
+    edit_surroundings(batch, robot, effects)  # after the constants, which MuJoCo derives from the rest positions too
 
 
 def _add(field: np.ndarray, dofs: np.ndarray, value: np.ndarray) -> None:

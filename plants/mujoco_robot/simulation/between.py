@@ -24,7 +24,7 @@ def changing(robot: CompiledRobot, settings: Settings, wanted: tuple[str, ...]) 
         return np.ones(settings.rows, dtype=bool)
     slow = np.zeros(settings.rows, dtype=bool)
     effects = settings.effects
-    unsteady = [e for e, _ in present(effects, "strength", "limit", "friction") if not e.steady]
+    unsteady = [e for e, _ in present(effects, "strength", "limit", "speed limit", "friction") if not e.steady]
     for effect in (*unsteady, *(e for e, _ in on_errors(effects, robot.servo))):
         slow |= ~is_null(effect.name, effects[effect.name]).all(axis=1)
     return slow
@@ -53,24 +53,30 @@ def _actuator_scale(batch: Any, robot: CompiledRobot, settings: Settings, drive:
     model, enabled = robot.model, drive.enabled
     strengths = list(present(settings.effects, "strength"))
     supply, servo = ([(e, p) for e, p in strengths if e.supply == own] for own in (True, False))
-    limits = limits_of(settings.effects)
-    if not strengths and limits is None and enabled is None:
+    limits, lines = limits_of(settings.effects), list(present(settings.effects, "speed limit"))
+    if not strengths and limits is None and not lines and enabled is None:
         return None
-    steady = all(e.steady for e, _ in strengths)
+    steady = all(e.steady for e, _ in strengths) and not lines
     gainprm, biasprm = batch.expand("actuator_gainprm"), batch.expand("actuator_biasprm")
     forcerange = batch.expand("actuator_forcerange")
     # after retuning: the batch's own values are the nominal ones of each row
     base = gainprm[:, :, :3].copy(), biasprm[:, :, :3].copy(), forcerange.copy()
     whole = np.ones((settings.rows, model.nu))
 
-    def write(strength: np.ndarray, clock: np.ndarray) -> None:
+    gear = model.actuator_gear[:, 0]
+
+    def write(strength: np.ndarray, clock: np.ndarray, speed: np.ndarray) -> None:
         law = scaled(NUMPY, servo, strength, clock, drive.dt)
         gainprm[:, :, :3] = base[0] * law[:, :, None]
         biasprm[:, :, :3] = base[1] * law[:, :, None]
         reach = base[2] * strength[:, :, None]
         forcerange[:] = reach if limits is None else np.clip(reach, limits[0][:, :, None], limits[1][:, :, None])
+        for effect, p in lines:
+            assert effect.step is not None
+            low, high = effect.step(NUMPY, p, gear * speed[:, robot.driven])
+            np.clip(forcerange, low[:, :, None], high[:, :, None], out=forcerange)
 
-    write(whole, drive.clock[:, None])
+    write(whole, drive.clock[:, None], np.zeros((settings.rows, len(robot.joints))))
     if steady and enabled is None:
         return None
 
@@ -81,7 +87,7 @@ def _actuator_scale(batch: Any, robot: CompiledRobot, settings: Settings, drive:
             if steady and k and np.array_equal(enabled[:, k], enabled[:, k - 1]):
                 return
             strength = strength * enabled[:, k]
-        write(strength, clock)
+        write(strength, clock, speed)
 
     return update
 

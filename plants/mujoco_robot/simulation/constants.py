@@ -12,6 +12,7 @@ HELD_AS_NUMBERS = (  # fields of the compiled model that a specification keeps a
     "dof_damping", "dof_armature", "dof_frictionloss", "dof_solimp",
     "actuator_gainprm", "actuator_biasprm", "actuator_forcerange",
     "body_mass", "body_ipos", "body_inertia", "body_iquat", "body_pos",
+    "jnt_stiffness", "qpos_spring", "jnt_limited", "jnt_range",
 )  # fmt: skip
 
 
@@ -30,4 +31,7 @@ def corrected_constants(robot: CompiledRobot, settings: Settings) -> dict[str, n
         value = np.asarray(batch.expand(field))[0]
         if not np.array_equal(value, getattr(model, field)):
             changed[field] = value.copy()
+    gravity = np.asarray(batch.expand("opt.gravity"))[0]
+    if not np.array_equal(gravity, model.opt.gravity):
+        changed["opt.gravity"] = gravity.copy()
     return changed

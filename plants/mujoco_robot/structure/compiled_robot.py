@@ -36,6 +36,7 @@ class CompiledRobot:
     gears: Gears | None = None  # of a robot whose motors and links were told apart
     settings: "tuple[CompiledRobot, ...]" = ()  # where several settings were merged: the robot in each
     differing: tuple[str, ...] = ()  # the model fields in which they differ
+    finer: int = 1  # simulation steps in one of the robot's
     held: tuple[str, ...] = ()  # actuators of the model file that act on no joint and are not commanded
 
     @cached_property
@@ -45,22 +46,23 @@ class CompiledRobot:
     @cached_property
     def joints(self) -> tuple[str, ...]:
         """Hinge and slide joints; a driving robot's free joint is its `base`."""
-        return tuple(self.model.joint(j).name for j in self._numbers.tolist())
+        return tuple(self.model.joint(j).name for j in self.numbers.tolist())
 
     @cached_property
-    def _numbers(self) -> np.ndarray:
+    def numbers(self) -> np.ndarray:
+        """(joints,) number of each joint in the model."""
         every = hinges_and_slides(self.model)
         return every if self.gears is None else np.setdiff1d(every, self.gears.numbers)
 
     @cached_property
     def places(self) -> np.ndarray:
         """(joints,) where each joint is in qpos."""
-        return np.asarray(self.model.jnt_qposadr[self._numbers])
+        return np.asarray(self.model.jnt_qposadr[self.numbers])
 
     @cached_property
     def dofs(self) -> np.ndarray:
         """(joints,) where each joint is in qvel."""
-        return np.asarray(self.model.jnt_dofadr[self._numbers])
+        return np.asarray(self.model.jnt_dofadr[self.numbers])
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -86,7 +88,7 @@ class CompiledRobot:
     @cached_property
     def driven(self) -> np.ndarray:
         """(nu,) index in `joints` of the joint that each actuator drives."""
-        return np.searchsorted(self._numbers, self.model.actuator_trnid[:, 0])
+        return np.searchsorted(self.numbers, self.model.actuator_trnid[:, 0])
 
     @cached_property
     def sliding(self) -> frozenset[str]:
@@ -94,7 +96,7 @@ class CompiledRobot:
         import mujoco
 
         slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
-        types = self.model.jnt_type[self._numbers]
+        types = self.model.jnt_type[self.numbers]
         return frozenset(j for j, kind in zip(self.joints, types.tolist(), strict=True) if kind == slide)
 
     @cached_property
@@ -103,7 +105,7 @@ class CompiledRobot:
         m = self.model
         return {
             j: (float(m.jnt_range[i, 0]), float(m.jnt_range[i, 1]))
-            for i, j in zip(self._numbers.tolist(), self.joints, strict=True)
+            for i, j in zip(self.numbers.tolist(), self.joints, strict=True)
             if m.jnt_limited[i]
         }
 
@@ -158,7 +160,7 @@ class CompiledRobot:
             return self.gears.names
         if self.spec is None or self.base is not None or self.loops is not None:
             return ()
-        driven, alone = set(self.driven.tolist()), self.model.body_jntnum[self.model.jnt_bodyid[self._numbers]] == 1
+        driven, alone = set(self.driven.tolist()), self.model.body_jntnum[self.model.jnt_bodyid[self.numbers]] == 1
         return tuple(j for i, j in enumerate(self.joints) if i in driven and alone[i])
 
     @cached_property
@@ -173,21 +175,23 @@ class CompiledRobot:
 
     @property
     def step(self) -> float:
-        return float(self.model.opt.timestep)
+        return float(self.model.opt.timestep) * self.finer
 
     @property
     def substeps(self) -> int:
         """Steps of the model in one of the robot's."""
-        return 1 if self.gears is None else self.gears.substeps
+        return self.finer * (1 if self.gears is None else self.gears.substeps)
 
     @cached_property
     def sites(self) -> Sites:
         """Where effects can act."""
         robot, lengths = (self.name,), () if self.lengths is None else self.lengths.links
         return {
-            **dict.fromkeys(("command", "strength", "limit"), self.actuators),
+            **dict.fromkeys(("command", "strength", "limit", "speed limit"), self.actuators),
             **dict.fromkeys(("dry friction", "friction", "damping", "rotor"), self.joints),
+            **dict.fromkeys(("elastic", "stop"), self._not_rolling),
             **dict.fromkeys(("play", "spring"), self.geared),
+            "gravity": robot if self.base is None and self.model.opt.gravity.any() else (),
             **dict.fromkeys(("tool", "samples"), robot),
             "link": self.links,
             "length": tuple(self.links[b - 1] for b in lengths),
@@ -195,14 +199,22 @@ class CompiledRobot:
             **self._sensor_sites,
         }
 
+    @cached_property
+    def _not_rolling(self) -> tuple[str, ...]:
+        """The joints but for wheels."""
+        if self.base is None:
+            return self.joints
+        return tuple(j for j, rolls in zip(self.joints, self.base.rolling, strict=True) if not rolls.any())
+
     @property
     def _sensor_sites(self) -> Sites:
         if self.base is None:
-            return {"delay": self.joints, "offset": tuple(f"position.{j}" for j in self.joints)}
-        others = tuple(j for j, rolls in zip(self.joints, self.base.rolling, strict=True) if not rolls.any())
+            encoders = tuple(f"position.{j}" for j in self.joints)
+            return {**dict.fromkeys(("delay", "filter"), self.joints), **dict.fromkeys(("offset", "range"), encoders)}
+        others = self._not_rolling
         return {  # a wheel's angle is not measured, and says nothing of where the robot is
-            "delay": ("pose", *others),
-            "offset": ("pose.theta", *(f"position.{j}" for j in others)),
+            **dict.fromkeys(("delay", "filter"), ("pose", *others)),
+            **dict.fromkeys(("offset", "range"), ("pose.theta", *(f"position.{j}" for j in others))),
             "point": (self.name,),
         }
 

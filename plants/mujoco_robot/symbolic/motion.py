@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from plants.mujoco_robot.edits.surroundings import tilted
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.symbolic.description import Changes, describe
 from plants.mujoco_robot.symbolic.implicit import linear_step, velocities
@@ -36,12 +37,13 @@ def motion(robot: CompiledRobot, parameters: Parameters, errors: Chain, kinks: K
     each = ca.vertsplit(p) if len(parameters.numbers) else []
     drives = JointTorques(robot, parameters, errors, kinks)
     body = describe(robot, changed(robot, parameters, each))
+    pull = _gravity(robot, parameters, each, kinks)
     stretches = max(1, math.ceil(dt / STRETCH - 1e-9))
     whole = dt / stretches
     at, speed = q, v
     held: list[Any] = [0.0] * n
     for _ in range(stretches):
-        mass, bias = mass_and_bias(body, robot.model.opt.gravity, at + 0.5 * whole * speed, speed)
+        mass, bias = mass_and_bias(body, pull, at + 0.5 * whole * speed, speed)
         at, speed, held = _stretch(drives, mass, bias, (at, speed, held), (u, each, push, clock), whole)
     names = ["q", "v", "u", "p", "push", "clock"]
     return ca.Function("motion", [q, v, u, p, push, clock], [at, speed], names, ["q_next", "v_next"], {"cse": True})
@@ -90,6 +92,14 @@ def changed(robot: CompiledRobot, parameters: Parameters, p: Sequence[Any]) -> C
             offsets[b] = longer
     carried = changes(parameters.at(robot.name, p, "tool"), "tool mass")
     return Changes(masses, added, shifts, offsets, 0.0 if carried is None else carried)
+
+
+def _gravity(robot: CompiledRobot, parameters: Parameters, p: Sequence[Any], kinks: Kinks) -> tuple[Any, Any, Any]:
+    """Gravity in the base frame, m/s^2."""
+    here = parameters.at(robot.name, p, "gravity")
+    roll, pitch = changes(here, "gravity roll"), changes(here, "gravity pitch")
+    still = robot.model.opt.gravity.tolist()
+    return tuple(still) if roll is None or pitch is None else tilted(still, roll, pitch, kinks.exact)
 
 
 def _stretch(

@@ -12,10 +12,12 @@ from residual_mpc.models.settings import TUNE, Settings, is_null
 from residual_mpc.models.stepping import Number
 
 HOSTED: tuple[Site, ...] = (
-    "command", "strength", "limit", "damping", "dry friction", "friction", "rotor", "tool", "link", "length",
+    "command", "strength", "limit", "speed limit", "damping", "dry friction", "friction", "elastic", "rotor", "tool",
+    "link", "length", "gravity",
 )  # fmt: skip
 LEFT_OUT: Mapping[str, str] = {
     "spring": "this step has one inertia per joint and does not separate motor and link",
+    "stop": "the step has no joint stops",
     "play": "this step has one inertia per joint and does not separate motor and link",
 }
 LENGTHENS: tuple[Site, ...] = ("link", "length")  # each target adds operations: only those that are not null

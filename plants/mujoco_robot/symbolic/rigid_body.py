@@ -1,18 +1,17 @@
 """Mass matrix, bias force and tool position of a described robot in CasADi, by the algorithms of adam-robotics."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from plants.mujoco_robot.symbolic.description import WORLD, Description, JointPlace
 from residual_mpc.extras import extra
 
 
-def mass_and_bias(d: Description, gravity: np.ndarray, q: Any, v: Any) -> tuple[Any, Any]:
+def mass_and_bias(d: Description, gravity: Sequence[Any], q: Any, v: Any) -> tuple[Any, Any]:
     """M(q) (n, n) without rotor inertias and c(q, v) (n,) of M v' + c = torques, for SX columns q, v (n,).
 
-    gravity (3,) m/s^2.
+    gravity: (3,) m/s^2, numbers or SX.
     """
     with extra("arm"):
         import casadi as ca
@@ -21,7 +20,7 @@ def mass_and_bias(d: Description, gravity: np.ndarray, q: Any, v: Any) -> tuple[
     still, level = ca.SX.zeros(6), ca.SX.eye(4)
     turned = q - ca.DM([j.zero for j in d.joints])
     mass, _ = algorithms.crba(level, turned)
-    pull = ca.SX(np.concatenate([gravity, np.zeros(3)]))
+    pull = ca.vertcat(*[ca.SX(g) for g in gravity], ca.SX.zeros(3))
     torques = algorithms.rnea(level, turned, still, v, pull)
     return mass.array[6:, 6:], torques.array[6:]
 

@@ -55,8 +55,9 @@ class JointTorques:
                 whole[j], damping[j], stiffness[j] = self._limited(*laws, v[j], change[0][j], change[1], low, high)
             drag, spring = self._damping(j, p), float(robot.model.jnt_stiffness[number])
             rest = float(robot.model.qpos_spring[robot.places[j]])
-            whole[j] = whole[j] - drag * v[j] - spring * (q[j] - rest)
-            damping[j], stiffness[j] = damping[j] + drag, stiffness[j] + spring
+            at_zero, more = self._beside(j, p)
+            whole[j] = whole[j] - drag * v[j] - spring * (q[j] - rest) + at_zero - more * q[j]
+            damping[j], stiffness[j] = damping[j] + drag, stiffness[j] + spring + more
         return Torques(whole, damping, stiffness, self._dry(v, given, p))
 
     def forces(
@@ -77,7 +78,7 @@ class JointTorques:
     def limits(self, p: Sequence[Any]) -> bool:
         """Whether any force is limited."""
         model, robot = self.robot.model, self.robot
-        ranges = any(self._range(i, a, 1.0, p)[0] is not None for i, a in enumerate(robot.actuators))
+        ranges = any(self._range(i, a, 1.0, p, 0.0)[0] is not None for i, a in enumerate(robot.actuators))
         return ranges or bool(model.jnt_actfrclimited.any())
 
     def _force(
@@ -97,7 +98,7 @@ class JointTorques:
         affine = constant if model.actuator_biastype[i] else 0.0
         force = law * (kp * u + affine - spring * length - kv * gear * v)
         slope, hold = law * kv, law * (spring - kp * (1.0 - seen)) if by_length else 0.0
-        low, high = self._range(i, name, supply, p) if change is not None else (None, None)
+        low, high = self._range(i, name, supply, p, gear * v) if change is not None else (None, None)
         if low is None or change is None:
             return force, slope, hold
         return self._limited(force, slope, hold, gear * v, gear * change[0], change[1], low, high)
@@ -123,16 +124,21 @@ class JointTorques:
         supply = scaled(ops, [(e, x) for e, x in here if e.supply], 1.0, clock, 0.0)
         return supply, scaled(ops, [(e, x) for e, x in here if not e.supply], supply, clock, 0.0)
 
-    def _range(self, i: int, name: str, supply: Any, p: Sequence[Any]) -> tuple[Any, Any]:
-        """Lowest and highest force; (None, None) without a limit."""
+    def _range(self, i: int, name: str, supply: Any, p: Sequence[Any], rate: Any) -> tuple[Any, Any]:
+        """Lowest and highest force at this rate of the actuator's length; (None, None) without a limit."""
         own = self.robot.model.actuator_forcerange[i].tolist()
         limits = list(present(self.parameters.at(name, p, "limit"), "limit"))
-        if not limits and max(map(abs, own)) >= 0.5 * NO_LIMIT:
+        lines = list(present(self.parameters.at(name, p, "speed limit"), "speed limit"))
+        if not limits and not lines and max(map(abs, own)) >= 0.5 * NO_LIMIT:
             return None, None
         low, high = (supply * x for x in own)
         for effect, values in limits:
             assert effect.step is not None
             low, high = (effect.step(self.kinks.exact, values, (), y, 0.0, 0.0)[0] for y in (low, high))
+        for effect, values in lines:
+            assert effect.step is not None
+            least, most = effect.step(self.kinks.exact, values, rate)
+            low, high = (clip(self.kinks.exact, x, least, most) for x in (low, high))
         return low, high
 
     def _error(self, name: str, error: Any, p: Sequence[Any]) -> tuple[Any, Any]:
@@ -149,6 +155,17 @@ class JointTorques:
         joint = self.robot.joints[j]
         own = self.parameters.own(f"joint.{joint}.damping", p)
         return self._never_below_zero(own, changes(self.parameters.at(joint, p, "damping"), "viscous damping"))
+
+    def _beside(self, j: int, p: Sequence[Any]) -> tuple[Any, Any]:
+        """Torque at position 0, N m, and stiffness, N m/rad, of the effects beside a joint."""
+        ops, joint = self.kinks.exact, self.robot.joints[j]
+        at_zero: Any = 0.0
+        stiffness: Any = 0.0
+        for effect, values in present(self.parameters.at(joint, p, "elastic"), "elastic"):
+            assert effect.step is not None
+            here = effect.step(ops, values, 0.0)
+            at_zero, stiffness = at_zero + here, stiffness + here - effect.step(ops, values, 1.0)
+        return at_zero, stiffness
 
     def _never_below_zero(self, own: Array, change: Array | None) -> Array:
         return own if change is None else self.kinks.exact.maximum(own + change, 0.0)

@@ -16,14 +16,16 @@ KEPT = 128  # fits that are kept: bounds the memory
 
 @dataclass(frozen=True)
 class LocalFit:
-    """value = sum(value_weights * y[index]), slope likewise; rows of zero weights where `count` is 0.
+    """value = sum(value_weights * y[index]), slope and curvature likewise; rows of zero weights where `count` is 0.
 
-    index (Q, 5) into the samples, value_weights (Q, 5) unitless, slope_weights (Q, 5) 1/s, count (Q,) samples used.
+    index (Q, 5) into the samples, value_weights (Q, 5) unitless, slope_weights (Q, 5) 1/s, curvature_weights (Q, 5)
+    1/s^2, count (Q,) samples used.
     """
 
     index: np.ndarray
     value_weights: np.ndarray
     slope_weights: np.ndarray
+    curvature_weights: np.ndarray
     count: np.ndarray
 
     def value(self, y: np.ndarray) -> np.ndarray:
@@ -33,6 +35,11 @@ class LocalFit:
     def slope(self, y: np.ndarray) -> np.ndarray:
         """(Q,) fitted rates at the queries, per second; NaN where there are fewer than two samples."""
         return self._apply(self.slope_weights, y, 2)
+
+    def curvature(self, y: np.ndarray) -> np.ndarray:
+        """(Q,) fitted second derivatives at the queries, per second squared; NaN where there are fewer than three
+        samples."""
+        return self._apply(self.curvature_weights, y, 3)
 
     def _apply(self, weights: np.ndarray, y: np.ndarray, least: int) -> np.ndarray:
         if not len(y):
@@ -52,7 +59,7 @@ def _local_fit(stamps: bytes, queries: bytes) -> LocalFit:
     q, n = len(query), len(t)
     if n == 0:
         zero = np.zeros((q, NEAREST))
-        return LocalFit(np.zeros((q, NEAREST), dtype=int), zero, zero, np.zeros(q, dtype=int))
+        return LocalFit(np.zeros((q, NEAREST), dtype=int), zero, zero, zero, np.zeros(q, dtype=int))
     around = np.searchsorted(t, query)[:, None] + np.arange(-NEAREST, NEAREST)[None, :]
     inside = (around >= 0) & (around < n)
     around = np.clip(around, 0, n - 1)
@@ -65,5 +72,5 @@ def _local_fit(stamps: bytes, queries: bytes) -> LocalFit:
     order = np.minimum(count - 1, 2)[:, None]  # 2: quadratic, 1: line, 0: one sample
     basis = np.stack([np.ones_like(s), s, s * s], axis=-1) * usable[..., None]
     basis = basis * (np.arange(3)[None, None, :] <= order[..., None])
-    weights = np.linalg.pinv(basis) / np.array([1.0, REACH, 1.0])[None, :, None]  # (Q, 3, 5)
-    return LocalFit(index, weights[:, 0], weights[:, 1], count)
+    weights = np.linalg.pinv(basis) / np.array([1.0, REACH, 0.5 * REACH**2])[None, :, None]  # (Q, 3, 5)
+    return LocalFit(index, weights[:, 0], weights[:, 1], weights[:, 2], count)

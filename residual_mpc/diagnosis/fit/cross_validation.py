@@ -10,7 +10,9 @@ from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
-from residual_mpc.models.settings import Knob, Values
+from residual_mpc.models.settings import TUNE, Knob, Values
+
+LEAST = 0.1  # of a retuned parameter, in one fold: none becomes negative
 
 
 def fold_values(fit: Fit, folds: np.ndarray) -> list[Values]:
@@ -25,7 +27,10 @@ def fold_values(fit: Fit, folds: np.ndarray) -> list[Values]:
         step = np.zeros(len(fit.knobs))
         if free.any() and len(j):
             step[free] = -np.linalg.lstsq(j, fit.r[rest].ravel(), rcond=None)[0]
-        moved = np.array(list(fit.values.values())) + np.clip(step, -5.0, 5.0) * fit.scales
+        whole = np.array(list(fit.values.values()))
+        moved = whole + np.clip(step, -5.0, 5.0) * fit.scales
+        tuned = np.array([knob.effect == TUNE for knob in fit.knobs])
+        moved = np.where(tuned & (whole > 0), np.maximum(moved, LEAST * whole), moved)
         out.append(dict(zip(fit.knobs, moved.tolist(), strict=True)))
     return out
 

@@ -1,7 +1,8 @@
 """Least-squares fits of many hypotheses in lockstep: every trial step and every derivative of all of them is one batch.
 
 Levenberg-Marquardt with bounds by projection (Nocedal and Wright, Numerical Optimization, 2006, section 10.3); up to
-three dampings are tried at once, since rows of a batch are cheap.
+three dampings are tried at once, since rows of a batch are cheap. A nominal parameter that the user would retune is
+fitted by its logarithm where it is positive: a guessed gain may be off by decades.
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,10 @@ from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Values
+
+SHARE = 0.3  # typical step of a retuned parameter, of its value
+FARTHEST = 5.0  # of these steps at once: a factor of 4.5
+DECADES = 1e5  # factor by which a retuned parameter may leave its nominal value
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,7 @@ class _Run:
     high: np.ndarray
     scale: np.ndarray
     ratio: np.ndarray  # bool: whether it multiplies a nominal number
+    logarithmic: np.ndarray  # bool: a number is scale * exp(x SHARE), else scale * x
     r: np.ndarray
     cost: float
     stale: int  # steps since the Jacobian was measured, more than `secants` before it ever was
@@ -73,7 +79,14 @@ class _Run:
     width: float = 0.3  # of the scan of thresholds, relative
 
     def values(self, x: np.ndarray) -> dict[Knob, float]:
-        return {k: float(v) for k, v in zip(self.knobs, x * self.scale, strict=True)}
+        numbers = np.where(self.logarithmic, self.scale * np.exp(SHARE * np.where(self.logarithmic, x, 0.0)), 0.0)
+        numbers = np.where(self.logarithmic, numbers, x * self.scale)
+        return {k: float(v) for k, v in zip(self.knobs, numbers, strict=True)}
+
+    def local_scale(self) -> np.ndarray:
+        """(P,) derivative of each number by x."""
+        here = self.scale * np.exp(SHARE * np.where(self.logarithmic, self.x, 0.0))
+        return np.where(self.logarithmic, SHARE * here, self.scale)
 
 
 def fit_all(
@@ -149,6 +162,11 @@ def _begin(
     scale = np.array([problem.space.scale(k) for k in knobs])
     bounds = np.array([problem.space.bounds(k) for k in knobs]).reshape(-1, 2) / scale.reshape(-1, 1)
     x = np.array([start[k] for k in knobs]) / scale
+    logarithmic = np.array([k.effect == TUNE and problem.space.null(k) > 0 and start[k] > 0 for k in knobs], dtype=bool)
+    for i in np.flatnonzero(logarithmic):
+        scale[i] = problem.space.null(knobs[i])
+        x[i] = np.log(start[knobs[i]] / scale[i]) / SHARE
+        bounds[i] = -np.log(DECADES) / SHARE, np.log(DECADES) / SHARE
     ratio = np.array([problem.space.null(k) == 1.0 and k.effect != TUNE for k in knobs], dtype=bool)
     shared = () if near is None else (k for k in knobs if k in near.knobs)
     lent = {} if near is None else {knobs.index(k): near.jacobian[..., near.knobs.index(k)] for k in shared}
@@ -159,6 +177,7 @@ def _begin(
         bounds[:, 1],
         scale,
         ratio,
+        logarithmic,
         r,
         float(np.sum(r * r)),
         settings.least_squares.secants + 1,
@@ -280,14 +299,15 @@ def _step(run: _Run, damping: float) -> np.ndarray:
         d = np.maximum(np.diag(h), 1e-9 * max(float(np.diag(hessian).max()), 1e-12))
         x[free] -= np.linalg.lstsq(h + damping * np.diag(d), gradient[free], rcond=None)[0]
     # a trust region of a few scales keeps a nearly flat direction from running away
-    return np.clip(run.x + np.clip(x - run.x, -20.0, 20.0), run.low, run.high)
+    farthest = np.where(run.logarithmic, FARTHEST, 20.0)
+    return np.clip(run.x + np.clip(x - run.x, -farthest, farthest), run.low, run.high)
 
 
 def _finish(run: _Run) -> Fit:
     assert run.jacobian is not None
     terms = tuple(dict.fromkeys(k.term for k in run.knobs if k.effect != TUNE))
     held = (run.x <= run.low + 1e-9) | (run.x >= run.high - 1e-9)
-    return Fit(terms, run.knobs, run.values(run.x), run.scale, run.cost, run.r, run.jacobian, held, run.fresh)
+    return Fit(terms, run.knobs, run.values(run.x), run.local_scale(), run.cost, run.r, run.jacobian, held, run.fresh)
 
 
 def on_problem(problem: Problem, fit: Fit, settings: FitSettings) -> Fit:

@@ -8,6 +8,7 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating, whitened
+from residual_mpc.diagnosis.predict.step_error import finer_prediction
 from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level, small_differences
 from residual_mpc.models.settings import Knob, Values
 
@@ -30,10 +31,14 @@ def tolerant(problem: Problem, fit: Fit, settings: FitSettings) -> Problem:
 
 
 def carrying(problem: Problem, values: Values, free: tuple[Knob, ...] = (), *, settings: FitSettings) -> Problem:
-    """The problem with the columns of its tolerances measured at these values, not yet marginalised; none of `free`."""
+    """The problem with the columns of its tolerances measured at these values, not yet marginalised; none of `free`.
+
+    What the model's own time step lacks is one of them: it is a small difference like the others."""
     rows = small_differences(problem.space, values, free, settings=settings.predict)
     here, *moved = problem.replays([values, *rows])
     seen = np.isfinite(problem.data.y)
-    columns = [np.clip(np.nan_to_num(np.where(seen, m - here, 0.0)), -1e6, 1e6).reshape(len(here), -1) for m in moved]
+    finer = finer_prediction(problem.data, problem.space.settings([values]), here)
+    changes = [m - here for m in moved] + ([] if finer is None else [finer])
+    columns = [np.clip(np.nan_to_num(np.where(seen, m, 0.0)), -1e6, 1e6).reshape(len(here), -1) for m in changes]
     none = np.zeros((len(here), here[0].size, 0))
     return tolerating(problem, Tolerances(np.stack(columns, axis=-1) if columns else none, 0.0))

@@ -67,6 +67,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
     unexplained = left_share(clearest(found.looks)) if helps else share
     sure = most_sure(verdict, unexplained, _times_floor(found), settings=settings)
+    sure = min(sure, settings.causes.coarse) if found.coarse else sure
     doubt = doubts(supports, extras.rest, settings=settings)
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()

@@ -2,11 +2,15 @@
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.dataset import Dataset, Signal
+from residual_mpc.diagnosis.data.dataset import Block, Dataset, Signal
 from residual_mpc.diagnosis.data.local_fit import REACH, local_fit
 from residual_mpc.diagnosis.data.noise_model import draw_coloured
-from residual_mpc.diagnosis.predict.replay import earliest, predict, run_up
+from residual_mpc.diagnosis.predict.replay import earliest, memory_of, predict, run_up
+from residual_mpc.effects.effect import Quantity
+from residual_mpc.effects.library import changes
+from residual_mpc.effects.sensor import low_pass
 from residual_mpc.logs.signals import fresh_samples
+from residual_mpc.models.sensing import sensor_value
 from residual_mpc.models.settings import Settings
 
 
@@ -22,7 +26,7 @@ def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, dr
     fresh = {key: fresh_samples(s.y) for key, s in data.signals.items()}
     for d in range(draws):
         noise = {key: draw_noise(data, key[1], s, fresh[key], rng) for key, s in data.signals.items()}
-        error = start_errors(data, noise)
+        error = start_errors(data, settings, noise)
         moved = predict(data, settings, {c: e + bias.get(c, 0.0) for c, e in error.items()})[0]
         seen = np.full(data.y.shape, np.nan)
         for (i, c), n in noise.items():
@@ -58,9 +62,13 @@ def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
                         continue
                     fit = local_fit(signal.t, data.start[rows[mine]])
                     at = signal.t[fit.index] - data.start[rows[mine], None] + begin  # (W_i, 5) s on the nodes
-                    line = nodes[source][mine]
+                    line, lag = nodes[source][mine], _number(block, settings, "reading lag", source, 0.0)
+                    if lag > 0.0:  # from a memory as of a steady motion before
+                        line = low_pass(line, line[:, 0] - lag * (line[:, 1] - line[:, 0]) / dt, lag, dt)
                     seen = at_times(line, at, dt)
                     weights = fit.slope_weights if slope else fit.value_weights
+                    if lag > 0.0:
+                        weights = weights + lag * (fit.curvature_weights if slope else fit.slope_weights)
                     true = at_times(nodes[channel][mine], np.full((len(mine), 1), begin), dt)[:, 0]
                     bias[rows[mine]] = np.nan_to_num(np.einsum("qi,qi->q", weights, seen) - true)
     return out
@@ -95,27 +103,43 @@ def draw_noise(data: Dataset, channel: str, signal: Signal, fresh: np.ndarray, r
     return np.asarray(noise[last] + signal.y[last] - between)
 
 
-def start_errors(data: Dataset, noise: dict[tuple[int, str], np.ndarray]) -> dict[str, np.ndarray]:
-    """Errors of the start states (W,) by channel that a noise on the signals causes."""
+def start_errors(data: Dataset, settings: Settings, noise: dict[tuple[int, str], np.ndarray]) -> dict[str, np.ndarray]:
+    """Errors of the start states (W,) by channel that a noise on the signals causes under one hypothesis."""
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
         for state in block.robot.states:
-            position = np.zeros(data.count)
-            rate = np.zeros(data.count)
+            position, rate = np.zeros(data.count), np.zeros(data.count)
+            memory = {c: np.zeros(data.count) for c in (state.position, state.velocity) if c}
             for i in np.unique(data.run[block.where]):
                 mine = np.flatnonzero(data.run == i)
-                for channel in (state.position, state.velocity):
-                    signal = data.signals.get((int(i), channel)) if channel else None
+                for channel in memory:
+                    signal = data.signals.get((int(i), channel))
                     if signal is None:
                         continue
-                    fit = local_fit(signal.t, data.start[mine])
+                    fit, n = local_fit(signal.t, data.start[mine]), noise[int(i), channel]
+                    lag = _number(block, settings, "reading lag", channel, 0.0)
+                    scale = _number(block, settings, "reading scale", channel, 1.0)
+                    memory[channel][mine] = np.nan_to_num(fit.value(n)) / scale
+                    value = memory[channel][mine]
+                    if lag > 0.0:
+                        value = value + lag * np.nan_to_num(fit.slope(n)) / scale
                     if channel == state.position:
-                        position[mine] = np.nan_to_num(fit.value(noise[int(i), channel]))
-                        rate[mine] = np.nan_to_num(fit.slope(noise[int(i), channel]))
+                        slope = np.nan_to_num(fit.slope(n)) / scale
+                        if lag > 0.0:
+                            slope = slope + lag * np.nan_to_num(fit.curvature(n)) / scale
+                        position[mine], rate[mine] = value, slope
                     else:
-                        assert channel is not None
-                        rate[mine] = np.nan_to_num(fit.value(noise[int(i), channel]))
+                        rate[mine] = value
             out[state.position] = out.get(state.position, 0.0) + position
             if state.velocity is not None:
                 out[state.velocity] = out.get(state.velocity, 0.0) + rate
+            for channel, error in memory.items():
+                if changes(settings.effects, "reading lag") is not None:
+                    out[memory_of(channel)] = out.get(memory_of(channel), 0.0) + error
     return out
+
+
+def _number(block: Block, settings: Settings, quantity: Quantity, channel: str, null: float) -> float:
+    """A quantity of a channel's readings under one hypothesis."""
+    value = sensor_value(block.robot, settings, quantity, channel)
+    return null if value is None else float(value[0])

@@ -7,11 +7,12 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.diagnosis.predict.readings import LocalValue, Reading, reading_of
 from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.sensor import low_pass
 from residual_mpc.models import optional
-from residual_mpc.models.protocol import Drive, Robot
-from residual_mpc.models.sensing import sensor_value
+from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
 ROOM = 24_000_000  # numbers that one chunk of hypotheses may hold
@@ -49,12 +50,15 @@ def start_states(data: Dataset, block: Block, settings: Settings, sooner: float 
     rest = optional.rest(block.robot)
     out: dict[str, np.ndarray] = {}
     for state in block.robot.states:
-        value, slope = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
-        value = np.where(np.isnan(value), rest.get(state.position, 0.0), value)
-        out[state.position] = np.nan_to_num(value) - _bias(block.robot, settings, state.position)
+        position = reading_of(data, block, settings, state.position)
+        found = _local(data, block, state.position, position.delay - early)
+        value = np.where(np.isnan(found.value), rest.get(state.position, 0.0), found.value)
+        out[state.position] = position.true(replace(found, value=np.nan_to_num(value)))
         if state.velocity is not None:
-            rate, _ = _local(data, block, state.velocity, _delay(block.robot, settings, state.velocity) - early)
-            out[state.velocity] = np.nan_to_num(np.where(np.isnan(rate), slope, rate))
+            velocity = reading_of(data, block, settings, state.velocity)
+            rate = _local(data, block, state.velocity, velocity.delay - early)
+            known = np.isfinite(rate.value)
+            out[state.velocity] = np.nan_to_num(np.where(known, velocity.true(rate), position.rate(found)))
     for effect, p in present(settings.effects, "point"):
         assert effect.undo is not None
         out["pose.x"], out["pose.y"] = effect.undo(NUMPY, p, out["pose.x"], out["pose.y"], out["pose.theta"])
@@ -83,8 +87,9 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
     nodes = block.robot.replay({k: v.reshape(h * w) for k, v in start.items()}, drive, each, wanted)
     t = data.t[block.where]  # (W, M)
     sampled: dict[str, np.ndarray] = {}
+    readings = {c: reading_of(data, block, settings, c) for c in wanted}
     for channel in wanted:
-        late = (_delay(block.robot, settings, channel) - early)[:, None, None]  # (H, 1, 1) s
+        late = (readings[channel].delay - early)[:, None, None]  # (H, 1, 1) s
         sampled[channel] = _interpolate(nodes[channel].reshape(h, w, -1), t[None] - late, drive.dt)
     posed = "pose.x" in sampled and "pose.theta" in sampled
     for effect, values in present(settings.effects, "point") if posed else ():
@@ -92,11 +97,51 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
         p = {k: v[:, :, None] for k, v in values.items()}
         seen = effect.step(NUMPY, p, sampled["pose.x"], sampled["pose.y"], sampled["pose.theta"])
         sampled["pose.x"], sampled["pose.y"] = seen
+    for channel in wanted:
+        rows = np.flatnonzero(_lags(readings[channel]))
+        if len(rows):
+            some = {c: y.reshape(h, w, -1)[rows] for c, y in nodes.items()}
+            slow = _low_passed(data, block, settings.take(rows), channel, some, nudge)
+            late = (readings[channel].delay - early)[rows, None, None]
+            sampled[channel][rows] = _interpolate(slow, t[None] - late, drive.dt)
     out = np.full((h, w, t.shape[1], len(data.channels)), np.nan)
     for k, channel in enumerate(data.channels):
         if channel in sampled:
-            out[..., k] = sampled[channel] + _bias(block.robot, settings, channel)[:, :, None]
+            out[..., k] = readings[channel].of(sampled[channel])
     return out
+
+
+def _lags(reading: Reading) -> np.ndarray:
+    """(H,) bool"""
+    return np.zeros(len(reading.delay), dtype=bool) if reading.lag is None else reading.lag > 0.0
+
+
+def _low_passed(
+    data: Dataset, block: Block, settings: Settings, channel: str, nodes: Mapping[str, np.ndarray], nudge: Start | None
+) -> np.ndarray:
+    """(H, W, K + 1) a channel behind its low-pass, in true units, from the nodes (H, W, K + 1) of the true channels.
+
+    The memory begins at the reading, or in rest where there is none. The point is mounted on the nodes: before the
+    low-pass, and not on the samples.
+    """
+    reading = reading_of(data, block, settings, channel)
+    assert reading.lag is not None
+    true, posed = nodes[channel], ("pose.x", "pose.y", "pose.theta")
+    if channel in posed[:2] and set(posed) <= set(nodes):
+        for effect, values in present(settings.effects, "point"):
+            assert effect.step is not None
+            p = {k: v[:, :, None] for k, v in values.items()}
+            true = effect.step(NUMPY, p, *(nodes[c] for c in posed))[posed.index(channel)]
+    memory = reading.memory(_local(data, block, channel, reading.delay - earliest(block, settings)).value)
+    if nudge is not None:
+        memory = memory + nudge.get(memory_of(channel), nudge.get(channel, np.zeros(data.count)))[block.where]
+    memory = np.where(np.isnan(memory), true[:, :, 0], memory)
+    return np.stack([low_pass(true[i], memory[i], float(tau), block.drive.dt) for i, tau in enumerate(reading.lag)])
+
+
+def memory_of(channel: str) -> str:
+    """The key under which a nudge moves the memory of a channel's low-pass; without it, that moves with the state."""
+    return f"memory.{channel}"
 
 
 def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
@@ -143,7 +188,8 @@ def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tu
     each = settings.take(np.zeros(len(first), dtype=int))
     nodes = block.robot.replay(start, drive, each, wanted)
     for state in block.robot.states:
-        value, _ = _local(data, block, state.position, _delay(block.robot, settings, state.position) - early)
+        position = reading_of(data, block, settings, state.position)
+        value = _local(data, block, state.position, position.delay - early).value
         measured = any(c == state.position for _, c in data.signals)
         reaches &= np.isfinite(value[0]) | (not measured)
     return dict(nodes), reaches
@@ -160,24 +206,10 @@ def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
     return np.where(np.isnan(t), np.nan, low + (place - k) * (high - low))
 
 
-def _delay(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
-    """(H,) s."""
-    value = sensor_value(robot, settings, "reading delay", channel)
-    return np.zeros(settings.rows) if value is None else value
-
-
-def _bias(robot: Robot, settings: Settings, channel: str) -> np.ndarray:
-    """(H, 1) channel unit."""
-    value = sensor_value(robot, settings, "reading offset", channel)
-    return np.zeros((settings.rows, 1)) if value is None else value[:, None]
-
-
-def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Local value and slope of a channel `shift` (H,) s after the windows' starts, (H, W_block); NaN where
-    unmeasured.
-    """
+def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> LocalValue:
+    """A channel near the windows of a block, `shift` (H,) s after their starts."""
     w = block.where.stop - block.where.start
-    value, slope = np.full((len(shift), w), np.nan), np.full((len(shift), w), np.nan)
+    value, slope, curvature = (np.full((len(shift), w), np.nan) for _ in range(3))
     run, start = data.run[block.where], data.start[block.where]
     distinct, back = np.unique(shift, return_inverse=True)
     for i in np.unique(run):
@@ -187,9 +219,9 @@ def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> tupl
         mine = np.flatnonzero(run == i)
         query = (start[mine][None, :] + distinct[:, None]).ravel()
         fit = local_fit(signal.t, query)
-        v, s = fit.value(signal.y).reshape(len(distinct), -1), fit.slope(signal.y).reshape(len(distinct), -1)
-        value[:, mine], slope[:, mine] = v[back], s[back]
-    return value, slope
+        for out, found in ((value, fit.value), (slope, fit.slope), (curvature, fit.curvature)):
+            out[:, mine] = found(signal.y).reshape(len(distinct), -1)[back]
+    return LocalValue(value, slope, curvature)
 
 
 def with_outliers_removed(data: Dataset, flagged: Mapping[tuple[int, str], np.ndarray]) -> Dataset:

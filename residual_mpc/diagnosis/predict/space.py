@@ -18,6 +18,9 @@ from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, ass
 
 FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
+HIGHEST, LOWEST = "highest", "lowest"  # position of a joint in the runs
+OVER = 0.05  # s, over which a joint's largest speed is measured
+ENDS = (0.002, 0.998)  # quantiles: a stop is where a joint often ends, an outlier is beyond
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,9 @@ class Space:
         if kind == "one":
             return 1.0
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        if kind == "extremes":
+            ends = [[self.references.get((end, s), x) for s in slots] for end, x in ((HIGHEST, 1.0), (LOWEST, -1.0))]
+            return float(np.median(ends[0]) - np.median(ends[1]))
         if kind in ("inertia", "mass", "length", "play"):
             return float(np.median([self.robot.reference(kind, s) for s in slots]))
         return float(np.median([self.references.get((kind, s), 1.0) for s in slots]))
@@ -61,6 +67,8 @@ class Space:
         away = [x for x in away if x > 0]
         if p.reference == "output":
             return 0.1 * reference
+        if p.reference == "extremes":
+            return 0.03 * reference
         return min(away) if away else 0.02 * max(1.0, self.robot.reference("length", None))
 
     def bounds(self, knob: Knob) -> tuple[float, float]:
@@ -85,10 +93,18 @@ class Space:
         for p in effect.parameters:
             knob = Knob(term.effect, term.target, p.name)
             low, high = self.bounds(knob)
-            columns.append([float(np.clip(x * self.reference(knob), low, high)) for x in p.probes])
+            columns.append([float(np.clip(self._probe(knob, x), low, high)) for x in p.probes])
         knobs = self.knobs(term)
         rows = zip_longest(*columns)
         return [{k: (c[-1] if x is None else x) for k, x, c in zip(knobs, row, columns, strict=True)} for row in rows]
+
+    def _probe(self, knob: Knob, x: float) -> float:
+        """The value that a probe x stands for."""
+        if BY_NAME[knob.effect].parameter(knob.parameter).reference != "extremes":
+            return x * self.reference(knob)
+        end = HIGHEST if x > 0 else LOWEST
+        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        return float(np.median([self.references.get((end, s), x) for s in slots]))
 
     def null(self, knob: Knob) -> float:
         """The value at which a free number does nothing (the nominal value of a tunable one)."""
@@ -177,6 +193,7 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
             if robot.command_kinds[k] == "position":
                 u = _servo_error(few, a, joints[k])
             found.setdefault(("command", a), []).append(float(np.quantile(u, 0.98)))
+            found.setdefault(("command/time", a), []).append(float(np.ptp(np.quantile(drive[..., k], (0.02, 0.98)))))
             found.setdefault(("output", a), []).append(float(np.max(np.abs(outputs[a]))))
         rms = dict.fromkeys(all_joints, 0.0)
         for k, a in enumerate(robot.actuators):
@@ -189,7 +206,37 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
             speed = float(np.sqrt(np.mean(np.concatenate(speeds or moves or [np.ones(1)]) ** 2)))
             found.setdefault(("torque", j), []).append(torque)
             found.setdefault(("torque/speed", j), []).append(torque / max(speed, 0.05))
-    return {key: max(float(np.max(v)), 1e-6) for key, v in found.items()}
+            size, fastest = _motion(data, j)
+            found.setdefault(("torque/motion", j), []).append(torque / max(size, 0.02))
+            for k in (k for k, driven in enumerate(joints) if driven == j):
+                found.setdefault(("speed", robot.actuators[k]), []).append(fastest)
+    sizes = {key: max(float(np.max(v)), 1e-6) for key, v in found.items()}
+    return sizes | _ends(data, optional.joints(data.blocks[0].robot))
+
+
+def _motion(data: Dataset, joint: str) -> tuple[float, float]:
+    """Root mean square of a joint's position about its mean, rad (m), and its largest speed (the 0.995 quantile over
+    50 ms), rad/s (m/s); ones where it is not measured."""
+    measured = [s for (_, c), s in data.signals.items() if c == f"position.{joint}" and len(s.t) > 2]
+    if not measured:
+        return 1.0, 1.0
+    size = float(np.sqrt(np.mean([np.var(s.y) for s in measured])))
+    rates = []
+    for s in measured:
+        t = np.arange(s.t[0], s.t[-1], OVER)
+        rates.append(np.abs(np.diff(np.interp(t, s.t, s.y))) / OVER if len(t) > 1 else np.ones(1))
+    return size, float(np.quantile(np.concatenate(rates), 0.995))
+
+
+def _ends(data: Dataset, joints: Sequence[str]) -> dict[tuple[str, str], float]:
+    """The highest and the lowest position of every measured joint, rad (m)."""
+    found: dict[tuple[str, str], float] = {}
+    for j in joints:
+        measured = [s.y for (_, c), s in data.signals.items() if c == f"position.{j}" and len(s.y)]
+        if measured:
+            low, high = np.quantile(np.concatenate(measured), ENDS)
+            found |= {(HIGHEST, j): float(high), (LOWEST, j): float(low)}
+    return found
 
 
 def _nominal_outputs(data: Dataset) -> dict[str, np.ndarray]:

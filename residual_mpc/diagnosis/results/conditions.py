@@ -46,6 +46,12 @@ def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSetting
             f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a constant-velocity "
             f"forecast ({found.constant_velocity:.2g})."
         )
+    if found.step_error is not None and found.step_error > first.floor.total:
+        what = "the named effects" if found.coarse and found.helps else "small effects"
+        said.append(
+            f"The time step of the model makes errors of {found.step_error:.2g} (noise floor {first.floor.total:.2g}); "
+            f"{what} may only stand for it. Use a smaller time step, or an implicit integrator."
+        )
     if of.doubtful:
         said.append(
             f"{', '.join(map(str, of.doubtful))} improved the fit on the windows of the search, but on all windows the "

@@ -39,6 +39,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             "channels": {c: {"before": b, "after": a, "noise_floor": f} for c, (b, a, f) in d.gap.channels.items()},
             "horizons": [h.document() for h in d.gap.horizons],
             "constant_velocity": d.gap.constant_velocity,
+            "step_error": d.gap.step_error,
         },
         "shrink": shrink,
         "where": {

@@ -15,11 +15,14 @@ from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_draws, floor_from, floor_of
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps, Verdict, left_share, verdict_of
 from residual_mpc.models.settings import Settings
+
+COARSE = 0.3  # of what effects remove, from which on the time step may be the cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +31,8 @@ class ExplanationGaps:
     "nominal" model (errors alone), "before" (its tunable numbers fitted) and "after" the effects; looks: the gaps over
     each horizon, the headline's first, and anywhere: whether they are beyond the noise on all windows; helps: whether
     the explanation makes the gap smaller; useless: whether even the explained model is worse than a forecast of
-    constant velocity; constant_velocity: the gap of that forecast. floors (draws, W, M, C): errors of a perfect
+    constant velocity; constant_velocity: the gap of that forecast; step_error: that of the model's own time step, None
+    where it has none. floors (draws, W, M, C): errors of a perfect
     model."""
 
     of: FittedExplanation
@@ -42,6 +46,15 @@ class ExplanationGaps:
     helps: bool
     useless: bool
     constant_velocity: float
+    step_error: float | None
+
+    @property
+    def coarse(self) -> bool:
+        """Whether the time step's error could make what the effects explain: it is beyond the noise, and no small part
+        of what they remove."""
+        first = self.looks[0]
+        removed = max(first.before.total**2 - self.left.total**2, 0.0) ** 0.5
+        return self.step_error is not None and self.step_error > max(first.floor.total, COARSE * removed)
 
     @property
     def verdict(self) -> tuple[Verdict, float]:
@@ -71,6 +84,7 @@ class ExplanationGaps:
             channels=_channels(data, first, self.helps),
             horizons=tuple(self._horizon(data, look) for look in self.looks),
             constant_velocity=self.constant_velocity,
+            step_error=self.step_error,
         )
 
     def _horizon(self, data: Dataset, look: HorizonGaps) -> HorizonFigures:
@@ -138,6 +152,7 @@ def measure_gaps(
         helps,
         useless,
         steady,
+        step_error(of.raw, scales, row, settings=settings.data),
     )
 
 

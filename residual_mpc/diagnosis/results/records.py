@@ -42,7 +42,8 @@ class HorizonFigures:
 @dataclass(frozen=True)
 class GapFigures:
     """Gaps on the held-out windows, unitless; channels: name -> (before, after, noise floor); horizons: the same over
-    each horizon; constant_velocity: the gap of a forecast that knows no model."""
+    each horizon; constant_velocity: the gap of a forecast that knows no model; step_error: that of the
+    model's time step, None where it has none."""
 
     nominal: float
     before: float
@@ -55,6 +56,7 @@ class GapFigures:
     channels: dict[str, tuple[float, float, float]]
     horizons: tuple[HorizonFigures, ...]
     constant_velocity: float
+    step_error: float | None
 
 
 @dataclass(frozen=True)

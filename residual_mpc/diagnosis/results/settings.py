@@ -15,21 +15,23 @@ class CauseSettings:
     """form: of the relative size of what the named effects leave, which may lie along an effect and pull its number.
     most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor where something is
     left that these sensors can tell; shadow: of the probability that is lost for each factor e by which more is left
-    than they can tell, down to the factor least_sure. resting: factor on an effect with a number that rests on the
-    bound of what is tried. doubtful: factor on an effect's probability below which the other numbers' intervals do
-    without it too. apart: half-widths beyond which an interval is that wide since two fits end apart."""
+    than they can tell, down to the factor least_sure. coarse: the most where the model's time step may be the
+    cause. resting: factor on an effect with a number that rests on the bound of what is tried. doubtful: factor on an
+    effect's probability below which the other numbers' intervals do without it too. apart: half-widths beyond which an
+    interval is that wide since two fits end apart."""
 
     form: float = 0.5
     most_sure: float = 0.97
     most_partial: float = 0.87
     shadow: float = 0.15
     least_sure: float = 0.5
+    coarse: float = 0.5
     resting: float = 0.5
     doubtful: float = 0.75
     apart: float = 2.5
 
     def __post_init__(self) -> None:
-        check_share(self, "form", "most_sure", "most_partial", "shadow", "least_sure", "resting", "doubtful")
+        check_share(self, "form", "most_sure", "most_partial", "shadow", "least_sure", "coarse", "resting", "doubtful")
         check_positive(self, "apart")
 
 

@@ -25,6 +25,9 @@ def check_optional(robot: Robot) -> None:
         demand(actuator not in robot.actuators, law, repr(actuator), "a name that is not in actuators")
     period = optional.period(robot)
     demand(_is_number(period) and period > 0, "period is a time", repr(period), "a positive number of seconds")
+    halved = optional.with_half_step(robot)
+    same = halved is None or (halved.channels == robot.channels and halved.step == robot.step)
+    demand(same, "with half the step a robot takes the same drives", "another robot", "equal channels and step")
     if isinstance(robot, Stepping):
         _check_step(robot, robot, period)
 

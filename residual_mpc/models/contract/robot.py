@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.effects.body import ARMATURE, LINK_MASS, PAYLOAD
+from residual_mpc.effects.body import ARMATURE, BASE_TILT, END_STOP, LINK_MASS, PAYLOAD
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.logs.columns import is_measured
@@ -24,7 +24,8 @@ ROWS = 3
 LENGTH = 0.25  # s replayed
 LEAD = 0.35  # s before it: longer than the longest delay
 ALONE = 1e-9  # relative: a row alone may be summed in another order than within a batch
-MAY_BE_IDLE = (PAYLOAD.name, LINK_MASS.name)  # mass on a joint's axis, without gravity, changes nothing
+# mass on a joint's axis, gravity along it, and a stop beyond the motion change nothing
+MAY_BE_IDLE = (PAYLOAD.name, LINK_MASS.name, BASE_TILT.name, END_STOP.name)
 
 Predicted = Mapping[str, np.ndarray]
 

@@ -8,7 +8,7 @@ from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target, between, factor, refuse, signed
 from residual_mpc.blind.recorded.log import FloatArray, Log
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS, mounted
+from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS, SENSOR_SCALE, mounted
 
 POSE = ("pose.x", "pose.y", "pose.theta")
 STILL = 1e-6  # rms about the mean (rad, m): a channel below it does not move
@@ -37,7 +37,7 @@ def _add_offset(half: Half, target: Target, sizes: Sizes, rng: np.random.Generat
 def _scale_targets(half: Half) -> tuple[Target, ...]:
     found = _moving(half, ())
     if not found:  # a yaw rate that is scaled is what other wheels give
-        raise refuse("sensor_scale", "no run measures a joint's position that moves")
+        raise refuse(SENSOR_SCALE.name, "no run measures a joint's position that moves")
     return found
 
 
@@ -124,7 +124,7 @@ BIAS = Kind(
     "reading", _offset_targets, _offset, _add_offset, rank=2,
 )  # fmt: skip
 SCALE = Kind(
-    "sensor_scale", "log",
+    SENSOR_SCALE.name, "log",
     "As with a bias: the same reading, multiplied.",
     "reading", _scale_targets, _scale, _multiply, rank=1,
 )  # fmt: skip

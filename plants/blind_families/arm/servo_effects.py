@@ -1,0 +1,89 @@
+"""From an effect of servos, springs, stops and mountings to the truth that has it, for an arm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint, one_joint
+from plants.blind_families.planting import Planting, Plantings, by_name
+from residual_mpc.effects.actuator import TORQUE_SPEED_LIMIT
+from residual_mpc.effects.body import BASE_TILT, END_STOP, GEAR_EFFICIENCY, JOINT_SPRING, TORQUE_OFFSET
+from residual_mpc.effects.command import RATE_LIMIT
+
+Made = tuple[ArmRobot, dict[str, float]]
+_STIFF_STOP = 4000.0  # rad^2/s^2: a stop's torque at its usual depth, in units of the inertia, per rad
+
+
+def _at_one(robot: ArmRobot, draw: Draw, **values: tuple[float, float]) -> ArmRobot:
+    """The robot with constants (what does nothing, value) at the drawn joint."""
+    n = len(robot.truth.arm.joints)
+    fields: dict[str, Any] = {name: np.full(n, null) for name, (null, _) in values.items()}
+    for name, (_, value) in values.items():
+        fields[name][draw.joint] = value
+    return replace(robot, truth=replace(robot.truth, beside=replace(robot.truth.beside, **fields)))
+
+
+def _rate(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    j = draw.joint or 0
+    fast = 4.0 * robot.speed_rms[j] if robot.truth.arm.kind == "position" else 40.0 * robot.command[j]
+    rate = float(fast * (1.0 - 0.95 * s))
+    return _at_one(robot, draw, ramp=(np.inf, rate)), {"rate": rate}
+
+
+def _line(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    j = draw.joint or 0
+    stall, free = float(robot.torque[j] * (1.4 - 0.8 * s)), float(robot.speed_rms[j] * (5.0 - 4.2 * s))
+    made = _at_one(robot, draw, stall=(np.inf, stall), no_load=(1.0, free))
+    return made, {"stall_torque": stall, "no_load_speed": free}
+
+
+def _gear(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    j = draw.joint or 0
+    forward, backward = 1.0 - 0.7 * s, 1.0 - 0.7 * s * (0.2 + 0.5 * draw.shape)
+    power = np.maximum(robot.torque_rms * robot.speed_rms, 1e-9)
+    made = _at_one(robot, draw, forward=(1.0, forward), backward=(1.0, backward), power=(1.0, float(power[j])))
+    return made, {"forward": forward, "backward": backward}
+
+
+def _spring(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    j = draw.joint or 0
+    stiffness = float(6.0 * s * robot.torque_rms[j])
+    rest = float(robot.truth.arm.home[j] + draw.sign * draw.shape)
+    return _at_one(robot, draw, spring=(0.0, stiffness), rest=(0.0, rest)), {"stiffness": stiffness, "rest": rest}
+
+
+def _offset(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    torque = float(draw.sign * 2.0 * s * robot.torque_rms[draw.joint or 0])
+    return _at_one(robot, draw, offset=(0.0, torque)), {"torque": torque}
+
+
+def _stop(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    """At full strength in the middle of the motion, between it and the end that the sign names."""
+    j = draw.joint or 0
+    ends = robot.highest if draw.sign > 0 else robot.lowest
+    home = robot.truth.arm.home[j]
+    at = float(home + (ends[j] - home) * (1.05 - 0.9 * s))
+    hard = float(_STIFF_STOP * robot.inertia[j] * 0.01)
+    truth = _at_one(robot, draw, stop=(np.inf, at), hard=(1.0, hard)).truth
+    return replace(robot, truth=replace(truth, beside=replace(truth.beside, side=draw.sign))), {"position": at}
+
+
+def _tilt(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    angle = 2.0 * np.pi * draw.shape
+    roll, pitch = float(0.3 * s * np.cos(angle)), float(0.3 * s * np.sin(angle))
+    truth = replace(robot.truth, beside=replace(robot.truth.beside, tilt=(roll, pitch)))
+    return replace(robot, truth=truth), {"roll": roll, "pitch": pitch}
+
+
+SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
+    Planting(RATE_LIMIT, _rate, one_joint, typical=0.6),
+    Planting(TORQUE_SPEED_LIMIT, _line, one_joint, typical=0.5),
+    Planting(GEAR_EFFICIENCY, _gear, one_joint, typical=0.3),
+    Planting(JOINT_SPRING, _spring, one_joint, typical=0.2),
+    Planting(TORQUE_OFFSET, _offset, one_joint, typical=0.2),
+    Planting(END_STOP, _stop, one_joint, typical=0.4),
+    Planting(BASE_TILT, _tilt, every_joint, typical=0.3),
+)

@@ -1,0 +1,84 @@
+"""What each hypothesis makes of one channel's readings: from the true value to the reading and back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Block, Dataset
+from residual_mpc.models.sensing import SINCE_START, scaled, sensor_value, unscaled
+from residual_mpc.models.settings import Settings
+
+
+@dataclass(frozen=True)
+class LocalValue:
+    """A channel's readings near the windows' starts: value, slope (per second) and curvature (per second squared), each
+    (H, W); NaN where unmeasured."""
+
+    value: np.ndarray
+    slope: np.ndarray
+    curvature: np.ndarray
+
+
+@dataclass(frozen=True)
+class Reading:
+    """H hypotheses on the W windows of a block: reading(t) = scaled(low-pass of true(t - delay)) + bias.
+
+    delay (H,) s; bias (H, 1) channel unit; scale (H, 1), None where no hypothesis scales; origin (H, W): the true value
+    that a scale leaves alone, channel unit; lag (H,) s, None where no hypothesis has a low-pass.
+    """
+
+    delay: np.ndarray
+    bias: np.ndarray
+    scale: np.ndarray | None
+    origin: np.ndarray
+    lag: np.ndarray | None
+
+    def of(self, true: np.ndarray) -> np.ndarray:
+        """(H, W, M) readings of true values (H, W, M), delay and low-pass aside."""
+        if self.scale is not None:
+            true = scaled(true, self.scale[:, :, None], self.origin[:, :, None])
+        return np.asarray(true + self.bias[:, :, None])
+
+    def true(self, fit: LocalValue) -> np.ndarray:
+        """(H, W) true values behind what is read, delay aside: a low-pass' input is y + lag dy/dt."""
+        return self.memory(fit.value if self.lag is None else _ahead(fit.value, fit.slope, self.lag))
+
+    def memory(self, value: np.ndarray) -> np.ndarray:
+        """(H, W) what the low-pass holds when its output is read as these values (H, W), in true units."""
+        value = value - self.bias
+        return value if self.scale is None else unscaled(value, self.scale, self.origin)
+
+    def rate(self, fit: LocalValue) -> np.ndarray:
+        """(H, W) rates of the true values, per second, behind what is read."""
+        rate = fit.slope if self.lag is None else _ahead(fit.slope, fit.curvature, self.lag)
+        return rate if self.scale is None else np.asarray(rate / self.scale)
+
+
+def reading_of(data: Dataset, block: Block, settings: Settings, channel: str) -> Reading:
+    """What the hypotheses make of a channel."""
+    delay = sensor_value(block.robot, settings, "reading delay", channel)
+    bias = sensor_value(block.robot, settings, "reading offset", channel)
+    lag = sensor_value(block.robot, settings, "reading lag", channel)
+    scale = sensor_value(block.robot, settings, "reading scale", channel)
+    zero = np.zeros(settings.rows)
+    offset = (zero if bias is None else bias)[:, None]
+    origin = zero[:, None] if scale is None else _origin(data, block, channel) - offset
+    late = zero if delay is None else delay
+    return Reading(late, offset, None if scale is None else scale[:, None], origin, lag)
+
+
+def _ahead(value: np.ndarray, rate: np.ndarray, lag: np.ndarray) -> np.ndarray:
+    """value + lag * rate (H, W) where the rate is known and there is a lag (H,)."""
+    return np.asarray(np.where(lag[:, None] > 0.0, value + lag[:, None] * np.nan_to_num(rate), value))
+
+
+def _origin(data: Dataset, block: Block, channel: str) -> np.ndarray:
+    """(1, W) channel unit: the reading that a scale leaves alone; 0 but for what counts from where a run began, its
+    first reading."""
+    run = data.run[block.where]
+    origin = np.zeros((1, len(run)))
+    for i in np.unique(run) if channel in SINCE_START else ():
+        signal = data.signals.get((int(i), channel))
+        if signal is not None and len(signal.y):
+            origin[0, run == i] = signal.y[0]
+    return origin

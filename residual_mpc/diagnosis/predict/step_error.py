@@ -1,0 +1,39 @@
+"""How much of a model's prediction is the error of its own time step, seen by halving it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
+from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.models import optional
+from residual_mpc.models.settings import Settings
+
+WINDOWS = 40  # at most
+
+
+def finer_prediction(data: Dataset, row: Settings, here: np.ndarray | None = None) -> np.ndarray | None:
+    """(W, M, C) what has to be added to the prediction of a model (settings of one row) to get that of one stepped
+    infinitely finely, by Richardson's extrapolation of a step and its half at order 1 (Hairer, Norsett and Wanner,
+    Solving ODEs I, 1993, section II.4). here: the prediction with the whole step. None where no model has another step.
+    """
+    finer = [optional.with_half_step(block.robot) for block in data.blocks]
+    halves = tuple(replace(b, robot=r) for b, r in zip(data.blocks, finer, strict=True) if r is not None)
+    if not halves or len(halves) < len(data.blocks):
+        return None
+    whole = predict(data, row)[0] if here is None else here
+    return np.asarray(2.0 * (predict(replace(data, blocks=halves), row)[0] - whole))
+
+
+def step_error(data: Dataset, scales: Scales, row: Settings, settings: DataSettings) -> float | None:
+    """The gap between a model and one stepped infinitely finely, on some of the windows; those that diverge count
+    little. None where no model here has another step."""
+    few = data.take(
+        np.isin(np.arange(data.count), np.linspace(0, data.count - 1, min(data.count, WINDOWS)).astype(int))
+    )
+    apart = finer_prediction(few, row)
+    if apart is None:
+        return None
+    return float(gap_of(few, scales, apart, window_trust(few, scales, apart, settings=settings)).total)

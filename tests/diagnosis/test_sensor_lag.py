@@ -1,0 +1,46 @@
+"""A localisation that follows slowly, on rovers of another simulation and through a filter of another form."""
+
+from __future__ import annotations
+
+import numpy as np
+from oracles.rover_log import rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.logs.run import Run
+
+ROBOT = DiffDrive("rover", 0.033, 0.16)
+LAG, STEP = 0.15, 1e-3  # s, s
+SIGMA = {"pose.x": 0.001, "pose.y": 0.001, "pose.theta": 0.002}  # m, m, rad
+
+
+def slow_run(seed: int, lag: float) -> Run:
+    """20 s at 50 Hz with encoders; the pose is averaged over what came before, weighed by exp(-age / lag)."""
+    rng = np.random.default_rng([seed, 6])
+    run = rover_run(f"r{seed}", {}, 20.0, 50.0, seed=seed, noise=0.0)
+    columns = dict(run.columns)
+    for wheel in ("left", "right"):  # read before the command of the stamp acts
+        u = columns[f"command.{wheel}"]
+        columns[f"velocity.{wheel}"] = np.concatenate([u[:1], u[:-1]]) + 0.01 * rng.standard_normal(len(u))
+    age = STEP * (np.arange(int(8 * LAG / STEP)) + 0.5)
+    weight = np.exp(-age / lag) / np.exp(-age / lag).sum() if lag else np.zeros(0)
+    for c, sigma in SIGMA.items():
+        if lag:
+            columns[c] = np.interp(run.t[:, None] - age, run.t, run.columns[c]) @ weight
+        columns[c] = columns[c] + sigma * rng.standard_normal(len(run.t))
+    return Run(run.name, run.t, columns)
+
+
+def test_the_time_constant_is_recovered() -> None:
+    runs = [slow_run(k, LAG) for k in range(4)]
+    found = diagnose(runs, [ROBOT] * 4, {}, (), Options(), np.random.default_rng(0)).diagnosis
+    (cause,) = found.causes
+    assert (cause.term.effect, cause.term.target, found.verdict) == ("sensor_lag", "pose", "effects")
+    (number,) = cause.parameters
+    assert number.ci95[0] <= LAG <= number.ci95[1] and number.value < 1.1 * LAG
+
+
+def test_a_localisation_that_follows_at_once_has_none() -> None:
+    runs = [slow_run(k, 0.0) for k in range(4)]
+    assert diagnose(runs, [ROBOT] * 4, {}, (), Options(), np.random.default_rng(0)).diagnosis.verdict == "no_gap"
