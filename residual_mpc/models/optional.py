@@ -157,4 +157,3 @@ def disturbed(robot: Robot) -> tuple[str, ...]:
 def with_half_step(robot: Robot) -> Robot | None:
     """The robot simulated at half its time step; by default None, as of one that integrates exactly."""
     return robot.with_half_step() if isinstance(robot, HalvingStep) else None
-
