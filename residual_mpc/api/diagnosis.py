@@ -81,9 +81,13 @@ class Diagnosis:
         return pd.DataFrame(rows, columns=columns)
 
     def save(self, folder: str | Path) -> Path:
-        """Write diagnosis.json, model.json, report.html and, where one was planned, the next experiment's commands."""
+        """Write diagnosis.json, model.json, report.html and, where one was planned, the next experiment's commands.
+
+        The answer is on disk before anything is drawn.
+        """
         out = Path(folder)
         document = self.document_in(out)
+        write_answer(document, out)
         write_whole(document, compose(document, self._evidence), self.commands, out)
         return out
 

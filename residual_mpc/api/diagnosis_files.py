@@ -7,8 +7,8 @@ from residual_mpc.files import write_atomically, write_json
 
 ANSWER, MODEL, REPORT, COMMANDS = "diagnosis.json", "model.json", "report.html", "next.csv"
 UNFINISHED = (
-    "Written before the remaining error was described and the report was written: the diagnosis was still running, "
-    "or was stopped."
+    "Written before the diagnosis was finished: what follows the answer, from the remaining error to the report, may "
+    "be missing. The diagnosis was still running, or was stopped."
 )
 
 

@@ -13,15 +13,26 @@ def motion(document: Document, evidence: Evidence) -> Section | None:
     """There where clips were drawn, or where it is known why they were not."""
     if not evidence.clips and not evidence.drawing:
         return None
+    clips, drawing = _encoded(evidence)
+    assumed = {c for clip in evidence.clips for c in clip.assumed} if clips else set()
     body = render(
         "sections/motion.html.jinja",
-        clips=[_shown(clip, evidence) for clip in evidence.clips],
-        drawing=evidence.drawing,
-        assumed=listed(sorted({c for clip in evidence.clips for c in clip.assumed}) or [""]),
+        clips=clips,
+        drawing=drawing,
+        assumed=listed(sorted(assumed) or [""]),
         explained=any(clip.after is not None for clip in evidence.clips),
         horizon=document["gap"]["horizon"],
     )
     return Section("motion", "The robot's motion", body)
+
+
+def _encoded(evidence: Evidence) -> tuple[list[Document], str]:
+    """The clips as the template shows them, and how they were drawn; none, and why, where Pillow cannot write them: a
+    report is not lost with its pictures."""
+    try:
+        return [_shown(clip, evidence) for clip in evidence.clips], evidence.drawing
+    except Exception as error:  # whatever an encoder raises, such as that of a Pillow built without WebP
+        return [], f"The motion could not be shown ({type(error).__name__}: {error})."
 
 
 def _shown(clip: Clip, evidence: Evidence) -> Document:
