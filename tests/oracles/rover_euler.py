@@ -28,6 +28,7 @@ def simulate(
     value = {f"{e}.{p}": v for e, ps in faults.items() for p, v in ps.items()}
     x, y, theta = pose
     settled = list(command(begin - value.get("command_delay.delay", 0.0)))
+    ramp = list(settled)
     play = [0.5 * value.get("backlash.gap", 0.0) * _sign(w) for w in settled]  # motor minus wheel, rad
     past: list[list[float]] = []  # wheel speeds so far, rad/s
     out = np.empty((len(times), 3))
@@ -41,6 +42,8 @@ def simulate(
         u = list(command(t - value.get("command_delay.delay", 0.0)))
         width = value.get("dead_zone.width", 0.0)
         u = [0.0 if abs(v) < width else v for v in u]
+        most = fine * value.get("rate_limit.rate", math.inf)
+        ramp = u = [r + min(max(v - r, -most), most) for r, v in zip(ramp, u, strict=True)]
         tau = value.get("actuator_lag.time_constant", 0.0)
         if tau > 0:
             settled = [s + fine / tau * (v - s) for s, v in zip(settled, u, strict=True)]
