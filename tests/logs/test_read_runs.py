@@ -212,3 +212,12 @@ def test_a_command_sent_before_the_first_row_that_is_kept_is_still_held(tmp_path
     (run,) = read_runs([write_csv(tmp_path / "run.csv", columns)], ROBOT).runs
     assert len(run.t) == len(rows) - 1
     np.testing.assert_array_equal(run.columns["command.left"][:3], [1.0, 3.0, np.nan])
+
+
+def test_row_numbers_of_pandas_are_no_column(tmp_path: Path) -> None:
+    columns = {name: np.round(values, 6) for name, values in table().items()}
+    frame = pd.DataFrame(columns).iloc[3:]
+    frame.index = frame.index.to_numpy() * 2  # no longer a range, so that pandas writes it
+    frame.to_parquet(tmp_path / "a.parquet")
+    (run,) = read_runs([tmp_path / "a.parquet"], ROBOT).runs
+    assert not [name for name in run.extra if "index" in name]

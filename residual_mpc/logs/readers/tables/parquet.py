@@ -11,6 +11,8 @@ from residual_mpc.logs.readers.table import Header, Table, first_line
 from residual_mpc.logs.readers.tables.lerobot import data_set_info, meanings_of, preferred_of
 from residual_mpc.logs.readers.tables.lists import Element, element_of, find_elements, note_of
 
+UNNAMED_INDEX = "__index_level_"  # what pandas calls an index without a name: row numbers, no measurement
+
 
 def parquet_header(path: Path) -> Header:
     """The columns of a Parquet file.
@@ -25,7 +27,8 @@ def parquet_header(path: Path) -> Header:
     try:
         with pq.ParquetFile(path) as file:
             lists = find_elements(file, info)
-            names = tuple(n for column in file.schema_arrow.names for n in lists.get(column, (str(column),)))
+            own = [c for c in file.schema_arrow.names if not str(c).startswith(UNNAMED_INDEX)]
+            names = tuple(n for column in own for n in lists.get(column, (str(column),)))
             rows = file.metadata.num_rows
     except (pa.ArrowException, OSError, ValueError) as fault:
         raise _damaged(path, fault) from fault
