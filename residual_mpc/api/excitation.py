@@ -75,8 +75,8 @@ def excite(
         seconds: of a motion.
         limits: actuator -> (lower, upper) command, in the actuator's unit; by default those of the runs that were
             diagnosed, else the model's.
-        out: the file to which the commands will be saved. Finished steps of the planning are kept beside it, so that a
-            call that was interrupted resumes from there when it is repeated.
+        out: the file for the commands. Finished planning steps are saved next to it; repeat an interrupted call and it
+            resumes from there.
 
     Raises:
         BadInput: a diagnosis that cannot be read, or is of another robot.

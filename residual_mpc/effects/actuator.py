@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from residual_mpc.effects.command import RATE_LIMIT
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
 from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
@@ -42,6 +41,19 @@ def lag_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
         begin = np.concatenate([line[:, :1], end[:, :-1]], axis=1)
         out[row, :, actuator] = line + (begin - line) * (value / dt) * (1.0 - e)
     return out
+
+
+def rate_start(ops: Ops, p: Values, u: Array, dt: float) -> Array:
+    """The setpoint has arrived at the first command."""
+    return u
+
+
+def rate_step(ops: Ops, p: Values, y: Array, u: Array, dt: float) -> tuple[Array, Array]:
+    """The setpoint after dt: y moves towards u by at most rate * dt. Written as u less what is missing, which at an
+    infinite rate is u to the last bit."""
+    away = u - y
+    out = u - (away - clip(ops, away, -p["rate"] * dt, p["rate"] * dt))
+    return out, out
 
 
 def gain_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:
@@ -215,11 +227,28 @@ TORQUE_SPEED_LIMIT = Effect(
     step=line_limits,
     site="speed limit",
     rank=35,
-    kink="signal",
     unseen="no motion that is fast and needs torque at once",
     phrase=Phrase("{who} gives {stall_torque} at standstill and none at {no_load_speed}"),
     nouns={"stall_torque": Noun("stall torque")},
     not_in_mjcf="MuJoCo's force limits do not depend on the speed",
+)
+
+RATE_LIMIT = Effect(
+    name="rate_limit",
+    stage="actuator",
+    port="command",
+    target="actuator",
+    parameters=(Parameter("rate", "command unit/s", math.inf, 0.0, math.inf, (4.0, 1.0), "command/time", True),),
+    summary="the setpoint is let through no faster than this",
+    start=rate_start,
+    step=rate_step,
+    rank=30,
+    label="ramp",
+    kink="signal",
+    unseen="no command changes so fast that a limit would act",
+    phrase=Phrase("{who} follows its command no faster than {rate}"),
+    nouns={"rate": Noun("rate limit of the command", appears="limit of the command's rate", size="rate")},
+    not_in_mjcf="MuJoCo has no actuator that limits the rate of its command",
 )
 
 EFFECTS = (

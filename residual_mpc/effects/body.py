@@ -31,16 +31,6 @@ def gear_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
     return ops.where(driving, 1.0 - p["forward"], 1.0 / p["backward"] - 1.0) * ops.absolute(tau)
 
 
-def spring_torque(ops: Ops, p: Values, q: Array) -> Array:
-    """stiffness (rest - q), N m."""
-    return p["stiffness"] * (p["rest"] - q)
-
-
-def constant_torque(ops: Ops, p: Values, q: Array) -> Array:
-    """The same torque everywhere, N m."""
-    return p["torque"] + 0.0 * q
-
-
 def viscous_torque(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
     """coefficient * w, N m, against the motion."""
     return p["coefficient"] * w
@@ -260,73 +250,6 @@ GEAR_EFFICIENCY = Effect(
     not_in_mjcf="MuJoCo's dry friction does not depend on the load",
 )
 
-JOINT_SPRING = Effect(
-    name="joint_spring",
-    stage="body",
-    port="torque",
-    target="joint",
-    parameters=(
-        Parameter("stiffness", "N m/rad", 0.0, 0.0, math.inf, (0.3, 0.3), "torque/motion"),
-        Parameter("rest", "rad", 0.0, -6.3, 6.3, (1.5, -1.5), shape=True),
-    ),
-    summary="a spring, cable or gravity compensation beside the joint",
-    step=spring_torque,
-    null_target=False,
-    site="elastic",
-    imitates=frozenset({"position"}),
-    phrase=Phrase("a spring of {stiffness} pulls {who} towards {rest}"),
-    nouns={"stiffness": Noun("stiffness", appears="spring", size="stiffness")},
-)
-
-TORQUE_OFFSET = Effect(
-    name="torque_offset",
-    stage="body",
-    port="torque",
-    target="joint",
-    parameters=(Parameter("torque", "N m", 0.0, -math.inf, math.inf, (0.3,), "torque"),),
-    summary="a constant torque on a joint",
-    step=constant_torque,
-    null_target=False,
-    site="elastic",
-    imitates=frozenset({"position"}),
-    phrase=Phrase("{who} carries a constant torque of {torque} that the model lacks"),
-    nouns={"torque": Noun("constant torque", "excess")},
-)
-
-END_STOP = Effect(
-    name="end_stop",
-    stage="body",
-    port="model",
-    target="joint",
-    parameters=(
-        Parameter(
-            "position", "rad", math.inf, -math.inf, math.inf, (1.0, -1.0), "extremes", True, quantity="joint stop"
-        ),
-    ),
-    summary="the joint meets a stop that the model lacks",
-    null_target=False,
-    site="stop",
-    unseen="the model stays within the positions that the runs reach",
-    phrase=Phrase("{who} meets a stop at {position}"),
-    nouns={"position": Noun("stop", size="position")},
-)
-
-BASE_TILT = Effect(
-    name="base_tilt",
-    stage="body",
-    port="model",
-    target="robot",
-    parameters=(
-        Parameter("roll", "rad", 0.0, -0.6, 0.6, (0.05, 0.0), quantity="gravity roll"),
-        Parameter("pitch", "rad", 0.0, -0.6, 0.6, (0.0, 0.05), quantity="gravity pitch"),
-    ),
-    summary="the base is not upright, so gravity acts in another direction than modelled",
-    site="gravity",
-    imitates=frozenset({"position"}),
-    phrase=Phrase("the base is tilted by {roll} about its x axis and by {pitch} about its y axis"),
-    nouns={"roll": Noun("roll of the base", "excess"), "pitch": Noun("pitch of the base", "excess")},
-)
-
 EFFECTS = (
     COULOMB,
     VISCOUS,
@@ -338,8 +261,4 @@ EFFECTS = (
     JOINT_COMPLIANCE,
     LINK_LENGTH,
     GEAR_EFFICIENCY,
-    JOINT_SPRING,
-    TORQUE_OFFSET,
-    END_STOP,
-    BASE_TILT,
 )

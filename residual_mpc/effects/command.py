@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
-from residual_mpc.effects.ops import NUMPY, Array, Ops, clip
+from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
 LONGEST_DELAY = 0.3  # s: longer dead times are a different fault (a lost connection), and cost memory
@@ -62,19 +62,6 @@ def rounded_dead_zone(ops: Ops, p: Values, u: Array, eps: float) -> Array:
     """
     away = ops.minimum((p["width"] - (u * u + eps * eps) ** 0.5) / eps, 40.0)  # exp stays finite
     return u / (1.0 + ops.exp(away))
-
-
-def rate_start(ops: Ops, p: Values, u: Array, dt: float) -> Array:
-    """The setpoint has arrived at the first command."""
-    return u
-
-
-def rate_step(ops: Ops, p: Values, y: Array, u: Array, dt: float) -> tuple[Array, Array]:
-    """The setpoint after dt: y moves towards u by at most rate * dt. Written as u less what is missing, which at an
-    infinite rate is u to the last bit."""
-    away = u - y
-    out = u - (away - clip(ops, away, -p["rate"] * dt, p["rate"] * dt))
-    return out, out
 
 
 POSITION_ERRORS = "{who} ignores position errors smaller than {width}"
@@ -135,24 +122,6 @@ DEAD_ZONE = Effect(
     ),
     nouns={"width": Noun("dead zone", inside="in")},
     not_in_mjcf="MuJoCo has no actuator with a dead zone",
-)
-
-RATE_LIMIT = Effect(
-    name="rate_limit",
-    stage="actuator",
-    port="command",
-    target="actuator",
-    parameters=(Parameter("rate", "command unit/s", math.inf, 0.0, math.inf, (4.0, 1.0), "command/time", True),),
-    summary="the setpoint is let through no faster than this",
-    start=rate_start,
-    step=rate_step,
-    rank=30,
-    label="ramp",
-    kink="signal",
-    unseen="no command changes so fast that a limit would act",
-    phrase=Phrase("{who} follows its command no faster than {rate}"),
-    nouns={"rate": Noun("rate limit of the command", appears="limit of the command's rate", size="rate")},
-    not_in_mjcf="MuJoCo has no actuator that limits the rate of its command",
 )
 
 EFFECTS = (COMMAND_DELAY, DEAD_ZONE)

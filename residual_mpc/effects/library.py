@@ -3,15 +3,16 @@ own come last."""
 
 from collections.abc import Iterator, Mapping
 
-from residual_mpc.effects import actuator, body, command, contact, sensor
+from residual_mpc.effects import actuator, body, command, contact, sensor, surroundings
 from residual_mpc.effects.effect import Effect, Quantity, Site, Values
-from residual_mpc.effects.ops import Array
+from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.plugged import plugged_in
 
 BUILT_IN: tuple[Effect, ...] = (
     *command.EFFECTS,
     *actuator.EFFECTS,
     *body.EFFECTS,
+    *surroundings.EFFECTS,
     *contact.EFFECTS,
     *sensor.EFFECTS,
 )
@@ -38,6 +39,16 @@ def present(effects: Effects, *sites: Site) -> Iterator[tuple[Effect, Values]]:
     for effect in CHAINED:
         if effect.place in sites and effect.name in effects:
             yield effect, effects[effect.name]
+
+
+def elastic_line(ops: Ops, effects: Effects) -> tuple[Array, Array] | None:
+    """Torque at position 0, N m, and stiffness, N m/rad, of the effects beside joints, which are linear in position;
+    None without any."""
+    laws = [(e.step, p) for e, p in present(effects, "elastic") if e.step is not None]
+    if not laws:
+        return None
+    at_zero = sum(step(ops, p, 0.0) for step, p in laws)
+    return at_zero, at_zero - sum(step(ops, p, 1.0) for step, p in laws)
 
 
 def changes(effects: Effects, quantity: Quantity) -> Array | None:

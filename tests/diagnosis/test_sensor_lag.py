@@ -16,7 +16,7 @@ SIGMA = {"pose.x": 0.001, "pose.y": 0.001, "pose.theta": 0.002}  # m, m, rad
 
 
 def slow_run(seed: int, lag: float) -> Run:
-    """20 s at 50 Hz with encoders; the pose is averaged over what came before, weighed by exp(-age / lag)."""
+    """20 s at 50 Hz with encoders; the pose is an exponentially weighted mean of past poses, time constant lag."""
     rng = np.random.default_rng([seed, 6])
     run = rover_run(f"r{seed}", {}, 20.0, 50.0, seed=seed, noise=0.0)
     columns = dict(run.columns)

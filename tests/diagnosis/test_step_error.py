@@ -8,13 +8,17 @@ import mujoco
 import numpy as np
 import pytest
 from oracles.arms import arm_xml, robot_of
+from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
+from oracles.rover_log import rover_run
 
+from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.step_error import step_error
+from residual_mpc.diagnosis.results import gaps
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 
@@ -55,6 +59,19 @@ def test_halving_the_step_halves_the_error(tmp_path: Path) -> None:
         data = build_dataset([swinging(1)], [robot], {}, 1.0, settings=DataSettings())
         found.append(step_error(data, measure_scales(data), Settings(1), settings=DataSettings()) or 0.0)
     assert found[0] == pytest.approx(2 * found[1], rel=0.3)
+
+
+@pytest.mark.parametrize("error", [0.0, 1.0])
+def test_a_large_step_error_limits_every_probability(monkeypatch: pytest.MonkeyPatch, error: float) -> None:
+    """A track that is beyond doubt, judged by a model whose step is said to err by nothing and by much."""
+    monkeypatch.setattr(gaps, "step_error", lambda *given, **settings: error)
+    runs = [rover_run(f"r{k}", {"track_width": {"scale": 1.25}}, 16.0, seed=k) for k in range(2)]
+    robot = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
+    options = Options(only=("track_width",))
+    found = diagnose(runs, [robot] * 2, {}, (), options, np.random.default_rng(0)).diagnosis
+    (cause,) = found.causes
+    assert (cause.probability <= 0.5) == bool(error) and (error > 0 or cause.probability > 0.9)
+    assert any("the named effects may only stand" in note for note in found.notes) == bool(error)
 
 
 def test_effects_that_may_stand_for_the_step_are_doubted(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from residual_mpc.effects.actuator import (
     lag_start,
     lag_step,
     line_limits,
+    rate_start,
+    rate_step,
     sag_step,
     saturation_step,
 )
@@ -22,15 +24,15 @@ from residual_mpc.effects.body import (
     coulomb_level,
     gear_level,
     load_level,
-    spring_torque,
     stribeck_level,
     viscous_torque,
 )
-from residual_mpc.effects.command import dead_zone_step, delay_start, delay_step, rate_start, rate_step
+from residual_mpc.effects.command import dead_zone_step, delay_start, delay_step
 from residual_mpc.effects.contact import slope_drift
 from residual_mpc.effects.ground import ground_twist
 from residual_mpc.effects.ops import NUMPY, Array, Ops, casadi_ops, jax_ops
 from residual_mpc.effects.sensor import mounted, unmounted
+from residual_mpc.effects.surroundings import spring_torque
 
 STEPS, N = 20, 5  # steps of a sequence, signals side by side
 DT = 0.02  # s

@@ -17,7 +17,7 @@ STEPS = 200
 
 
 def compared(tmp_path: Path, hypothesis: dict, model: mujoco.MjModel) -> None:
-    """The replay under a hypothesis is the other model's, and beside it a row without is the robot's own."""
+    """Check a hypothesis against another model, and a row without effects in the same batch against the robot's own."""
     robot = robot_of(tmp_path, arm_xml())
     drive, start = random_drive(robot, 2, STEPS), random_start(robot, 2)
     came = robot.replay(start, drive, settings_of(robot, hypothesis, {}), CHANNELS)

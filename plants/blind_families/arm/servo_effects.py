@@ -9,9 +9,9 @@ import numpy as np
 
 from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint, one_joint
 from plants.blind_families.planting import Planting, Plantings, by_name
-from residual_mpc.effects.actuator import TORQUE_SPEED_LIMIT
-from residual_mpc.effects.body import BASE_TILT, END_STOP, GEAR_EFFICIENCY, JOINT_SPRING, TORQUE_OFFSET
-from residual_mpc.effects.command import RATE_LIMIT
+from residual_mpc.effects.actuator import RATE_LIMIT, TORQUE_SPEED_LIMIT
+from residual_mpc.effects.body import GEAR_EFFICIENCY
+from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET
 
 Made = tuple[ArmRobot, dict[str, float]]
 _STIFF_STOP = 4000.0  # rad^2/s^2: a stop's torque at its usual depth, in units of the inertia, per rad

@@ -39,6 +39,11 @@ class Surroundings:
     hard: Array | float = 1.0
     tilt: tuple[float, float] = (0.0, 0.0)
 
+    @property
+    def loses(self) -> bool:
+        """Whether a gear has a loss."""
+        return bool(np.any(np.not_equal(self.forward, 1.0)) or np.any(np.not_equal(self.backward, 1.0)))
+
     def ramped(self, before: Array, u: Array, dt: float) -> Array:
         """The setpoint (s, n) after dt, which follows u with a rate that fades as it arrives."""
         if not np.isfinite(self.ramp).any():
@@ -58,7 +63,7 @@ class Surroundings:
 
     def lost(self, torque: Array, v: Array) -> Array | float:
         """N m (s, n) that the gears lose, against the motion."""
-        if np.all(np.equal(self.forward, 1.0)) and np.all(np.equal(self.backward, 1.0)):
+        if not self.loses:
             return 0.0
         drives = 0.5 + 0.5 * np.tanh(torque * v / (_TURNS * self.power))
         share = drives * (1.0 - self.forward) + (1.0 - drives) * (1.0 / np.asarray(self.backward) - 1.0)

@@ -201,8 +201,8 @@ class Stepper:
     def become(self, truth: ArmTruth) -> None:
         """Go on as another truth with the same bodies, gears and delays."""
         self.p = truth
-        loses = not (np.all(np.equal(truth.beside.forward, 1.0)) and np.all(np.equal(truth.beside.backward, 1.0)))
-        self.rubbing = bool(np.any(truth.static) or np.any(truth.load) or np.any(truth.warm_up)) or loses
+        rubs = np.any(truth.static) or np.any(truth.load) or np.any(truth.warm_up)
+        self.rubbing = bool(rubs) or truth.beside.loses
 
     @property
     def q(self) -> Array:

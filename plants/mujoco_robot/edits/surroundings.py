@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
-from residual_mpc.effects.library import Effects, changes, present
+from residual_mpc.effects.library import Effects, changes, elastic_line
 from residual_mpc.effects.ops import NUMPY
 
 NO_STOP = 1e6  # rad: the other end of a range that has one stop
@@ -14,7 +14,7 @@ WEAK = 1e-9  # N m/rad per N m: the stiffness of a spring that stands for a cons
 
 def edit_surroundings(batch: Any, robot: CompiledRobot, effects: Effects) -> None:
     """Write springs, constant torques, stops and gravity's direction into the batch (one row a simulation)."""
-    elastic = elastic_torques(robot, effects)
+    elastic = elastic_line(NUMPY, effects)
     if elastic is not None:
         _add_springs(batch, robot, *elastic)
     stops = changes(effects, "joint stop")
@@ -25,16 +25,6 @@ def edit_surroundings(batch: Any, robot: CompiledRobot, effects: Effects) -> Non
         gravity = batch.expand("opt.gravity")
         rows = np.flatnonzero((roll[:, 0] != 0) | (pitch[:, 0] != 0))
         gravity[rows] = np.stack(tilted(robot.model.opt.gravity, roll[rows, 0], pitch[rows, 0], NUMPY), axis=-1)
-
-
-def elastic_torques(robot: CompiledRobot, effects: Effects) -> tuple[np.ndarray, np.ndarray] | None:
-    """(B, slots) torque at position 0, N m, and stiffness, N m/rad, of the effects beside the joints; None without."""
-    found = [(e, p) for e, p in present(effects, "elastic") if e.step is not None]
-    if not found:
-        return None
-    at_zero = sum(e.step(NUMPY, p, 0.0) for e, p in found if e.step is not None)
-    at_one = sum(e.step(NUMPY, p, 1.0) for e, p in found if e.step is not None)
-    return np.asarray(at_zero), np.asarray(at_zero - at_one)
 
 
 def tilted(gravity: Any, roll: Any, pitch: Any, ops: Any) -> tuple[Any, Any, Any]:

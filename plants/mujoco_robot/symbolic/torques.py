@@ -10,7 +10,7 @@ from plants.mujoco_robot.symbolic.implicit import Torques
 from plants.mujoco_robot.symbolic.numbers import Parameters
 from residual_mpc.effects.chain import Chain, scaled
 from residual_mpc.effects.effect import Site
-from residual_mpc.effects.library import BY_NAME, changes, present
+from residual_mpc.effects.library import BY_NAME, changes, elastic_line, present
 from residual_mpc.effects.ops import Array, Kinks, Ops, clip
 from residual_mpc.extras import extra
 
@@ -55,7 +55,8 @@ class JointTorques:
                 whole[j], damping[j], stiffness[j] = self._limited(*laws, v[j], change[0][j], change[1], low, high)
             drag, spring = self._damping(j, p), float(robot.model.jnt_stiffness[number])
             rest = float(robot.model.qpos_spring[robot.places[j]])
-            at_zero, more = self._beside(j, p)
+            beside = self.parameters.at(robot.joints[j], p, "elastic")
+            at_zero, more = elastic_line(self.kinks.exact, beside) or (0.0, 0.0)
             whole[j] = whole[j] - drag * v[j] - spring * (q[j] - rest) + at_zero - more * q[j]
             damping[j], stiffness[j] = damping[j] + drag, stiffness[j] + spring + more
         return Torques(whole, damping, stiffness, self._dry(v, given, p))
@@ -155,17 +156,6 @@ class JointTorques:
         joint = self.robot.joints[j]
         own = self.parameters.own(f"joint.{joint}.damping", p)
         return self._never_below_zero(own, changes(self.parameters.at(joint, p, "damping"), "viscous damping"))
-
-    def _beside(self, j: int, p: Sequence[Any]) -> tuple[Any, Any]:
-        """Torque at position 0, N m, and stiffness, N m/rad, of the effects beside a joint."""
-        ops, joint = self.kinks.exact, self.robot.joints[j]
-        at_zero: Any = 0.0
-        stiffness: Any = 0.0
-        for effect, values in present(self.parameters.at(joint, p, "elastic"), "elastic"):
-            assert effect.step is not None
-            here = effect.step(ops, values, 0.0)
-            at_zero, stiffness = at_zero + here, stiffness + here - effect.step(ops, values, 1.0)
-        return at_zero, stiffness
 
     def _never_below_zero(self, own: Array, change: Array | None) -> Array:
         return own if change is None else self.kinks.exact.maximum(own + change, 0.0)

@@ -79,14 +79,16 @@ class _Run:
     width: float = 0.3  # of the scan of thresholds, relative
 
     def values(self, x: np.ndarray) -> dict[Knob, float]:
-        numbers = np.where(self.logarithmic, self.scale * np.exp(SHARE * np.where(self.logarithmic, x, 0.0)), 0.0)
-        numbers = np.where(self.logarithmic, numbers, x * self.scale)
+        numbers = np.where(self.logarithmic, self._grown(x), x) * self.scale
         return {k: float(v) for k, v in zip(self.knobs, numbers, strict=True)}
 
     def local_scale(self) -> np.ndarray:
         """(P,) derivative of each number by x."""
-        here = self.scale * np.exp(SHARE * np.where(self.logarithmic, self.x, 0.0))
-        return np.where(self.logarithmic, SHARE * here, self.scale)
+        return np.where(self.logarithmic, SHARE * self._grown(self.x), 1.0) * self.scale
+
+    def _grown(self, x: np.ndarray) -> np.ndarray:
+        """(P,) exp(x SHARE) where a number is logarithmic, 1 elsewhere."""
+        return np.asarray(np.exp(SHARE * np.where(self.logarithmic, x, 0.0)))
 
 
 def fit_all(

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.effects.body import ARMATURE, BASE_TILT, END_STOP, LINK_MASS, PAYLOAD
+from residual_mpc.effects.body import ARMATURE, LINK_MASS, PAYLOAD
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import LIBRARY
+from residual_mpc.effects.surroundings import BASE_TILT, END_STOP
 from residual_mpc.logs.columns import is_measured
 from residual_mpc.models.contract.demand import ContractBroken, demand
 from residual_mpc.models.contract.optional_members import check_optional
