@@ -65,6 +65,20 @@ class MujocoRobot(CompiledRobot):
             spec.option.timestep *= 0.5
         return replace(self, model=model, spec=spec, finer=2 * self.finer)
 
+    def with_longer_step(self, times: int) -> "MujocoRobot | None":
+        """See residual_mpc.models.optional.LengtheningStep; None for a robot with wheels, whose contacts need theirs."""
+        if self.base is not None or self.finer != 1:
+            return None
+        if times not in self._longer:
+            model = copy(self.model)
+            model.opt.timestep *= times
+            self._longer[times] = replace(self, model=model, own=self, longer=times)
+        return self._longer[times]
+
+    @cached_property
+    def _longer(self) -> "dict[int, MujocoRobot]":
+        return {}
+
     def bounds(self, effect: str, parameter: str, slot: str | None) -> tuple[float, float]:
         return bounds_of_all(self._bounds, effect, parameter, slot)
 

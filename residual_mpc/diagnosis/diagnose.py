@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prep
 from residual_mpc.diagnosis.phases.refine import refine
 from residual_mpc.diagnosis.phases.search import search_effects
 from residual_mpc.diagnosis.phases.validate import validate
+from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.remainder.learning import Learner, RidgeLearner
 from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult
@@ -51,11 +52,15 @@ def diagnose(
 def _known(prepared: Prepared) -> list[Any]:
     """What the phases refer to and every run has after the first of them: robots, runs and the windows."""
     looks = [d for look in prepared.longer for d in (look.raw, look.clean, *(look.free or ())[:1])]
-    data = [prepared.raw, prepared.clean, *looks]
-    robots = [b.robot for d in data for b in d.blocks]
-    return [prepared, prepared.space, prepared.options, *data, prepared.space.robot, *robots, *prepared.raw.runs]
+    data = [prepared.raw, prepared.clean, *looks, *(prepared.near or ())[:1]]
+    robots = list(dict.fromkeys(b.robot for d in data for b in d.blocks))
+    longer = [r for robot in robots for r in longer_steps_of(robot, prepared.options.settings.predict)]
+    shared = [prepared.space.robot, *robots, *longer, *prepared.raw.runs]
+    return [prepared, prepared.space, prepared.options, *data, *shared]
 
 
 def _without_memory(thing: Any) -> Any:
     """Predictions that were made before are made again."""
-    return (PredictionCache, (thing.data, thing.space)) if isinstance(thing, PredictionCache) else NotImplemented
+    if not isinstance(thing, PredictionCache):
+        return NotImplemented
+    return PredictionCache, (thing.data, thing.space, None, None, thing.own, thing.change)

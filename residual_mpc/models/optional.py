@@ -100,6 +100,14 @@ class HalvingStep(Protocol):
         ...
 
 
+@runtime_checkable
+class LengtheningStep(Protocol):
+    def with_longer_step(self, times: int) -> Robot | None:
+        """The same robot with a `step` that is `times` as long, which simulates faster and less exactly; None where that
+        cannot be."""
+        ...
+
+
 def actuator_joints(robot: Robot) -> tuple[str, ...]:
     """The joint that each actuator drives; by default they share their names."""
     robot = innermost(robot)
@@ -157,3 +165,8 @@ def disturbed(robot: Robot) -> tuple[str, ...]:
 def with_half_step(robot: Robot) -> Robot | None:
     """The robot simulated at half its time step; by default None, as of one that integrates exactly."""
     return robot.with_half_step() if isinstance(robot, HalvingStep) else None
+
+
+def with_longer_step(robot: Robot, times: int) -> Robot | None:
+    """The robot with a step that is `times` as long; by default None."""
+    return robot.with_longer_step(times) if isinstance(robot, LengtheningStep) else None

@@ -34,11 +34,12 @@ def replay(
     between two steps of a small model, Python costs more than MuJoCo.
     """
     parts = []
-    for apart, rows in by_gears(robot, settings):
+    for apart, rows in by_gears(robot.own or robot, settings):
+        apart = robot if apart is robot.own else apart
         slow = changing(apart, settings, wanted)[rows]
         parts += [(apart, some, stepped) for stepped in (True, False) if len(some := rows[slow == stepped])]
     if len(parts) == 1:
-        return _replay(parts[0][0], start, drive, settings, wanted, parts[0][2])
+        return _on_own_steps(robot, parts[0][0], start, drive, settings, wanted, parts[0][2])
     out = {c: np.empty((settings.rows, drive.steps + 1)) for c in wanted}
     for apart, rows, stepped in parts:
         part = replace(
@@ -49,10 +50,36 @@ def replay(
             setting=None if drive.setting is None else drive.setting[rows],
             enabled_before=None,
         )
-        found = _replay(apart, {k: v[rows] for k, v in start.items()}, part, settings.take(rows), wanted, stepped)
+        begun = {k: v[rows] for k, v in start.items()}
+        found = _on_own_steps(robot, apart, begun, part, settings.take(rows), wanted, stepped)
         for c in wanted:
             out[c][rows] = found[c]
     return out
+
+
+def _on_own_steps(
+    robot: CompiledRobot,
+    apart: CompiledRobot,
+    start: Mapping[str, np.ndarray],
+    drive: Drive,
+    settings: Settings,
+    wanted: tuple[str, ...],
+    stepped: bool,
+) -> Mapping[str, np.ndarray]:
+    """The replay of rows whose robot is `apart`. Where the robot has a longer step, split gears keep the model file's:
+    their stops and springs are stiff."""
+    times = robot.longer
+    if times == 1 or apart.gears is None:
+        return _replay(apart, start, drive, settings, wanted, stepped)
+    fine = replace(
+        drive,
+        dt=drive.dt / times,
+        lead=drive.lead * times,
+        command=np.repeat(drive.command, times, axis=1),
+        enabled=None if drive.enabled is None else np.repeat(drive.enabled, times, axis=1),
+        enabled_before=None,
+    )
+    return {c: y[:, ::times] for c, y in _replay(apart, start, fine, settings, wanted, stepped).items()}
 
 
 def threads_for(size: int) -> int:

@@ -37,6 +37,8 @@ class CompiledRobot:
     settings: "tuple[CompiledRobot, ...]" = ()  # where several settings were merged: the robot in each
     differing: tuple[str, ...] = ()  # the model fields in which they differ
     finer: int = 1  # simulation steps in one of the robot's
+    own: "CompiledRobot | None" = None  # of a robot with a longer step: the same with the step of the model file
+    longer: int = 1  # steps of the model file in one of the robot's
     held: tuple[str, ...] = ()  # actuators of the model file that act on no joint and are not commanded
 
     @cached_property

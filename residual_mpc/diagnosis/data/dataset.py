@@ -20,12 +20,20 @@ POSITION_LIKE = ("position", "pose")
 @dataclass(frozen=True)
 class Block:
     """The windows of the runs that share one robot model (a variant), as rows `where` of the dataset's arrays. later:
-    whether they are of the later one of two sets of runs, to which `Settings.later` apply."""
+    whether they are of the later one of two sets of runs, to which `Settings.later` apply. own: steps of the user's
+    model in one of the drive's.
+    """
 
     robot: Robot
     where: slice
     drive: Drive
     later: bool = False
+    own: int = 1
+
+    @property
+    def steps(self) -> int:
+        """Of the user's model in one window."""
+        return self.drive.steps * self.own
 
 
 @dataclass(frozen=True)
@@ -60,8 +68,8 @@ class Dataset:
 
     @property
     def cost(self) -> int:
-        """Simulation steps that one hypothesis costs on all windows."""
-        return sum((b.where.stop - b.where.start) * b.drive.steps for b in self.blocks)
+        """Steps of the user's model that one hypothesis costs on all windows."""
+        return sum((b.where.stop - b.where.start) * b.steps for b in self.blocks)
 
     def take(self, keep: np.ndarray) -> "Dataset":
         """The windows where the mask (W,) is true."""

@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.data.settings import DataSettings
 def thin(data: Dataset, steps: int, *, settings: DataSettings = DataSettings()) -> Dataset:
     """Less to replay, so that one hypothesis costs at most about `steps` simulation steps: windows cut to their first
     half, and evenly fewer of them."""
-    if data.count * max(b.drive.steps for b in data.blocks) > 2 * steps:
+    if data.count * max(b.steps for b in data.blocks) > 2 * steps:
         data = shorten(data, 0.5)
     keep = evenly(data, steps, settings=settings)
     return data if keep.all() else data.take(keep)
@@ -20,7 +20,7 @@ def thin(data: Dataset, steps: int, *, settings: DataSettings = DataSettings()) 
 def thin_whole(data: Dataset, steps: int, settings: DataSettings) -> Dataset:
     """As `thin`, of windows whose length is their point: none is cut short, and a few are always left."""
     keep = evenly(
-        data, max(steps, settings.subsampling.fewest_whole * max(b.drive.steps for b in data.blocks)), settings=settings
+        data, max(steps, settings.subsampling.fewest_whole * max(b.steps for b in data.blocks)), settings=settings
     )
     return data if keep.all() else data.take(keep)
 

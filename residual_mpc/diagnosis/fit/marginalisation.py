@@ -7,6 +7,7 @@ import numpy as np
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating, whitened
 from residual_mpc.diagnosis.predict.step_error import finer_prediction
 from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level, small_differences
@@ -30,14 +31,24 @@ def tolerant(problem: Problem, fit: Fit, settings: FitSettings) -> Problem:
     return tolerating(plain, replace(problem.tolerances, level=level, dispersion=phi))
 
 
-def carrying(problem: Problem, values: Values, free: tuple[Knob, ...] = (), *, settings: FitSettings) -> Problem:
+def carrying(
+    problem: Problem,
+    values: Values,
+    free: tuple[Knob, ...] = (),
+    by: PredictionCache | None = None,
+    *,
+    settings: FitSettings,
+) -> Problem:
     """The problem with the columns of its tolerances measured at these values, not yet marginalised; none of `free`.
 
+    by: predictions on the same windows that differ from the problem's in their steps alone, None for the problem's.
     What the model's own time step lacks is one of them: it is a small difference like the others."""
     rows = small_differences(problem.space, values, free, settings=settings.predict)
-    here, *moved = problem.replays([values, *rows])
+    here, *moved = (by or problem.replays)([values, *rows])
     seen = np.isfinite(problem.data.y)
-    finer = finer_prediction(problem.data, problem.space.settings([values]), here)
+    own, row = problem.replays.own, problem.space.settings([values])
+    exact = own is None and by is None
+    finer = finer_prediction(problem.data if own is None else own, row, here if exact else None)
     changes = [m - here for m in moved] + ([] if finer is None else [finer])
     columns = [np.clip(np.nan_to_num(np.where(seen, m, 0.0)), -1e6, 1e6).reshape(len(here), -1) for m in changes]
     none = np.zeros((len(here), here[0].size, 0))

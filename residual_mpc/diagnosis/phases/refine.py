@@ -16,7 +16,9 @@ from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.search import Searched
 from residual_mpc.diagnosis.predict.horizons import HorizonWindows
+from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.tolerances import small_differences
@@ -57,7 +59,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, problem, before, final,
         polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, vetoed, doubtful, expected,
-        _marginalised(problem, final, options),
+        _marginalised(problem, searched.scales, final, options),
     )  # fmt: skip
     return Refined(explanation, prepared.longer, options)
 
@@ -68,7 +70,7 @@ def _trusting(problem: Problem, values: Values, scales: Scales, settings: Result
     return problem if (trust == 1.0).all() else replace(problem, count=trust)
 
 
-def _marginalised(problem: Problem, final: Fit, options: Options) -> MarginalisedFit | None:
+def _marginalised(problem: Problem, scales: Scales, final: Fit, options: Options) -> MarginalisedFit | None:
     """The last fit with small differences marginalised in every number that it does not free; None where there are
     none, and where their columns would not fit into memory."""
     settings, phases = options.settings.fit, options.phases
@@ -77,7 +79,10 @@ def _marginalised(problem: Problem, final: Fit, options: Options) -> Marginalise
     differences = small_differences(problem.space, final.values, settings=settings.predict)
     if problem.data.y.size * len(differences) > phases.marginal_columns:
         return None
-    wide = tolerant(carrying(problem, final.values, final.knobs, settings=settings), final, settings=settings)
+    quick = quickened(problem.data, scales, settings=settings.predict)
+    by = None if quick is problem.data else PredictionCache(quick, problem.space)
+    carried = carrying(problem, final.values, final.knobs, by, settings=settings)
+    wide = tolerant(carried, final, settings=settings)
     if wide.wide is None:
         return None
     return MarginalisedFit(wide, fit_all(wide, [final.values], phases.marginal_steps, settings=settings)[0])

@@ -16,6 +16,7 @@ from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of, well_begun
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.problem import build_problem, reweigh
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
@@ -115,7 +116,9 @@ def _on(
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 2.0))
     few = (thin if start is None else thin_whole)(windows, budget, settings=settings.data)
     few = well_begun(few, scales, rng, settings=settings.predict)
-    problem = build_problem(few, space, few.sigma, scales.motion, settings=settings.predict)
+    quick = quickened(few, scales, settings=settings.predict)
+    own = None if quick is few else few
+    problem = build_problem(quick, space, few.sigma, scales.motion, own, settings=settings.predict)
     if start is None:
         earlier = _earlier(prepared)
         return stepwise_search(problem, scales, settings.search, rng, report, earlier, questioned=bool(earlier))

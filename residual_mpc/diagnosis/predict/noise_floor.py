@@ -9,6 +9,7 @@ from scipy.special import chdtri
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window
 from residual_mpc.diagnosis.data.subsampling import evenly
+from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.models.settings import Settings
@@ -35,8 +36,9 @@ def floor_of(
     """The noise floor of the model `row` on these windows (of very many, evenly chosen ones), with the data's noise."""
     keep = evenly(data, settings.floor.steps, settings=settings.data)
     some = data if keep.all() else data.take(keep)
+    quick = quickened(some, scales, settings=settings)
     return floor_from(
-        [gap_of(some, scales, e) for e in noise_errors(some, row, rng, settings.floor.draws)],
+        [gap_of(some, scales, e) for e in noise_errors(quick, row, rng, settings.floor.draws)],
         some.count,
         settings=settings,
     )
@@ -94,5 +96,5 @@ def floor_draws(data: Dataset, steps: int, settings: PredictSettings) -> int:
     """How often the noise is drawn for the floor: as many simulation steps in all as most_draws times `steps`, so that
     a longer log, whose gap scatters less, does not cost more."""
     tuned = settings.floor
-    cost = data.count * max(b.drive.steps for b in data.blocks)
+    cost = data.count * max(b.steps for b in data.blocks)
     return int(np.clip(tuned.most_draws * steps // cost, tuned.fewest_draws, tuned.most_draws))

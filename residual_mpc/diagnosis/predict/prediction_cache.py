@@ -3,7 +3,7 @@ windows, and a replay costs more than all else."""
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,17 +22,39 @@ class PredictionCache:
     """The predictions of hypotheses on the windows of `data`, the latest of them kept.
 
     source: where the same hypotheses may be known from; its windows `pick` (W_source,), cut to what `data` holds of
-    each, are these.
+    each, are these. own: the same windows with the steps of the user's model, where those of `data` are longer; change
+    (W, M, C): what these would change, as measured at one hypothesis and added to every prediction (see `about`).
     """
 
     data: Dataset
     space: Space
     source: "PredictionCache | None" = None
     pick: np.ndarray | None = None
+    own: Dataset | None = None
+    change: np.ndarray | None = None
     kept: "OrderedDict[Key, np.ndarray]" = field(default_factory=OrderedDict)
 
     def __call__(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M, C) channel units; see `predict`."""
+        found = self._on_these_steps(hypotheses)
+        return found if self.change is None else found + self.change
+
+    def about(self, values: Values, size: np.ndarray, most: float) -> "PredictionCache":
+        """The same with the predictions of the user's model at these values, and of near ones but for what longer steps
+        change of the difference. Where they change more than the share `most` of the motion, size (C,), they are given
+        up."""
+        if self.own is None:
+            return self
+        exact = predict(self.own, self.space.settings([values]))[0]
+        change = exact - self._on_these_steps([values])[0]
+        seen = np.isfinite(self.data.y)
+        with np.errstate(invalid="ignore", over="ignore"):
+            square = np.where(seen, (change / size) ** 2, np.nan)
+            far = not np.isfinite(change[seen]).all() or np.nanmean(square[..., np.isfinite(size)]) > most**2
+        return PredictionCache(self.own, self.space) if far else replace(self, change=np.where(seen, change, 0.0))
+
+    def _on_these_steps(self, hypotheses: Sequence[Values]) -> np.ndarray:
+        """(H, W, M, C) as the steps of `data` have it."""
         keys = [_key(h) for h in hypotheses]
         found = {key: known for key in keys if (known := self.known(key)) is not None}
         new: Mapping[Key, Values] = {k: h for k, h in zip(keys, hypotheses, strict=True) if k not in found}
@@ -56,7 +78,8 @@ class PredictionCache:
 
     def of(self, data: Dataset, pick: np.ndarray) -> "PredictionCache":
         """On some of these windows, whole or cut short."""
-        return PredictionCache(data, self.space, self, pick)
+        change = None if self.change is None else self.change[pick, : data.y.shape[1]]
+        return PredictionCache(data, self.space, self, pick, change=change)
 
     def _keep(self, new: Mapping[Key, Values], fresh: np.ndarray) -> None:
         most = max(1, ROOM // self.data.y.size)

@@ -68,13 +68,21 @@ def build_problem(
     space: Space,
     sigma: np.ndarray,
     motion: np.ndarray | None = None,
+    own: Dataset | None = None,
     *,
     settings: PredictSettings = PredictSettings(),
 ) -> Problem:
-    """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better;
+    """own: see PredictionCache. sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better;
     motion (C,): see Problem; None for a problem that no search ranks by."""
     size = np.full(len(sigma), np.inf) if motion is None else motion
-    return weighed(PredictionCache(data, space), start_sensitivity(data, space, {}, settings=settings), sigma, size)
+    replays = PredictionCache(data, space, own=own)
+    return weighed(replays, start_sensitivity(data, space, {}, settings=settings), sigma, size)
+
+
+def about(problem: Problem, values: Values, settings: PredictSettings) -> Problem:
+    """The problem with predictions that are those of the user's model at these values, where its steps are longer."""
+    replays = problem.replays.about(values, problem.motion, settings.longer_steps.error)
+    return problem if replays is problem.replays else replace(problem, data=replays.data, replays=replays)
 
 
 def reweigh(problem: Problem, sigma: np.ndarray) -> Problem:

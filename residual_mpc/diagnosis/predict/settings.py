@@ -81,9 +81,24 @@ class ToleranceSettings:
 
 
 @dataclass(frozen=True)
+class LongerStepSettings:
+    """A search simulates with steps of at most `longest` s where these change the nominal model's predictions by less
+    than the share `error` of the motion, on `windows` of the windows."""
+
+    longest: float = 0.005
+    error: float = 0.03
+    windows: int = 24
+
+    def __post_init__(self) -> None:
+        check_positive(self, "longest", "windows")
+        check_share(self, "error")
+
+
+@dataclass(frozen=True)
 class PredictSettings:
     data: DataSettings = field(default_factory=DataSettings)
     start: StartSettings = field(default_factory=StartSettings)
     horizons: HorizonSettings = field(default_factory=HorizonSettings)
     floor: FloorSettings = field(default_factory=FloorSettings)
     tolerances: ToleranceSettings = field(default_factory=ToleranceSettings)
+    longer_steps: LongerStepSettings = field(default_factory=LongerStepSettings)

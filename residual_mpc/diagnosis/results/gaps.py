@@ -11,6 +11,7 @@ from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, win
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
+from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_draws, floor_from, floor_of
 from residual_mpc.diagnosis.predict.problem import build_problem
@@ -128,7 +129,8 @@ def measure_gaps(
     row = rows.take(np.array([2 if helps else 1]))
     noise = _noise(of, longer, row, settings=settings)
     raw, seen = replace(of.raw, noise=noise), replace(of.after_data, noise=noise)
-    floors = noise_errors(seen, row, rng, floor_draws(seen, steps, settings=settings.predict))
+    quick = quickened(seen, scales, settings=settings.predict)
+    floors = noise_errors(quick, row, rng, floor_draws(seen, steps, settings=settings.predict))
     floor = floor_from([gap_of(seen, scales, e, test) for e in floors], int(test.sum()), settings=settings.predict)
     everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count, settings=settings.predict)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, settings=settings)]

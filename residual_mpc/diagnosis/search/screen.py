@@ -131,7 +131,7 @@ def rankings(leads: Sequence[ScreenedTerm]) -> list[list[ScreenedTerm]]:
 
 def _steps(problem: Problem) -> int:
     """Simulation steps of one hypothesis."""
-    return problem.data.count * max(b.drive.steps for b in problem.data.blocks)
+    return problem.data.count * max(b.steps for b in problem.data.blocks)
 
 
 def smaller(problem: Problem, current: Fit, settings: SearchSettings) -> tuple[Problem, float]:
@@ -142,13 +142,13 @@ def smaller(problem: Problem, current: Fit, settings: SearchSettings) -> tuple[P
     """
     tuned = settings.screen
     data = problem.data
-    steps = max(b.drive.steps for b in data.blocks)
+    steps = max(b.steps for b in data.blocks)
     if data.count * steps <= tuned.steps:
         return problem, 1.0
     half = shorten(data, 0.5) if data.count * steps > 2 * tuned.steps and data.horizon > tuned.shortest else data
     if _first(current, half.y.shape[1], data.y.shape[1]) < tuned.late:
         half = data
-    steps = max(b.drive.steps for b in half.blocks)
+    steps = max(b.steps for b in half.blocks)
     stands_for = drawn(current.per_window, max(tuned.fewest, tuned.steps // steps))
     pick = stands_for > 0
     few = half.take(pick)

@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying
 from residual_mpc.diagnosis.fit.start_values import elsewhere
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
-from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.additions import NONE, additions, distinct
 from residual_mpc.diagnosis.search.pairs import pairs
@@ -69,7 +69,7 @@ def stepwise_search(
         beam = refit(judge(problem, known, noise, scales, settings=settings), [known], settings=settings)
     forward = Forward(problem, ruler, base, noise, blocks, report, settings)
     beam, steps, met = forward.go_on(beam)
-    if ruler.much_left(beam[0]):  # what closes a good part of that is better than nothing
+    if forward.ruler_at(about(problem, beam[0].values, settings=settings.predict)).much_left(beam[0]):  # what closes a good part of that is better than nothing
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
         beam, more, seen_there = unmarginalised.go_on(beam[:1])
         if more:
@@ -77,7 +77,10 @@ def stepwise_search(
     last = beam[0]
     if (steps or questioned) and len(last.terms) <= settings.steps.together:
         report("testing each effect by removing it", 1.0)
-        last = prune(forward.at(last), ruler, last, base, noise, blocks, settings, thorough=True)
+        closer = forward.at(last)
+        last = prune(closer, forward.ruler_at(closer), last, base, noise, blocks, settings, thorough=True)
+    problem = about(problem, last.values, settings=settings.predict)
+    ruler = forward.ruler_at(problem)
     here = judge(carrying(problem, last.values, settings=settings.fit), last, noise, scales, settings=settings)
     current, base = refit(here, [last, base], settings=settings)
     sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
@@ -100,23 +103,27 @@ class Forward:
     small_differences: bool = True
 
     def at(self, fit: Fit) -> Problem:
-        """The problem, carrying the columns of the small differences about this fit where they are marginalised."""
-        return (
-            carrying(self.problem, fit.values, settings=self.settings.fit) if self.small_differences else self.problem
-        )
+        """The problem about this fit, carrying the columns of the small differences where they are marginalised."""
+        problem = about(self.problem, fit.values, settings=self.settings.predict)
+        return carrying(problem, fit.values, settings=self.settings.fit) if self.small_differences else problem
 
-    def _leaves_much(self, alone: Fit, best: Fit) -> bool:
+    def ruler_at(self, problem: Problem) -> Ruler:
+        """The ruler with this problem's predictions."""
+        return replace(self.ruler, replays=problem.replays)
+
+    def _leaves_much(self, ruler: Ruler, alone: Fit, best: Fit) -> bool:
         """Whether the best single effect leaves much of the gap."""
-        before, after = self.ruler.squared([alone, best])
-        return bool(after > self.settings.steps.much * before and self.ruler.much_left(best))
+        before, after = ruler.squared([alone, best])
+        return bool(after > self.settings.steps.much * before and ruler.much_left(best))
 
     def go_on(self, beam: list[Fit]) -> tuple[list[Fit], list[Step], list[Fit]]:
         """Further steps until none is convincing; the beam at the end, the steps taken, and the sets that the last two
         steps came across, those of the last step first, each cheapest first."""
         steps, seen, met = list[Step](), {frozenset(beam[0].terms)}, list[Fit]()
-        ruler, base, blocks, settings = self.ruler, self.base, self.blocks, self.settings
+        base, blocks, settings = self.base, self.blocks, self.settings
         while len(beam[0].terms) < settings.largest:
             problem = self.at(beam[0])
+            ruler = self.ruler_at(problem)
             here = judge(problem, beam[0], self.noise, ruler.scales, settings=settings)
             looked_on = refit(here, beam[1:], settings.additions.rough, settings=settings)
             beam = refit(here, beam[:1], settings=settings) + looked_on
@@ -124,7 +131,7 @@ class Forward:
             text = f"searching ({named} effect{'' if named == 1 else 's'} so far)"
             self.report(text, named / settings.largest)
             children = additions(here, beam, blocks, settings)
-            if named == 0 and children and self._leaves_much(beam[0], children[0]):
+            if named == 0 and children and self._leaves_much(ruler, beam[0], children[0]):
                 children = sorted([*pairs(here, beam[0], blocks, settings=settings), *children], key=lambda f: f.cost)
             children = trimmed(here, children, blocks, seen, settings=settings)
             met = distinct([*children[: settings.steps.met], *met[: settings.steps.met]])

@@ -28,6 +28,10 @@ def check_optional(robot: Robot) -> None:
     halved = optional.with_half_step(robot)
     same = halved is None or (halved.channels == robot.channels and halved.step == robot.step)
     demand(same, "with half the step a robot takes the same drives", "another robot", "equal channels and step")
+    longer = optional.with_longer_step(robot, 2)
+    if longer is not None:
+        twice = longer.channels == robot.channels and robot.step is not None and longer.step == 2 * robot.step
+        demand(twice, "a longer step is so many times the step", f"{longer.step} s", "equal channels and twice the step")
     if isinstance(robot, Stepping):
         _check_step(robot, robot, period)
 

@@ -1,0 +1,76 @@
+"""The same windows on a grid of longer steps, for a search, whose hypotheses need not be simulated exactly.
+
+What longer steps change is measured at the hypothesis that a step of the search begins with and added to all others
+(`PredictionCache.about`): only their differences from it are inexact. The last fits have the model's own steps.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Block, Dataset
+from residual_mpc.diagnosis.data.gap import Scales, gap_of
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.settings import PredictSettings
+from residual_mpc.models import optional
+from residual_mpc.models.protocol import Drive, Robot
+from residual_mpc.models.settings import Settings
+
+
+def quickened(data: Dataset, scales: Scales, settings: PredictSettings) -> Dataset:
+    """The windows with the longest steps that change little of the nominal model's predictions, the same dataset where
+    there are none."""
+    tuned = settings.longer_steps
+    shortest = min(b.drive.dt for b in data.blocks)
+    keep = np.isin(np.arange(data.count), np.linspace(0, data.count - 1, min(data.count, tuned.windows)).astype(int))
+    few = data.take(keep)
+    own = predict(few, Settings(1))[0]
+    for times in range(int(tuned.longest / shortest + 1e-9), 1, -1):
+        longer = with_longer_steps(few, times)
+        if longer is None:
+            return data
+        change = gap_of(few, scales, own - predict(longer, Settings(1))[0]).total
+        if change < tuned.error:
+            return with_longer_steps(data, times) or data
+    return data
+
+
+def longer_steps_of(robot: Robot, settings: PredictSettings) -> list[Robot]:
+    """The robot with each of the steps that a search may take."""
+    most = 0 if robot.step is None else int(settings.longer_steps.longest / robot.step + 1e-9)
+    found = (optional.with_longer_step(robot, times) for times in range(2, most + 1))
+    return [r for r in found if r is not None]
+
+
+def with_longer_steps(data: Dataset, times: int) -> Dataset | None:
+    """The windows with steps that are `times` as long; None where a robot has no other step."""
+    blocks = [_longer(b, times) for b in data.blocks]
+    found = tuple(b for b in blocks if b is not None)
+    return replace(data, blocks=found) if len(found) == len(blocks) else None
+
+
+def _longer(block: Block, times: int) -> Block | None:
+    robot = optional.with_longer_step(block.robot, times)
+    return None if robot is None else replace(block, robot=robot, drive=_coarser(block.drive, times), own=times)
+
+
+def _coarser(drive: Drive, times: int) -> Drive:
+    """The drive on steps that are `times` as long, each with the mean of what was sent in it. A window that ends within
+    a step holds its last command to the step's end; a warm-up that is no multiple begins within one."""
+    lead, steps = drive.lead // times, -(-drive.steps // times)
+    begin, end = drive.lead - lead * times, drive.lead + steps * times
+
+    def mean(x: np.ndarray, a: int, b: int) -> np.ndarray:
+        """(B, n, nu) of x (B, N, nu) from a to b, the last held beyond its end."""
+        held = x[:, np.minimum(np.arange(a, b), x.shape[1] - 1)]
+        return np.asarray(held.reshape(len(x), (b - a) // times, times, -1).mean(axis=2))
+
+    before = drive.enabled_before
+    return replace(
+        drive,
+        dt=drive.dt * times,
+        lead=lead,
+        command=mean(drive.command, begin, end),
+        enabled=None if drive.enabled is None else mean(drive.enabled, 0, steps * times),
+        enabled_before=None if before is None else mean(before, begin, drive.lead),
+    )

@@ -1,0 +1,135 @@
+"""A search with longer steps: exact at the hypothesis that it goes on from, near it elsewhere, and not at any price."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.arms import arm_xml, robot_of
+from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from plants.mujoco_robot.robot import MujocoRobot
+from residual_mpc.checkpoint import Checkpoint, Keeper
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
+from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of, quickened, with_longer_steps
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.settings import LongerStepSettings, PredictSettings
+from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Knob, Settings, Values
+
+SERVOS = '<position name="j1" joint="j1" kp="40" kv="4"/><position name="j2" joint="j2" kp="20" kv="2"/>'
+STEP = 0.001  # s
+FRICTION, LOAD = Knob("viscous_friction", "j1", "coefficient"), Knob("payload", None, "mass")
+PLAY = Knob("backlash", "j2", "gap")
+HERE: Values = {FRICTION: 0.4}
+NEAR: Values = {FRICTION: 0.4, LOAD: 0.1}
+
+
+def moving(seed: int, seconds: float = 8.0) -> Run:
+    """Set points of two servos, and positions that follow them in some way: what is predicted matters here."""
+    t, rng = 0.02 * np.arange(round(seconds / 0.02)), np.random.default_rng(seed)
+    u = np.repeat(0.6 * rng.standard_normal((len(t) // 25 + 1, 2)), 25, axis=0)[: len(t)]
+    q = np.stack([np.convolve(x, np.full(10, 0.1))[: len(t)] for x in u.T], axis=1)
+    q += 1e-4 * rng.standard_normal(q.shape)
+    columns = {f"command.j{i + 1}": u[:, i] for i in range(2)}
+    return Run(f"run{seed}", t, columns | {f"position.j{i + 1}": q[:, i] for i in range(2)})
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> MujocoRobot:
+    text = arm_xml(SERVOS).replace('timestep="0.002"', f'timestep="{STEP}"')
+    return robot_of(tmp_path_factory.mktemp("arm"), text)
+
+
+@pytest.fixture(scope="module")
+def data(robot: MujocoRobot) -> Dataset:
+    return build_dataset([moving(seed) for seed in range(2)], [robot] * 2, {})
+
+
+@pytest.fixture(scope="module")
+def space(data: Dataset) -> Space:
+    return build_space(data, ())
+
+
+def longer(data: Dataset, times: int) -> Dataset:
+    found = with_longer_steps(data, times)
+    assert found is not None
+    return found
+
+
+def test_predictions_are_the_models_own_about_a_hypothesis(data: Dataset, space: Space) -> None:
+    coarse = PredictionCache(longer(data, 4), space, own=data)
+    exact = predict(data, space.settings([HERE, NEAR]))
+    here, near = (np.nanmax(np.abs(p - e)) for p, e in zip(coarse([HERE, NEAR]), exact, strict=True))
+    assert here > 1e-4 and near > 1e-4
+    about = coarse.about(HERE, np.ones(2), 0.1)([HERE, NEAR])
+    np.testing.assert_allclose(about[0], exact[0], atol=1e-12)
+    moved = np.nanmax(np.abs(exact[1] - exact[0]))
+    assert np.nanmax(np.abs(about[1] - exact[1])) < 0.05 * moved
+
+
+def test_parts_of_the_windows_keep_what_the_steps_change(data: Dataset, space: Space) -> None:
+    coarse = longer(data, 4)
+    about = PredictionCache(coarse, space, own=data).about(HERE, np.ones(2), 0.1)
+    pick = np.arange(data.count) % 3 == 0
+    part = about.of(coarse.take(pick), pick)
+    np.testing.assert_allclose(part([NEAR])[0], about([NEAR])[0][pick][:, : part.data.y.shape[1]], atol=1e-12)
+
+
+def test_longer_steps_are_given_up_where_they_change_too_much(data: Dataset, space: Space) -> None:
+    coarse = PredictionCache(longer(data, 4), space, own=data)
+    given_up = coarse.about(HERE, np.ones(2), 1e-6)
+    assert given_up.data is data and given_up.own is None
+    np.testing.assert_array_equal(given_up([NEAR]), predict(data, space.settings([NEAR])))
+
+
+def test_split_gears_keep_the_steps_of_the_model(data: Dataset, space: Space) -> None:
+    """Between set points that last for many steps nothing but the steps differs, and a gear's are not longer."""
+    rows = space.settings([{PLAY: 0.05}])
+    own, coarse = predict(data, rows), predict(longer(data, 4), rows)
+    aligned = np.nanmax(np.abs(own - coarse))
+    without = np.nanmax(np.abs(predict(data, space.settings([{}])) - predict(longer(data, 4), space.settings([{}]))))
+    assert aligned < 0.1 * without
+
+
+def test_the_longest_steps_that_change_little_are_chosen(data: Dataset) -> None:
+    scales = measure_scales(data)
+
+    def chosen(error: float) -> int:
+        settings = PredictSettings(longer_steps=LongerStepSettings(error=error))
+        return quickened(data, scales, settings=settings).blocks[0].own
+
+    assert chosen(0.9) == 5 and chosen(1e-9) == 1
+    nominal = predict(data, Settings(1))[0]
+    changes = {k: gap_of(data, scales, nominal - predict(longer(data, k), Settings(1))[0]).total for k in (2, 3, 4)}
+    assert chosen(0.5 * (changes[2] + changes[3])) == 2
+    assert chosen(0.5 * (changes[3] + changes[4])) == 3
+
+
+def test_costs_count_the_steps_of_the_model(data: Dataset) -> None:
+    assert longer(data, 5).cost == data.cost
+
+
+def test_a_robot_without_another_step_keeps_its_own() -> None:
+    rover = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
+    data = build_dataset([rover_run("run1", {}, 8.0, seed=1)], [rover], SIGMA)
+    assert quickened(data, measure_scales(data), settings=PredictSettings()) is data
+
+
+def test_a_checkpoint_refers_to_robots_with_longer_steps(data: Dataset, space: Space) -> None:
+    robots = [b.robot for b in data.blocks]
+    known = [data, space, *robots, *longer_steps_of(robots[0], PredictSettings()), *data.runs, space.robot]
+    coarse = longer(data, 4)
+    keep = Keeper(Checkpoint(), np.random.default_rng(0), known, lambda thing: NotImplemented)
+    again = keep("search", lambda: coarse)
+    assert again.blocks[0].robot is coarse.blocks[0].robot
+    with pytest.raises(TypeError):
+        pickle.dumps(robots[0])
+
