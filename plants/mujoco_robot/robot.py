@@ -66,7 +66,7 @@ class MujocoRobot(CompiledRobot):
         return replace(self, model=model, spec=spec, finer=2 * self.finer)
 
     def with_longer_step(self, times: int) -> "MujocoRobot | None":
-        """See residual_mpc.models.optional.LengtheningStep; None for a robot with wheels, whose contacts need theirs."""
+        """See residual_mpc.models.optional.LengtheningStep; None for a robot on wheels, whose contacts need theirs."""
         if self.base is not None or self.finer != 1:
             return None
         if times not in self._longer:

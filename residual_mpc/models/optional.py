@@ -103,8 +103,8 @@ class HalvingStep(Protocol):
 @runtime_checkable
 class LengtheningStep(Protocol):
     def with_longer_step(self, times: int) -> Robot | None:
-        """The same robot with a `step` that is `times` as long, which simulates faster and less exactly; None where that
-        cannot be."""
+        """The same robot with a `step` that is `times` as long, which simulates faster and less exactly; None where
+        that cannot be."""
         ...
 
 

@@ -20,7 +20,7 @@ from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.causes import sigmas
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Knob
+from residual_mpc.models.settings import Knob, Values
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
 LAG = Knob("actuator_lag", None, "time_constant")
@@ -47,7 +47,8 @@ def test_another_start_is_another_place_within_the_bounds() -> None:
 
 def test_a_bad_start_ends_where_the_good_one_does() -> None:
     problem = problem_of({"actuator_lag": {"time_constant": 0.12}, "track_width": {"scale": 1.2}})
-    good, bad = polish(problem, [{LAG: 0.11, TRACK: 1.19}, {LAG: 0.4, TRACK: 1.8}], 100_000, settings=FitSettings())
+    starts: list[Values] = [{LAG: 0.11, TRACK: 1.19}, {LAG: 0.4, TRACK: 1.8}]
+    good, bad = polish(problem, starts, 100_000, measure_scales(problem.data), settings=FitSettings())
     assert good.fit.values[TRACK] == pytest.approx(1.2, abs=0.02)
     for knob in (LAG, TRACK):
         assert bad.fit.values[knob] == pytest.approx(good.fit.values[knob], rel=0.02)

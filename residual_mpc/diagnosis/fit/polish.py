@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.fit.start_values import elsewhere
+from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.models.settings import Knob, Values
 
@@ -20,11 +22,15 @@ class Polished:
     ends: dict[Knob, tuple[float, ...]]
 
 
-def polish(problem: Problem, starts: Sequence[Values], steps: int, settings: FitSettings) -> list[Polished]:
+def polish(
+    problem: Problem, starts: Sequence[Values], steps: int, scales: Scales, settings: FitSettings
+) -> list[Polished]:
     """Fit each start to the end, and once more from elsewhere. Where there are many windows, the starts are compared
-    on a coarse part of `steps` simulation steps' worth of them, evenly spread, and the best is carried on."""
+    on a coarse part of `steps` simulation steps' worth of them, evenly spread, where they can be with longer time
+    steps, and the best is carried on. scales: of the problem's motion."""
     tuned = settings.polish
-    coarse = _part(problem, steps // tuned.coarse, settings=settings)
+    part = _part(problem, steps // tuned.coarse, settings=settings)
+    coarse = on_longer_steps(part, scales, starts[0], settings=settings.predict)
     others = [elsewhere(problem, s, settings=settings) for s in starts]
     begin = [*starts, *(o for o in others if o is not None)]
     if coarse is problem:

@@ -48,7 +48,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     problem = build_problem(searched.windows, prepared.space, found.sigma, motion, settings=settings.predict)
     problem = _trusting(problem, rivalry.fit.values, searched.scales, settings)
     starts = [rivalry.fit.values, found.base.values]
-    polished, base = polish(problem, starts, options.final_steps, settings=settings.fit)
+    polished, base = polish(problem, starts, options.final_steps, searched.scales, settings=settings.fit)
     polished, vetoed = _heed_encoders(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit

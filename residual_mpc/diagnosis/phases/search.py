@@ -14,9 +14,9 @@ from residual_mpc.diagnosis.fit.least_squares import on_problem
 from residual_mpc.diagnosis.fit.noise_fit import with_noise
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.prepare import Prepared
+from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of, well_begun
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.problem import build_problem, reweigh
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere

@@ -10,11 +10,13 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.data.gap import Scales, gap_of
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Robot
-from residual_mpc.models.settings import Settings
+from residual_mpc.models.settings import Settings, Values
 
 
 def quickened(data: Dataset, scales: Scales, settings: PredictSettings) -> Dataset:
@@ -33,6 +35,15 @@ def quickened(data: Dataset, scales: Scales, settings: PredictSettings) -> Datas
         if change < tuned.error:
             return with_longer_steps(data, times) or data
     return data
+
+
+def on_longer_steps(problem: Problem, scales: Scales, values: Values, settings: PredictSettings) -> Problem:
+    """The problem about these values on the longest steps that change little, itself where there are none."""
+    quick = quickened(problem.data, scales, settings=settings)
+    if quick is problem.data:
+        return problem
+    replays = PredictionCache(quick, problem.space, own=problem.data)
+    return about(replace(problem, data=quick, replays=replays), values, settings=settings)
 
 
 def longer_steps_of(robot: Robot, settings: PredictSettings) -> list[Robot]:

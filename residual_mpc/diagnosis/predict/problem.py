@@ -72,8 +72,8 @@ def build_problem(
     *,
     settings: PredictSettings = PredictSettings(),
 ) -> Problem:
-    """own: see PredictionCache. sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better;
-    motion (C,): see Problem; None for a problem that no search ranks by."""
+    """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better;
+    motion (C,): see Problem; None for a problem that no search ranks by. own: see PredictionCache."""
     size = np.full(len(sigma), np.inf) if motion is None else motion
     replays = PredictionCache(data, space, own=own)
     return weighed(replays, start_sensitivity(data, space, {}, settings=settings), sigma, size)

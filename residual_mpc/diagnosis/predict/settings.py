@@ -85,7 +85,7 @@ class LongerStepSettings:
     """A search simulates with steps of at most `longest` s where these change the nominal model's predictions by less
     than the share `error` of the motion, on `windows` of the windows."""
 
-    longest: float = 0.005
+    longest: float = 0.01
     error: float = 0.03
     windows: int = 24
 

@@ -7,6 +7,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.fit.start_values import possible
+from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.remainder.records import Resemblance
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
@@ -23,6 +24,7 @@ def resembles(
     resemblance = settings.resemblance
     keep = evenly(problem.data, resemblance.steps, settings=settings.data)
     small = problem if keep.all() else part_of(problem, keep)
+    small = on_longer_steps(small, judge.scales, current.values, settings=settings.predict)
     here = on_problem(small, current, settings=settings.fit)
     eligible = tuple(t for t in problem.space.candidates if t not in vetoed and compatible(t, current.terms))
     if not eligible:

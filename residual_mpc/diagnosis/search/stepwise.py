@@ -68,12 +68,12 @@ def stepwise_search(
         known = fit_all(problem, [start], 0, settings=settings.fit)[0]
         beam = refit(judge(problem, known, noise, scales, settings=settings), [known], settings=settings)
     forward = Forward(problem, ruler, base, noise, blocks, report, settings)
-    beam, steps, met = forward.go_on(beam)
-    if forward.ruler_at(about(problem, beam[0].values, settings=settings.predict)).much_left(beam[0]):  # what closes a good part of that is better than nothing
+    beam, steps, met = forward.go_on(beam, [])
+    if forward.much_left(beam[0]):  # what closes a good part of that is better than nothing
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
-        beam, more, seen_there = unmarginalised.go_on(beam[:1])
-        if more:
-            forward, settings, steps, met = unmarginalised, unmarginalised.settings, steps + more, seen_there
+        beam, further, seen_there = unmarginalised.from_both(beam[0], steps)
+        if further != steps:
+            forward, settings, steps, met = unmarginalised, unmarginalised.settings, further, seen_there
     last = beam[0]
     if (steps or questioned) and len(last.terms) <= settings.steps.together:
         report("testing each effect by removing it", 1.0)
@@ -116,10 +116,26 @@ class Forward:
         before, after = ruler.squared([alone, best])
         return bool(after > self.settings.steps.much * before and ruler.much_left(best))
 
-    def go_on(self, beam: list[Fit]) -> tuple[list[Fit], list[Step], list[Fit]]:
-        """Further steps until none is convincing; the beam at the end, the steps taken, and the sets that the last two
-        steps came across, those of the last step first, each cheapest first."""
-        steps, seen, met = list[Step](), {frozenset(beam[0].terms)}, list[Fit]()
+    def much_left(self, fit: Fit) -> bool:
+        """Whether a fit leaves more than the sensors can tell from nothing."""
+        return self.ruler_at(about(self.problem, fit.values, settings=self.settings.predict)).much_left(fit)
+
+    def from_both(self, found: Fit, steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
+        """As `go_on` from what was found, or from nothing where that leads to a far smaller gap: what was found first
+        may have kept the search from the cause."""
+        further = self.go_on([found], steps)
+        if not found.terms:
+            return further
+        anew = self.go_on([self.base], [])
+        fits = [anew[0][0], further[0][0]]
+        problem = about(self.problem, fits[1].values, settings=self.settings.predict)
+        gaps = self.ruler_at(problem).squared(fits)
+        return anew if gaps[0] < self.settings.rivals.far_smaller * gaps[1] else further
+
+    def go_on(self, beam: list[Fit], steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
+        """Further steps until none is convincing; the beam at the end, the steps taken so far, and the sets that the
+        last two steps came across, those of the last step first, each cheapest first."""
+        steps, seen, met = list(steps), {frozenset(beam[0].terms)}, list[Fit]()
         base, blocks, settings = self.base, self.blocks, self.settings
         while len(beam[0].terms) < settings.largest:
             problem = self.at(beam[0])

@@ -31,7 +31,7 @@ def check_optional(robot: Robot) -> None:
     longer = optional.with_longer_step(robot, 2)
     if longer is not None:
         twice = longer.channels == robot.channels and robot.step is not None and longer.step == 2 * robot.step
-        demand(twice, "a longer step is so many times the step", f"{longer.step} s", "equal channels and twice the step")
+        demand(twice, "a longer step is a multiple of the step", f"{longer.step} s", "equal channels, twice the step")
     if isinstance(robot, Stepping):
         _check_step(robot, robot, period)
 

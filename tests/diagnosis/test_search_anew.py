@@ -1,0 +1,68 @@
+"""Where much is left, the search also begins anew: what was found first may have kept it from the cause."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search.acceptance import build_ruler
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.search.stepwise import Forward, Step
+from residual_mpc.models.settings import Knob, Values
+
+LAG, TRACK = Knob("actuator_lag", None, "time_constant"), Knob("track_width", None, "scale")
+SETTINGS = SearchSettings()
+
+
+def begun() -> tuple[Forward, Fit]:
+    """A search on a rover whose track is wrong, and a fit that explains it by a lag."""
+    run = rover_run("run1", {"track_width": {"scale": 1.3}}, 20.0)
+    data = build_dataset([run], [DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)], SIGMA)
+    scales = measure_scales(data)
+    space = build_space(data, (), ("actuator_lag", "track_width"))
+    problem = build_problem(data, space, data.sigma, scales.motion)
+    base, wrong = fit_all(problem, [{}, {LAG: 0.1}])
+    ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), SETTINGS.data)
+    noise, blocks = 1.0 / problem.weight, blocks_of(data, settings=SETTINGS.fit)
+    return Forward(problem, ruler, base, noise, blocks, lambda text, done: None, SETTINGS, False), wrong
+
+
+@pytest.mark.parametrize("stuck", [True, False])
+def test_the_way_that_leaves_far_less_is_taken(monkeypatch: pytest.MonkeyPatch, stuck: bool) -> None:
+    """From the wrong effect the search goes on to the right one as well, or is stuck; from nothing it finds it."""
+    forward, wrong = begun()
+    steps = [Step(wrong.terms, 1.0, 0.9)]
+    cause: Values = {TRACK: 1.3}
+    right, both = fit_all(forward.problem, [cause, {**wrong.values, **cause}])
+
+    def go_on(self: Forward, beam: list[Fit], taken: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
+        if beam[0] is self.base:
+            return [right], [*taken, Step(right.terms, 1.0, 0.1)], []
+        return ([beam[0]], taken, []) if stuck else ([both], [*taken, Step(both.terms, 0.9, 0.1)], [])
+
+    monkeypatch.setattr(Forward, "go_on", go_on)
+    beam, way, _ = forward.from_both(wrong, steps)
+    assert beam[0] is (right if stuck else both)
+    assert way[0].terms == (right.terms if stuck else wrong.terms)
+
+
+def test_a_search_from_nothing_goes_one_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    forward, _ = begun()
+    starts = []
+
+    def go_on(self: Forward, beam: list[Fit], taken: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
+        starts.append(beam[0])
+        return beam, taken, []
+
+    monkeypatch.setattr(Forward, "go_on", go_on)
+    forward.from_both(forward.base, [])
+    assert len(starts) == 1
