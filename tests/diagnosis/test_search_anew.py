@@ -16,7 +16,7 @@ from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search.acceptance import build_ruler
 from residual_mpc.diagnosis.search.settings import SearchSettings
-from residual_mpc.diagnosis.search.stepwise import Forward, Step
+from residual_mpc.diagnosis.search.stepwise import Forward, Step, leaving_far_less
 from residual_mpc.models.settings import Knob, Values
 
 LAG, TRACK = Knob("actuator_lag", None, "time_constant"), Knob("track_width", None, "scale")
@@ -66,3 +66,11 @@ def test_a_search_from_nothing_goes_one_way(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(Forward, "go_on", go_on)
     forward.from_both(forward.base, [])
     assert len(starts) == 1
+
+
+def test_sets_that_leave_far_less_come_first() -> None:
+    """A lag explains a track's error badly, track and lag together as well as the track alone."""
+    forward, wrong = begun()
+    worse, right = fit_all(forward.problem, [{LAG: 0.02}, {TRACK: 1.3}])
+    assert leaving_far_less(forward.ruler, [wrong, right, worse], wrong, SETTINGS) == [right]
+    assert leaving_far_less(forward.ruler, [wrong, right], right, SETTINGS) == []

@@ -122,7 +122,7 @@ def _left(
     name, seen, current = ("after", of.after_data, of.final) if found.helps else ("before", of.raw, of.base)
     predicted, error, row = found.predicted[name], found.errors[name], of.space.settings([current.values])
     learned = NOTHING
-    if of.held.any():
+    if of.held.any() and found.left.total > settings.remainder.learned_from:
         remainder = remainder_of(seen, of.scales, row, predicted, error, of.held, tuning=settings.remainder)
         learned = learn(remainder, learners, rng.spawn(1)[0])
     judge = Ruler(PredictionCache(seen.take(of.test), of.space), of.scales, first.floor.total**2, settings.data)

@@ -116,6 +116,9 @@ class ShapeSettings:
 
 @dataclass(frozen=True)
 class RemainderSettings:
+    """learned_from: gap, as a share of the motion, from which a learner is run: its minutes buy nothing below."""
+
+    learned_from: float = 0.01
     search: SearchSettings = field(default_factory=SearchSettings)
     bases: BasesSettings = field(default_factory=BasesSettings)
     coordinates: CoordinateSettings = field(default_factory=CoordinateSettings)
@@ -124,6 +127,9 @@ class RemainderSettings:
     description: DescriptionSettings = field(default_factory=DescriptionSettings)
     resemblance: ResemblanceSettings = field(default_factory=ResemblanceSettings)
     shape: ShapeSettings = field(default_factory=ShapeSettings)
+
+    def __post_init__(self) -> None:
+        check_share(self, "learned_from")
 
     @property
     def fit(self) -> FitSettings:

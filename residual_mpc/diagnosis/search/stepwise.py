@@ -120,6 +120,19 @@ class Forward:
         """Whether a fit leaves more than the sensors can tell from nothing."""
         return self.ruler_at(about(self.problem, fit.values, settings=self.settings.predict)).much_left(fit)
 
+    def _choose(self, problem: Problem, ruler: Ruler, current: Fit, children: list[Fit]) -> Fit | None:
+        """The first of these sets that is convincing, or another one that is and leaves a far smaller gap."""
+
+        def first(some: list[Fit]) -> Fit | None:
+            base, blocks, settings = self.base, self.blocks, self.settings
+            return next((c for c in some if convincing(problem, ruler, current, c, base, blocks, settings)), None)
+
+        # the set with the lowest cost may improve the gap by too little to see; a later one may be the cause
+        chosen = first(children)
+        if chosen is None:
+            return None
+        return first(leaving_far_less(ruler, children, chosen, self.settings)) or chosen
+
     def from_both(self, found: Fit, steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
         """As `go_on` from what was found, or from nothing where that leads to a far smaller gap: what was found first
         may have kept the search from the cause."""
@@ -152,8 +165,7 @@ class Forward:
             children = trimmed(here, children, blocks, seen, settings=settings)
             met = distinct([*children[: settings.steps.met], *met[: settings.steps.met]])
             children = simplest_first(children, blocks, settings=settings)
-            # the set with the lowest cost may improve the gap by too little to see; a later one may be the cause
-            chosen = next((c for c in children if convincing(problem, ruler, beam[0], c, base, blocks, settings)), None)
+            chosen = self._choose(problem, ruler, beam[0], children)
             if chosen is None:
                 break
             best = prune(problem, ruler, chosen, base, self.noise, blocks, settings)
@@ -205,6 +217,16 @@ def simplest_first(children: list[Fit], blocks: np.ndarray, settings: SearchSett
     reach = children[0].cost + settings.steps.alike * dispersion(children[0], blocks)
     near = [c for c in children if c.cost <= reach]
     return sorted(near, key=lambda c: (len(c.knobs), c.cost)) + [c for c in children if c.cost > reach]
+
+
+def leaving_far_less(ruler: Ruler, children: list[Fit], chosen: Fit, settings: SearchSettings) -> list[Fit]:
+    """The sets that leave a far smaller gap than the chosen one, the smallest first. Small differences elsewhere may
+    take up what tells two sets apart, so that their likelihoods are alike."""
+    rest = [c for c in children if c is not chosen]
+    *gaps, own = ruler.squared([*rest, chosen])
+    far = settings.rivals.far_smaller * own
+    found = sorted(((g, i) for i, g in enumerate(gaps) if g < far), key=lambda pair: pair[0])
+    return [rest[i] for _, i in found]
 
 
 def others(ruler: Ruler, base: Fit, best: Fit, children: list[Fit], settings: SearchSettings) -> list[Fit]:
