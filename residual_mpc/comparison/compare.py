@@ -24,6 +24,7 @@ from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons
+from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem, reweigh
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
@@ -71,7 +72,8 @@ def compare(
         windows = _windows(given, sets, rng, settings)
         for data, scales in windows:
             values = account if found is None else found.fit.values
-            problem = _problem(data, scales, space, values, settings.search.steps, settings)
+            exact = _problem(data, scales, space, values, settings.search.steps, settings)
+            problem = on_longer_steps(exact, scales, values, settings=settings.results.predict)
             units = _units(problem.data, sets, given, settings)
             found = search_changes(problem, account, units, settings, found)
         assert found is not None and problem is not None and units is not None
