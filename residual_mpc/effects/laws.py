@@ -150,6 +150,11 @@ def is_law(effect: str) -> bool:
     return effect in KIND_OF
 
 
+def published(effect: str) -> str:
+    """The name of an effect in a diagnosis: all fitted laws have one."""
+    return FITTED_LAW if is_law(effect) else effect
+
+
 def reads_clock(effect: Effect) -> bool:
     """Whether an effect on a joint or its actuator needs to know the time since the run began."""
     law = KIND_OF.get(effect.name)

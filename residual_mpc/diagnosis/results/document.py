@@ -6,6 +6,7 @@ from typing import Any
 
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.results.records import Diagnosis, Estimate
+from residual_mpc.effects.laws import published
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.model_file import DIAGNOSIS_SCHEMA, MODEL_SCHEMA
 from residual_mpc.models.settings import Term, Values
@@ -52,7 +53,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             {
                 **_term(c.term),
                 "probability": c.probability,
-                "parameters": {p.name: _estimate(p) for p in c.parameters},
+                **({"parameters": {p.name: _estimate(p) for p in c.parameters}} if c.law is None else c.law.document()),
                 "evidence": list(c.evidence),
                 "summary": c.summary,
                 "only_target": c.only_target,
@@ -112,7 +113,7 @@ def _rows(values: Values) -> list[dict[str, Any]]:
 
 
 def _term(term: Term) -> dict[str, str | None]:
-    return {"effect": term.effect, "target": term.target}
+    return {"effect": published(term.effect), "target": term.target}
 
 
 def _member(member: EffectSet) -> Any:
