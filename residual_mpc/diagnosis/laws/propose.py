@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Scales
+from residual_mpc.diagnosis.data.gap import Scales, per_window
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.laws.shapes import Shape, best_shape
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
@@ -54,6 +54,9 @@ def propose(
     few = data.take(evenly_spread(data.count, settings.windows))
     predicted = predict(few, row)[0]
     error, floors = few.y - predicted, noise_errors(few, row, rng, settings.floor_draws)
+    noise = np.mean([np.nanmean(per_window(few, scales, e)) for e in floors])
+    if np.nanmean(per_window(few, scales, error)) <= tuning.predict.floor.margin**2 * noise:
+        return ()
     missed = missed_of(few, scales, row, predicted, error, floors, tuning=tuning)
     whole = sum(m.beyond for m in missed)
     asked = [tempered(m, settings=tuning) for m in missed if m.beyond > tuning.description.small * whole]
