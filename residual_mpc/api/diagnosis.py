@@ -77,7 +77,7 @@ class Diagnosis:
 
         columns = ["effect", "target", "probability", "parameter", "value", "low", "high", "unit"]
         rows = [
-            (e["effect"], e["target"], e["probability"], name, p["value"], *p["ci95"], p["unit"])
+            (e["effect"], e["target"], e["probability"], name, p["value"], *(p["ci95"] or (None, None)), p["unit"])
             for e in self.explanation
             for name, p in e["parameters"].items()
         ]

@@ -21,7 +21,8 @@ LEFT_OUT: Mapping[str, str] = {
     "stop": "the step has no joint stops",
     "play": "this step has one inertia per joint and does not separate motor and link",
 }
-LENGTHENS: tuple[Site, ...] = ("link", "length", "law", "law friction")  # each target adds operations: only those that are not null
+# each target adds operations: only those that are not null
+LENGTHENS: tuple[Site, ...] = ("link", "length", "law", "law friction")
 UNITS = {
     "kp": "N m/rad", "kv": "N m s/rad", "damping": "N m s/rad", "armature": "kg m^2", "frictionloss": "N m",
     "mass": "kg",
@@ -59,8 +60,8 @@ class Parameters:
     def at(self, target: str, p: Sequence[Array], *sites: Site) -> dict[str, dict[str, Array]]:
         """The effects at these sites of a target, with their parameters there; without the fitted laws of others."""
         here = [e for e in self.effects if BY_NAME[e].place in sites]
-        ruled = [e for e in here if not is_law(e) or any((e, target, q.name) in self.index for q in BY_NAME[e].parameters)]
-        return {e: self.values(e, target, p) for e in ruled}
+        own = {(effect, slot) for effect, slot, _ in self.index}
+        return {e: self.values(e, target, p) for e in here if not is_law(e) or (e, target) in own}
 
 
 def parameters(robot: CompiledRobot, settings: Settings) -> Parameters:

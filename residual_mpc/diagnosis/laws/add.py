@@ -1,4 +1,4 @@
-"""Laws added to an explanation one by one: fitted by replay, and kept where they predict what they were not fitted to."""
+"""Laws added to an explanation one by one: fitted by replay, kept where they predict what they were not fitted to."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -103,18 +103,14 @@ def _predicts(
     return bool(seen and gain >= settings.worth and gain > settings.sure * sigma)
 
 
-def _needed(
-    problem: Problem, fit: Fit, blocks: np.ndarray, tuning: RemainderSettings, settings: LawSettings
-) -> Fit:
+def _needed(problem: Problem, fit: Fit, blocks: np.ndarray, tuning: RemainderSettings, settings: LawSettings) -> Fit:
     """The fit without the named effects that are not beyond doubt beside the law: what imitated it."""
     search = tuning.search
     while True:
         named = [t for t in fit.terms if not is_law(t.effect)]
         if not named:
             return fit
-        fewer = fit_all(
-            problem, [_without(fit.values, t) for t in named], settings.fit_steps, settings=search.fit
-        )
+        fewer = fit_all(problem, [_without(fit.values, t) for t in named], settings.fit_steps, settings=search.fit)
         rises = [(f.cost - fit.cost) / dispersion(fit, blocks) for f in fewer]
         k = int(np.argmin(rises))
         if rises[k] >= search.beyond_doubt:

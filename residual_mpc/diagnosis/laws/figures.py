@@ -12,15 +12,17 @@ from residual_mpc.models.settings import Knob, Term, Values
 
 T95 = 1.96
 NEAR = 1e-6  # of a typical size, for difference quotients
+CHOSEN = ("cycles", "at", "from", "to")
+CHOSEN = ("cycles", "at", "from", "to")
 RATE_UNITS = {"forward": "m/s", "sideways": "m/s", "yaw": "rad/s"}
 
 
 @dataclass(frozen=True)
 class LawNumber:
-    """A number of a closed form with its 95 % interval."""
+    """A number of a closed form with its 95 % interval, None for one that was chosen among a few and not fitted."""
 
     value: float
-    ci95: tuple[float, float]
+    ci95: tuple[float, float] | None
     unit: str
 
 
@@ -54,7 +56,8 @@ class FittedLaw:
             "values": list(self.values),
             "values_ci95": [list(self.low), list(self.high)],
             "parameters": {
-                name: {"value": n.value, "ci95": list(n.ci95), "unit": n.unit} for name, n in self.numbers.items()
+                name: {"value": n.value, "ci95": n.ci95 and list(n.ci95), "unit": n.unit}
+                for name, n in self.numbers.items()
             },
         }
 
@@ -74,14 +77,14 @@ def fitted_law(
     at = np.array([values[k] for k in free])
     found = numbers_at(at)
     sizes = NEAR * np.array([space.scale(k) for k in free])
-    slopes = np.stack(
-        [(numbers_at(at + e) - numbers_at(at - e)) / (2.0 * e.sum()) for e in np.diag(sizes)], axis=1
-    )
+    slopes = np.stack([(numbers_at(at + e) - numbers_at(at - e)) / (2.0 * e.sum()) for e in np.diag(sizes)], axis=1)
     half = T95 * np.sqrt(np.maximum(np.einsum("if,fg,ig->i", slopes, spread, slopes), 0.0))
     knots = points_of(kind, whole)[0]
     n, names = len(knots), tuple(_closed_form(kind, form, whole))
     closed = {
-        name: LawNumber(float(v), (float(v - h), float(v + h)), _unit_of(name, unit, on_unit))
+        name: LawNumber(
+            float(v), None if name in CHOSEN else (float(v - h), float(v + h)), _unit_of(name, unit, on_unit)
+        )
         for name, v, h in zip(names, found[n:], half[n:], strict=True)
     }
     level, wide = found[:n], half[:n]
@@ -139,7 +142,8 @@ def _closed_form(kind: LawKind, form: str, p: Mapping[str, float]) -> dict[str, 
         return {"below": float(y[0]), "above": float(y[1]), **ends}
     if form == "bend":
         slopes = np.diff(y) / np.diff(z)
-        return {"at": float(z[1]), "level": float(y[1]), "slope_below": float(slopes[0]), "slope_above": float(slopes[1])}
+        below, above = map(float, slopes)
+        return {"at": float(z[1]), "level": float(y[1]), "slope_below": below, "slope_above": above}
     return {}
 
 

@@ -17,7 +17,7 @@ RIDGE = 3e-3  # relative, as for a dependence
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """form: one of SIMPLEST; fixed: the law's numbers that say how it acts; free: the names of those that are fitted."""
+    """form: one of SIMPLEST; fixed: the law's numbers that say how it acts; free: names of those that are fitted."""
 
     form: str
     fixed: Mapping[str, float]

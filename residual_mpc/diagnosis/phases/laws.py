@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import measure_scales
-from residual_mpc.diagnosis.fit.least_squares import on_problem
+from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.fit.polish import carry_on
 from residual_mpc.diagnosis.laws.add import Unexplained, WithLaws, add_laws
 from residual_mpc.diagnosis.options import Progress
@@ -16,6 +16,7 @@ from residual_mpc.diagnosis.phases.validate import Validated, validate
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.shrink import shrink_of
+from residual_mpc.diagnosis.search.rivals import Rivalry
 from residual_mpc.effects.laws import FITTED_LAW
 from residual_mpc.models.settings import TUNE
 
@@ -63,7 +64,17 @@ def _explained(prepared: Prepared, refined: Refined, found: WithLaws, rng: np.ra
     known = replace(prepared, space=found.space)
     expected = cross_validated_shrink(known, problem, final, base, of.with_outliers, rng)
     ends = {k: (final.values[k],) for k in final.knobs if k.effect != TUNE}
-    return replace(of, problem=problem, base=base, final=final, ends=ends, expected=expected, tolerated=None, forms=found.forms)
+    return replace(
+        of, problem=problem, base=base, final=final, ends=ends, rivalry=_still_standing(of.rivalry, final),
+        vetoed=(), doubtful=(), expected=expected, tolerated=None, forms=found.forms,
+    )  # fmt: skip
+
+
+def _still_standing(rivalry: Rivalry, final: Fit) -> Rivalry:
+    """What was said of the effects that are still named. Their rivals were compared without the laws, and are not."""
+    groups = tuple(g for g in rivalry.groups if all(t in final.terms for t in g[0]))
+    shares = {t: rivalry.shares.get(t, 1.0) for t in final.terms}
+    return Rivalry(final, (), groups, shares, final)
 
 
 def _predicts(before: Validated, after: Validated, rng: np.random.Generator) -> bool:
@@ -71,6 +82,6 @@ def _predicts(before: Validated, after: Validated, rng: np.random.Generator) -> 
     of, settings = after.explanation, after.options.settings
     if not after.gaps.helps:
         return False
-    errors = (v.errors[1][of.test] for v in (before, after))
-    gain = shrink_of(of.raw.take(of.test), of.scales, *errors, rng, settings=settings)
+    was, now = (v.errors[1][of.test] for v in (before, after))
+    gain = shrink_of(of.raw.take(of.test), of.scales, was, now, rng, settings=settings)
     return gain.value >= settings.laws.worth and gain.ci95[0] > 0.0

@@ -36,7 +36,8 @@ class Space:
     tunables: tuple[Knob, ...]
     references: Mapping[tuple[str, str], float]
     ruled_out: Mapping[Term, str]  # terms that no run here can show, and why
-    fixed: Values = field(default_factory=dict)  # numbers of fitted laws that say how they act, which no fit changes
+    # numbers of fitted laws that say how they act, which no fit changes
+    fixed: Values = field(default_factory=dict, kw_only=True)
 
     def knobs(self, term: Term) -> tuple[Knob, ...]:
         """The free numbers of a term."""

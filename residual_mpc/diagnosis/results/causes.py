@@ -45,7 +45,9 @@ def causes_of(
         if is_law(term.effect):
             probability = sure * doubt[term]
             law = _law(of, term, settings=settings)
-            causes.append(Cause(term, probability, (), BY_NAME[term.effect].summary, None, supports[term].evidence, law))
+            causes.append(
+                Cause(term, probability, (), BY_NAME[term.effect].summary, None, supports[term].evidence, law)
+            )
             continue
         estimates = [
             _estimate(of, i, float(sigma[i]), unexplained, (*aside.get(k, ()), *lacking.get(k, ())), settings=settings)

@@ -4,6 +4,7 @@ import math
 from dataclasses import asdict
 from typing import Any
 
+from residual_mpc.diagnosis.laws.figures import FittedLaw
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.results.records import Diagnosis, Estimate
 from residual_mpc.effects.laws import published
@@ -53,7 +54,11 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             {
                 **_term(c.term),
                 "probability": c.probability,
-                **({"parameters": {p.name: _estimate(p) for p in c.parameters}} if c.law is None else c.law.document()),
+                **(
+                    {"parameters": {p.name: _estimate(p) for p in c.parameters}}
+                    if c.law is None
+                    else _law(c.term, c.law)
+                ),
                 "evidence": list(c.evidence),
                 "summary": c.summary,
                 "only_target": c.only_target,
@@ -101,6 +106,10 @@ def to_model(d: Diagnosis) -> dict[str, Any]:
         "values": _rows(d.values),
         "leaves_out_outliers": outliers,
     }
+
+
+def _law(term: Term, law: FittedLaw) -> dict[str, Any]:
+    return {"stage": BY_NAME[term.effect].stage, **law.document()}
 
 
 def _estimate(p: Estimate) -> dict[str, Any]:

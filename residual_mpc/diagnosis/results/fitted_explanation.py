@@ -33,8 +33,8 @@ class FittedExplanation:
     base, final: the model alone and with the effects, fitted to them; ends: where other
     starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes. vetoed: effects
     that the encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None
-    where nothing explains anything. tolerated: None where there are no small differences in other numbers. forms: the shape
-    of each fitted law."""
+    where nothing explains anything. tolerated: None where there are no small differences in other numbers.
+    forms: the shape of each fitted law."""
 
     raw: Dataset
     clean: Dataset

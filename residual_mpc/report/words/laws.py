@@ -14,62 +14,56 @@ LIKE = {
     ("friction", "position"): "like friction that is not the same everywhere",
     ("friction", "time"): "like grease that warms up",
     ("strength", "time"): "like motors or a battery that change during a run",
+    ("rate", "turning"): "like wheels that do not grip alike in all turns",
 }
+WHAT = {"torque": "a torque", "friction": "a dry friction"}
 
 
 def law_sentence(law: Law) -> str:
     """One clause without a full stop."""
-    subject, shape = _what(law), _shape(law)
-    like = LIKE.get((law["of"], _quantity(law)))
-    return f"{subject} {shape}{_where(law)}" + (f", {like}" if like else "")
-
-
-def _what(law: Law) -> str:
-    if law["of"] == "rate":
-        return f"an additional {RATES.get(law['target'], 'rate')}"
-    if law["of"] == "strength":
-        return "a relative change of the output"
-    return {"torque": "a torque", "friction": "a dry friction"}.get(law["of"], f"a {law['of']}")
-
-
-def _where(law: Law) -> str:
     target = law.get("target") or law.get("only_target")
+    shape, like = _shape(law), LIKE.get((law["of"], _quantity(law)), "")
     if law["of"] == "rate":
-        return ""
-    if law["of"] == "strength":
-        return f" of {target}" if target else " of every actuator"
-    return f" at joint {target}" if target else " at the joint"
+        clause = f"the model lacks a {RATES.get(str(target), 'rate')} {shape}"
+    elif law["of"] == "strength":
+        clause = f"{f'actuator {target}' if target else 'every actuator'} gives more than modelled by a share {shape}"
+    else:
+        where = f"joint {target}" if target else "the joint"
+        clause = f"{WHAT.get(law['of'], 'a ' + str(law['of']))} {shape} acts at {where}"
+    return clause + (f", {like}" if like else "")
 
 
 def _quantity(law: Law) -> str:
     words = str(law["on"]).split()
-    return next((w for w in words if w in ("angle", "position", "speed", "time", "command")), "")
+    return next((w for w in words if w in ("angle", "position", "speed", "time", "command", "turning")), "")
 
 
 def _shape(law: Law) -> str:
     unit, on = str(law["unit"]), str(law["on"])
-    p = {k: float(v["value"]) for k, v in law["parameters"].items()}
-    units = {k: str(v["unit"]) for k, v in law["parameters"].items()}
+    numbers = {k: (float(v["value"]), str(v["unit"])) for k, v in law["parameters"].items()}
 
     def said(name: str) -> str:
-        return percent(p[name]) if units[name] == "1" and not name.startswith("slope") else measure(p[name], units[name])
+        value, of = numbers[name]
+        return percent(value) if of == "1" else measure(value, of)
 
     if law["form"] == "harmonic":
-        steady = "" if abs(p["offset"]) < 0.05 * p["amplitude"] else f" {_signed(p['offset'])}"
-        wave = f"{number(p['amplitude'])} sin({number(p['cycles'])} q {_signed(p['phase'])}){steady}"
-        return f"of {wave} {unit}, where q is {on},"
+        amplitude, cycles, phase, offset = (numbers[n][0] for n in ("amplitude", "cycles", "phase", "offset"))
+        steady = "" if abs(offset) < 0.05 * amplitude else f" {_signed(offset)}"
+        wave = f"{number(amplitude)} sin({number(cycles)} q {_signed(round(phase, 2))}){steady}"
+        return f"of {wave} {unit}, q being {on},"
     if law["form"] == "constant":
         return f"of {said('level')}"
     if law["form"] == "line":
-        return f"of {said('at_zero')} that changes by {said('slope')} with {on}"
+        return f"whose slope over {on} is {said('slope')}, with {said('at_zero')} at 0"
     if law["form"] == "step":
         return f"that steps from {said('below')} to {said('above')} where {on} passes {said('at')}"
     if law["form"] == "saturation":
         return f"that goes from {said('below')} to {said('above')} while {on} goes from {said('from')} to {said('to')}"
     if law["form"] == "bend":
-        return f"that changes with {on} by {said('slope_below')} below {said('at')} and by {said('slope_above')} above"
+        at = said("at")
+        return f"whose slope over {on} is {said('slope_below')} below {at} and {said('slope_above')} above"
     low, high = (percent(v) if unit == "1" else measure(v, unit) for v in (min(law["values"]), max(law["values"])))
-    return f"between {low} and {high} as a function of {on}"
+    return f"between {low} and {high}, a function of {on},"
 
 
 def _signed(value: float) -> str:
