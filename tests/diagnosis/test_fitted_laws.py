@@ -26,7 +26,11 @@ def rotor(folder: Path, **keys: object) -> rm.Diagnosis:
 def cogging(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cogging")
     write_rotor(folder, lambda seed: lambda t, q, w: COGGING * np.sin(TEETH * q + PHASE))
-    rotor(folder, only=(*NAMED, "fitted_law"), out=folder / "out")
+    found = rotor(folder, only=(*NAMED, "fitted_law"))
+    (folder / "out").mkdir()
+    (folder / "out" / "diagnosis.json").write_text(json.dumps(found.document, allow_nan=False))
+    (folder / "out" / "model.json").write_text(json.dumps(found.document["model"], allow_nan=False))
+    assert len(found.to_frame()) == len(found.explanation[0]["parameters"])
     return folder
 
 

@@ -21,7 +21,7 @@ PERIOD = 0.02  # s between samples
 Torque = Callable[[float, float, float], float]  # (t s, position rad, speed rad/s) -> N m that the model lacks
 
 
-def rotor_run(seed: int, torque: Torque, seconds: float = 12.0) -> Run:
+def rotor_run(seed: int, torque: Torque, seconds: float = 9.0) -> Run:
     """A servo told a sum of sines, stepped by mj_step with a torque that its model lacks."""
     rng, model = np.random.default_rng(seed), mujoco.MjModel.from_xml_string(ROTOR)
     data, every = mujoco.MjData(model), round(PERIOD / DT)
@@ -44,11 +44,11 @@ def rotor_run(seed: int, torque: Torque, seconds: float = 12.0) -> Run:
 def knocked(seed: int, size: float) -> Torque:
     """Bursts at times and of sizes of the run's own."""
     rng = np.random.default_rng(100 + seed)
-    begins, sizes = np.sort(rng.uniform(0.0, 12.0, 14)), size * rng.standard_normal(14)
+    begins, sizes = np.sort(rng.uniform(0.0, 9.0, 11)), size * rng.standard_normal(11)
     return lambda t, q, w: float(sizes @ ((t >= begins) & (t < begins + 0.3)))
 
 
-def one_sided_run(seed: int, less: float, seconds: float = 20.0) -> Run:
+def one_sided_run(seed: int, less: float, seconds: float = 15.0) -> Run:
     """A rover that loses this share of its yaw rate in left turns."""
     fine, period = 5e-3, 0.05
     rng = np.random.default_rng(seed)
@@ -71,7 +71,7 @@ def one_sided_run(seed: int, less: float, seconds: float = 20.0) -> Run:
     return Run(f"run{seed}", log[:, 0], dict(zip(names, log[:, 1:].T, strict=True)))
 
 
-def write_rotor(folder: Path, torque: Callable[[int], Torque], runs: int = 5) -> Path:
+def write_rotor(folder: Path, torque: Callable[[int], Torque], runs: int = 4) -> Path:
     """Robot file, model and logs; the robot file."""
     from oracles.rover_log import write_run
 
