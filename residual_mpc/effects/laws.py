@@ -7,6 +7,7 @@ a line, a step, a saturation and a bend are curves of one, two or three knots. A
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -20,6 +21,7 @@ KNOTS = tuple(f"knot{i}" for i in range(1, MOST_KNOTS + 1))
 LEVELS = ("start", *(f"rise{i}" for i in range(2, MOST_KNOTS + 1)))  # what is fitted of a curve
 WAVE = ("offset", "cos", "sin")  # what is fitted of a wave
 WAVE_POINTS = 13  # at which a wave is listed
+NEAR = 1e-3  # rad, rad/s: over which a law's slope is taken
 ROUNDED = 0.05  # of the stretch between two knots
 INF = float("inf")
 
@@ -55,10 +57,13 @@ class LawKind:
         return LEVELS if self.shape == "curve" else WAVE
 
 
-def curve(ops: Ops, p: Values, z: Array) -> Array:
-    """Linear between the knots, level beyond the first and the last: start + sum of rises, each between two knots."""
+def curve(ops: Ops, p: Values, z: Array, stretches: int = MOST_KNOTS - 1) -> Array:
+    """Linear between the knots, level beyond the first and the last: start + sum of rises, each between two knots.
+
+    stretches: between knots, the first so many of which rise.
+    """
     total = p["start"] + 0.0 * z
-    for k, rise in enumerate(LEVELS[1:]):
+    for k, rise in enumerate(LEVELS[1 : stretches + 1]):
         low, high = p[KNOTS[k]], p[KNOTS[k + 1]]
         total = total + p[rise] * clip(ops, (z - low) / (high - low), 0.0, 1.0)
     return total
@@ -90,6 +95,14 @@ def points_of(kind: LawKind, p: Mapping[str, float]) -> tuple[np.ndarray, np.nda
         return z, np.asarray(wave(NUMPY, p, z))
     count = int(p["count"])
     return np.array([p[k] for k in KNOTS[:count]]), np.cumsum([p[v] for v in LEVELS[:count]])
+
+
+def shortened(kind: LawKind, p: Mapping[str, np.ndarray]) -> tuple[Values, Callable[..., Array]]:
+    """Parameters and equation that give the same in numpy, without the stretches in which no row rises."""
+    if kind.shape == "wave":
+        return p, wave
+    last = max((k for k, name in enumerate(LEVELS) if np.any(p[name] != 0.0)), default=0)
+    return p, partial(curve, stretches=last)
 
 
 def rounded(kinks: Kinks) -> Ops:

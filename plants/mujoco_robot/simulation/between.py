@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.simulation.fitted_laws import any_law, law_torques, levels, signals_of
+from plants.mujoco_robot.simulation.fitted_laws import any_law, joint_laws, law_torques, levels, signals_of
 from plants.mujoco_robot.simulation.gear_feedback import link_servos
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import limits_of, on_errors, scaled
@@ -101,7 +101,8 @@ def _actuator_scale(batch: Any, robot: CompiledRobot, settings: Settings, drive:
 def _friction(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive) -> Any:
     """The dry frictions' levels as dof_frictionloss: MuJoCo's solver supplies the sign, sticking included."""
     effects = settings.effects
-    constants, varying, laws = (list(present(effects, site)) for site in ("dry friction", "friction", "law friction"))
+    constants, varying = (list(present(effects, site)) for site in ("dry friction", "friction"))
+    laws = joint_laws(effects, "law friction")
     if not constants and not varying and not laws:
         return None
     model = robot.model
@@ -112,7 +113,7 @@ def _friction(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive
     for e, p in (*constants, *varying):
         touched |= ~is_null(e.name, p)
     ruled = [robot.joints.index(j) for j in robot.sites["law friction"]]
-    for e, p in laws:
+    for e, p in present(effects, "law friction"):
         touched[:, ruled] |= ~is_null(e.name, p)
     solimp = batch.expand("dof_solimp")
     index = np.argwhere(touched)

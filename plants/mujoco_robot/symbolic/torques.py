@@ -10,12 +10,10 @@ from plants.mujoco_robot.symbolic.implicit import Torques
 from plants.mujoco_robot.symbolic.numbers import Parameters
 from residual_mpc.effects.chain import Chain, scaled
 from residual_mpc.effects.effect import Site
-from residual_mpc.effects.laws import rounded, slope
+from residual_mpc.effects.laws import NEAR, rounded, slope
 from residual_mpc.effects.library import BY_NAME, changes, elastic_line, fitted_laws, present
 from residual_mpc.effects.ops import Array, Kinks, Ops, clip
 from residual_mpc.extras import extra
-
-NEAR = 1e-3  # rad, rad/s, over which a fitted law's slope is taken
 
 
 @dataclass(frozen=True, eq=False)

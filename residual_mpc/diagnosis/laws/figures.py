@@ -135,20 +135,20 @@ def _closed_form(kind: LawKind, form: str, p: Mapping[str, float]) -> dict[str, 
     if form == "constant":
         return {"level": float(y[0])}
     if form == "line":
-        slope = float((y[1] - y[0]) / (z[1] - z[0]))
-        return {"at_zero": float(y[0] - slope * z[0]), "slope": slope}
-    if form in ("step", "saturation"):
+        gradient = float((y[1] - y[0]) / (z[1] - z[0]))
+        return {"at_zero": float(y[0] - gradient * z[0]), "gradient": gradient}
+    if form in ("step", "saturating"):
         ends = {"at": float(0.5 * (z[0] + z[1]))} if form == "step" else {"from": float(z[0]), "to": float(z[1])}
         return {"below": float(y[0]), "above": float(y[1]), **ends}
     if form == "bend":
         slopes = np.diff(y) / np.diff(z)
         below, above = map(float, slopes)
-        return {"at": float(z[1]), "level": float(y[1]), "slope_below": below, "slope_above": above}
+        return {"at": float(z[1]), "level": float(y[1]), "gradient_below": below, "gradient_above": above}
     return {}
 
 
 def _unit_of(name: str, unit: str, on_unit: str) -> str:
-    if name.startswith("slope"):
+    if name.startswith("gradient"):
         return "1" if unit == on_unit else SLOPES.get((unit, on_unit), f"({unit})/({on_unit})")
     return {"cycles": "1/turn", "phase": "rad", "at": on_unit, "from": on_unit, "to": on_unit}.get(name, unit)
 

@@ -17,8 +17,8 @@ class LawSettings:
 
     most: int = 2
     tried: int = 4
-    windows: int = 240
-    floor_draws: int = 3
+    windows: int = 160
+    floor_draws: int = 2
     steps: int = 12_000
     fit_steps: int = 5
     knots: int = 8
@@ -27,7 +27,7 @@ class LawSettings:
     as_well: float = 0.97
     other_target: float = 0.4
     worth: float = 0.1
-    sure: float = 3.0
+    sure: float = 2.0
 
     def __post_init__(self) -> None:
         check_positive(self, "most", "tried", "windows", "floor_draws", "steps", "fit_steps", "places", "sure")

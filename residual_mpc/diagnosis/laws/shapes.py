@@ -11,7 +11,8 @@ from residual_mpc.diagnosis.remainder.missing_rates import MissingRate
 from residual_mpc.effects.laws import LEVELS, WAVE, LawKind, curve, curve_shape, wave
 from residual_mpc.effects.ops import NUMPY
 
-SIMPLEST = ("constant", "line", "step", "saturation", "bend", "harmonic", "curve")  # in this order
+SIMPLEST = ("constant", "line", "bend", "step", "saturating", "harmonic", "curve")  # in this order
+CLEARLY = 1.005  # times another gain: places that are tried first are taken unless others are better
 RIDGE = 3e-3  # relative, as for a dependence
 
 
@@ -37,11 +38,11 @@ def shapes_of(kind: LawKind, z: np.ndarray, settings: LawSettings, turns: tuple[
     low, high = (float(x) for x in np.quantile(z, (0.01, 0.99)))
     wide = max(high - low, 1e-9)
     out = [_curve("constant", [low]), _curve("line", [low, high])]
-    inner = np.unique(np.round([*np.quantile(z, np.linspace(0.06, 0.94, settings.places)), *_zero(low, high)], 9))
+    inner = [*_zero(low, high), *np.unique(np.round(np.quantile(z, np.linspace(0.06, 0.94, settings.places)), 9))]
     for c in inner:
         for share in settings.widths:
             knots = [float(c) - 0.5 * share * wide, float(c) + 0.5 * share * wide]
-            out.append(_curve("step" if share <= settings.widths[1] else "saturation", knots))
+            out.append(_curve("step" if share <= settings.widths[1] else "saturating", knots))
         if low + 0.02 * wide < c < high - 0.02 * wide:
             out.append(_curve("bend", [low, float(c), high]))
     for even in (True, False):
@@ -60,7 +61,7 @@ def best_shape(
     best: dict[str, tuple[float, Shape]] = {}
     for shape in shapes_of(kind, z, settings, turns):
         gain = _gain(m, shape.columns(kind, z) * times[..., None], folds)
-        if gain > best.get(shape.form, (0.0, shape))[0]:
+        if gain > CLEARLY * best.get(shape.form, (0.0, shape))[0]:
             best[shape.form] = gain, shape
     if not best:
         return None

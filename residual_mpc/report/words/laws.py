@@ -54,14 +54,14 @@ def _shape(law: Law) -> str:
     if law["form"] == "constant":
         return f"of {said('level')}"
     if law["form"] == "line":
-        return f"whose slope over {on} is {said('slope')}, with {said('at_zero')} at 0"
+        return f"whose slope over {on} is {said('gradient')}, with {said('at_zero')} at 0"
     if law["form"] == "step":
         return f"that steps from {said('below')} to {said('above')} where {on} passes {said('at')}"
-    if law["form"] == "saturation":
+    if law["form"] == "saturating":
         return f"that goes from {said('below')} to {said('above')} while {on} goes from {said('from')} to {said('to')}"
     if law["form"] == "bend":
         at = said("at")
-        return f"whose slope over {on} is {said('slope_below')} below {at} and {said('slope_above')} above"
+        return f"whose slope over {on} is {said('gradient_below')} below {at} and {said('gradient_above')} above"
     low, high = (percent(v) if unit == "1" else measure(v, unit) for v in (min(law["values"]), max(law["values"])))
     return f"between {low} and {high}, a function of {on},"
 
