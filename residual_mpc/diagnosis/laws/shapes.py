@@ -13,7 +13,7 @@ from residual_mpc.effects.ops import NUMPY
 
 SIMPLEST = ("constant", "line", "bend", "step", "saturating", "harmonic", "curve")  # in this order
 CLEARLY = 1.005  # times another gain: places that are tried first are taken unless others are better
-RIDGE = 3e-3  # relative, as for a dependence
+RIDGE = 1e-6  # relative: a shape has few numbers, and what it leaves is compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,8 @@ def best_shape(
     if not best:
         return None
     most = max(gain for gain, _ in best.values())
-    return next(best[f][1] for f in SIMPLEST if f in best and best[f][0] >= settings.as_well * most)
+    left = float(np.sum(m.error[m.used] ** 2)) - most
+    return next(best[f][1] for f in SIMPLEST if f in best and most - best[f][0] <= settings.as_well * left)
 
 
 def _curve(form: str, knots: list[float]) -> Shape:
