@@ -8,11 +8,10 @@ import numpy as np
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.remainder.bases import knots_of
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate
-from residual_mpc.effects.laws import LEVELS, WAVE, LawKind, curve, curve_shape, wave
+from residual_mpc.effects.laws import KNOTS, LEVELS, WAVE, LawKind, curve, curve_shape, wave
 from residual_mpc.effects.ops import NUMPY
 
 SIMPLEST = ("constant", "line", "bend", "step", "saturating", "harmonic", "curve")  # in this order
-CLEARLY = 1.005  # times another gain: places that are tried first are taken unless others are better
 RIDGE = 1e-6  # relative: a shape has few numbers, and what it leaves is compared
 
 
@@ -58,20 +57,23 @@ def best_shape(
 ) -> Shape | None:  # fmt: skip
     """The simplest shape that does nearly as well as the best one on folds (W,) of windows that it was not fitted to;
     None where none predicts anything. z (W, M): the quantity; times (W, M): what the law is multiplied by."""
-    best: dict[str, tuple[float, Shape]] = {}
-    for shape in shapes_of(kind, z, settings, turns):
-        gain = _gain(m, shape.columns(kind, z) * times[..., None], folds)
-        if gain > CLEARLY * best.get(shape.form, (0.0, shape))[0]:
-            best[shape.form] = gain, shape
-    if not best:
+    tried = [(_gain(m, s.columns(kind, z) * times[..., None], folds), s) for s in shapes_of(kind, z, settings, turns)]
+    most = max((gain for gain, _ in tried), default=0.0)
+    if most <= 0.0:
         return None
-    most = max(gain for gain, _ in best.values())
-    left = float(np.sum(m.error[m.used] ** 2)) - most
-    return next(best[f][1] for f in SIMPLEST if f in best and most - best[f][0] <= settings.as_well * left)
+    least = most - settings.as_well * (float(np.sum(m.error[m.used] ** 2)) - most)
+    good = [(SIMPLEST.index(s.form), not _about_zero(s), -gain, k) for k, (gain, s) in enumerate(tried) if gain >= least]
+    return tried[min(good)[-1]][1]
 
 
 def _curve(form: str, knots: list[float]) -> Shape:
     return Shape(form, curve_shape(knots), LEVELS[: len(knots)])
+
+
+def _about_zero(shape: Shape) -> bool:
+    """Whether a bend or step lies at zero, as those of many laws do."""
+    knots = [shape.fixed[name] for name in KNOTS[: len(shape.free)]] if "count" in shape.fixed else []
+    return (len(knots) == 3 and knots[1] == 0.0) or (len(knots) == 2 and knots[0] == -knots[1])
 
 
 def _zero(low: float, high: float) -> list[float]:
