@@ -62,8 +62,8 @@ def best_shape(
     if most <= 0.0:
         return None
     least = most - settings.as_well * (float(np.sum(m.error[m.used] ** 2)) - most)
-    good = [(SIMPLEST.index(s.form), not _about_zero(s), -gain, k) for k, (gain, s) in enumerate(tried) if gain >= least]
-    return tried[min(good)[-1]][1]
+    good = [(gain, shape) for gain, shape in tried if gain >= least]
+    return min(good, key=lambda g: (SIMPLEST.index(g[1].form), not _about_zero(g[1]), -g[0]))[1]
 
 
 def _curve(form: str, knots: list[float]) -> Shape:
