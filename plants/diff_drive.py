@@ -8,7 +8,7 @@ import numpy as np
 from plants.diff_drive_step import drive_step
 from plants.outline import box_with_nose
 from residual_mpc.effects.chain import OUTPUT, command_chain, output_chain
-from residual_mpc.effects.ground import ground_twist, world_drift
+from residual_mpc.effects.ground import ground_twist, with_fitted_rates, world_drift
 from residual_mpc.effects.library import Effects, Sites, present, slots_of
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.errors import BadInput
@@ -19,6 +19,7 @@ from residual_mpc.models.stepping import StepOptions, Stepped
 
 WHEELS = ("left", "right")
 POSE = ("pose.x", "pose.y", "pose.theta")
+RATES = ("forward", "sideways", "yaw")  # of the base, in its own frame
 TURTLEBOT3 = {"wheel_radius": 0.033, "track_width": 0.16}  # m, the Burger's: the built-in robot
 RESPONSE = 0.05  # s, over which a wheel's acceleration is taken: a tyre's relaxation and a small motor's response
 
@@ -52,6 +53,7 @@ class DiffDrive:
             **dict.fromkeys(("command", "strength", "limit", "output", "play"), WHEELS),
             **dict.fromkeys(("rolling", "rim", "side", "drift", "point", "samples"), robot),
             **dict.fromkeys(("delay", "filter"), ("pose",)),
+            "rate": RATES,
             "offset": ("pose.theta", "twist.theta"),
             "range": ("pose.theta",),
         }
@@ -102,6 +104,8 @@ class DiffDrive:
         forward, sideways, yaw = ground_twist(
             NUMPY, effects, radius, track, (wheel[..., 0], wheel[..., 1]), (accel[..., 0], accel[..., 1])
         )
+        laws = [{e.name: {k: v[:, [i]] for k, v in p.items()} for e, p in present(effects, "rate")} for i in range(3)]
+        forward, sideways, yaw = with_fitted_rates(NUMPY, (forward, sideways, yaw), laws)
         theta = _integrate(start["pose.theta"], yaw, dt)
         middle = 0.5 * (theta[:, 1:] + theta[:, :-1])  # exact to second order for a speed held over the step
         c, s = np.cos(middle), np.sin(middle)

@@ -11,7 +11,8 @@ import numpy as np
 
 from residual_mpc.effects.chain import OUTPUT, Chain, chain_of
 from residual_mpc.effects.effect import Site
-from residual_mpc.effects.ground import ground_twist, world_drift
+from residual_mpc.effects.ground import ground_twist, with_fitted_rates, world_drift
+from residual_mpc.effects.laws import rounded
 from residual_mpc.effects.library import BY_NAME, ORDER, present
 from residual_mpc.effects.ops import Array
 from residual_mpc.errors import BadInput
@@ -23,7 +24,9 @@ POSE = ("pose.x", "pose.y", "pose.theta")
 BODY = ("body.forward", "body.sideways", "body.yaw")  # m/s, m/s, rad/s
 WORLD = ("twist.x", "twist.y", "twist.theta")  # m/s, m/s, rad/s
 COMMANDS = ("command.left", "command.right")  # rad/s
-GROUND: tuple[Site, ...] = ("rolling", "rim", "side", "drift")
+RATES = ("forward", "sideways", "yaw")
+GROUND: tuple[Site, ...] = ("rolling", "rim", "side", "drift", "rate")
+SLOTS: Mapping[int, tuple[str, ...]] = {1: ("",), 2: WHEELS, 3: RATES}  # by number
 HOSTED = frozenset(("command", *OUTPUT, "play", *GROUND))  # what a sensor reports is the estimator's part
 ENDLESS = 1e4  # rad/s for a wheel that has no limit: a smoothed minimum would make NaN of infinity
 UNIT = dict(zip((*POSE, *BODY, *WORLD), ("m", "m", "rad", *("m/s", "m/s", "rad/s") * 2), strict=True))
@@ -63,9 +66,10 @@ class DriveStep:
         dt, ops = self.dt, kinks.exact
         now = dict(zip(self.states, x, strict=True))
         new: dict[str, Array] = {}
-        ground = {e: self._values(e, "", p) for e in self.ground}
+        ground = {e: self._values(e, "", p) for e in self.ground if BY_NAME[e].place != "rate"}
+        laws = [{e: self._values(e, r, p) for e in self.ground if BY_NAME[e].place == "rate"} for r in RATES]
         wheel = [self._wheel(kinks, w, u[i], p, now, new) for i, w in enumerate(WHEELS)]
-        body = self._ground(kinks, wheel, ground, p, now, new)
+        body = with_fitted_rates(rounded(kinks), self._ground(kinks, wheel, ground, p, now, new), laws)
         signals: dict[str, Array] = dict(zip(BODY, body, strict=True))
         signals |= dict(zip(COMMANDS, u, strict=True))
         signals |= {name: now[name] for name in self.states if name.startswith("last.")}
@@ -149,7 +153,7 @@ def drive_step(
     for effect in live:
         for q in BY_NAME[effect].parameters:
             row = settings.effects[effect][q.name][0]
-            slots = WHEELS if len(row) == 2 else ("",)
+            slots = SLOTS[len(row)]
             numbers += [
                 Number(effect, s, q.name, min(float(v), ENDLESS), q.unit) for s, v in zip(slots, row, strict=True)
             ]

@@ -23,7 +23,8 @@ from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.diagnosis.results.records import Diagnosis as Record
 from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.diagnosis.search.measured_commands import not_commanded
-from residual_mpc.effects.library import BY_NAME
+from residual_mpc.effects.laws import FITTED_LAW
+from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
 from residual_mpc.experiment.propose import propose
 from residual_mpc.export.augmented import settings_from
@@ -35,11 +36,13 @@ from residual_mpc.models.settings import Values
 from residual_mpc.report import Evidence, compose, diagnosis_lines, sentence
 from residual_mpc.report.evidence.collect import collect
 from residual_mpc.report.motion.animation import check_video, write_video
+from residual_mpc.report.words.effects import sentence_of
 from residual_mpc.report.words.rest import rest_sentence
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+KNOWN = (*(e.name for e in LIBRARY), FITTED_LAW)  # names that `only` and `without` take
 Progress = Callable[[str, float], None]  # what is done, and the share of it all that is behind
 
 
@@ -74,7 +77,7 @@ class Diagnosis:
 
         columns = ["effect", "target", "probability", "parameter", "value", "low", "high", "unit"]
         rows = [
-            (e["effect"], e["target"], e["probability"], name, p["value"], *p["ci95"], p["unit"])
+            (e["effect"], e["target"], e["probability"], name, p["value"], *(p["ci95"] or (None, None)), p["unit"])
             for e in self.explanation
             for name, p in e["parameters"].items()
         ]
@@ -198,6 +201,8 @@ def _document(record: Record, runs: Runs, command: str) -> dict[str, Any]:
     document["audit"] = [asdict(finding) for finding in runs.findings]
     document["command"] = command
     document["verdict_sentence"] = sentence(document)
+    for law in (e for e in document["explanation"] if e["effect"] == FITTED_LAW):
+        law["sentence"] = sentence_of(law)
     if document["remainder"]:
         document["remainder"]["sentence"] = rest_sentence(document["remainder"])
     return document
@@ -241,8 +246,8 @@ def effect_names(names: Iterable[str], option: str) -> tuple[str, ...]:
     """The names. Raises BadInput for one that is no effect."""
     names = tuple(names)
     for name in names:
-        if name not in BY_NAME:
-            raise BadInput(f"unknown effect {name!r}", option, did_you_mean(name, BY_NAME))
+        if name not in KNOWN:
+            raise BadInput(f"unknown effect {name!r}", option, did_you_mean(name, KNOWN))
     return names
 
 

@@ -1,4 +1,4 @@
-"""The whole diagnosis: prepare, search, refine, validate, describe."""
+"""The whole diagnosis: prepare, search, refine, validate, fit laws, describe."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.checkpoint import Checkpoint, Keeper
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.describe import describe
+from residual_mpc.diagnosis.phases.laws import find_laws
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import refine
 from residual_mpc.diagnosis.phases.search import search_effects
@@ -46,7 +47,8 @@ def diagnose(
         searched = keep("search", lambda: search_effects(prepared, rng, progress, keep))
         refined = keep("refine", lambda: refine(searched, rng, progress))
         validated = keep("validate", lambda: validate(refined, rng, progress))
-        return describe(validated, learners, rng, progress, answered)
+        explained = keep("laws", lambda: find_laws(prepared, refined, validated, rng, progress))
+        return describe(explained, learners, rng, progress, answered)
 
 
 def _known(prepared: Prepared) -> list[Any]:

@@ -9,7 +9,7 @@ from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
 Stage = Literal["command", "actuator", "body", "contact", "sensor"]
-Port = Literal["command", "output", "speed", "friction", "torque", "ground", "sensor", "model"]
+Port = Literal["command", "output", "speed", "friction", "torque", "ground", "sensor", "model", "law"]
 TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
 Reference = Literal[
     "one", "command", "command/time", "output", "speed", "torque", "torque/speed", "torque/motion", "extremes",
@@ -46,6 +46,9 @@ Site = Literal[
     "filter",  # how fast a reading follows
     "point",  # the tracked point on the body
     "samples",  # single samples of a reading
+    "law",  # a torque on a joint that is any function of its position, its speed, its command or the time
+    "law friction",  # a dry friction of a joint that is any function of its position or the time
+    "rate",  # the base's own rates: forward, sideways, yaw
 ]
 # What a parameter changes of the model. Factors multiply it, everything else adds to it.
 Quantity = Literal[
@@ -117,6 +120,7 @@ class Effect:
       forward, yaw) -> m/s to the left; drift: step(ops, p) -> (m/s, m/s) in the world
     - sensor:   at the point: step(ops, p, x, y, theta) -> (x, y), and `undo`, its inverse
     - model:    no equation: its parameters change quantities of the model
+    - law:      step(ops, p, z) -> what is added, at the value z of the quantity that the law is a function of
     """
 
     name: str

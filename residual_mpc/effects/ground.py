@@ -1,6 +1,8 @@
 """The motion of a wheeled base over the ground, with the effects between the two."""
 
-from residual_mpc.effects.library import Effects, changes, present
+from collections.abc import Sequence
+
+from residual_mpc.effects.library import Effects, changes, fitted_laws, present
 from residual_mpc.effects.ops import Array, Ops
 
 
@@ -34,6 +36,18 @@ def ground_twist(
         more = effect.step(ops, p, forward, yaw)
         sideways = more if sideways is None else sideways + more
     return forward, 0.0 * forward if sideways is None else sideways, yaw
+
+
+def with_fitted_rates(
+    ops: Ops, rates: tuple[Array, Array, Array], laws: Sequence[Effects]
+) -> tuple[Array, Array, Array]:
+    """The base's own rates (forward m/s, sideways m/s, yaw rad/s) with what fitted laws of them add; laws: of each."""
+    if not any(laws):
+        return rates
+    signals = {"forward": rates[0], "turning": rates[2]}
+    added = [fitted_laws(ops, law, "rate", signals) for law in laws]
+    forward, sideways, yaw = (r if a is None else r + a for r, a in zip(rates, added, strict=True))
+    return forward, sideways, yaw
 
 
 def world_drift(ops: Ops, effects: Effects) -> tuple[Array, Array] | None:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 
 from residual_mpc.effects import actuator, body, command, contact, sensor, surroundings
 from residual_mpc.effects.effect import Effect, Quantity, Site, Values
+from residual_mpc.effects.laws import KIND_OF, LAWS
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.plugged import plugged_in
 
@@ -19,9 +20,11 @@ BUILT_IN: tuple[Effect, ...] = (
 PLUGGED: tuple[Effect, ...] = plugged_in(frozenset(effect.name for effect in BUILT_IN))
 LIBRARY: tuple[Effect, ...] = BUILT_IN + PLUGGED
 
-BY_NAME: dict[str, Effect] = {effect.name: effect for effect in LIBRARY}
-ORDER: dict[str, int] = {effect.name: place for place, effect in enumerate(LIBRARY)}
-CHAINED: tuple[Effect, ...] = tuple(sorted(LIBRARY, key=lambda effect: effect.rank))  # stable: ties by the table
+HOSTED: tuple[Effect, ...] = LIBRARY + LAWS  # a fitted law has no name to search for, and acts like the others
+
+BY_NAME: dict[str, Effect] = {effect.name: effect for effect in HOSTED}
+ORDER: dict[str, int] = {effect.name: place for place, effect in enumerate(HOSTED)}
+CHAINED: tuple[Effect, ...] = tuple(sorted(HOSTED, key=lambda effect: effect.rank))  # stable: ties by the table
 
 Sites = Mapping[Site, tuple[str, ...]]  # where effects can act on a robot -> its targets there
 Effects = Mapping[str, Values]  # effect -> parameter -> values, those of Settings.effects
@@ -49,6 +52,16 @@ def elastic_line(ops: Ops, effects: Effects) -> tuple[Array, Array] | None:
         return None
     at_zero = sum(step(ops, p, 0.0) for step, p in laws)
     return at_zero, at_zero - sum(step(ops, p, 1.0) for step, p in laws)
+
+
+def fitted_laws(ops: Ops, effects: Effects, site: Site, signals: Mapping[str, Array]) -> Array | None:
+    """The sum of the fitted laws at a site; None without any. signals: by the quantity that a law is a function of."""
+    total = None
+    for effect, p in present(effects, site):
+        assert effect.step is not None
+        value = effect.step(ops, p, signals[KIND_OF[effect.name].on])
+        total = value if total is None else total + value
+    return total
 
 
 def changes(effects: Effects, quantity: Quantity) -> Array | None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from residual_mpc.effects.library import BY_NAME, LIBRARY
+from residual_mpc.effects.library import BY_NAME, HOSTED
 from residual_mpc.models.settings import TUNE, Knob, Settings, Term, assemble, is_null
 
-SLOTS = {e.name: ("left", "right") for e in LIBRARY}
+SLOTS = {e.name: ("left", "right") for e in HOSTED}
 
 
 def test_an_effect_without_a_target_fills_all_its_slots_and_one_target_overrides() -> None:

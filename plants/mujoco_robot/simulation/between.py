@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from plants.mujoco_robot.simulation.fitted_laws import any_law, joint_laws, law_torques, levels, signals_of
 from plants.mujoco_robot.simulation.gear_feedback import link_servos
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import limits_of, on_errors, scaled
@@ -27,6 +28,8 @@ def changing(robot: CompiledRobot, settings: Settings, wanted: tuple[str, ...]) 
     unsteady = [e for e, _ in present(effects, "strength", "limit", "speed limit", "friction") if not e.steady]
     for effect in (*unsteady, *(e for e, _ in on_errors(effects, robot.servo))):
         slow |= ~is_null(effect.name, effects[effect.name]).all(axis=1)
+    for law in any_law(effects):
+        slow |= ~is_null(law, effects[law]).all(axis=1)
     return slow
 
 
@@ -36,9 +39,12 @@ def between_steps(batch: Any, robot: CompiledRobot, settings: Settings, drive: D
     actuators = _actuator_scale(batch, robot, settings, drive)
     if actuators is not None:
         updates.append(actuators)
-    frictions = _friction(batch, robot, settings)
+    frictions = _friction(batch, robot, settings, drive)
     if frictions is not None:
         updates.append(frictions)
+    laws = law_torques(batch, robot, settings, drive)
+    if laws is not None:
+        updates.append(laws)
     return updates
 
 
@@ -92,11 +98,12 @@ def _actuator_scale(batch: Any, robot: CompiledRobot, settings: Settings, drive:
     return update
 
 
-def _friction(batch: Any, robot: CompiledRobot, settings: Settings) -> Any:
+def _friction(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive) -> Any:
     """The dry frictions' levels as dof_frictionloss: MuJoCo's solver supplies the sign, sticking included."""
     effects = settings.effects
     constants, varying = (list(present(effects, site)) for site in ("dry friction", "friction"))
-    if not constants and not varying:
+    laws = joint_laws(effects, "law friction")
+    if not constants and not varying and not laws:
         return None
     model = robot.model
     dof = robot.dofs
@@ -105,22 +112,36 @@ def _friction(batch: Any, robot: CompiledRobot, settings: Settings) -> Any:
     touched = np.zeros(base.shape, dtype=bool)
     for e, p in (*constants, *varying):
         touched |= ~is_null(e.name, p)
+    ruled = [robot.joints.index(j) for j in robot.sites["law friction"]]
+    for e, p in present(effects, "law friction"):
+        touched[:, ruled] |= ~is_null(e.name, p)
     solimp = batch.expand("dof_solimp")
     index = np.argwhere(touched)
     solimp[index[:, 0], dof[index[:, 1]]] = STIFF_SOLIMP
     constant = _braked(base, constants, base, base)
     loss[:, dof] = np.maximum(constant, 0.0)
-    if not varying:
+    if not varying and not laws:
         return None
+    signals = signals_of(batch, robot, drive) if laws else None
     drives, gear = robot.driven, model.actuator_gear[:, 0]
 
     def update(k: int, speed: np.ndarray, force: np.ndarray) -> None:
         torque = np.zeros_like(speed)
         for i, joint in enumerate(drives):
             torque[:, joint] += gear[i] * force[:, i]
-        loss[:, dof] = np.maximum(_braked(constant, varying, speed, torque), 0.0)
+        level = _braked(constant, varying, speed, torque)
+        if signals is not None:
+            level = level + _spread(levels(laws, signals(k, speed)), ruled, level)
+        loss[:, dof] = np.maximum(level, 0.0)
 
     return update
+
+
+def _spread(values: np.ndarray, columns: list[int], like: np.ndarray) -> np.ndarray:
+    """(B, joints) zeros with values (B, n) in some columns."""
+    out = np.zeros_like(like)
+    out[:, columns] = values
+    return out
 
 
 def _braked(

@@ -191,7 +191,7 @@ class CompiledRobot:
         return {
             **dict.fromkeys(("command", "strength", "limit", "speed limit"), self.actuators),
             **dict.fromkeys(("dry friction", "friction", "damping", "rotor"), self.joints),
-            **dict.fromkeys(("elastic", "stop"), self._not_rolling),
+            **dict.fromkeys(("elastic", "stop", "law", "law friction"), self._not_rolling),
             **dict.fromkeys(("play", "spring"), self.geared),
             "gravity": robot if self.base is None and self.model.opt.gravity.any() else (),
             **dict.fromkeys(("tool", "samples"), robot),

@@ -17,6 +17,7 @@ from plants.mujoco_robot.symbolic.numbers import Parameters, parameters, unit_of
 from plants.mujoco_robot.symbolic.ranges import home, reach, span, strength
 from plants.mujoco_robot.symbolic.supported import left_out, refuse_without_step
 from residual_mpc.effects.chain import Chain, chain_of
+from residual_mpc.effects.laws import reads_clock
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.ops import Array, Kinks, Ops, casadi_ops
 from residual_mpc.errors import BadInput
@@ -48,7 +49,7 @@ class ArmStep:
         names += [*self.servos.states, *self.others.states]
         names += [f"last.{s}" for s in self.options.remember]
         names += [f"disturbance.{s}" for s in self.options.disturbances]
-        if any(BY_NAME[e].place == "strength" and BY_NAME[e].timed for e in self.parameters.effects):
+        if any(reads_clock(BY_NAME[e]) for e in self.parameters.effects):
             names.append("clock")
         return tuple(names)
 

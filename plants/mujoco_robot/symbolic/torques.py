@@ -10,7 +10,8 @@ from plants.mujoco_robot.symbolic.implicit import Torques
 from plants.mujoco_robot.symbolic.numbers import Parameters
 from residual_mpc.effects.chain import Chain, scaled
 from residual_mpc.effects.effect import Site
-from residual_mpc.effects.library import BY_NAME, changes, elastic_line, present
+from residual_mpc.effects.laws import NEAR, rounded, slope
+from residual_mpc.effects.library import BY_NAME, changes, elastic_line, fitted_laws, present
 from residual_mpc.effects.ops import Array, Kinks, Ops, clip
 from residual_mpc.extras import extra
 
@@ -59,7 +60,9 @@ class JointTorques:
             at_zero, more = elastic_line(self.kinks.exact, beside) or (0.0, 0.0)
             whole[j] = whole[j] - drag * v[j] - spring * (q[j] - rest) + at_zero - more * q[j]
             damping[j], stiffness[j] = damping[j] + drag, stiffness[j] + spring + more
-        return Torques(whole, damping, stiffness, self._dry(v, given, p))
+            law, by_speed, by_position = self._law(j, self._signals(j, q, v, u, clock), p)
+            whole[j], damping[j], stiffness[j] = whole[j] + law, damping[j] - by_speed, stiffness[j] - by_position
+        return Torques(whole, damping, stiffness, self._dry(q, v, u, given, p, clock))
 
     def forces(
         self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], p: Sequence[Any], clock: Any
@@ -160,19 +163,46 @@ class JointTorques:
     def _never_below_zero(self, own: Array, change: Array | None) -> Array:
         return own if change is None else self.kinks.exact.maximum(own + change, 0.0)
 
-    def _dry(self, v: Sequence[Any], given: Sequence[Any], p: Sequence[Any]) -> list[Any] | None:
+    def _signals(
+        self, j: int, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], clock: Any
+    ) -> dict[str, Any]:
+        """What a fitted law on a joint is a function of."""
+        sent = next((u[i] for i, joint in enumerate(self.robot.driven.tolist()) if joint == j), 0.0)
+        return {"position": q[j], "speed": v[j], "command": sent, "time": clock}
+
+    def _law(self, j: int, signals: dict[str, Any], p: Sequence[Any]) -> tuple[Any, Any, Any]:
+        """The torque of the fitted laws on a joint, and its derivatives by speed and position."""
+        laws = self.parameters.at(self.robot.joints[j], p, "law")
+        if not laws:
+            return 0.0, 0.0, 0.0
+        slopes = []
+        for name in ("speed", "position"):
+
+            def law(z: Any, name: str = name) -> Any:
+                return fitted_laws(rounded(self.kinks), laws, "law", {**signals, name: z})
+
+            torque, by = slope(law, signals[name], NEAR)
+            slopes.append(by)
+        return torque, slopes[0], slopes[1]
+
+    def _dry(
+        self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], given: Sequence[Any], p: Sequence[Any], clock: Any
+    ) -> list[Any] | None:
         """Levels of dry friction, N m (N); None without friction."""
         ops, robot = self.kinks.exact, self.robot
-        sites: tuple[Site, ...] = ("dry friction", "friction")
+        sites: tuple[Site, ...] = ("dry friction", "friction", "law friction")
         tuned = any((n.parameter.endswith(".frictionloss")) for n in self.parameters.numbers)
         if not tuned and not any(BY_NAME[e].place in sites for e in self.parameters.effects):
             return None
         out = []
         for j, joint in enumerate(robot.joints):
             level = self.parameters.own(f"joint.{joint}.frictionloss", p)
-            for effect, values in present(self.parameters.at(joint, p, *sites), *sites):
+            for effect, values in present(self.parameters.at(joint, p, *sites[:2]), *sites[:2]):
                 assert effect.step is not None
                 level = level + effect.step(ops, values, v[j], given[j])
+            laws = self.parameters.at(joint, p, sites[2])
+            if laws:
+                level = level + fitted_laws(rounded(self.kinks), laws, sites[2], self._signals(j, q, v, u, clock))
             out.append(ops.maximum(level, 0.0))
         return out
 

@@ -99,7 +99,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
             wheeled="left" in of.raw.blocks[0].robot.actuators,
             verdict=verdict,
         ),
-        values=final.values if helps else of.base.values,
+        values=of.space.whole(final.values) if helps else of.base.values,
         notes=notes(of, found, settings=settings),
     )
 

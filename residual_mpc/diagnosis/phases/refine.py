@@ -46,7 +46,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     options, settings = prepared.options, prepared.options.settings
     motion = found.problem.motion
     problem = build_problem(searched.windows, prepared.space, found.sigma, motion, settings=settings.predict)
-    problem = _trusting(problem, rivalry.fit.values, searched.scales, settings)
+    problem = trusting(problem, rivalry.fit.values, searched.scales, settings)
     starts = [rivalry.fit.values, found.base.values]
     polished, base = polish(problem, starts, options.final_steps, searched.scales, settings=settings.fit)
     polished, vetoed = _heed_encoders(problem, polished, options)
@@ -55,7 +55,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     with_outliers = _outliers_count(prepared, prepared.space.settings([final.values]), rng)
     expected = None
     if final.terms or with_outliers:
-        expected = _expected(prepared, problem, final, before, with_outliers, rng)
+        expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng)
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, problem, before, final,
         polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, vetoed, doubtful, expected,
@@ -64,7 +64,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     return Refined(explanation, prepared.longer, options)
 
 
-def _trusting(problem: Problem, values: Values, scales: Scales, settings: ResultSettings) -> Problem:
+def trusting(problem: Problem, values: Values, scales: Scales, settings: ResultSettings) -> Problem:
     """The problem in which windows that diverge under these values weigh less."""
     trust = window_trust(problem.data, scales, problem.data.y - problem.replays([values])[0], settings=settings.data)
     return problem if (trust == 1.0).all() else replace(problem, count=trust)
@@ -88,7 +88,7 @@ def _marginalised(problem: Problem, scales: Scales, final: Fit, options: Options
     return MarginalisedFit(wide, fit_all(wide, [final.values], phases.marginal_steps, settings=settings)[0])
 
 
-def _expected(
+def cross_validated_shrink(
     prepared: Prepared, problem: Problem, final: Fit, base: Fit, with_outliers: bool, rng: np.random.Generator
 ) -> Shrink:
     """The shrink, by cross-validation on the windows of the headline's horizon."""
@@ -97,7 +97,7 @@ def _expected(
     here = final
     if problem.data.count != prepared.fitting.count or problem.data.horizon != prepared.raw.horizon:
         plain = build_problem(prepared.fitting, prepared.space, 1.0 / problem.weight, settings=settings.predict)
-        here = on_problem(_trusting(plain, final.values, prepared.scales, settings), final, settings=settings.fit)
+        here = on_problem(trusting(plain, final.values, prepared.scales, settings), final, settings=settings.fit)
     before = spoilt.y - predict(spoilt, prepared.space.settings([base.values]))[0]
     after = expected_errors(prepared.fitting if with_outliers else spoilt, prepared.space, here, settings=settings.fit)
     kept_back = prepared.raw.take(prepared.held) if prepared.held.any() else spoilt

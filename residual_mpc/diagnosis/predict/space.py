@@ -3,7 +3,7 @@
 import fnmatch
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import zip_longest
 from types import MappingProxyType
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.library import BY_NAME, LIBRARY, holder
+from residual_mpc.effects.library import BY_NAME, HOSTED, LIBRARY, holder
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, assemble
@@ -36,10 +36,18 @@ class Space:
     tunables: tuple[Knob, ...]
     references: Mapping[tuple[str, str], float]
     ruled_out: Mapping[Term, str]  # terms that no run here can show, and why
+    # numbers of fitted laws that say how they act, which no fit changes
+    fixed: Values = field(default_factory=dict, kw_only=True)
 
     def knobs(self, term: Term) -> tuple[Knob, ...]:
         """The free numbers of a term."""
-        return tuple(Knob(term.effect, term.target, p.name) for p in BY_NAME[term.effect].parameters)
+        every = (Knob(term.effect, term.target, p.name) for p in BY_NAME[term.effect].parameters)
+        return tuple(k for k in every if k not in self.fixed)
+
+    def whole(self, values: Values) -> Values:
+        """The values with the fixed numbers of the laws among them."""
+        terms = {k.term for k in values if k.effect != TUNE} if self.fixed else set()
+        return {**{k: v for k, v in self.fixed.items() if k.term in terms}, **values}
 
     def reference(self, knob: Knob) -> float:
         """What one unit of a parameter's `probes` is worth here."""
@@ -114,6 +122,7 @@ class Space:
 
     def settings(self, hypotheses: Sequence[Values]) -> Settings:
         """One row per hypothesis; a tunable parameter that it does not name keeps its nominal value."""
+        hypotheses = [self.whole(h) for h in hypotheses]
         named = {k for h in hypotheses for k in h}
         nominal = {k: self.null(k) for k in self.tunables if k in named}
         return assemble([{**nominal, **h} for h in hypotheses] if nominal else hypotheses, self.slots)
@@ -148,7 +157,7 @@ def build_space(
     because: terms that are ruled out beforehand, and why.
     """
     robot = data.blocks[0].robot
-    slots = {e.name: robot.slots(e.name) for e in LIBRARY}
+    slots = {e.name: robot.slots(e.name) for e in HOSTED}
     chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
     longest = max(float(r.t[-1] - r.t[0]) for r in data.runs)

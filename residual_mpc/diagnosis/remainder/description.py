@@ -32,7 +32,7 @@ def describe_remainder(
     every = coordinates(data, predicted, settings=tuning)
     where = locate(data, scales, error, settings=tuning.data)
     burst = _half_within(per_window(data, scales, error))
-    keep = _evenly(data.count, settings=tuning)
+    keep = evenly_spread(data.count, tuning.description.windows)
     few = data.take(keep)
     missed = missed_of(few, scales, settings, predicted[keep], error[keep], floors[:, keep], tuning=tuning)
     motion = {k: v[keep] for k, v in own_motion(data, predicted).items()}
@@ -82,10 +82,7 @@ def first_of(tried: Sequence[Tried], worth: float, settings: RemainderSettings) 
     A share is beyond chance where it exceeds its coordinate's mean on shuffled windows by more than any coordinate did
     in any shuffle. A steady offset is the same however windows are shuffled: it is named where nothing else is.
     """
-    if not tried:
-        return None
-    luck = max(float(np.max(t.by_chance - t.by_chance.mean())) for t in tried)
-    good = [t for t in tried if t.share >= worth and t.share - float(t.by_chance.mean()) > luck]
+    good = beyond_chance(tried, worth)
     if not good:
         steady = [t for t in tried if t.coordinate.kind == "steady" and t.share >= worth]
         return (steady[0], ()) if steady else None
@@ -94,6 +91,12 @@ def first_of(tried: Sequence[Tried], worth: float, settings: RemainderSettings) 
     chosen = min(close, key=lambda t: (t.form != "added", KINDS.index(t.coordinate.kind)))
     alike = dict.fromkeys(t.coordinate.name for t in close if t.coordinate is not chosen.coordinate)
     return chosen, tuple(alike)
+
+
+def beyond_chance(tried: Sequence[Tried], worth: float) -> list[Tried]:
+    """Those that explain a share of at least `worth`, and more than chance would, in their order."""
+    luck = max((float(np.max(t.by_chance - t.by_chance.mean())) for t in tried), default=0.0)
+    return [t for t in tried if t.share >= worth and t.share - float(t.by_chance.mean()) > luck]
 
 
 def _components(missed: Sequence[MissingRate]) -> tuple[Component, ...]:
@@ -117,9 +120,10 @@ def _half_within(square: np.ndarray) -> float:
     return float((np.searchsorted(np.cumsum(part), 0.5 * part.sum()) + 1) / len(part))
 
 
-def _evenly(count: int, settings: RemainderSettings) -> np.ndarray:
+def evenly_spread(count: int, most: int) -> np.ndarray:
+    """(count,) bool: at most so many, evenly spread."""
     keep = np.zeros(count, dtype=bool)
-    keep[np.unique(np.linspace(0, count - 1, min(count, settings.description.windows)).round().astype(int))] = True
+    keep[np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))] = True
     return keep
 
 

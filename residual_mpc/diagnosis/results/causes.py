@@ -8,6 +8,7 @@ from residual_mpc.diagnosis.data.outliers import Outliers
 from residual_mpc.diagnosis.fit.evidence import blocks_of, covariance, dispersion, profile_sigma
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.fit.polish import carry_on
+from residual_mpc.diagnosis.laws.figures import FittedLaw, fitted_law
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
@@ -15,6 +16,7 @@ from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support
 from residual_mpc.diagnosis.search.stepwise import without
+from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.protocol import Robot
@@ -40,6 +42,13 @@ def causes_of(
     aside = _aside(of, settings=settings)
     causes = []
     for term in final.terms:
+        if is_law(term.effect):
+            probability = sure * doubt[term]
+            law = _law(of, term, settings=settings)
+            causes.append(
+                Cause(term, probability, (), BY_NAME[term.effect].summary, None, supports[term].evidence, law)
+            )
+            continue
         estimates = [
             _estimate(of, i, float(sigma[i]), unexplained, (*aside.get(k, ()), *lacking.get(k, ())), settings=settings)
             for i, k in enumerate(final.knobs)
@@ -57,6 +66,14 @@ def causes_of(
     if of.with_outliers:
         causes.append(_outliers(of.outliers, settings=settings))
     return tuple(causes)
+
+
+def _law(of: FittedExplanation, term: Term, settings: ResultSettings) -> FittedLaw:
+    """The law with its intervals, from the sandwich covariance."""
+    final = of.final
+    mine = [i for i, k in enumerate(final.knobs) if k.effect != TUNE and k.term == term]
+    spread = covariance(final, blocks_of(of.problem.data, settings=settings.fit))[np.ix_(mine, mine)]
+    return fitted_law(of.space, term, of.forms[term], final.values, [final.knobs[i] for i in mine], spread)
 
 
 def sigmas(problem: Problem, final: Fit, settings: ResultSettings) -> np.ndarray:

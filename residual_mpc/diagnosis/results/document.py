@@ -4,8 +4,10 @@ import math
 from dataclasses import asdict
 from typing import Any
 
+from residual_mpc.diagnosis.laws.figures import FittedLaw
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.results.records import Diagnosis, Estimate
+from residual_mpc.effects.laws import published
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.model_file import DIAGNOSIS_SCHEMA, MODEL_SCHEMA
 from residual_mpc.models.settings import Term, Values
@@ -52,7 +54,11 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             {
                 **_term(c.term),
                 "probability": c.probability,
-                "parameters": {p.name: _estimate(p) for p in c.parameters},
+                **(
+                    {"parameters": {p.name: _estimate(p) for p in c.parameters}}
+                    if c.law is None
+                    else _law(c.term, c.law)
+                ),
                 "evidence": list(c.evidence),
                 "summary": c.summary,
                 "only_target": c.only_target,
@@ -102,6 +108,10 @@ def to_model(d: Diagnosis) -> dict[str, Any]:
     }
 
 
+def _law(term: Term, law: FittedLaw) -> dict[str, Any]:
+    return {"stage": BY_NAME[term.effect].stage, **law.document()}
+
+
 def _estimate(p: Estimate) -> dict[str, Any]:
     figures = {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
     return {**figures, "note": p.note} if p.note else figures
@@ -112,7 +122,7 @@ def _rows(values: Values) -> list[dict[str, Any]]:
 
 
 def _term(term: Term) -> dict[str, str | None]:
-    return {"effect": term.effect, "target": term.target}
+    return {"effect": published(term.effect), "target": term.target}
 
 
 def _member(member: EffectSet) -> Any:

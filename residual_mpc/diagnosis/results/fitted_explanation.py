@@ -1,7 +1,7 @@
 """An explanation as it stands before the held-out windows are opened."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,7 +33,8 @@ class FittedExplanation:
     base, final: the model alone and with the effects, fitted to them; ends: where other
     starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes. vetoed: effects
     that the encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None
-    where nothing explains anything. tolerated: None where there are no small differences in other numbers."""
+    where nothing explains anything. tolerated: None where there are no small differences in other numbers.
+    forms: the shape of each fitted law."""
 
     raw: Dataset
     clean: Dataset
@@ -52,6 +53,7 @@ class FittedExplanation:
     doubtful: tuple[Term, ...]
     expected: Shrink | None
     tolerated: MarginalisedFit | None
+    forms: Mapping[Term, str] = field(default_factory=dict)
 
     @property
     def space(self) -> Space:

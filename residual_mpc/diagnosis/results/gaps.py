@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps, Verdict, left_share, verdict_of
+from residual_mpc.effects.laws import is_law
 from residual_mpc.models.settings import Settings
 
 COARSE = 0.3  # of what effects remove, from which on the time step may be the cause
@@ -62,7 +63,10 @@ class ExplanationGaps:
         """And the share of the squared gap beyond the floor that is left."""
         if not self.helps:
             return ("unknown", 1.0) if self.anywhere else ("no_gap", 0.0)
-        return verdict_of(self.looks), left_share(self.looks[0])
+        verdict = verdict_of(self.looks)
+        if verdict == "effects" and any(is_law(t.effect) for t in self.of.final.terms):
+            verdict = "partial"  # a law names no cause
+        return verdict, left_share(self.looks[0])
 
     @property
     def left(self) -> Gap:

@@ -8,6 +8,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.data.where import Where
+from residual_mpc.diagnosis.laws.figures import FittedLaw
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.remainder.learning import Learned
 from residual_mpc.diagnosis.remainder.records import Rest
@@ -78,6 +79,7 @@ class Cause:
     summary: str
     only_target: str | None = None  # what "all targets" means on a robot that has one, for the wording
     evidence: tuple[str, ...] = ()
+    law: FittedLaw | None = None  # where the cause has no name
 
 
 @dataclass(frozen=True)

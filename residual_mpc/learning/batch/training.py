@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import Gap, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
-from residual_mpc.effects.library import LIBRARY
+from residual_mpc.effects.library import HOSTED
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.batch import checkpoint as disk
 from residual_mpc.learning.batch.evaluation import (
@@ -113,7 +113,7 @@ def train(
 def _train(
     task: Task, settings: LearnSettings, rng: np.random.Generator, report: Report, folder: Path | None
 ) -> TrainingResult:
-    effects = assemble([task.values], {e.name: task.robots[0].slots(e.name) for e in LIBRARY})
+    effects = assemble([task.values], {e.name: task.robots[0].slots(e.name) for e in HOSTED})
     flagged = task.leaves_out_outliers
     seen = (task.runs, task.robots, task.noise, task.gap_horizon, effects, flagged)
     final = build_evaluation(*seen, False)

@@ -12,7 +12,7 @@ import numpy as np
 
 from residual_mpc.effects.body import ARMATURE, LINK_MASS, PAYLOAD
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.library import LIBRARY
+from residual_mpc.effects.library import HOSTED
 from residual_mpc.effects.surroundings import BASE_TILT, END_STOP
 from residual_mpc.logs.columns import is_measured
 from residual_mpc.models.contract.demand import ContractBroken, demand
@@ -91,7 +91,7 @@ def check_names(robot: Robot) -> None:
 
 def check_slots(robot: Robot) -> None:
     """Slots are distinct names; bounds hold the null value; references and nominal values are finite."""
-    for effect in LIBRARY:
+    for effect in HOSTED:
         slots = robot.slots(effect.name)
         names = isinstance(slots, tuple) and all(isinstance(s, str) for s in slots)
         distinct = names and len(set(slots)) == len(slots)
@@ -141,7 +141,7 @@ def _draw(robot: Robot, rng: np.random.Generator, size: float, wanted: tuple[str
 
 
 def _hosted(robot: Robot) -> tuple[Effect, ...]:
-    return tuple(e for e in LIBRARY if robot.slots(e.name))
+    return tuple(e for e in HOSTED if robot.slots(e.name))
 
 
 def _same(law: str, came: Predicted, wanted: Predicted, rows: slice = slice(None)) -> None:

@@ -1,4 +1,4 @@
-"""The missing rate over what it depends on, with its standard errors."""
+"""The missing rate over what it depends on, with its standard errors; a fitted law over its quantity."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -40,6 +40,21 @@ def curve(dependence: Mapping[str, Any], what: str, name: str) -> "Markup":
         axes.margins(x=0.03)
         few_ticks(axes)
         return inline(figure, name, _alt(dependence, what, x, y))
+
+
+def law_curve(law: Mapping[str, Any], name: str) -> "Markup":
+    """A fitted law of an explanation, level beyond its ends unless it repeats; `name` is unique on the page."""
+    x, y = (np.asarray(law[k], dtype=float) for k in ("knots", "values"))
+    low, high = (np.asarray(side, dtype=float) for side in law["values_ci95"])
+    se = (high - low) / 4.0
+    if law["form"] != "harmonic":
+        beyond = 0.15 * max(float(np.ptp(x)), 1e-6 + 0.1 * abs(float(x[0])))
+        x = np.concatenate([[x[0] - beyond], x, [x[-1] + beyond]])
+        y, se = np.pad(y, 1, "edge"), np.pad(se, 1, "edge")
+    what = f"the {law['of']}" + (f" of {law['target']}" if law.get("target") else "")
+    shown = {"component": what, "x": x, "y": y, "se": se, "x_unit": law["on_unit"], "y_unit": law["unit"],
+             "repeats": None}  # fmt: skip
+    return curve({"on": law["on"], "kind": "law", "form": "added", "curve": shown}, what, name)
 
 
 def _y_label(dependence: Mapping[str, Any], what: str) -> str:

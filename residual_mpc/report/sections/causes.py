@@ -6,6 +6,7 @@ from typing import Any
 
 from residual_mpc.report.evidence.clock import since_start
 from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.figures.curve import law_curve
 from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.effects import remarks
 from residual_mpc.report.words.groups import member_name
@@ -25,7 +26,10 @@ def causes(document: Document, evidence: Evidence) -> Section | None:
     body = render(
         "sections/causes.html.jinja",
         verdict=document["verdict"],
-        explanation=[(effect, remarks(effect, since)) for effect in surest_first(document["explanation"])],
+        explanation=[
+            (effect, remarks(effect, since), law_curve(effect, f"law{k}") if "knots" in effect else "")
+            for k, effect in enumerate(surest_first(document["explanation"]))
+        ],
         sure=SURE,
         shown=candidates[:SHOWN],
         folded=candidates[SHOWN:],

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.report.words.laws import law_sentence
 from residual_mpc.report.words.numbers import listed, measure, number, percent
 from residual_mpc.report.words.phrases import OPPOSITES, QUANTITIES
 
@@ -49,6 +50,8 @@ def sentence_of(effect: Effect) -> str:
     known = BY_NAME.get(effect["effect"])
     phrase = known.phrase if known else None
     target = effect.get("target") or effect.get("only_target")
+    if effect["effect"] == "fitted_law" and "form" in effect:
+        return law_sentence(effect)
     if effect["effect"] == "fitted_law":
         return f"a function of {effect.get('on', 'the motion')}, fitted to the runs, corrects {target or 'the robot'}"
     if known is None or phrase is None:

@@ -1,0 +1,163 @@
+"""A fitted law as a diagnosis publishes it: its points with intervals, and the numbers of its closed form."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.effects.laws import KIND_OF, LawKind, points_of
+from residual_mpc.models import optional
+from residual_mpc.models.settings import Knob, Term, Values
+
+T95 = 1.96
+NEAR = 1e-6  # of a typical size, for difference quotients
+CHOSEN = ("cycles", "at", "from", "to")
+CHOSEN = ("cycles", "at", "from", "to")
+RATE_UNITS = {"forward": "m/s", "sideways": "m/s", "yaw": "rad/s"}
+
+
+@dataclass(frozen=True)
+class LawNumber:
+    """A number of a closed form with its 95 % interval, None for one that was chosen among a few and not fitted."""
+
+    value: float
+    ci95: tuple[float, float] | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class FittedLaw:
+    """of: what is missing ("torque", "friction", "rate", "strength"), in `unit`; on: the quantity in words, in
+    `on_unit`; knots, values: linear between these points and level beyond the first and the last, save for the form
+    "harmonic", of which they are one repetition; low, high: 95 % of the values; form: the shape; numbers: of its closed
+    form, none for a "curve"."""
+
+    of: str
+    on: str
+    form: str
+    knots: tuple[float, ...]
+    values: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    unit: str
+    on_unit: str
+    numbers: Mapping[str, LawNumber]
+
+    def document(self) -> dict[str, object]:
+        """What an entry of an explanation says of it, beside effect, target and probability."""
+        return {
+            "of": self.of,
+            "on": self.on,
+            "form": self.form,
+            "unit": self.unit,
+            "on_unit": self.on_unit,
+            "knots": list(self.knots),
+            "values": list(self.values),
+            "values_ci95": [list(self.low), list(self.high)],
+            "parameters": {
+                name: {"value": n.value, "ci95": n.ci95 and list(n.ci95), "unit": n.unit}
+                for name, n in self.numbers.items()
+            },
+        }
+
+
+def fitted_law(
+    space: Space, term: Term, form: str, values: Values, free: Sequence[Knob], spread: np.ndarray
+) -> FittedLaw:
+    """values: of the whole explanation; free: the law's fitted numbers, with their covariance (F, F)."""
+    kind = KIND_OF[term.effect]
+    whole = {k.parameter: v for k, v in space.whole(values).items() if k.term == term}
+    unit, on_unit = units_of(space, term)
+
+    def numbers_at(x: np.ndarray) -> np.ndarray:
+        p = {**whole, **dict(zip((k.parameter for k in free), map(float, x), strict=True))}
+        return np.array([*points_of(kind, p)[1], *_closed_form(kind, form, p).values()])
+
+    at = np.array([values[k] for k in free])
+    found = numbers_at(at)
+    sizes = NEAR * np.array([space.scale(k) for k in free])
+    slopes = np.stack([(numbers_at(at + e) - numbers_at(at - e)) / (2.0 * e.sum()) for e in np.diag(sizes)], axis=1)
+    half = T95 * np.sqrt(np.maximum(np.einsum("if,fg,ig->i", slopes, spread, slopes), 0.0))
+    knots = points_of(kind, whole)[0]
+    n, names = len(knots), tuple(_closed_form(kind, form, whole))
+    closed = {
+        name: LawNumber(
+            float(v), None if name in CHOSEN else (float(v - h), float(v + h)), _unit_of(name, unit, on_unit)
+        )
+        for name, v, h in zip(names, found[n:], half[n:], strict=True)
+    }
+    level, wide = found[:n], half[:n]
+    return FittedLaw(
+        kind.of, words_of(space, term), form, _tuple(knots), _tuple(level), _tuple(level - wide), _tuple(level + wide),
+        unit, on_unit, closed,
+    )  # fmt: skip
+
+
+def words_of(space: Space, term: Term) -> str:
+    """The quantity that a law is a function of, as the remainder's coordinates are called."""
+    kind = KIND_OF[term.effect]
+    robot = {"time": "the time in the run", "forward": "the forward speed", "turning": "the turning rate"}
+    if kind.on in robot:
+        return robot[kind.on]
+    if kind.on == "command":
+        joints = optional.actuator_joints(space.robot)
+        named = [a for a, j in zip(space.robot.actuators, joints, strict=True) if j == term.target]
+        return f"the command of {named[0] if named else term.target}"
+    return f"the {'angle' if kind.shape == 'wave' else kind.on} of {term.target}"
+
+
+def units_of(space: Space, term: Term) -> tuple[str, str]:
+    """Of what is missing, and of the quantity."""
+    kind, robot = KIND_OF[term.effect], space.robot
+    sliding = term.target in optional.sliding(robot)
+    turn = "m" if sliding else "rad"
+    unit = RATE_UNITS.get(str(term.target), "rad/s") if kind.of == "rate" else kind.unit
+    unit = "N" if sliding and unit == "N m" else unit
+    if kind.on == "command":
+        joints = optional.actuator_joints(robot)
+        sent = [k for k, j in zip(robot.command_kinds, joints, strict=True) if j == term.target]
+        return unit, {"position": turn, "torque": "N" if sliding else "N m"}.get(sent[0] if sent else "", f"{turn}/s")
+    on = {"position": turn, "speed": f"{turn}/s", "time": "s", "forward": "m/s", "turning": "rad/s"}[kind.on]
+    return unit, on
+
+
+def _closed_form(kind: LawKind, form: str, p: Mapping[str, float]) -> dict[str, float]:
+    """The numbers of a closed form; a harmonic is offset + amplitude sin(cycles z + phase)."""
+    if form == "harmonic":
+        return {
+            "amplitude": float(np.hypot(p["cos"], p["sin"])),
+            "cycles": p["cycles"],
+            "phase": float(np.arctan2(p["cos"], p["sin"])),
+            "offset": p["offset"],
+        }
+    z, y = points_of(kind, p)
+    if form == "constant":
+        return {"level": float(y[0])}
+    if form == "line":
+        gradient = float((y[1] - y[0]) / (z[1] - z[0]))
+        return {"at_zero": float(y[0] - gradient * z[0]), "gradient": gradient}
+    if form in ("step", "saturating"):
+        ends = {"at": float(0.5 * (z[0] + z[1]))} if form == "step" else {"from": float(z[0]), "to": float(z[1])}
+        return {"below": float(y[0]), "above": float(y[1]), **ends}
+    if form == "bend":
+        slopes = np.diff(y) / np.diff(z)
+        below, above = map(float, slopes)
+        return {"at": float(z[1]), "level": float(y[1]), "gradient_below": below, "gradient_above": above}
+    return {}
+
+
+def _unit_of(name: str, unit: str, on_unit: str) -> str:
+    if name.startswith("gradient"):
+        return "1" if unit == on_unit else SLOPES.get((unit, on_unit), f"({unit})/({on_unit})")
+    return {"cycles": "1/turn", "phase": "rad", "at": on_unit, "from": on_unit, "to": on_unit}.get(name, unit)
+
+
+SLOPES = {
+    ("N m", "rad"): "N m/rad", ("N m", "rad/s"): "N m s/rad", ("N m", "s"): "N m/s", ("1", "s"): "1/s",
+    ("rad/s", "m/s"): "rad/m", ("m/s", "rad/s"): "m/rad", ("N", "m"): "N/m", ("N", "m/s"): "N s/m",
+}  # fmt: skip
+
+
+def _tuple(x: np.ndarray) -> tuple[float, ...]:
+    return tuple(map(float, x))

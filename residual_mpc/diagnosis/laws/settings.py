@@ -1,0 +1,36 @@
+"""What tunes the search for fitted laws."""
+
+from dataclasses import dataclass
+
+from residual_mpc.diagnosis.checks import check_positive, check_share
+
+
+@dataclass(frozen=True)
+class LawSettings:
+    """most: laws of one explanation; tried: quantities that a law is fitted in before the best is chosen. windows: that
+    a proposal looks at; steps: simulation steps that one hypothesis may cost in the fits that choose, of `fit_steps`
+    steps each. knots: of a curve; places: at which a step or bend is tried; widths: of a step or a saturation, of the
+    quantity's range. as_well: share of the squares that the best shape leaves on unseen blocks, by which a simpler one
+    may leave more. other_target: share of the main component's gain from which a law that belongs to no joint is tried
+    at another one as well. worth: share by which the gap on held-out windows, and the squared one on folds, has to
+    shrink; sure: standard errors that are beyond doubt."""
+
+    most: int = 2
+    tried: int = 4
+    windows: int = 160
+    floor_draws: int = 2
+    steps: int = 12_000
+    fit_steps: int = 5
+    knots: int = 8
+    places: int = 11
+    widths: tuple[float, ...] = (0.02, 0.1, 0.2, 0.3, 0.45, 0.6)
+    as_well: float = 0.1
+    other_target: float = 0.4
+    worth: float = 0.1
+    sure: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_positive(self, "most", "tried", "windows", "floor_draws", "steps", "fit_steps", "places", "sure")
+        check_share(self, "as_well", "other_target", "worth")
+        if not 3 < self.knots <= 10:
+            raise ValueError(f"LawSettings.knots must be from 4 to 10, got {self.knots}")

@@ -1,0 +1,87 @@
+"""Between validation and description: what no known effect explains becomes a law where it depends on a quantity."""
+
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
+from residual_mpc.diagnosis.fit.polish import carry_on
+from residual_mpc.diagnosis.laws.add import Unexplained, WithLaws, add_laws
+from residual_mpc.diagnosis.options import Progress
+from residual_mpc.diagnosis.phases.prepare import Prepared
+from residual_mpc.diagnosis.phases.refine import Refined, cross_validated_shrink, trusting
+from residual_mpc.diagnosis.phases.validate import Validated, validate
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.shrink import shrink_of
+from residual_mpc.diagnosis.search.rivals import Rivalry
+from residual_mpc.effects.laws import FITTED_LAW
+from residual_mpc.models.settings import TUNE
+
+
+def find_laws(
+    prepared: Prepared, refined: Refined, validated: Validated, rng: np.random.Generator, progress: Progress
+) -> Validated:
+    """The explanation with the laws that predict the held-out windows better beyond doubt; else as it was.
+
+    What is fitted sees no held-out window. The generator is left as it came, so that what follows draws the same.
+    """
+    options = validated.options
+    wanted = FITTED_LAW not in options.without and (not options.only or FITTED_LAW in options.only)
+    if not wanted or validated.gaps.verdict[0] in ("no_gap", "effects") or not validated.explanation.held.any():
+        return validated
+    progress("looking for a law in what is left", 0.87)
+    rng = deepcopy(rng)
+    found = add_laws(_unexplained(validated), rng, options.settings.remainder, options.settings.laws)
+    if found is None:
+        return validated
+    again = validate(replace(refined, explanation=_explained(prepared, refined, found, rng)), rng, progress)
+    return again if _predicts(validated, again, rng) else validated
+
+
+def _unexplained(validated: Validated) -> Unexplained:
+    """The windows of the headline's horizon, or shorter ones where the model cannot predict that far."""
+    of = validated.explanation
+    near = of.problem.data.horizon < of.raw.horizon
+    data = replace(of.problem.data, noise=of.raw.noise) if near else of.clean.take(~of.held)
+    values = of.final.values if validated.gaps.helps else of.base.values
+    scales = measure_scales(data) if near else of.scales
+    return Unexplained(data, scales, 1.0 / of.problem.weight, of.space, of.base.values, values)
+
+
+def _explained(prepared: Prepared, refined: Refined, found: WithLaws, rng: np.random.Generator) -> FittedExplanation:
+    """The laws' numbers fitted on all windows that fits may see, and the shrink expected of them."""
+    of, options = refined.explanation, refined.options
+    settings = options.settings
+    problem = build_problem(
+        of.problem.data, found.space, 1.0 / of.problem.weight, of.problem.motion, settings=settings.predict
+    )
+    problem = trusting(problem, found.values, of.scales, settings)
+    final = carry_on(problem, [found.values], options.final_steps, settings=settings.fit)[0]
+    base = on_problem(problem, of.base, settings=settings.fit)
+    known = replace(prepared, space=found.space)
+    expected = cross_validated_shrink(known, problem, final, base, of.with_outliers, rng)
+    ends = {k: (final.values[k],) for k in final.knobs if k.effect != TUNE}
+    return replace(
+        of, problem=problem, base=base, final=final, ends=ends, rivalry=_still_standing(of.rivalry, final),
+        vetoed=(), doubtful=(), expected=expected, tolerated=None, forms=found.forms,
+    )  # fmt: skip
+
+
+def _still_standing(rivalry: Rivalry, final: Fit) -> Rivalry:
+    """What was said of the effects that are still named. Their rivals were compared without the laws, and are not."""
+    groups = tuple(g for g in rivalry.groups if all(t in final.terms for t in g[0]))
+    shares = {t: rivalry.shares.get(t, 1.0) for t in final.terms}
+    return Rivalry(final, (), groups, shares, final)
+
+
+def _predicts(before: Validated, after: Validated, rng: np.random.Generator) -> bool:
+    """Whether the held-out windows are predicted better beyond doubt."""
+    of, settings = after.explanation, after.options.settings
+    if not after.gaps.helps:
+        return False
+    was, now = (v.errors[1][of.test] for v in (before, after))
+    gain = shrink_of(of.raw.take(of.test), of.scales, was, now, rng, settings=settings)
+    return gain.value >= settings.laws.worth and gain.ci95[0] > 0.0

@@ -1,0 +1,174 @@
+"""Laws that are fitted to what no named effect explains: a torque, a friction, a rate or a strength as a function of
+one quantity.
+
+Each is an effect like the others. A curve is linear between knots and level beyond the first and the last; a constant,
+a line, a step, a saturation and a bend are curves of one, two or three knots. A wave has one harmonic of an angle.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+
+from residual_mpc.effects.effect import Effect, Parameter, Reference, Site, Stage, TargetKind, Values, no_memory
+from residual_mpc.effects.ops import NUMPY, Array, Kinks, Ops, clip
+
+FITTED_LAW = "fitted_law"  # how a diagnosis names them all
+MOST_KNOTS = 10
+KNOTS = tuple(f"knot{i}" for i in range(1, MOST_KNOTS + 1))
+LEVELS = ("start", *(f"rise{i}" for i in range(2, MOST_KNOTS + 1)))  # what is fitted of a curve
+WAVE = ("offset", "cos", "sin")  # what is fitted of a wave
+WAVE_POINTS = 13  # at which a wave is listed
+NEAR = 1e-3  # rad, rad/s: over which a law's slope is taken
+ROUNDED = 0.05  # of the stretch between two knots
+INF = float("inf")
+
+Of = Literal["torque", "friction", "rate", "strength"]
+On = Literal["position", "speed", "command", "time", "forward", "turning"]
+UNITS: Mapping[On, str] = {
+    "position": "rad", "speed": "rad/s", "command": "command unit", "time": "s", "forward": "m/s", "turning": "rad/s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LawKind:
+    """of: what is missing; on: the quantity that it depends on; shape: of the function."""
+
+    of: Of
+    on: On
+    shape: Literal["curve", "wave"]
+    stage: Stage
+    target: TargetKind
+    site: Site
+    unit: str  # of what is missing; "rate unit" where the target says it
+    probe: float  # a value worth a first look, in units of the reference
+    reference: Reference
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return f"{FITTED_LAW}_{self.of}_{self.on}" + ("_wave" if self.shape == "wave" else "")
+
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """The parameters that say how much; the others say how it acts and are fixed before they are fitted."""
+        return LEVELS if self.shape == "curve" else WAVE
+
+
+def curve(ops: Ops, p: Values, z: Array, stretches: int = MOST_KNOTS - 1) -> Array:
+    """Linear between the knots, level beyond the first and the last: start + sum of rises, each between two knots.
+
+    stretches: between knots, the first so many of which rise.
+    """
+    total = p["start"] + 0.0 * z
+    for k, rise in enumerate(LEVELS[1 : stretches + 1]):
+        low, high = p[KNOTS[k]], p[KNOTS[k + 1]]
+        total = total + p[rise] * clip(ops, (z - low) / (high - low), 0.0, 1.0)
+    return total
+
+
+def wave(ops: Ops, p: Values, z: Array) -> Array:
+    """offset + cos cos(n z) + sin sin(n z), with n repetitions a turn."""
+    a = p["cycles"] * z
+    return p["offset"] + p["cos"] * ops.cos(a) + p["sin"] * ops.sin(a)
+
+
+def strength(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float) -> tuple[Array, Any]:
+    """(1 + curve(time since the run began)) y, never below zero."""
+    return ops.maximum(1.0 + curve(ops, p, clock), 0.0) * y, memory
+
+
+def curve_shape(knots: Sequence[float]) -> dict[str, float]:
+    """The fixed parameters of a curve with these knots; those that are not used lie beyond the last and rise by 0."""
+    spare = range(1, MOST_KNOTS - len(knots) + 1)
+    places = [*map(float, knots), *(float(knots[-1]) + i for i in spare)]
+    return {"count": float(len(knots)), **dict(zip(KNOTS, places, strict=True)),
+            **dict.fromkeys(LEVELS[len(knots):], 0.0)}  # fmt: skip
+
+
+def points_of(kind: LawKind, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """(knots, values): a curve's own points, or those of one repetition of a wave."""
+    if kind.shape == "wave":
+        z = np.linspace(0.0, 2.0 * np.pi / p["cycles"], WAVE_POINTS)
+        return z, np.asarray(wave(NUMPY, p, z))
+    count = int(p["count"])
+    return np.array([p[k] for k in KNOTS[:count]]), np.cumsum([p[v] for v in LEVELS[:count]])
+
+
+def shortened(kind: LawKind, p: Mapping[str, np.ndarray]) -> tuple[Values, Callable[..., Array]]:
+    """Parameters and equation that give the same in numpy, without the stretches in which no row rises."""
+    if kind.shape == "wave":
+        return p, wave
+    last = max((k for k, name in enumerate(LEVELS) if np.any(p[name] != 0.0)), default=0)
+    return p, partial(curve, stretches=last)
+
+
+def rounded(kinks: Kinks) -> Ops:
+    """The operations of a law's equation: exact, or with its corners rounded over a part of each stretch."""
+    return kinks.exact if kinks.width == 0.0 else kinks.rough(ROUNDED / kinks.width)
+
+
+def slope(law: Callable[[Array], Array], z: Array, width: float) -> tuple[Array, Array]:
+    """The value of a law at z and its slope, by central differences over `width` on both sides."""
+    return law(z), (law(z + width) - law(z - width)) / (2.0 * width)
+
+
+def _parameters(kind: LawKind) -> tuple[Parameter, ...]:
+    sizes = tuple(Parameter(n, kind.unit, 0.0, -INF, INF, (kind.probe,), kind.reference) for n in kind.fitted)
+    if kind.shape == "wave":
+        return (Parameter("cycles", "1/turn", 1.0, 0.0, INF, (), shape=True), *sizes)
+    unit = UNITS[kind.on]
+    places = (Parameter(k, unit, float(i), -INF, INF, (), shape=True) for i, k in enumerate(KNOTS))
+    return (Parameter("count", "1", 1.0, 1.0, MOST_KNOTS, (), shape=True), *places, *sizes)
+
+
+def _effect(kind: LawKind) -> Effect:
+    steps: Mapping[str, Callable[..., Any]] = {"curve": curve, "wave": wave}
+    chained = kind.of == "strength"  # one of the chain from the command to the joint
+    return Effect(
+        name=kind.name,
+        stage=kind.stage,
+        port="output" if chained else "law",
+        target=kind.target,
+        parameters=_parameters(kind),
+        summary=f"a {kind.of} that no named effect explains, as a function of one quantity",
+        start=no_memory if chained else None,
+        step=strength if chained else steps[kind.shape],
+        null_target=chained,
+        site=kind.site,
+        not_in_mjcf="MJCF has no curves",
+    )
+
+
+KINDS: tuple[LawKind, ...] = (
+    LawKind("strength", "time", "curve", "actuator", "actuator", "strength", "1", 0.05, "one"),
+    LawKind("torque", "position", "wave", "body", "joint", "law", "N m", 0.1, "torque"),
+    LawKind("torque", "position", "curve", "body", "joint", "law", "N m", 0.1, "torque"),
+    LawKind("torque", "speed", "curve", "body", "joint", "law", "N m", 0.1, "torque"),
+    LawKind("torque", "time", "curve", "body", "joint", "law", "N m", 0.1, "torque"),
+    LawKind("torque", "command", "curve", "body", "joint", "law", "N m", 0.1, "torque"),
+    LawKind("friction", "position", "curve", "body", "joint", "law friction", "N m", 0.1, "torque"),
+    LawKind("friction", "time", "curve", "body", "joint", "law friction", "N m", 0.1, "torque"),
+    LawKind("rate", "forward", "curve", "contact", "channel", "rate", "rate unit", 0.02, "one"),
+    LawKind("rate", "turning", "curve", "contact", "channel", "rate", "rate unit", 0.02, "one"),
+)  # fmt: skip
+KIND_OF: Mapping[str, LawKind] = {kind.name: kind for kind in KINDS}
+LAWS: tuple[Effect, ...] = tuple(_effect(kind) for kind in KINDS)
+
+
+def is_law(effect: str) -> bool:
+    """Whether an effect is a fitted law."""
+    return effect in KIND_OF
+
+
+def published(effect: str) -> str:
+    """The name of an effect in a diagnosis: all fitted laws have one."""
+    return FITTED_LAW if is_law(effect) else effect
+
+
+def reads_clock(effect: Effect) -> bool:
+    """Whether an effect on a joint or its actuator needs to know the time since the run began."""
+    law = KIND_OF.get(effect.name)
+    return (effect.place == "strength" and effect.timed) or (law is not None and law.on == "time")

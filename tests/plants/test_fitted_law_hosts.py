@@ -1,0 +1,111 @@
+"""Fitted laws on joints and on a base: exact where they can be, and the same in replay and step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.arms import DT, arm_xml, literal, random_drive, random_start, robot_of
+from oracles.own_arms import UR5E
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.effects.laws import KINDS, LawKind, curve_shape
+from residual_mpc.effects.library import HOSTED
+from residual_mpc.export import Build, augment
+from residual_mpc.export.moving import moving_apart
+from residual_mpc.models.contract import check_robot
+from residual_mpc.models.protocol import Drive
+from residual_mpc.models.settings import Knob, Settings, Values, assemble
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+ON_JOINTS = [k for k in KINDS if k.of in ("torque", "friction")]
+ON_BASE = [k for k in KINDS if k.of in ("rate", "strength")]
+
+
+def law(kind: LawKind, target: str | None, size: float) -> Values:
+    if kind.shape == "wave":
+        numbers = {"cycles": 5.0, "offset": 0.2 * size, "cos": 0.6 * size, "sin": 0.5 * size}
+    else:
+        bent = {"start": 0.5 * size, "rise2": 0.5 * size, "rise3": -0.8 * size}
+        numbers = {**curve_shape([-0.5, 0.2, 1.5]), **bent}
+    return {Knob(kind.name, target, name): value for name, value in numbers.items()}
+
+
+def rows(robot, *hypotheses: Values) -> Settings:
+    return assemble(hypotheses, {e.name: robot.slots(e.name) for e in HOSTED})
+
+
+@pytest.mark.parametrize("robot", ["arm", "rover"])
+def test_the_contract_of_a_robot_holds_for_laws(tmp_path: Path, robot: str) -> None:
+    """At null every law changes nothing bit for bit, alone and beside a row where it acts; elsewhere it acts."""
+    check_robot(ROVER if robot == "rover" else robot_of(tmp_path, arm_xml()), np.random.default_rng(0))
+
+
+def test_a_constant_law_is_a_constant_torque(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, arm_xml(gravity=0.0))
+    kind = next(k for k in KINDS if (k.of, k.on, k.shape) == ("torque", "time", "curve"))
+    constant = {Knob(kind.name, "j1", name): v for name, v in {**curve_shape([0.0]), "start": 0.4}.items()}
+    offset = {Knob("torque_offset", "j1", "torque"): 0.4}
+    drive, start = random_drive(robot, 2, 200), random_start(robot, 2)
+    both = robot.replay(start, drive, rows(robot, constant, offset), ("position.j1", "position.j2"))
+    drive = Drive(drive.dt, drive.lead, np.repeat(drive.command[:1], 2, axis=0), None, drive.clock)
+    start = {k: np.repeat(v[:1], 2) for k, v in start.items()}
+    both = robot.replay(start, drive, rows(robot, constant, offset), ("position.j1", "position.j2"))
+    for nodes in both.values():  # the offset is a very weak spring in MuJoCo
+        np.testing.assert_allclose(nodes[0], nodes[1], atol=1e-6)
+
+
+def test_a_law_of_the_position_is_the_literal_torque(tmp_path: Path) -> None:
+    """Against mj_step with the same torque in qfrc_applied."""
+    import mujoco
+
+    robot = robot_of(tmp_path, arm_xml())
+    kind = next(k for k in KINDS if k.shape == "wave")
+    drive, start = random_drive(robot, 1, 150), random_start(robot, 1)
+    found = robot.replay(start, drive, rows(robot, law(kind, "j2", 0.5)), ("position.j1", "position.j2"))
+    data = mujoco.MjData(robot.model)
+    data.qpos[:] = [start["position.j1"][0], start["position.j2"][0]]
+    data.qvel[:] = [start["velocity.j1"][0], start["velocity.j2"][0]]
+    for k in range(150):
+        data.ctrl[:] = drive.command[0, drive.lead + k]
+        q = data.qpos[1]
+        data.qfrc_applied[1] = 0.1 + 0.3 * np.cos(5.0 * q) + 0.25 * np.sin(5.0 * q)
+        mujoco.mj_step(robot.model, data)
+        assert found["position.j2"][0, k + 1] == pytest.approx(data.qpos[1], abs=1e-12)
+    plain, _, _ = literal(robot.model, start, drive.command[0, drive.lead :], 0)
+    assert np.abs(plain[-1, 1] - data.qpos[1]) > 1e-3 and DT == robot.step
+
+
+@pytest.mark.parametrize("kind", ON_JOINTS, ids=lambda k: k.name)
+def test_a_law_acts_in_the_step_as_in_the_replay(tmp_path: Path, kind: LawKind) -> None:
+    model = augment(robot_of(tmp_path, UR5E), law(kind, "elbow", 6.0), None, Build(0.02))
+    assert not model.stepped.left_out[1:]
+    assert ("clock" in model.stepped.states) == (kind.on == "time")
+    assert moving_apart(model, np.random.default_rng(1)) < 3e-3
+
+
+@pytest.mark.parametrize("kind", ON_BASE, ids=lambda k: k.name)
+def test_a_base_moves_in_the_step_as_in_the_replay(kind: LawKind) -> None:
+    values = law(kind, "yaw" if kind.of == "rate" else "left", 0.2)
+    model = augment(ROVER, values, None, Build(0.02))
+    u = 6.0 + 4.0 * np.sin(0.2 * np.arange(60))[:, None] * [1.0, 0.6]
+    x = [model.start()]
+    for now in u:
+        x.append(model.numpy_step(x[-1], now))
+    drive = Drive(0.02, 1, np.concatenate([u[:1], u])[None], None, np.zeros(1))
+    start = {c: np.zeros(1) for c in ("pose.x", "pose.y", "pose.theta")}
+    for column, channel in enumerate(start):
+        nodes = ROVER.replay(start, drive, rows(ROVER, values), tuple(start))[channel][0]
+        np.testing.assert_allclose(np.array(x)[:, column], nodes, atol=1e-12)
+    assert np.abs(nodes - ROVER.replay(start, drive, Settings(1), tuple(start))[channel][0]).max() > 1e-3  # the heading
+
+
+def test_a_law_of_the_speed_that_brakes_hard_is_stable(tmp_path: Path) -> None:
+    """Stiffer than an explicit step of 2 ms could bear: 60 N m s/rad on an inertia of less than 0.02 kg m^2."""
+    robot = robot_of(tmp_path, arm_xml())
+    kind = next(k for k in KINDS if (k.of, k.on) == ("torque", "speed"))
+    numbers = {**curve_shape([-0.5, 0.5]), "start": 30.0, "rise2": -60.0}
+    values = {Knob(kind.name, "j2", name): v for name, v in numbers.items()}
+    found = robot.replay(random_start(robot, 1), random_drive(robot, 1, 300), rows(robot, values), ("velocity.j2",))
+    assert np.abs(found["velocity.j2"][0, 20:]).max() < 0.2
