@@ -81,6 +81,17 @@ def write_log(path: Path, parts: Sequence[tuple[Setting, float]], rng: np.random
         (path / f"part{number:03d}.csv").write_text("\n".join([header, *lines]) + "\n")
 
 
+def write_example(folder: Path, change: dict[str, float], before: float, after: float, seed: int) -> None:
+    """robot.toml and logs/: a robot for `before` s, then for `after` s with the change."""
+    rng = np.random.default_rng([seed, 99])
+    steady = SETTINGS[0]
+    factor = {k: v * getattr(steady.robot, k) if k != "delay" else v for k, v in change.items()}
+    write_drive(folder, 0.05, 0.30)
+    (folder / "logs").mkdir()
+    changed = Setting("changed", replace(steady.robot, **factor))
+    write_log(folder / "logs", [(steady, before), (changed, after)], rng)
+
+
 def events(folder: Path, reference: float, seed: int) -> Iterator[dict[str, object]]:
     from residual_mpc.monitoring.events import document_of
 
@@ -115,15 +126,9 @@ def false_alarms(setting: Setting, robots: int, hours: int, reference: float, se
 
 def detected(name: str, change: dict[str, float], reference: float, seed: int) -> str:
     """One robot whose number changes after its reference and ten more minutes, and what is said of it."""
-    rng = np.random.default_rng([seed, 99])
-    before = SETTINGS[0]
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        write_drive(folder, 0.05, 0.30)
-        (folder / "logs").mkdir()
-        factor = {k: v * getattr(before.robot, k) if k != "delay" else v for k, v in change.items()}
-        after = Setting(name, replace(before.robot, **factor))
-        write_log(folder / "logs", [(before, reference + 600.0), (after, 600.0)], rng)
+        write_example(folder, change, reference + 600.0, 600.0, seed)
         told, since, said = "not found in 10 min", "", ""
         for event in events(folder, reference, seed):
             if event["event"] == "change":

@@ -45,7 +45,7 @@ class Segment:
 
     def complete(self, horizon: float) -> np.ndarray:
         """(W,) s: starts of the windows that are complete and were not taken yet."""
-        n = int(np.floor((self.last - self.due + 0.5 * self.period) / horizon + 1e-9))
+        n = int(np.floor((self.last - self.due + self.period) / horizon + 1e-6))
         return np.asarray(self.due + horizon * np.arange(max(n, 0)))
 
     def run(self, t: float, name: str = "") -> Run | None:
