@@ -26,6 +26,7 @@ class _Lazy(click.Group):
         "learn": ("residual_mpc.cli.learn", "learn", "Train the residual network on runs with a Kalman filter."),
         "export": ("residual_mpc.cli.export", "export", "Export the augmented model to CasADi, C, JAX, ONNX or MJCF."),
         "run": ("residual_mpc.cli.run", "run", "Run a closed-loop scenario: nominal vs. augmented controller."),
+        "index": ("residual_mpc.cli.index", "index", "Write one page for a folder of results."),
         "blind": ("residual_mpc.cli.blind", "blind", "Make, run and score sealed benchmark cases."),
     }
 

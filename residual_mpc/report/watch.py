@@ -125,7 +125,7 @@ class LivePage:
 
     def text(self, over: bool) -> str:
         """The page."""
-        last = self._points[-1] if self._points else None
+        last = next((p for p in [*self._part[::-1], *self._points[::-1]] if not p.changed), None)
         return str(
             render(
                 "watch.html.jinja", robot=self._robot, over=over, refresh=int(REFRESH), state=self._state,

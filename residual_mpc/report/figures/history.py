@@ -49,7 +49,7 @@ def history_svg(points: Sequence[Point]) -> "Markup | None":
         reference=" ".join(f"{x(p.seconds)},{y(p.reference or 0.0)}" for p in references),
         changes=[x(p.seconds) for p in points if p.changed],
         rows=[(y(top * k / 3.3), number(top * k / 3.3, 2)) for k in range(4)],
-        ticks=[(x(start + (end - start) * k / 4), number((start + (end - start) * k / 4) / unit, 3)) for k in range(5)],
+        ticks=[(x(start + (end - start) * k / 4), number((start + (end - start) * k / 4) / unit, 2)) for k in range(5)],
         unit="min" if minutes else "s",
         alt=f"The gap over {number((end - start) / unit)} {'min' if minutes else 's'} of the stream.",
     )  # fmt: skip
