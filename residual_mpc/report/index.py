@@ -23,9 +23,10 @@ DEEP = 6  # folders below the one that is indexed
 
 @dataclass(frozen=True)
 class Bar:
-    """A figure before and after as lengths; of: what it is a figure of; unit: behind the numbers."""
+    """A figure before and after as lengths, per cent of the longer; first, second: what they are called."""
 
-    of: str
+    first: str
+    second: str
     before: str
     after: str
     before_share: float
@@ -88,16 +89,16 @@ Read = tuple[str, str, str, str, Bar | None]
 
 def _diagnosis(d: Document) -> Read:
     verdict = d["verdict"]
-    bar = _bar("gap", d["gap"]["before"], d["gap"]["after"]) if d["explanation"] else None
+    bar = _bar("gap before", "after", d["gap"]["before"], d["gap"]["after"]) if d["explanation"] else None
     if bar is None:
-        bar = Bar("gap", number(d["gap"]["before"]), "", 100.0, 0.0, "")
+        bar = _bar("gap", "", d["gap"]["before"], None)
     return "diagnosis", verdict, VERDICTS[verdict], d.get("verdict_sentence") or sentence(d), bar
 
 
 def _comparison(d: Document) -> Read:
     verdict, gap = d["verdict"], d["gap"]
     explained = gap["after_explained"] if d["changes"] else None
-    bar = _bar("gap on the runs after", gap["after"], explained)
+    bar = _bar("gap on the runs after", "with the change in the model", gap["after"], explained)
     return "comparison", BADGES[verdict], TITLES[verdict], d.get("verdict_sentence") or comparison_sentence(d), bar
 
 
@@ -106,7 +107,7 @@ def _learned(d: Document) -> Read:
     before, after = gap["before"], gap["after"]
     helps = after is not None and before is not None and after < before
     says = f"The learned residual ({d['case']}) takes the gap from {number(before)} to {number(after)}."
-    return "learned residual", "effects" if helps else "unknown", "Learned", says, _bar("gap", before, after)
+    return "learned residual", "effects" if helps else "unknown", "Learned", says, _bar("gap before", "after", before, after)
 
 
 def _run(d: Document) -> Read:
@@ -116,7 +117,7 @@ def _run(d: Document) -> Read:
     helps = other is not None and (nominal is None or other < nominal)
     shown = ", ".join(f"{name} {'diverged' if v is None else number(1e3 * v)}" for name, v in of.items())
     says = f"Tracking errors in {d['scenario']}, m{d.get('unit', 'm')}: {shown}."
-    bar = _bar("tracking error", nominal, other)
+    bar = _bar("tracking error, nominal", "augmented", nominal, other)
     return "closed loop", "effects" if helps else "unknown", "Better" if helps else "Not better", says, bar
 
 
@@ -128,13 +129,13 @@ _READERS: dict[str, Callable[[Document], Read]] = {
 }
 
 
-def _bar(of: str, before: float | None, after: float | None) -> Bar | None:
+def _bar(first: str, second: str, before: float | None, after: float | None) -> Bar | None:
     """None where the first is not known."""
     if before is None or before <= 0.0:
         return None
     if after is None:
-        return Bar(of, number(before), "", 100.0, 0.0, "")
+        return Bar(first, second, number(before), "", 100.0, 0.0, "")
     longest = max(before, after)
     change = 1.0 - after / before
     less = f"{percent(abs(change))} {'less' if change >= 0 else 'more'}"
-    return Bar(of, number(before), number(after), 100.0 * before / longest, 100.0 * after / longest, less)
+    return Bar(first, second, number(before), number(after), 100.0 * before / longest, 100.0 * after / longest, less)
