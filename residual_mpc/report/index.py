@@ -107,7 +107,8 @@ def _learned(d: Document) -> Read:
     before, after = gap["before"], gap["after"]
     helps = after is not None and before is not None and after < before
     says = f"The learned residual ({d['case']}) takes the gap from {number(before)} to {number(after)}."
-    return "learned residual", "effects" if helps else "unknown", "Learned", says, _bar("gap before", "after", before, after)
+    badge = "effects" if helps else "unknown"
+    return "learned residual", badge, "Learned", says, _bar("gap before", "after", before, after)
 
 
 def _run(d: Document) -> Read:
