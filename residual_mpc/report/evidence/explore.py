@@ -16,7 +16,8 @@ VALUES = 7  # of a slider, the fitted one in the middle
 BEYOND = 1.0  # lengths of its half of the interval that a slider goes beyond it
 SLIDERS = 6
 WINDOWS = 3  # that are drawn
-JUDGED = 40  # held-out windows over which the gap of each value is taken
+JUDGED = 40  # held-out windows over which the gap of each value is taken, at most
+STEPS = 400_000  # simulation steps of all replays together, by which there are fewer for a slow simulation
 CHANNELS = 3
 SAMPLES = 160  # of a drawn curve
 
@@ -78,7 +79,8 @@ def explore(made: DiagnosisResult) -> Exploration | None:
     final = made.diagnosis.values
     rows = [{**final, knob: float(v)} for (knob, _, _), grid in zip(known, grids, strict=True) for v in grid]
     shown = _windows(made, held)
-    others = held[np.linspace(0, len(held) - 1, min(JUDGED, len(held))).astype(int)]
+    affordable = int(STEPS * made.data.count / (len(rows) * max(made.data.cost, 1)))
+    others = held[np.linspace(0, len(held) - 1, min(JUDGED, affordable, len(held))).astype(int)]
     judged = np.zeros(made.data.count, dtype=bool)
     judged[np.union1d(shown, others)] = True
     data = made.data.take(judged)

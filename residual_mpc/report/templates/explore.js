@@ -13,7 +13,7 @@
     if (parent) parent.appendChild(e);
     return e;
   }
-  function short(v) { return v === 0 ? "0" : String(Number(v.toPrecision(3))); }
+  function short(v) { return v === null ? "\u2013" : v === 0 ? "0" : String(Number(v.toPrecision(3))); }
   function view() { return data.views[state.view]; }
   function span() { var l = view().looks[0]; return [0, l.t[l.t.length - 1]]; }
   function curve(look) { return look.curves[state.slider][Number(inputs[state.slider].value)]; }
