@@ -66,7 +66,7 @@ def watch(
     file = None if model is None else written(model)
     made = RunModels(robot)
     watched = watched_model(robot.model, made.of, file)
-    noise = noise_over(robot.file, [])
+    noise = dict(robot.file.noise)
     found = _reference(robot, reference, file, watched, horizon, rng, settings, progress)
     options = Options(horizon=horizon, without_because=not_commanded(robot.model, measured_over(robot.file, [])))
     cause = CauseFinder(
