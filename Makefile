@@ -12,7 +12,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 .PHONY: help demo test slow bench blind lint dev docs clean
 
 help:
-	@echo "make demo    a robot that differs from its model, diagnosed from start to end"
+	@echo "make demo    a robot that differs from its model: diagnosed, then driven with what was found"
 	@echo "make test    the tests, without the slow ones"
 	@echo "make slow    the slow tests"
 	@echo "make bench   what diagnosis, MPC, learner and simulator cost, beside IPOPT, do-mpc, filterpy and dynamax where they are"
@@ -65,7 +65,7 @@ $(BIN)/python:
 
 # The interpreter is an order-only prerequisite: its time stamp says nothing about what is installed.
 $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP) -e .
+	$(PIP) -e ".[mpc]"
 	@touch $@
 
 $(VENV)/.installed-test: pyproject.toml constraints.txt | $(BIN)/python

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from residual_mpc.api.robot import load_robot as load_robot
     from residual_mpc.api.runs import Runs as Runs
     from residual_mpc.api.runs import read_runs as read_runs
+    from residual_mpc.api.watch import watch as watch
     from residual_mpc.errors import BadInput as BadInput
 
     __version__: str
@@ -56,6 +57,7 @@ _PLACES = {
     "load_robot": "residual_mpc.api.robot",
     "measure_gap": "residual_mpc.api.gap",
     "read_runs": "residual_mpc.api.runs",
+    "watch": "residual_mpc.api.watch",
 }
 
 __all__ = [
@@ -79,6 +81,7 @@ __all__ = [
     "load_robot",
     "measure_gap",
     "read_runs",
+    "watch",
 ]
 
 

@@ -1,6 +1,8 @@
-"""`python -m residual_mpc.demo`: a robot that differs from its model, drawn at random and diagnosed.
+"""`python -m residual_mpc.demo`: a robot that differs from its model, drawn at random, diagnosed, and driven better.
 
-What is wrong with the robot is sealed before the diagnosis starts, and opened when the diagnosis is on disk.
+What is wrong with the robot is sealed before the diagnosis starts, and opened when the diagnosis is on disk. Then the
+nominal and the corrected controller drive the same path on the true robot. With --family a robot of the benchmark is
+drawn in its place, and not driven.
 """
 
 from __future__ import annotations
@@ -11,14 +13,20 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from time import monotonic
+from typing import TYPE_CHECKING, Protocol
 
 import click
 
 if TYPE_CHECKING:
     from residual_mpc.blind.records import Answer, Planted
     from residual_mpc.blind.score.claim import Claim
+    from residual_mpc.closed_loop.protocols import Simulator
+    from residual_mpc.models.robot_file import RobotFile
 
+ROBOT = "scenarios.demo_robot:turtlebot"  # the factory of the robot, which this package finds by name alone
+STARTS = 2  # seeds of sensor noise per controller
+CONTROL_PERIOD = 0.05  # s
 TRIES = 20  # seeds looked at until one can be drawn: some sets of effects fit no robot of a family
 
 
@@ -37,25 +45,118 @@ class Case:
     without: tuple[str, ...]
 
 
+class DemoRobot(Protocol):
+    """A robot that is simulated in place of a real one."""
+
+    @property
+    def describe(self) -> str:
+        """In words, for the first line."""
+        ...
+
+    def answer(self) -> Answer:
+        """What its model does not know."""
+        ...
+
+    def write(self, folder: Path) -> None:
+        """What its user has: a robot file and logged runs."""
+        ...
+
+    def write_reference(self, file: Path) -> None:
+        """A path to follow."""
+        ...
+
+    def plant(self, robot: RobotFile, period: float) -> Simulator:
+        """The robot, to be driven in closed loop."""
+        ...
+
+
 @click.command()
-@click.option("--family", default="wheeled", show_default=True, help="A family of robots: wheeled, arm, ...")
-@click.option("--level", default="double", show_default=True, help="What is hidden: single, hard, none, ...")
+@click.option("--family", default=None, help="Draw from this family of the blind benchmark: wheeled, arm, ...")
+@click.option("--level", default="double", show_default=True, help="With --family, what is hidden: single, hard, ...")
 @click.option("--seed", type=int, default=None, help="Of the robot and what it hides  [default: random]")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="[default: demo-SEED]")
-def demo(family: str, level: str, seed: int | None, out: Path | None) -> None:
-    """Draw a robot that differs from its model, diagnose it, then open what was hidden."""
-    case = draw(family, level, seed, out)
+def demo(family: str | None, level: str, seed: int | None, out: Path | None) -> None:
+    """Draw a robot that differs from its model, diagnose it, open what was hidden, and drive with what was found."""
+    import numpy as np
+
+    begun = monotonic()
+    robot = None
+    if family is None:
+        number = int(np.random.default_rng().integers(10_000)) if seed is None else seed
+        robot, case = draw_demo_robot(number, out)
+        click.echo(f"This is {robot.describe}.")
+        click.echo("It differs from its model in ways that are sealed until the diagnosis is done.\n")
+    else:
+        case = draw(family, level, seed, out)
+        click.echo(f"A robot and its model, drawn with --family {family} --level {level} --seed {case.seed}")
     place = case.sealed.parent.parent
-    click.echo(f"A robot and its model, drawn with --family {family} --level {level} --seed {case.seed}")
-    click.echo(f"  visible to the user: {case.folder}")
-    click.echo(f"  hidden:              {case.sealed}")
-    click.echo(f"  sealed by SHA-256:   {case.commitment}\n")
+    click.echo(f"  its user has:  {case.folder} (model parameters and logged runs)")
+    click.echo(f"  hidden:        {case.sealed}")
+    click.echo(f"  SHA-256:       {case.commitment}\n")
     found = diagnose(case, place)
     answer = open_seal(case)
     click.echo("\nThe seal is opened: the answer matches its commitment, and the runs are unchanged.")
     for line in comparison(answer, found):
         click.echo(f"  {line}")
-    click.echo(f"\nThe report: {found.with_name('report.html')}")
+    if robot is not None:
+        click.echo("\nOn the true robot, one MPC follows a figure-eight with the nominal and with the corrected model:")
+        for line in drive(robot, case, found.with_name("model.json"), place / "drive"):
+            click.echo(f"  {line}")
+    click.echo("\nTo look at:")
+    shown = {"report": found.with_name("report.html"), "motion": found.with_name("motion.webp"),
+             "tracking": place / "drive" / "tracking.png"}  # fmt: skip
+    for name, path in shown.items():
+        if path.is_file():
+            click.echo(f"  {name + ':':<10} {path}")
+    click.echo(f"That took {monotonic() - begun:.0f} s.")
+
+
+def draw_demo_robot(seed: int, out: Path | None) -> tuple[DemoRobot, Case]:
+    """The robot of the demo, with its answer sealed beside its runs."""
+    import numpy as np
+
+    from residual_mpc.blind.seal import seal, write_sealed
+    from residual_mpc.errors import BadInput
+    from residual_mpc.models.load import load_factory
+
+    if seed < 0:
+        raise BadInput(f"must be >= 0, got {seed}", "--seed")
+    place = out or Path(f"demo-{seed}")
+    folder, file = place / "robot", place / "answer" / "answer.json"
+    robot: DemoRobot = load_factory(ROBOT, "the demo")(np.random.default_rng(seed))
+    folder.mkdir(parents=True, exist_ok=True)
+    robot.write(folder)
+    sealed = seal(robot.answer(), folder)
+    write_sealed(sealed, file)
+    return robot, Case(seed, folder, file, sealed.commitment, ())
+
+
+def drive(robot: DemoRobot, case: Case, model: Path, out: Path) -> list[str]:
+    """Follow the robot's path with the nominal and the corrected controller, and say how far off each was."""
+    from residual_mpc.api.model import augment
+    from residual_mpc.api.robot import load_robot
+    from residual_mpc.closed_loop.scenario import RunOptions, find_own_scenario
+
+    nominal = load_robot(case.folder / "robot.toml")
+    reference = out / "reference.csv"
+    robot.write_reference(reference)
+    options = RunOptions("mpc", seeds=STARTS, seed=case.seed, out=out)
+    augmented = augment(nominal, model, dt=CONTROL_PERIOD)
+    run = find_own_scenario()
+    result = run(nominal, augmented, str(reference), robot.plant, None, options, lambda stage, done: None)
+    of = {name: c["tracking_rmse"] for name, c in result["controllers"].items()}
+    return tracking_lines(of["nominal"], of["augmented"])
+
+
+def tracking_lines(nominal: float | None, corrected: float | None) -> list[str]:
+    """Root mean square tracking errors, m, in words; None for a robot that ran away."""
+    said = {"nominal": nominal, "corrected": corrected}
+    words = {k: "lost its path" if e is None else f"{1e3 * e:.1f} mm off its path" for k, e in said.items()}
+    lines = [f"{k + ':':<11}{text}" for k, text in words.items()]
+    if nominal is not None and corrected is not None and nominal > 0.0:
+        change = 1.0 - corrected / nominal
+        lines.append(f"The corrected model makes the error {abs(change):.0%} {'smaller' if change >= 0 else 'larger'}.")
+    return lines
 
 
 def draw(family: str, level: str, seed: int | None, out: Path | None) -> Case:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from blind.answers import answer
 
-from residual_mpc.demo import comparison, draw, open_seal
+from residual_mpc.demo import comparison, draw, draw_demo_robot, drive, open_seal, tracking_lines
 from residual_mpc.errors import BadInput
 
 
@@ -55,3 +55,34 @@ def test_the_seal_notices_a_changed_run(tmp_path: Path) -> None:
     run.write_bytes(run.read_bytes() + b"\n")
     with pytest.raises(BadInput, match="changed"):
         open_seal(case)
+
+
+def test_the_demo_robot_is_sealed_beside_what_its_user_has(tmp_path: Path) -> None:
+    robot, case = draw_demo_robot(7, tmp_path)
+    assert {p.suffix for p in case.folder.iterdir()} == {".toml", ".csv"}
+    assert case.sealed.parent != case.folder and case.folder not in case.sealed.parents
+    told = (case.folder / "robot.toml").read_text()
+    hidden = open_seal(case)
+    assert len(hidden.effects) == 3 and not any(effect.effect in told for effect in hidden.effects)
+    assert "TurtleBot" in robot.describe
+
+
+@pytest.mark.slow
+def test_the_true_model_drives_the_demo_robot_better(tmp_path: Path) -> None:
+    """The plant of the closed loop is the robot of the runs: what is hidden in these corrects the controller."""
+    robot, case = draw_demo_robot(7, tmp_path)
+    values = [
+        {"effect": e.effect, "target": e.target, "parameter": k, "value": v}
+        for e in open_seal(case).effects
+        for k, v in e.parameters.items()
+    ]
+    model = tmp_path / "model.json"
+    model.write_text(json.dumps({"schema": "residual-mpc/model/1", "robot": "turtlebot", "values": values}))
+    nominal, corrected, _ = drive(robot, case, model, tmp_path / "drive")
+    assert float(corrected.split()[1]) < 0.3 * float(nominal.split()[1])
+
+
+def test_what_is_said_of_the_driving() -> None:
+    assert tracking_lines(0.02, 0.005)[-1] == "The corrected model makes the error 75% smaller."
+    assert tracking_lines(0.02, 0.03)[-1] == "The corrected model makes the error 50% larger."
+    assert tracking_lines(None, 0.005) == ["nominal:   lost its path", "corrected: 5.0 mm off its path"]

@@ -1,5 +1,6 @@
 """Where the gap lies, which effects cause it, and how far it shrinks once they are added to the model."""
 
+import os
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -49,12 +50,13 @@ Progress = Callable[[str, float], None]  # what is done, and the share of it all
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """document: the content of diagnosis.json (contract, section 5), but for the places of files; made: what the report
-    draws; commands: the table of the next experiment, None where none was planned."""
+    draws; commands: the table of the next experiment, None where none was planned; paths: of the runs, as given."""
 
     robot: NominalRobot
     document: dict[str, Any]
     made: DiagnosisResult
     commands: str | None
+    paths: tuple[str, ...]
 
     @property
     def verdict(self) -> str:
@@ -112,7 +114,7 @@ class Diagnosis:
 
     def document_in(self, folder: Path) -> dict[str, Any]:
         """diagnosis.json as it is written to a folder."""
-        return _placed(self.document, self.robot, folder)
+        return _placed(self.document, self.robot, self.paths, folder)
 
     def as_written(self) -> Written:
         return Written(self.document, "the diagnosis")
@@ -176,7 +178,7 @@ def diagnose(
 
     def answered(record: Record) -> None:
         if folder is not None:
-            write_answer(_placed(_document(record, runs, said), robot, folder), folder)
+            write_answer(_placed(_document(record, runs, said), robot, runs.paths, folder), folder)
 
     made = run_diagnosis(
         runs.runs, runs.models, runs.noise, robot.file.tunable, options, np.random.default_rng(seed), progress,
@@ -187,7 +189,7 @@ def diagnose(
     logged = {c for r in runs for c in (*r.columns, *r.extra_columns)}
     proposal = propose(document, robot.model, _excite(robot, Path()), seed, logged)
     document["next_experiment"] = proposal.next_experiment
-    found = Diagnosis(robot, document, made, proposal.table)
+    found = Diagnosis(robot, document, made, proposal.table, runs.paths)
     if folder is not None:
         progress("writing the report", 0.98)
         found.save(folder)
@@ -208,13 +210,14 @@ def _document(record: Record, runs: Runs, command: str) -> dict[str, Any]:
     return document
 
 
-def _placed(document: dict[str, Any], robot: NominalRobot, folder: Path) -> dict[str, Any]:
-    """The document as it is written to a folder."""
+def _placed(document: dict[str, Any], robot: NominalRobot, paths: Sequence[str], folder: Path) -> dict[str, Any]:
+    """The document as it is written to a folder, with where its runs lie, seen from there."""
     following = document["next_experiment"]
     if following and following.get("excite"):
         following = {**following, "excite": _excite(robot, folder)}
     model = name_robot_file(document["model"], robot.file.source, folder)
-    return {**document, "model": model, "next_experiment": following}
+    files = [os.path.relpath(path, folder) for path in paths]
+    return {**document, "model": model, "next_experiment": following, "run_files": files}
 
 
 def _excite(robot: NominalRobot, folder: Path) -> str:

@@ -1,4 +1,4 @@
-"""One HTML file that says what was found: it needs no network, no script and no second file."""
+"""One HTML file that says what was found: it needs no network and no second file, and is whole without its script."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from residual_mpc.report.sections.audit import audit
 from residual_mpc.report.sections.causes import causes
 from residual_mpc.report.sections.confounded import confounded
 from residual_mpc.report.sections.definitions import definitions
+from residual_mpc.report.sections.explore import ANCHOR, allowed, explore
 from residual_mpc.report.sections.gap import gap
 from residual_mpc.report.sections.left import left
 from residual_mpc.report.sections.motion import motion
@@ -19,7 +20,8 @@ from residual_mpc.report.sections.verdict import verdict
 from residual_mpc.report.sections.where import where
 
 SECTIONS: tuple[Maker, ...] = (
-    verdict, motion, gap, traces, where, causes, confounded, next_experiment, not_testable, left, audit, definitions,
+    verdict, motion, gap, traces, explore, where, causes, confounded, next_experiment, not_testable, left, audit,
+    definitions,
 )  # fmt: skip
 
 NAME = "report.html"
@@ -39,4 +41,5 @@ def compose(document: Document, evidence: Evidence, makers: tuple[Maker, ...] = 
     """The page as text: the sections that have something to say, one after the other."""
     made = (maker(document, evidence) for maker in makers)
     sections: list[Section] = [section for section in made if section is not None]
-    return str(render("report.html.jinja", robot=document["robot"], sections=sections)) + "\n"
+    scripts = allowed() if any(section.anchor == ANCHOR for section in sections) else ""
+    return str(render("report.html.jinja", robot=document["robot"], sections=sections, scripts=scripts)) + "\n"

@@ -24,7 +24,7 @@ def found(verdict: str = "effects") -> api.Diagnosis:
     """A finished diagnosis of which only the report is still to be written."""
     robot = SimpleNamespace(file=SimpleNamespace(source=""), given="rover")
     whole = {"model": {}, "notes": [], "next_experiment": None} | document(verdict)
-    return api.Diagnosis(robot, whole, SimpleNamespace(), None)
+    return api.Diagnosis(robot, whole, SimpleNamespace(), None, ())
 
 
 def test_a_clip_that_cannot_be_encoded_leaves_the_rest_of_the_page(monkeypatch):

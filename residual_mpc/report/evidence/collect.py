@@ -6,6 +6,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import gap_from_squares, window_squares
 from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.report.evidence.evidence import Evidence, Panel, Windows
+from residual_mpc.report.evidence.explore import explore
 from residual_mpc.report.motion.film import film
 
 PANELS = 6
@@ -25,7 +26,7 @@ def collect(made: DiagnosisResult) -> Evidence:
         [names[i] for i in order], made.data.start[order], np.asarray(before)[order], np.asarray(after)[order]
     )
     starts = {run.name: float(run.t[0]) for run in made.data.runs}
-    return Evidence(_panels(made, before), windows, starts, *film(made))
+    return Evidence(_panels(made, before), windows, starts, *film(made), explore(made))
 
 
 def _panels(made: DiagnosisResult, per_window: np.ndarray) -> tuple[Panel, ...]:

@@ -2,9 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from residual_mpc.report.evidence.explore import Exploration
 
 Array = NDArray[np.float64]
 
@@ -74,6 +78,7 @@ class Evidence:
     starts: Mapping[str, float] = field(default_factory=dict)  # s: each run's first stamp, from which times count
     clips: tuple[Clip, ...] = ()
     drawing: str = ""  # how the clips were drawn, or why there are none
+    exploration: "Exploration | None" = None  # replays with other values of the named parameters
 
 
 def _one_length(record: object, *names: str) -> int:

@@ -1,0 +1,1 @@
+"""Follows logs as they arrive and says when the gap of a model has changed for certain, and which effect changed."""

@@ -1,0 +1,1 @@
+"""Logs as they arrive: growing text, files that appear, a pipe; their rows as segments of runs."""

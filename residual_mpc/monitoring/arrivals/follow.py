@@ -1,0 +1,150 @@
+"""Follow files that grow, folders in which files appear, and a pipe: whole lines of text, or whole files."""
+
+from __future__ import annotations
+
+import os
+import select
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from residual_mpc.errors import BadInput
+from residual_mpc.logs.readers.find import SUFFIXES, stem
+from residual_mpc.monitoring.settings import ArrivalSettings
+
+TEXT = (".csv", ".tsv")
+PIPE = "-"
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """New content of one log.
+
+    name: of the run; source: the file, for messages. header and lines: the text's header line and its new whole lines;
+    file: a log that is not text, now complete. fresh: whether the log begins here.
+    """
+
+    name: str
+    source: str
+    header: str = ""
+    lines: tuple[str, ...] = ()
+    file: Path | None = None
+    fresh: bool = False
+
+
+def follow_pipe(stream: BinaryIO, settings: ArrivalSettings) -> Iterator[Arrival | None]:
+    """A table on a pipe, until its end; None while nothing arrives."""
+    tail = Tail("stdin", "stdin")
+    handle = stream.fileno()
+    while True:
+        if not select.select([handle], [], [], settings.poll)[0]:
+            yield None
+            continue
+        content = os.read(handle, min(settings.most, 1 << 16))
+        yield from tail.add(content if content else b"\n")
+        if not content:
+            return
+
+
+def follow_files(
+    paths: tuple[Path, ...], once: bool, settings: ArrivalSettings, sleep: Callable[[float], None] = time.sleep
+) -> Iterator[Arrival | None]:
+    """Files, and the files of folders, in the order in which they were last written; None when all that is there was
+    seen. once: end then.
+
+    Raises BadInput for a path that does not exist.
+    """
+    for path in paths:
+        if not path.exists():
+            raise BadInput("file or folder not found", str(path), "give a file, a folder, or - for a pipe")
+    tails: dict[Path, Tail] = {}
+    sizes: dict[Path, int] = {}
+    done: set[Path] = set()
+    while True:
+        for path in _logs(paths):
+            if path in done:
+                continue
+            if path.name.lower().endswith(TEXT):
+                tail = tails.setdefault(path, Tail(stem(path), str(path)))
+                yield from _grown(path, tail, settings)
+            elif once or sizes.get(path) == _size(path) > 0:  # a format that is read whole: wait until it rests
+                done.add(path)
+                yield Arrival(stem(path), str(path), file=path, fresh=True)
+            else:
+                sizes[path] = _size(path)
+        yield None
+        if once:
+            return
+        sleep(settings.poll)
+
+
+class Tail:
+    """The lines of one growing text: what is after the last line's end waits for the rest of its line."""
+
+    def __init__(self, name: str, source: str) -> None:
+        self.name, self.source = name, source
+        self.at = 0  # bytes that were read
+        self._rest = b""
+        self._header: str | None = None
+
+    def begin_again(self) -> None:
+        """The file was replaced by a shorter one."""
+        self.at, self._rest, self._header = 0, b"", None
+
+    def add(self, content: bytes) -> Iterator[Arrival]:
+        """The whole lines that these bytes complete."""
+        self.at += len(content)
+        whole, end, self._rest = (self._rest + content).rpartition(b"\n")
+        if not end:
+            return
+        lines = [line for line in whole.decode("utf-8", "replace").splitlines() if line.strip()]
+        fresh = self._header is None
+        if fresh and lines:
+            self._header, lines = lines[0].removeprefix("\ufeff"), lines[1:]
+        if lines and self._header is not None:
+            yield Arrival(self.name, self.source, self._header, tuple(lines), fresh=fresh)
+        elif fresh and self._header is not None:
+            yield Arrival(self.name, self.source, self._header, (), fresh=True)
+
+
+def _grown(path: Path, tail: Tail, settings: ArrivalSettings) -> Iterator[Arrival]:
+    """What was appended since the last look."""
+    if _size(path) < tail.at:
+        tail.begin_again()
+    while _size(path) > tail.at:
+        try:
+            with open(path, "rb") as file:
+                file.seek(tail.at)
+                content = file.read(settings.most)
+        except OSError:  # removed in between
+            return
+        if not content:
+            return
+        yield from tail.add(content)
+
+
+def _logs(paths: tuple[Path, ...]) -> list[Path]:
+    """The logs that there are now, oldest first."""
+    found: dict[Path, float] = {}
+    for path in paths:
+        inside = [path] if not path.is_dir() else [p for p in path.iterdir() if p.name.lower().endswith(SUFFIXES)]
+        for file in inside:
+            if not file.name.startswith("."):
+                found[file] = _written(file)
+    return sorted(found, key=lambda p: (found[p], p.name))
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
+
+
+def _written(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0

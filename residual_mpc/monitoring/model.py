@@ -1,0 +1,53 @@
+"""The model that is watched: the nominal one of each run, with the effects and the residual that a file adds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from residual_mpc.effects.library import LIBRARY
+from residual_mpc.errors import BadInput
+from residual_mpc.learning.forms.residual_robot import with_residual
+from residual_mpc.learning.network.residual import Residual
+from residual_mpc.learning.network.written import residual_in
+from residual_mpc.models.fits import check_fits
+from residual_mpc.models.model_file import Written, model_in
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Settings, Values, assemble
+
+RobotOf = Callable[[str], Robot]  # the nominal model of a run, by its name
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedModel:
+    """values: of the effects; leaves_out: whether samples that jump away are left out; residual: what was learned."""
+
+    nominal_of: RobotOf
+    values: Values
+    leaves_out: bool
+    residual: Residual | None
+    where: str
+
+    def robot_of(self, run: str) -> Robot:
+        """The robot that predicts a run."""
+        nominal = self.nominal_of(run)
+        return nominal if self.residual is None else with_residual([nominal], self.residual, self.where)[0]
+
+    def settings(self, robot: Robot) -> Settings:
+        return assemble([self.values], {e.name: robot.slots(e.name) for e in LIBRARY})
+
+
+def watched_model(nominal: Robot, nominal_of: RobotOf, model: Written | None) -> WatchedModel:
+    """Raises BadInput for a model of another robot."""
+    if model is None:
+        return WatchedModel(nominal_of, {}, False, None, "")
+    of, values, leaves_out = model_in(model)
+    check_fits(values, nominal, of, model.where)
+    residual = residual_in(model)
+    if residual is not None and residual.robot != nominal.name:
+        raise BadInput(
+            f"its residual must be of {nominal.name}, got one of {residual.robot}",
+            model.where,
+            "give the robot file that was used for learning",
+        )
+    return WatchedModel(nominal_of, values, leaves_out, residual, model.where)

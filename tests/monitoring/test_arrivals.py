@@ -1,0 +1,145 @@
+"""Logs as they arrive: half a line waits, a command that is logged when it changes is held, pauses end a segment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import residual_mpc as rm
+from residual_mpc.errors import BadInput
+from residual_mpc.monitoring.arrivals.follow import Arrival, Tail, follow_files
+from residual_mpc.monitoring.arrivals.rows import RowReader, Rows
+from residual_mpc.monitoring.arrivals.segments import Stream
+from residual_mpc.monitoring.settings import ArrivalSettings
+
+SETTINGS = ArrivalSettings()
+HEADER = "t,command.left,command.right,pose.x,pose.y,pose.theta"
+ROBOT = 'name = "rover"\nplant = "diff_drive"\n[parameters]\nwheel_radius = 0.05\ntrack_width = 0.3\n'
+
+
+@pytest.fixture
+def reader(tmp_path: Path) -> RowReader:
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    return RowReader(rm.load_robot(tmp_path / "robot.toml").file, SETTINGS)
+
+
+def line(t: float, command: str = "1.0", x: float = 0.0) -> str:
+    return f"{t:.2f},{command},{command},{x:.3f},0.0,0.0"
+
+
+def rows_at(stamps: np.ndarray) -> Rows:
+    columns = {"command.left": np.ones(len(stamps)), "pose.x": stamps.copy()}
+    return Rows("run", stamps, columns, frozenset(), "run.csv")
+
+
+def test_half_a_line_waits_for_its_rest() -> None:
+    tail = Tail("run", "run.csv")
+    text = "\n".join([HEADER, line(0.0), line(0.1, x=0.123)]) + "\n"
+    cut = len(text) - 9  # in the middle of x = 0.123
+    first = list(tail.add(text[:cut].encode()))
+    second = list(tail.add(text[cut:].encode()))
+    assert [a.lines for a in first] == [(line(0.0),)]
+    assert [a.lines for a in second] == [(line(0.1, x=0.123),)]
+
+
+def test_every_cut_of_the_text_gives_the_same_lines() -> None:
+    text = "\n".join([HEADER, *(line(0.1 * k) for k in range(20))]) + "\n"
+    for size in (1, 7, 64, 1000):
+        tail = Tail("run", "run.csv")
+        pieces = [text[k : k + size].encode() for k in range(0, len(text), size)]
+        lines = [ln for piece in pieces for arrival in tail.add(piece) for ln in arrival.lines]
+        assert lines == text.splitlines()[1:]
+
+
+def test_a_command_that_is_logged_when_it_changes_is_held_over_blocks(reader: RowReader) -> None:
+    first = Arrival("run", "run.csv", HEADER, (line(0.0, "2.0"), line(0.1, "")), fresh=True)
+    second = Arrival("run", "run.csv", HEADER, (line(0.2, ""), line(0.3, "")))
+    stream = Stream(SETTINGS)
+    for arrival in (first, second):
+        for rows in reader.read(arrival):
+            list(stream.add(rows))
+    (segment,) = stream.segments
+    run = segment.run(0.15)
+    assert run is not None and run.t == pytest.approx([0.2, 0.3])
+    assert run.columns["command.left"][0] == 2.0
+
+
+def test_rows_are_taken_once(reader: RowReader) -> None:
+    lines = tuple(line(0.1 * k, x=0.01 * k) for k in range(30))
+    stream = Stream(SETTINGS)
+    for k in range(0, 30, 7):
+        for rows in reader.read(Arrival("run", "run.csv", HEADER, lines[k : k + 7], fresh=k == 0)):
+            list(stream.add(rows))
+    run = stream.segments[0].run(0.0)
+    assert run is not None
+    assert run.t == pytest.approx(0.1 * np.arange(30))
+    assert run.columns["pose.x"] == pytest.approx(0.01 * np.arange(30))
+
+
+def test_a_log_without_a_command_is_refused_at_once(reader: RowReader) -> None:
+    arrival = Arrival("run", "run.csv", "t,pose.x,pose.y", ("0,0,0",), fresh=True)
+    with pytest.raises(BadInput, match="command"):
+        list(reader.read(arrival))
+
+
+def test_a_pause_ends_a_segment_and_no_window_spans_it() -> None:
+    stream = Stream(SETTINGS)
+    stamps = np.concatenate([np.arange(0.0, 5.0, 0.05), np.arange(30.0, 35.0, 0.05)])
+    list(stream.add(rows_at(100.0 + stamps)))
+    assert [(s.first, s.last) for s in stream.segments] == [
+        (pytest.approx(0.0), pytest.approx(4.95)), (pytest.approx(30.0), pytest.approx(34.95)),
+    ]  # fmt: skip
+    starts = np.concatenate([s.complete(1.0) for s in stream.segments])
+    assert starts == pytest.approx([0, 1, 2, 3, 4, 30, 31, 32, 33, 34])
+
+
+def test_bursts_give_the_same_segments_as_single_rows() -> None:
+    stamps = 50.0 + np.arange(0.0, 8.0, 0.05)
+    for size in (1, 3, 40):
+        stream = Stream(SETTINGS)
+        for k in range(0, len(stamps), size):
+            list(stream.add(rows_at(stamps[k : k + size])))
+        assert len(stream.segments) == 1
+        run = stream.segments[0].run(0.0)
+        assert run is not None and run.t == pytest.approx(stamps - 50.0)
+
+
+def test_a_clock_that_is_set_back_begins_a_new_segment() -> None:
+    stream = Stream(SETTINGS)
+    list(stream.add(rows_at(np.arange(1000.0, 1005.0, 0.05))))
+    list(stream.add(rows_at(np.arange(0.0, 5.0, 0.05))))
+    assert [s.begun for s in stream.segments] == [1000.0, 0.0]
+
+
+def test_an_endless_stream_keeps_a_bounded_memory() -> None:
+    settings = ArrivalSettings(kept=60.0)
+    stream = Stream(settings)
+    most = 0
+    for k in range(600):
+        for segment in stream.add(rows_at(np.arange(k * 1.0, k + 1.0, 0.05))):
+            segment.due = segment.last
+        stream.forget(2.5)
+        most = max(most, sum(len(p) for s in stream.segments for p in s.parts))
+    assert most <= 20 * (60 + 10)
+
+
+def test_a_file_that_appears_later_and_grows_is_followed(tmp_path: Path) -> None:
+    naps = iter(range(4))
+
+    def write_more(_: float) -> None:
+        k = next(naps)
+        if k == 0:
+            (tmp_path / "a.csv").write_text("\n".join([HEADER, line(0.0), line(0.1)]) + "\n0.2,1.0")
+        elif k == 1:
+            with open(tmp_path / "a.csv", "a") as file:
+                file.write(",1.0,0.0,0.0,0.0\n")
+        else:
+            raise KeyboardInterrupt
+
+    seen: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        for arrival in follow_files((tmp_path,), False, SETTINGS, write_more):
+            seen += [] if arrival is None else arrival.lines
+    assert seen == [line(0.0), line(0.1), "0.2,1.0,1.0,0.0,0.0,0.0"]
