@@ -1,5 +1,6 @@
 """What other values of the named parameters would predict: replays of held-out windows, one parameter at a time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,7 +106,7 @@ def slider_values(knob: Knob, estimate: Estimate) -> Array:
     return np.concatenate([below, above[1:]])
 
 
-def _settings(made: DiagnosisResult, rows: list[Values]) -> Settings:
+def _settings(made: DiagnosisResult, rows: Sequence[Values]) -> Settings:
     robot = made.data.blocks[0].robot
     return assemble(rows, {e.name: robot.slots(e.name) for e in LIBRARY})
 

@@ -129,14 +129,16 @@
 
   data.views.forEach(function (v, k) { var o = document.createElement("option"); o.value = k; o.textContent = v.name; pick.appendChild(o); });
   pick.addEventListener("change", function () { show(Number(pick.value)); });
+  function set(k, value) {
+    inputs[k].value = value;
+    inputs[k].nextElementSibling.textContent = data.sliders[k].labels[Number(value)];
+    inputs[k].setAttribute("aria-valuetext", data.sliders[k].labels[Number(value)]);
+  }
   inputs.forEach(function (input, k) {
-    function say() { input.nextElementSibling.textContent = data.sliders[k].labels[Number(input.value)]; input.setAttribute("aria-valuetext", data.sliders[k].labels[Number(input.value)]); }
-    input.value = data.sliders[k].fitted; say();
+    set(k, data.sliders[k].fitted);
     input.addEventListener("input", function () {
-      inputs.forEach(function (other, i) {
-        if (i !== k && Number(other.value) !== data.sliders[i].fitted) { other.value = data.sliders[i].fitted; other.nextElementSibling.textContent = data.sliders[i].labels[data.sliders[i].fitted]; }
-      });
-      state.slider = k; say(); draw();
+      inputs.forEach(function (other, i) { set(i, i === k ? input.value : data.sliders[i].fitted); });
+      state.slider = k; draw();
     });
   });
   document.getElementById("explore-in").addEventListener("click", function () { scale(0.5); });
