@@ -56,5 +56,3 @@ def test_each_form_is_taken_for_itself(form: str, law: Callable[[np.ndarray], np
 def test_a_wave_has_the_right_number_of_repetitions() -> None:
     shape = chosen(lambda z: 0.4 * np.sin(11.0 * z + 0.7), WAVE)
     assert shape is not None and shape.fixed["cycles"] == 11.0
-
-

@@ -18,7 +18,7 @@ from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.search.acceptance import build_ruler, judge
+from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, judge
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found
@@ -112,15 +112,16 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
         {"actuator_gain": {"gain": 0.9}}, {Knob("actuator_gain", None, "gain"): 0.9}, ("actuator_gain", "wheel_radius")
     )
     data = build_dataset([run_of({"actuator_gain": {"gain": 0.9}}, 1.0, 5)], [ROVER], SIGMA)
-    replays, scales = (
-        PredictionCache(data, build_space(data, (), ("actuator_gain", "wheel_radius"))),
-        measure_scales(data),
-    )
-    assert found.rivals and holds_elsewhere(found, (), replays, scales, settings=SearchSettings()) is None
+    replays = PredictionCache(data, build_space(data, (), ("actuator_gain", "wheel_radius")))
+    settings = SearchSettings()
+    ruler = Ruler(replays, measure_scales(data), 1e-4, settings.data)
+    assert found.rivals and holds_elsewhere(found, (), replays, ruler, settings=settings) is None
     lost = replace(found.fit, values={Knob("actuator_gain", None, "gain"): 0.5})
-    better = holds_elsewhere(replace(found, fit=lost), (), replays, scales, settings=SearchSettings())
+    better = holds_elsewhere(replace(found, fit=lost), (), replays, ruler, settings=settings)
     assert better is not None and better.terms == (Term("wheel_radius", None),)
     met = (found.rivals[0].fit,)  # a set that the search came across serves as well as a rival
     alone = replace(found, fit=lost, rivals=())
-    assert holds_elsewhere(alone, met, replays, scales, settings=SearchSettings()) is met[0]
-    assert holds_elsewhere(alone, (), replays, scales, settings=SearchSettings()) is None
+    assert holds_elsewhere(alone, met, replays, ruler, settings=settings) is met[0]
+    assert holds_elsewhere(alone, (), replays, ruler, settings=settings) is None
+    unseen = replace(ruler, floor=1.0)  # what is left is within the noise
+    assert holds_elsewhere(alone, met, replays, unseen, settings=settings) is None

@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.laws.propose import propose
 from residual_mpc.diagnosis.laws.settings import LawSettings
+from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
@@ -89,7 +90,8 @@ def _added(search: LawSearch, space: Space, values: Values, rng: np.random.Gener
     if not new:
         return None
     space = replace(space, fixed={**space.fixed, **{k: v for p in new for k, v in p.fixed.items()}})
-    problem = _trusting(build_problem(few, space, of.sigma, settings=tuning.predict), of, tuning)
+    exact = _trusting(build_problem(few, space, of.sigma, settings=tuning.predict), of, tuning)
+    problem = on_longer_steps(exact, of.scales, values, settings=tuning.predict)
     starts = [values, *({**values, **p.start} for p in new)]
     current, *laws = fit_all(problem, starts, settings.fit_steps, settings=tuning.fit)
     per_knob = tuning.search.per_knob

@@ -95,11 +95,12 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
     rivalry = find_rivals(found, settings=settings.search)
     everywhere = prepared.fitting.take(evenly(prepared.fitting, prepared.options.final_steps, settings=settings.data))
     replays = PredictionCache(everywhere, prepared.space)
-    better = holds_elsewhere(rivalry, found.met, replays, prepared.scales, settings=settings.search)
+    ruler = replace(found.ruler, scales=prepared.scales)
+    better = holds_elsewhere(rivalry, found.met, replays, ruler, settings=settings.search)
     if better is None:
         return rivalry
     exchanged = replace(found, fit=on_problem(found.problem, better, settings=settings.fit))
-    return find_rivals(exchanged, most=0, settings=settings.search)
+    return find_rivals(exchanged, most=0, prefer_first=False, settings=settings.search)
 
 
 def _on(

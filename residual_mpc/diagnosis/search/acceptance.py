@@ -34,9 +34,14 @@ class Ruler:
         trust = window_trust(data, self.scales, errors[-1], settings=self.settings)
         return np.array([gap_of(data, self.scales, e, trust).total ** 2 for e in errors])
 
+    @property
+    def much(self) -> float:
+        """The squared gap above which more is left than the sensors can tell from nothing (verdict `partial`)."""
+        return max(AS_GOOD**2 * self.floor, SMALL**2)
+
     def much_left(self, fit: Fit) -> bool:
-        """Whether a fit leaves more than the sensors can tell from nothing (verdict `partial`)."""
-        return bool(self.squared([fit])[0] > max(AS_GOOD**2 * self.floor, SMALL**2))
+        """Whether a fit leaves that much."""
+        return bool(self.squared([fit])[0] > self.much)
 
 
 def build_ruler(

@@ -4,12 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.gap import Scales, per_window
+from residual_mpc.diagnosis.data.gap import per_window
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
+from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.additions import NONE, closer
 from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
@@ -57,9 +58,11 @@ def place(terms: EffectSet) -> tuple[int, int, bool, str]:
     return (len(terms), min(ORDER[t.effect] for t in terms), None in names, "".join(n or "" for n in names))
 
 
-def find_rivals(found: Found, most: int | None = None, *, settings: SearchSettings) -> Rivalry:
+def find_rivals(
+    found: Found, most: int | None = None, prefer_first: bool = True, *, settings: SearchSettings
+) -> Rivalry:
     """Replace each term (each pair of rim scales, and one effect on several targets) by what resembles it; swap, `most`
-    times, where that is better.
+    times, where that is better. prefer_first: whether the first of a confounded group takes the chosen one's place.
     """
     most = settings.rivals.swaps if most is None else most
     fit, rivals = found.fit, list[Rival]()
@@ -76,23 +79,24 @@ def find_rivals(found: Found, most: int | None = None, *, settings: SearchSettin
     order = [(t,) for t in fit.terms] + _several(fit)
     rivals.sort(key=lambda r: order.index(r.gone))
     groups = _groups(rivals)
-    preferred, groups = _prefer_first(fit, rivals, groups)
+    preferred, groups = _prefer_first(fit, rivals, groups) if prefer_first else (fit, groups)
     return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
 
 
 def holds_elsewhere(
-    rivalry: Rivalry, met: tuple[Fit, ...], replays: PredictionCache, scales: Scales, settings: SearchSettings
+    rivalry: Rivalry, met: tuple[Fit, ...], replays: PredictionCache, ruler: Ruler, settings: SearchSettings
 ) -> Fit | None:
     """The rival, or the set that the search came across, whose gap on these windows is far smaller than that of the
-    chosen set, None where there is none. A search sees few and short windows; a set that fits them by chance fails on
-    the others."""
+    chosen set, None where there is none, and where the chosen set leaves as little as the sensors can tell. A search
+    sees few and short windows; a set that fits them by chance fails on the others."""
     tuned = settings.rivals
     fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < tuned.far), *met]
     y = replays.data.y
-    squares = [per_window(replays.data, scales, y - p) for p in replays([f.values for f in fits])]
+    squares = [per_window(replays.data, ruler.scales, y - p) for p in replays([f.values for f in fits])]
     gaps = np.array([np.mean(np.minimum(np.nan_to_num(s, nan=tuned.lost), tuned.lost)) for s in squares])
     best = int(np.argmin(gaps))
-    return fits[best] if gaps[best] < tuned.far_smaller * gaps[0] else None
+    much = gaps[0] > ruler.much
+    return fits[best] if much and gaps[best] < tuned.far_smaller * gaps[0] else None
 
 
 def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
