@@ -85,6 +85,12 @@
     });
   }
   function x(t) { return L + (W - L - R) * (t - state.from) / (state.to - state.from); }
+  function ticks(from, to, about) {  // round numbers, about so many
+    var raw = (to - from) / about, power = Math.pow(10, Math.floor(Math.log10(raw))), m = raw / power, out = [];
+    var step = power * (m < 1.5 ? 1 : m < 3.5 ? 2 : m < 7.5 ? 5 : 10);
+    for (var k = Math.ceil(from / step - 1e-9); raw > 0 && k * step <= to + 1e-9 * step; k++) out.push(k * step);
+    return out;
+  }
   function draw() {
     drawn.forEach(function (d) {
       var e = ends(d.look), y = function (v) { return H - B - (H - T - B) * (v - e[0]) / (e[1] - e[0]); };
@@ -92,13 +98,14 @@
         return values.map(function (v, k) { return v === null ? "" : x(d.look.t[k]).toFixed(1) + "," + y(v).toFixed(1); }).join(" ");
       }
       d.axes.textContent = "";
-      for (var k = 0; k < 4; k++) {
-        var v = e[0] + (e[1] - e[0]) * (k + 0.5) / 4;
+      ticks(e[0], e[1], 4).forEach(function (v) {
         node("line", { x1: L, x2: W - R, y1: y(v), y2: y(v), stroke: "var(--grid)" }, d.axes);
         node("text", { x: L - 6, y: y(v) + 4, "text-anchor": "end", "font-size": 12, fill: "var(--muted)" }, d.axes).textContent = short(v);
-        var s = state.from + (state.to - state.from) * k / 3;
-        node("text", { x: x(s), y: H - 8, "text-anchor": k === 0 ? "start" : k === 3 ? "end" : "middle", "font-size": 12, fill: "var(--muted)" }, d.axes).textContent = short(s) + (k === 3 ? " s" : "");
-      }
+      });
+      ticks(state.from, state.to, 4).forEach(function (s) {
+        node("text", { x: x(s), y: H - 8, "text-anchor": "middle", "font-size": 12, fill: "var(--muted)" }, d.axes).textContent = short(s);
+      });
+      node("text", { x: W - R, y: H - B - 6, "text-anchor": "end", "font-size": 12, fill: "var(--muted)" }, d.axes).textContent = "time (s)";
       d.lines.measured.setAttribute("points", points(d.look.measured));
       d.lines.before.setAttribute("points", points(d.look.before));
       d.lines.after.setAttribute("points", points(curve(d.look)));
