@@ -155,6 +155,8 @@ class Effect:
     seconds: float = 0.0  # s that a run has to last for the effect to show
     unseen: str = "its strongest plausible dose moves the prediction by less than the noise"  # why runs do not show it
     imitates: frozenset[str] = frozenset()  # dependences of a remainder that this effect is mistaken for
+    # effects beside which it may stand for another one that acts before or after them: a lag behind a limit
+    displaced_by: frozenset[str] = frozenset()
     shadows: tuple[tuple[Quantity, float], ...] = ()  # (quantity, share): its size that such a number may feign
     interchangeable: str = ""  # effects with the same word do the same in pairs
 

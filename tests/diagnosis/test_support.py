@@ -15,7 +15,7 @@ from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.causes import without_doubtful
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.support import _size
+from residual_mpc.diagnosis.results.support import Support, _size, doubts
 from residual_mpc.models.settings import Knob, Term
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
@@ -44,3 +44,13 @@ def test_a_doubtful_effect_widens_the_intervals_of_the_others() -> None:
     assert without_doubtful(of, {LAG: 1.0, DELAY: 0.5}, 20_000, settings=ResultSettings())[TAU][0] == pytest.approx(
         0.1, abs=0.01
     )
+
+
+@pytest.mark.parametrize("beside", ["saturation", "track_width"])
+def test_a_slow_sensor_beside_a_limit_may_be_a_lag_behind_it(beside: str) -> None:
+    """The chain has the lag before the limit; on a robot that has it behind, the whole pose is late instead."""
+    slow, other = Term("sensor_lag", None), Term(beside, None)
+    supports = dict.fromkeys((slow, other), Support(("fits", "predicts"), 100.0))
+    found = doubts(supports, None, settings=ResultSettings())
+    assert found[other] == 1.0
+    assert found[slow] == (ResultSettings().support.unsupported if beside == "saturation" else 1.0)
