@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from residual_mpc.effects.library import LIBRARY
+from residual_mpc.effects.library import HOSTED
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.forms.residual_robot import with_residual
 from residual_mpc.learning.network.residual import Residual
@@ -34,7 +34,7 @@ class WatchedModel:
         return nominal if self.residual is None else with_residual([nominal], self.residual, self.where)[0]
 
     def settings(self, robot: Robot) -> Settings:
-        return assemble([self.values], {e.name: robot.slots(e.name) for e in LIBRARY})
+        return assemble([self.values], {e.name: robot.slots(e.name) for e in HOSTED})
 
 
 def watched_model(nominal: Robot, nominal_of: RobotOf, model: Written | None) -> WatchedModel:
