@@ -54,3 +54,14 @@ def test_a_slow_sensor_beside_a_limit_may_be_a_lag_behind_it(beside: str) -> Non
     found = doubts(supports, None, settings=ResultSettings())
     assert found[other] == 1.0
     assert found[slow] == (ResultSettings().support.unsupported if beside == "saturation" else 1.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "doubted"), [("fitted_law_torque_position", True), ("fitted_law_torque_command", False)]
+)
+def test_a_law_leaves_doubt_on_what_would_imitate_it(law: str, doubted: bool) -> None:
+    """A gain that is fitted beside a law of the position may stand for a part of what the law describes."""
+    gain = Term("actuator_gain", "j1")
+    supports = dict.fromkeys((gain, Term(law, "j1")), Support(("fits", "predicts"), 100.0))
+    factor = doubts(supports, None, settings=ResultSettings())[gain]
+    assert factor == (ResultSettings().support.unsupported if doubted else 1.0)

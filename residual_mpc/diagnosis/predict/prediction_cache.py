@@ -49,8 +49,8 @@ class PredictionCache:
         change = exact - self._on_these_steps([values])[0]
         seen = np.isfinite(self.data.y)
         with np.errstate(invalid="ignore", over="ignore"):
-            square = np.where(seen, (change / size) ** 2, np.nan)
-            far = not np.isfinite(change[seen]).all() or np.nanmean(square[..., np.isfinite(size)]) > most**2
+            square = ((change / size) ** 2)[seen & np.isfinite(size)]
+        far = not np.isfinite(change[seen]).all() or square.sum() > most**2 * square.size
         return PredictionCache(self.own, self.space) if far else replace(self, change=np.where(seen, change, 0.0))
 
     def _on_these_steps(self, hypotheses: Sequence[Values]) -> np.ndarray:

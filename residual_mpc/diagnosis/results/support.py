@@ -17,6 +17,7 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps
 from residual_mpc.diagnosis.search.stepwise import without
+from residual_mpc.effects.laws import KIND_OF
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
 
@@ -62,11 +63,12 @@ def support_of(
 
 def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: ResultSettings) -> dict[Term, float]:
     """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint or
-    no larger than small differences elsewhere, where what is left depends on a quantity that it would imitate, and
-    where it may stand for an effect at another place of the chain."""
+    no larger than small differences elsewhere, where what is left depends on a quantity that it would imitate or did so
+    before a law took that up, and where it may stand for an effect at another place of the chain."""
     tuned = settings.support
     named = {term.effect for term in supports}
     on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= tuned.depends}
+    on |= {DEPENDENCE.get(KIND_OF[name].on) for name in named if name in KIND_OF}
     out = {}
     for term, support in supports.items():
         helps = 1.0 if "predicts" in support.evidence else tuned.unsupported
