@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plants.diff_drive_step import drive_step
+from plants.diff_drive_step import RATES, drive_step
 from plants.outline import box_with_nose
 from residual_mpc.effects.chain import OUTPUT, command_chain, output_chain
 from residual_mpc.effects.ground import ground_twist, with_fitted_rates, world_drift
@@ -19,7 +19,6 @@ from residual_mpc.models.stepping import StepOptions, Stepped
 
 WHEELS = ("left", "right")
 POSE = ("pose.x", "pose.y", "pose.theta")
-RATES = ("forward", "sideways", "yaw")  # of the base, in its own frame
 TURTLEBOT3 = {"wheel_radius": 0.033, "track_width": 0.16}  # m, the Burger's: the built-in robot
 RESPONSE = 0.05  # s, over which a wheel's acceleration is taken: a tyre's relaxation and a small motor's response
 
