@@ -19,7 +19,7 @@ from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, averaged, build_units
 from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
-from residual_mpc.diagnosis.data.gap import Scales, window_trust
+from residual_mpc.diagnosis.data.gap import Scales, fit_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.options import Options, Progress
@@ -126,7 +126,7 @@ def _problem(
     data: Dataset, scales: Scales, space: ChangeSpace, values: Values, steps: int, settings: ComparisonSettings
 ) -> Problem:
     """The problem on `steps` simulation steps' worth of windows of each set, each channel weighed by what these values
-    leave, windows that diverge weighing less."""
+    leave, windows that are unlike the others weighing less."""
     results = settings.results
     keep = np.zeros(data.count, dtype=bool)
     later = np.concatenate([np.full(b.where.stop - b.where.start, b.later) for b in data.blocks])
@@ -134,7 +134,7 @@ def _problem(
         keep[np.flatnonzero(side)[evenly(data.take(side), steps // 2, settings=results.data)]] = True
     few = data.take(keep)
     problem = build_problem(few, space, few.sigma, scales.motion, settings=results.predict)
-    trust = window_trust(few, scales, few.y - problem.replays([values])[0], settings=results.data)
+    trust = fit_trust(few, scales, few.y - problem.replays([values])[0], settings=results.data)
     trusting = problem if (trust == 1.0).all() else replace(problem, count=trust)
     r = trusting.residuals([values])[0].reshape(*few.y.shape)
     seen = np.einsum("w,wmc->c", trust, np.isfinite(few.y).astype(float))

@@ -9,7 +9,7 @@ from oracles.rover_log import SIGMA, rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import build_dataset
-from residual_mpc.diagnosis.data.gap import gap_of, measure_scales, window_trust
+from residual_mpc.diagnosis.data.gap import fit_trust, gap_of, measure_scales, window_trust
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.polish import polish
@@ -83,6 +83,19 @@ def test_a_few_windows_that_diverge_count_at_a_limit() -> None:
     assert (
         window_trust(data, scales, np.full(data.y.shape, 3.0) * scales.s, settings=DataSettings()) == 1.0
     ).all()  # all alike: none is an outlier
+
+
+def test_a_window_unlike_the_others_counts_at_a_limit_in_fits() -> None:
+    runs = [rover_run("r", {}, 40.0)]
+    data = build_dataset(runs, [ROVER], SIGMA)
+    scales = measure_scales(data)
+    error = np.full(data.y.shape, 0.001) * scales.s
+    error[: len(error) // 2] *= 3.0  # moving in half of the windows, at rest in the others
+    error[0] = 0.2 * scales.s  # far from divergence, and far from the rest
+    trust = fit_trust(data, scales, error, settings=DataSettings())
+    assert (trust[1:] == 1.0).all()
+    assert trust[0] == pytest.approx((DataSettings().trust.unlike * 0.003 / 0.2) ** 2, rel=1e-6)
+    assert (window_trust(data, scales, error, settings=DataSettings()) == 1.0).all()
 
 
 def test_constant_velocity_foretells_constant_velocity() -> None:

@@ -24,7 +24,8 @@ from published.robots import (
 FINE = 0.0005  # s
 EVERY = 0.01  # s, a sample of the log
 EPOCH = 1_764_000_000  # s
-MIN_HOLD, MAX_HOLD = 0.4, 1.6  # s between set points
+MIN_MOVE, MAX_MOVE = 0.4, 1.6  # s from set point to set point
+FASTEST = 2.0  # rad/s, of an arm's set points: what such arms allow, and no step of a held command meets a torque limit
 
 
 @dataclass(frozen=True)
@@ -52,14 +53,18 @@ def _spec(text: str) -> mujoco.MjSpec:
     return spec
 
 
-def _courses(t: np.ndarray, middle: Sequence[float], reach: Sequence[float], rng: np.random.Generator) -> np.ndarray:
-    """(n, joints): smooth moves from set point to set point with rests between, and a slow swing."""
+def _courses(
+    t: np.ndarray, middle: Sequence[float], reach: Sequence[float], rng: np.random.Generator, fastest: float = np.inf
+) -> np.ndarray:
+    """(n, joints): smooth moves from set point to set point, none faster than `fastest`, with rests between, and a slow
+    swing."""
     out = np.empty((len(t), len(middle)))
     for j, (centre, size) in enumerate(zip(middle, reach, strict=True)):
         knots, values = [0.0], [centre]
         while knots[-1] < t[-1]:
             there = centre + size * rng.uniform(-1, 1)
-            knots += [knots[-1] + rng.uniform(MIN_HOLD, MAX_HOLD)]
+            shortest = 0.5 * np.pi * abs(there - values[-1]) / fastest
+            knots += [knots[-1] + max(rng.uniform(MIN_MOVE, MAX_MOVE), shortest)]
             values += [there]
             knots += [knots[-1] + rng.uniform(0.1, 0.5)]
             values += [there]
@@ -72,10 +77,11 @@ def _courses(t: np.ndarray, middle: Sequence[float], reach: Sequence[float], rng
 
 
 def _drive(model: mujoco.MjModel, command: np.ndarray, delay: float, start: np.ndarray) -> np.ndarray:
-    """(n, nq): positions at each sample under commands (n, nu) that arrive `delay` s late and are held."""
+    """(n, nq): positions at each sample under commands (n, nu) that arrive `delay` s late and are held. The model's
+    time step is a whole part of a sample's."""
     data = mujoco.MjData(model)
     data.qpos[: len(start)] = start
-    steps, late = round(EVERY / FINE), round(delay / FINE)
+    steps, late = round(EVERY / model.opt.timestep), round(delay / model.opt.timestep)
     fine = np.repeat(command, steps, axis=0)
     fine = np.concatenate([np.repeat(fine[:1], late, axis=0), fine])[: len(fine)]
     out = np.empty((len(command), model.nq))
@@ -87,14 +93,14 @@ def _drive(model: mujoco.MjModel, command: np.ndarray, delay: float, start: np.n
     return out
 
 
-def _arm(
+def arm_log(
     spec: mujoco.MjSpec, joints: Sequence[str], middle: Sequence[float], reach: Sequence[float], delay: float,
     noise: float, seconds: float, seed: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """t (n,), command and measured position (n, joints)."""
     rng = np.random.default_rng(seed)
     t = EVERY * np.arange(round(seconds / EVERY))
-    command = _courses(t, middle, reach, rng)
+    command = _courses(t, middle, reach, rng, FASTEST)
     q = _drive(spec.compile(), command, delay, np.array(middle))[:, : len(joints)]
     return t, command, q + noise * rng.standard_normal(q.shape)
 
@@ -104,14 +110,22 @@ def _arm(
 UR5E_GAINS = ((4000.0, 400.0),) * 3 + ((1000.0, 60.0),) * 3  # of its controller, which the URDF does not know
 
 
-def _write_ur5e(folder: Path) -> None:
+UR5E_MIDDLE, UR5E_REACH = (0.0, -1.2, 1.3, -1.5, -1.4, 0.2), (0.7, 0.5, 0.6, 0.6, 0.6, 0.8)
+
+
+def ur5e_as_it_is() -> mujoco.MjSpec:
+    """The robot of the logs, but for its delay."""
     spec = _spec(ur5e_urdf())
     for joint, (kp, kv) in zip(UR5E_JOINTS, UR5E_GAINS, strict=True):
         spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_position(kp=kp, kv=kv)
     spec.joint("elbow_joint").frictionloss = 10.0
-    middle, reach = (0.0, -1.2, 1.3, -1.5, -1.4, 0.2), (0.7, 0.5, 0.6, 0.6, 0.6, 0.8)
+    return spec
+
+
+def _write_ur5e(folder: Path) -> None:
+    spec = ur5e_as_it_is()
     for run in range(3):
-        t, command, q = _arm(spec, UR5E_JOINTS, middle, reach, 0.04, 1e-4, 20.0, run)
+        t, command, q = arm_log(spec, UR5E_JOINTS, UR5E_MIDDLE, UR5E_REACH, 0.04, 1e-4, 20.0, run)
         table = {"timestamp": EPOCH + 100 * run + t}
         table |= {f"target_{j}": command[:, i] for i, j in enumerate(UR5E_JOINTS)}
         table |= {f"actual_{j}": q[:, i] for i, j in enumerate(UR5E_JOINTS)}
@@ -128,7 +142,7 @@ def _write_panda(folder: Path) -> None:
     load.explicitinertial, load.mass, load.ipos, load.inertia = True, 1.5, (0, 0, 0), (1e-6, 1e-6, 1e-6)
     middle, reach = (0.0, -0.3, 0.0, -1.8, 0.0, 1.6, 0.8), (0.6, 0.4, 0.5, 0.5, 0.6, 0.6, 0.8)
     for run in range(3):
-        t, command, q = _arm(spec, PANDA_JOINTS, middle, reach, 0.03, 5e-5, 16.0, 10 + run)
+        t, command, q = arm_log(spec, PANDA_JOINTS, middle, reach, 0.03, 5e-5, 16.0, 10 + run)
         table = {"stamp": EPOCH + 60 * run + t}
         table |= {f"q_d_{j}": command[:, i] for i, j in enumerate(PANDA_JOINTS)}
         table |= {f"q_{j}": q[:, i] for i, j in enumerate(PANDA_JOINTS)}
@@ -144,7 +158,7 @@ def _write_so101(folder: Path) -> None:
     load.explicitinertial, load.mass, load.ipos, load.inertia = True, 0.2, (0, 0, 0), (1e-7, 1e-7, 1e-7)
     middle, reach = (0.0, -0.4, 0.3, 0.4, 0.0, 0.6), (0.9, 0.6, 0.7, 0.7, 1.0, 0.5)
     for run in range(3):
-        t, command, q = _arm(spec, SO101_JOINTS, middle, reach, 0.06, 5e-4, 20.0, 20 + run)
+        t, command, q = arm_log(spec, SO101_JOINTS, middle, reach, 0.06, 5e-4, 20.0, 20 + run)
         table = {"timestamp": t}
         table |= {f"action.{j}.pos": np.degrees(command[:, i]) for i, j in enumerate(SO101_JOINTS)}
         table |= {f"observation.state.{j}.pos": np.degrees(q[:, i]) for i, j in enumerate(SO101_JOINTS)}

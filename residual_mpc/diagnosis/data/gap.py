@@ -111,7 +111,29 @@ def per_window(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray:
 def window_trust(data: Dataset, scales: Scales, error: np.ndarray, settings: DataSettings) -> np.ndarray:
     """(W,) weight of each window: 1, or less where its prediction has diverged. A window whose scaled error exceeds
     both `diverged` and `typical` times the median window's counts as one at that limit."""
-    square = per_window(data, scales, np.clip(np.nan_to_num(error, nan=np.nan), -1e6, 1e6))
-    limit = max(settings.trust.diverged, settings.trust.typical * float(np.sqrt(np.nanmedian(square)))) ** 2
+    size = _sizes(data, scales, error)
+    return _at_most(size, _diverged(size, settings))
+
+
+def fit_trust(data: Dataset, scales: Scales, error: np.ndarray, settings: DataSettings) -> np.ndarray:
+    """(W,) weight of each window in a fit: as `window_trust`, and a window that is unlike the others counts as one at
+    `unlike` times the upper quartile of the windows' scaled errors (Huber's weights on whole windows)."""
+    size = _sizes(data, scales, error)
+    unlike = settings.trust.unlike * float(np.nanquantile(size, 0.75))
+    return _at_most(size, min(_diverged(size, settings), unlike))
+
+
+def _sizes(data: Dataset, scales: Scales, error: np.ndarray) -> np.ndarray:
+    """(W,) scaled error of each window."""
+    return np.sqrt(per_window(data, scales, np.clip(np.nan_to_num(error, nan=np.nan), -1e6, 1e6)))
+
+
+def _diverged(size: np.ndarray, settings: DataSettings) -> float:
+    """The scaled error beyond which a window's prediction has diverged."""
+    return max(settings.trust.diverged, settings.trust.typical * float(np.nanmedian(size)))
+
+
+def _at_most(size: np.ndarray, limit: float) -> np.ndarray:
+    """(W,) weights with which no window counts for more than one with this scaled error."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(square > limit, limit / square, 1.0)
+        return np.where(size > limit, (limit / size) ** 2, 1.0)

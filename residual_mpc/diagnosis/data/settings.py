@@ -22,13 +22,16 @@ class DatasetSettings:
 @dataclass(frozen=True)
 class TrustSettings:
     """A window's prediction has diverged where its scaled error exceeds both `diverged` (0.5: half of the motion is
-    missed) and `typical` times the median window's."""
+    missed) and `typical` times the median window's. To a fit, a window is unlike the others where its scaled error
+    exceeds `unlike` times the upper quartile's (a robot may rest in most windows): something happened there, or its
+    prediction is about to diverge."""
 
     diverged: float = 0.5
     typical: float = 4.0
+    unlike: float = 8.0
 
     def __post_init__(self) -> None:
-        check_positive(self, "diverged", "typical")
+        check_positive(self, "diverged", "typical", "unlike")
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Scales, per_window, window_trust
+from residual_mpc.diagnosis.data.gap import Scales, fit_trust, per_window
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.cross_validation import expected_errors
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
@@ -110,7 +110,7 @@ def _predicts(search: LawSearch, space: Space, current: Fit, law: Fit, rng: np.r
     standard errors over stretches of time, and by something that an engineer would see above the noise."""
     few, scales, tuning, settings = search.few, search.of.scales, search.tuning, search.settings
     error = few.y - predict(few, space.settings([current.values]))[0]
-    trust = window_trust(few, scales, error, settings=tuning.data)
+    trust = fit_trust(few, scales, error, settings=tuning.data)
     folded = expected_errors(few, space, law, settings=tuning.fit)
     before, after = (np.nan_to_num(trust * per_window(few, scales, e)) for e in (error, folded))
     blocks = blocks_of(few, settings=tuning.fit)
@@ -144,7 +144,7 @@ def _without(values: Values, term: Term) -> Values:
 
 
 def _trusting(problem: Problem, of: Unexplained, tuning: RemainderSettings) -> Problem:
-    """The problem in which windows that diverge under the explanation so far weigh less."""
+    """The problem in which windows that are unlike the others under the explanation so far weigh less."""
     error = problem.data.y - problem.replays([of.values])[0]
-    trust = window_trust(problem.data, of.scales, error, settings=tuning.data)
+    trust = fit_trust(problem.data, of.scales, error, settings=tuning.data)
     return problem if (trust == 1.0).all() else replace(problem, count=trust)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.encoder_consistency import contradicted, independent_encoders
-from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
+from residual_mpc.diagnosis.data.gap import Scales, fit_trust, gap_of
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.cross_validation import expected_errors
 from residual_mpc.diagnosis.fit.evidence import blocks_of, least_sure
@@ -65,8 +65,8 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
 
 
 def trusting(problem: Problem, values: Values, scales: Scales, settings: ResultSettings) -> Problem:
-    """The problem in which windows that diverge under these values weigh less."""
-    trust = window_trust(problem.data, scales, problem.data.y - problem.replays([values])[0], settings=settings.data)
+    """The problem in which windows that are unlike the others under these values weigh less."""
+    trust = fit_trust(problem.data, scales, problem.data.y - problem.replays([values])[0], settings=settings.data)
     return problem if (trust == 1.0).all() else replace(problem, count=trust)
 
 

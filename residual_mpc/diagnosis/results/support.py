@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
+from residual_mpc.diagnosis.data.gap import Scales, fit_trust, gap_of
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.cross_validation import fold_values
 from residual_mpc.diagnosis.fit.least_squares import Fit
@@ -116,7 +116,7 @@ def _rises(of: FittedExplanation, data: Dataset, scales: Scales, floor: float, s
     data = data if keep.all() else data.take(keep)
     rows = [of.final.values, *(without(of.final.values, t) for t in terms)]
     errors = [data.y - p for p in predict(data, of.space.settings(rows))]
-    trust = window_trust(data, scales, errors[0], settings=settings.data)
+    trust = fit_trust(data, scales, errors[0], settings=settings.data)
     whole, *less = [gap_of(data, scales, e, trust).total ** 2 for e in errors]
     return (np.array(less) - whole) / max(floor**2, 1e-12)
 

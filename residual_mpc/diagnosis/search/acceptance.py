@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
+from residual_mpc.diagnosis.data.gap import Scales, fit_trust, gap_of, per_window, window_trust
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
@@ -27,11 +27,14 @@ class Ruler:
     settings: DataSettings
 
     def squared(self, fits: list[Fit]) -> np.ndarray:
-        """(H,) squared gap of each fit, in which the windows whose prediction diverges under the last of them count at
-        their limit."""
+        """(H,) squared gap of each fit, in which the windows count at their limit whose prediction diverges under the
+        last of them, or that are unlike the others under each of them."""
         data = self.replays.data
-        errors = [data.y - p for p in self.replays([f.values for f in fits])]
-        trust = window_trust(data, self.scales, errors[-1], settings=self.settings)
+        errors = np.stack([data.y - p for p in self.replays([f.values for f in fits])])
+        sizes = np.stack([np.nan_to_num(per_window(data, self.scales, e), nan=np.inf) for e in errors])
+        smallest = errors[np.argmin(sizes, axis=0), np.arange(data.count)]
+        diverged = window_trust(data, self.scales, errors[-1], settings=self.settings)
+        trust = np.minimum(diverged, fit_trust(data, self.scales, smallest, settings=self.settings))
         return np.array([gap_of(data, self.scales, e, trust).total ** 2 for e in errors])
 
     @property
@@ -55,10 +58,10 @@ def build_ruler(
 
 def judge(problem: Problem, fit: Fit, noise: np.ndarray, scales: Scales, settings: SearchSettings) -> Problem:
     """The problem with small differences marginalised that this fit's residuals make likely, with each channel weighed
-    by what is left then, never less than its noise, and with the windows in which the fit's prediction diverges
+    by what is left then, never less than its noise, and with the windows that are unlike the others under the fit
     weighing less (Huber's weights on whole windows)."""
     data = problem.data
-    trust = window_trust(data, scales, data.y - problem.replays([fit.values])[0], settings=settings.data)
+    trust = fit_trust(data, scales, data.y - problem.replays([fit.values])[0], settings=settings.data)
     count = None if (trust == 1.0).all() else trust
     plain = tolerant(
         replace(reweigh(problem, noise), count=count, tolerances=problem.tolerances), fit, settings=settings.fit
