@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.checkpoint import Checkpoint, Keeper
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.describe import describe
+from residual_mpc.diagnosis.phases.early_answers import Told, first_look, unheard
 from residual_mpc.diagnosis.phases.laws import find_laws
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import refine
@@ -33,10 +34,12 @@ def diagnose(
     learners: Sequence[Learner] = (RidgeLearner(),),
     answered: Callable[[Diagnosis], None] = lambda diagnosis: None,
     checkpoint: Checkpoint | None = None,
+    told: Told = unheard,
 ) -> DiagnosisResult:
     """robots[i] is the nominal model of runs[i]; learners: those that try to learn what is left; answered: told the
     answer as soon as it stands, before what is left is described; checkpoint: the phases that were finished before, and
-    where further ones are kept.
+    where further ones are kept; told: what is known before the answer stands (a first look, and the best set of effects
+    so far).
 
     Raises BadInput where nothing can be compared.
     """
@@ -44,7 +47,10 @@ def diagnose(
     with threadpool_limits(1, "blas"):  # matrices of this size lose by a second thread
         prepared = prepare(given, rng, progress)
         keep = Keeper(checkpoint or Checkpoint(), rng, _known(prepared), _without_memory)
-        searched = keep("search", lambda: search_effects(prepared, rng, progress, keep))
+        if told is not unheard:
+            progress("taking a first look", 0.05)
+            told(first_look(prepared))
+        searched = keep("search", lambda: search_effects(prepared, rng, progress, keep, told))
         refined = keep("refine", lambda: refine(searched, rng, progress))
         validated = keep("validate", lambda: validate(refined, rng, progress))
         explained = keep("laws", lambda: find_laws(prepared, refined, validated, rng, progress))

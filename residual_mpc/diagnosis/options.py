@@ -19,7 +19,7 @@ class PhaseSettings:
     numbers of the last fit. marginal_steps: steps of the last fit with small differences, from where the plain one
     ended; marginal_columns: numbers in the columns of all small differences, above which they are not marginalised
     (memory). outliers_worth: times the squared noise floor that a few jumping samples have to make of the gap to be a
-    cause."""
+    cause. first_look: simulation steps that the first look may cost."""
 
     blocks: int = 10
     cheap: int = 30_000
@@ -28,10 +28,11 @@ class PhaseSettings:
     marginal_steps: int = 4
     marginal_columns: int = 40_000_000
     outliers_worth: float = 0.6
+    first_look: int = 120_000
 
     def __post_init__(self) -> None:
         check_positive(self, "blocks", "cheap", "bearable", "near", "marginal_steps", "marginal_columns")
-        check_positive(self, "outliers_worth")
+        check_positive(self, "outliers_worth", "first_look")
 
 
 @dataclass(frozen=True)

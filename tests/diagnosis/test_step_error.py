@@ -16,24 +16,29 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.diagnose import diagnose
+from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem
+from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.predict.step_error import step_error
-from residual_mpc.diagnosis.results import gaps
+from residual_mpc.diagnosis.results import causes, gaps
+from residual_mpc.diagnosis.results.step_shift import finely_stepped
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Settings
+from residual_mpc.models.settings import Knob, Settings
 
 FREE = '<motor name="j1" joint="j1"/><motor name="j2" joint="j2"/>'
+SERVOS = '<position name="j1" joint="j1" kp="30" kv="3"/><position name="j2" joint="j2" kp="20" kv="1"/>'
 NOISE = 2e-4  # rad
 
 
-def xml(step: float) -> str:
-    return arm_xml(FREE, integrator="Euler").replace('timestep="0.002"', f'timestep="{step}"')
+def xml(step: float, actuators: str = FREE) -> str:
+    return arm_xml(actuators, integrator="Euler").replace('timestep="0.002"', f'timestep="{step}"')
 
 
-def swinging(seed: int, seconds: float = 12.0) -> Run:
-    """The arm under small torques, stepped at 0.1 ms by RK4 and sampled at 100 Hz."""
+def swinging(seed: int, seconds: float = 12.0, actuators: str = FREE, late: int = 0) -> Run:
+    """The arm under small commands that act `late` samples late, stepped at 0.1 ms by RK4 and sampled at 100 Hz."""
     rng = np.random.default_rng(seed)
-    spec = mujoco.MjSpec.from_string(xml(1e-4))
+    spec = mujoco.MjSpec.from_string(xml(1e-4, actuators))
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -44,7 +49,7 @@ def swinging(seed: int, seconds: float = 12.0) -> Run:
             command = 0.6 * rng.standard_normal(2)
         q.append(data.qpos.copy())
         u.append(command)
-        data.ctrl[:] = command
+        data.ctrl[:] = u[max(k - late, 0)]
         for _ in range(100):
             mujoco.mj_step(model, data)
     measured = np.array(q) + NOISE * rng.standard_normal((len(t), 2))
@@ -83,3 +88,38 @@ def test_effects_that_may_stand_for_the_step_are_doubted(tmp_path: Path) -> None
     assert found.gap.step_error is not None and found.gap.step_error > found.gap.noise_floor
     assert any("time step" in note for note in found.notes)
     assert all(cause.probability <= 0.5 for cause in found.causes)
+
+
+def delay_problem(tmp_path: Path) -> Problem:
+    """Servos whose commands act 30 ms late, and a model with a step of 5 ms."""
+    robot = robot_of(tmp_path, xml(0.005, SERVOS))
+    runs = [swinging(seed, actuators=SERVOS, late=3) for seed in range(2)]
+    data = build_dataset(runs, [robot] * 2, {}, 1.0, settings=DataSettings())
+    return build_problem(data, build_space(data, (), ("command_delay",)), data.sigma, measure_scales(data).motion)
+
+
+def test_the_fit_of_a_finer_step_is_foretold(tmp_path: Path) -> None:
+    """The step shifts the motion by half of itself, far more than the noise lets the delay be off."""
+    delay = Knob("command_delay", None, "delay")
+    problem = delay_problem(tmp_path)
+    fit = fit_all(problem, [{delay: 0.02}])[0]
+    assert abs(fit.values[delay] - 0.03) > 0.0015
+    assert finely_stepped(problem, fit)[delay] == pytest.approx(0.03, abs=0.0005)
+
+
+def test_the_interval_holds_the_fit_of_a_finer_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    knob = Knob("track_width", None, "scale")
+    monkeypatch.setattr(causes, "finely_stepped", lambda problem, fit: {knob: 1.5})
+    runs = [rover_run(f"r{k}", {"track_width": {"scale": 1.25}}, 16.0, seed=k) for k in range(2)]
+    robot = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
+    options = Options(only=("track_width",))
+    found = diagnose(runs, [robot] * 2, {}, (), options, np.random.default_rng(0)).diagnosis
+    low, high = found.causes[0].parameters[0].ci95
+    assert low < 1.25 and high == 1.5
+
+
+def test_a_model_of_equations_has_no_finer_step() -> None:
+    robot = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
+    data = build_dataset([rover_run("r", {}, 16.0)], [robot], {}, 1.0, settings=DataSettings())
+    problem = build_problem(data, build_space(data, ()), data.sigma, measure_scales(data).motion)
+    assert finely_stepped(problem, fit_all(problem, [{Knob("track_width", None, "scale"): 1.2}])[0]) == {}

@@ -56,6 +56,12 @@ class Prepared:
     options: Options
 
     @property
+    def headline(self) -> tuple[Dataset, Scales]:
+        """The windows that the first search fits, with their scales: of the headline's horizon, or shorter if errors
+        grow too fast."""
+        return self.near or (self.fitting, self.scales)
+
+    @property
     def fitting(self) -> Dataset:
         """The windows that fits may see, without outliers."""
         return self.clean.take(~self.held)

@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import on_problem
 from residual_mpc.diagnosis.fit.noise_fit import with_noise
 from residual_mpc.diagnosis.options import Options, Progress
+from residual_mpc.diagnosis.phases.early_answers import Told, improving, unheard
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of, well_begun
@@ -40,13 +41,15 @@ class Searched:
     scales: Scales
 
 
-def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progress, keep: Keep = at_once) -> Searched:
+def search_effects(
+    prepared: Prepared, rng: np.random.Generator, progress: Progress, keep: Keep = at_once, told: Told = unheard
+) -> Searched:
     """Search the headline's horizon, then each longer one for what it adds; then compare with rival explanations."""
     progress("searching for effects", 0.1)
     options, settings = prepared.options, prepared.options.settings
-    windows = [_headline(prepared)]
+    windows = [prepared.headline]
     found = first = keep(
-        "headline", lambda: search_headline(prepared, rng, lambda text, done: progress(text, 0.1 + 0.4 * done))
+        "headline", lambda: search_headline(prepared, rng, lambda text, done: progress(text, 0.1 + 0.4 * done), told)
     )
     for look in prepared.longer:
         if look.free is None:
@@ -56,7 +59,7 @@ def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progr
         more = None
         if _worth_searching(data, gap, floor, options):
             progress(f"searching over windows of {data.horizon:g} s", 0.5)
-            more = _on(prepared, data, scales, found, rng, lambda text, done: None)
+            more = _on(prepared, data, scales, found, rng, lambda text, done: None, told)
         if more is not None and more.steps:
             found, windows = more, [(data, scales)]
         elif gap.total < options.phases.near * floor.total and data.cost <= options.final_steps:
@@ -68,15 +71,9 @@ def search_effects(prepared: Prepared, rng: np.random.Generator, progress: Progr
     return Searched(prepared, found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])
 
 
-def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Progress) -> Found:
+def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Progress, told: Told = unheard) -> Found:
     """The search on the windows of the headline's horizon alone."""
-    return _on(prepared, *_headline(prepared), None, rng, progress)
-
-
-def _headline(prepared: Prepared) -> tuple[Dataset, Scales]:
-    """The windows that the first search fits, with their scales: of the headline's horizon, or shorter if errors grow
-    too fast."""
-    return prepared.near or (prepared.fitting, prepared.scales)
+    return _on(prepared, *prepared.headline, None, rng, progress, told)
 
 
 def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:
@@ -110,8 +107,10 @@ def _on(
     start: Found | None,
     rng: np.random.Generator,
     report: Progress,
+    told: Told,
 ) -> Found:
     """The search on these windows, from what an earlier one found."""
+    accepted = improving(told)
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
     # a step of a small robot costs less: a servo on the bench is looked at more closely than an arm
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 2.0))
@@ -122,10 +121,10 @@ def _on(
     problem = build_problem(quick, space, few.sigma, scales.motion, own, settings=settings.predict)
     if start is None:
         earlier = _earlier(prepared)
-        return stepwise_search(problem, scales, settings.search, rng, report, earlier, questioned=bool(earlier))
+        return stepwise_search(problem, scales, settings.search, rng, report, earlier, bool(earlier), accepted)
     search = settings.search
     longer = replace(search, over_floor=search.over_floor_longer, largest=search.largest_longer)
-    return stepwise_search(problem, scales, longer, rng, report, start.fit.values)
+    return stepwise_search(problem, scales, longer, rng, report, start.fit.values, accepted=accepted)
 
 
 def _earlier(prepared: Prepared) -> Values | None:

@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.models import optional
 from residual_mpc.models.settings import Settings
 
-WINDOWS = 40  # at most
+WINDOWS = 40  # of a figure that is reported
 
 
 def finer_prediction(data: Dataset, row: Settings, here: np.ndarray | None = None) -> np.ndarray | None:
@@ -27,11 +27,13 @@ def finer_prediction(data: Dataset, row: Settings, here: np.ndarray | None = Non
     return np.asarray(2.0 * (predict(replace(data, blocks=halves), row)[0] - whole))
 
 
-def step_error(data: Dataset, scales: Scales, row: Settings, settings: DataSettings) -> float | None:
-    """The gap between a model and one stepped infinitely finely, on some of the windows; those that diverge count
+def step_error(
+    data: Dataset, scales: Scales, row: Settings, settings: DataSettings, windows: int = WINDOWS
+) -> float | None:
+    """The gap between a model and one stepped infinitely finely, on at most so many windows; those that diverge count
     little. None where no model here has another step."""
     few = data.take(
-        np.isin(np.arange(data.count), np.linspace(0, data.count - 1, min(data.count, WINDOWS)).astype(int))
+        np.isin(np.arange(data.count), np.linspace(0, data.count - 1, min(data.count, windows)).astype(int))
     )
     apart = finer_prediction(few, row)
     if apart is None:

@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.results.step_shift import finely_stepped
 from residual_mpc.diagnosis.results.support import Support
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.laws import is_law
@@ -40,6 +41,8 @@ def causes_of(
     final, problem = of.final, of.problem
     sigma = sigmas(problem, final, settings=settings)
     aside = _aside(of, settings=settings)
+    finer = finely_stepped(problem, final)
+    within = {k: (*aside.get(k, ()), *lacking.get(k, ()), *([finer[k]] if k in finer else [])) for k in final.knobs}
     causes = []
     for term in final.terms:
         if is_law(term.effect):
@@ -50,7 +53,7 @@ def causes_of(
             )
             continue
         estimates = [
-            _estimate(of, i, float(sigma[i]), unexplained, (*aside.get(k, ()), *lacking.get(k, ())), settings=settings)
+            _estimate(of, i, float(sigma[i]), unexplained, within[k], settings=settings)
             for i, k in enumerate(final.knobs)
             if k.effect != TUNE and k.term == term
         ]
@@ -114,8 +117,8 @@ def _aside(of: FittedExplanation, settings: ResultSettings) -> dict[Knob, tuple[
 def _estimate(
     of: FittedExplanation, i: int, sigma: float, unexplained: float, aside: tuple[float, ...], settings: ResultSettings
 ) -> Estimate:
-    """aside: limits of the interval with small differences elsewhere, and values without a doubtful effect, which the
-    stated interval includes."""
+    """aside: limits of the interval with small differences elsewhere, values without a doubtful effect and with a finer
+    time step, which the stated interval includes."""
     knob, final, space = of.final.knobs[i], of.final, of.problem.space
     value = final.values[knob]
     unit = unit_of(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)

@@ -13,8 +13,11 @@ from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, reweigh, tolerating
+from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.search.additions import NONE
 from residual_mpc.diagnosis.search.settings import SearchSettings
+
+STEP_WINDOWS = 10  # on which a search measures the error of the time step
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,13 @@ class Ruler:
     def much(self) -> float:
         """The squared gap above which more is left than the sensors can tell from nothing (verdict `partial`)."""
         return max(AS_GOOD**2 * self.floor, SMALL**2)
+
+    def step_error(self, fit: Fit) -> float:
+        """The squared gap that the model's own time step makes at this fit; 0 where no model here has another step."""
+        data = self.replays.own or self.replays.data
+        row = self.replays.space.settings([fit.values])
+        found = step_error(data, self.scales, row, self.settings, STEP_WINDOWS)
+        return 0.0 if found is None else found**2
 
     def much_left(self, fit: Fit) -> bool:
         """Whether a fit leaves that much."""
@@ -82,7 +92,8 @@ def convincing(
     blocks: np.ndarray,
     settings: SearchSettings,
 ) -> bool:
-    """Beyond doubt against coloured residuals, and seen above the noise."""
+    """Beyond doubt against coloured residuals, and seen above the noise and above the error of the model's own time
+    step, which a small effect may stand for."""
     _, was, now = ruler.squared([base, current, best])
     removed, left = was - now, max(was - ruler.floor, 0.0)
     if removed < max(settings.over_floor * ruler.floor, settings.share * left):
@@ -111,4 +122,6 @@ def convincing(
     least = settings.beyond_doubt_sizeable if sizeable else settings.beyond_doubt
     if left > ruler.floor and removed > settings.most * left:  # the search is not finished while one effect closes that
         least = min(least, settings.beyond_doubt_most)
-    return bool(ratio >= least + settings.per_knob * knobs)
+    if ratio < least + settings.per_knob * knobs:
+        return False
+    return bool(removed >= settings.over_floor * ruler.step_error(best))

@@ -66,6 +66,15 @@ def glance(
     return sorted(_by_quarter(small, current, probes, weight, settings=settings), key=_gain)
 
 
+def best_leads(problem: Problem, current: Fit, candidates: tuple[Term, ...]) -> list[ScreenedTerm]:
+    """The best lead of each candidate by what it removes of the squared gap, largest first."""
+    leads = sorted(_leads(problem, current, _probes(problem, candidates), 1.0), key=_gap)
+    first: dict[Term, ScreenedTerm] = {}
+    for lead in leads:
+        first.setdefault(lead.term, lead)
+    return list(first.values())
+
+
 def reaches(
     problem: Problem, current: Fit, candidates: tuple[Term, ...], enough: float, settings: SearchSettings
 ) -> dict[Term, float]:

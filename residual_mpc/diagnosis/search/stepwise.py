@@ -45,6 +45,11 @@ class Found:
 
 
 Report = Callable[[str, float], None]  # what is done, and the share of the search that is behind
+Accepted = Callable[[Ruler, Fit, Fit], None]  # the ruler, the fit without effects, and the set that was accepted
+
+
+def unseen(ruler: Ruler, base: Fit, best: Fit) -> None:
+    """Nobody asks what was accepted."""
 
 
 def stepwise_search(
@@ -55,9 +60,11 @@ def stepwise_search(
     report: Report = lambda text, done: None,
     start: Values | None = None,
     questioned: bool = False,
+    accepted: Accepted = unseen,
 ) -> Found:
     """Search on the problem's windows. The problem's own weights are those of the pure sensor noise; start: the values
-    to go on from, None for the model alone; questioned: whether its effects are tested again where nothing is added."""
+    to go on from, None for the model alone; questioned: whether its effects are tested again where nothing is added;
+    accepted: told each set that the search moves on to."""
     noise = 1.0 / problem.weight
     blocks = blocks_of(problem.data, settings=settings.fit)
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
@@ -67,7 +74,7 @@ def stepwise_search(
     if start is not None and len(start) > len(base_values):
         known = fit_all(problem, [start], 0, settings=settings.fit)[0]
         beam = refit(judge(problem, known, noise, scales, settings=settings), [known], settings=settings)
-    forward = Forward(problem, ruler, base, noise, blocks, report, settings)
+    forward = Forward(problem, ruler, base, noise, blocks, report, settings, accepted=accepted)
     beam, steps, met = forward.go_on(beam, [])
     if forward.much_left(beam[0]):  # what closes a good part of that is better than nothing
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
@@ -101,6 +108,7 @@ class Forward:
     report: Report
     settings: SearchSettings
     small_differences: bool = True
+    accepted: Accepted = unseen
 
     def at(self, fit: Fit) -> Problem:
         """The problem about this fit, carrying the columns of the small differences where they are marginalised."""
@@ -172,6 +180,7 @@ class Forward:
             if frozenset(best.terms) in seen:  # what was added is dropped again: it would go on for ever
                 break
             seen.add(frozenset(best.terms))
+            self.accepted(ruler, base, best)
             steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
             beam = [best, *others(ruler, base, best, children, settings)]
         return beam, steps, met
