@@ -13,6 +13,7 @@ import numpy as np
 
 from residual_mpc.api.diagnosis_files import ANSWER, COMMANDS, write_answer, write_whole
 from residual_mpc.api.display import page
+from residual_mpc.api.early_answers import EarlyAnswers
 from residual_mpc.api.resume import checkpoint_in, key_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
@@ -20,6 +21,7 @@ from residual_mpc.api.written import Source, name_robot_file, written
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.phases.early_answers import unheard
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.diagnosis.results.records import Diagnosis as Record
 from residual_mpc.diagnosis.results.records import DiagnosisResult
@@ -144,6 +146,7 @@ def diagnose(
     out: str | Path | None = None,
     command: str = "",
     progress: Progress = lambda stage, done: None,
+    say: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Attribute the gap between the nominal model and the runs.
 
@@ -155,6 +158,8 @@ def diagnose(
         out: folder that the answer is written to as soon as it stands, and everything in the end. A diagnosis that was
             stopped goes on from there when it is called again with the same robot, runs and options.
         command: the call as the report prints it; by default the command line that does the same.
+        say: told in a sentence what is known before the answer stands: a first look at the gap, and each better set of
+            effects. With `out` the latest set is in its unfinished.json until the answer takes its place.
 
     Raises:
         BadInput: runs that cannot be used or compared, an effect or run that does not exist, or a start of another
@@ -182,7 +187,7 @@ def diagnose(
 
     made = run_diagnosis(
         runs.runs, runs.models, runs.noise, robot.file.tunable, options, np.random.default_rng(seed), progress,
-        LEARNERS, answered, checkpoint,
+        LEARNERS, answered, checkpoint, unheard if say is None else EarlyAnswers(robot, folder, say),
     )  # fmt: skip
     progress("planning the next experiment", 0.96)
     document = _document(made.diagnosis, runs, said)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from residual_mpc.api.early_answers import SO_FAR
 from residual_mpc.files import write_atomically, write_json
 
 ANSWER, MODEL, REPORT, COMMANDS = "diagnosis.json", "model.json", "report.html", "next.csv"
@@ -17,7 +18,7 @@ def write_answer(document: dict[str, Any], out: Path) -> None:
 
     What an earlier diagnosis left here is removed first, so that no report of it stands beside this answer.
     """
-    for name in (REPORT, COMMANDS):
+    for name in (REPORT, COMMANDS, SO_FAR):
         (out / name).unlink(missing_ok=True)
     write_json(out / MODEL, document["model"])
     write_json(out / ANSWER, {**document, "notes": [*document["notes"], UNFINISHED]})

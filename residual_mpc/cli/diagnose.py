@@ -2,6 +2,8 @@
 
 import shlex
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,7 +73,8 @@ def diagnose(
 ) -> None:
     """Find where the gap lies, which unmodelled effects cause it, and how far it shrinks once they are modelled.
 
-    A diagnosis that was stopped goes on when the same command is given again with the same --out.
+    A diagnosis that was stopped, with Ctrl-C or otherwise, leaves the best effects so far in unfinished.json, and goes
+    on when the same command is given again with the same --out.
     """
     writable_folder(out)
     if video is not None:
@@ -83,10 +86,11 @@ def diagnose(
 
     from residual_mpc.api.diagnosis import diagnose as run_diagnosis
 
-    with progress_bar() as progress:
+    with progress_bar() as progress, _told_where(out):
         found = run_diagnosis(
             nominal, logged, only=names(only), without=names(without), held_out=held_out, horizon=horizon, seed=seed,
             start=start, out=out, command=shlex.join(["residual-mpc", *sys.argv[1:]]), progress=progress,
+            say=progress.say,
         )  # fmt: skip
     document = found.document_in(out)
     filmed = video is not None and _save_video(found, video)
@@ -103,6 +107,22 @@ def diagnose(
     click.echo(f"  report: {out / 'report.html'}")
     if filmed:
         click.echo(f"  video: {video}")
+
+
+@contextmanager
+def _told_where(out: Path) -> Iterator[None]:
+    """Where Ctrl-C stops the work, say what there is."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        from residual_mpc.api.diagnosis_files import ANSWER
+        from residual_mpc.api.early_answers import SO_FAR
+
+        there = next((out / name for name in (SO_FAR, ANSWER) if (out / name).is_file()), None)
+        if there is not None:
+            click.echo(f"the best answer so far is {there}", err=True)
+        click.echo("give the same command again to go on from here", err=True)
+        raise
 
 
 def _save_video(found: "Diagnosis", video: Path) -> bool:

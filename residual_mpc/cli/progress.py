@@ -4,11 +4,22 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from time import monotonic
 
 import click
 
-Progress = Callable[[str, float], None]  # (stage, share done)
+
+@dataclass(frozen=True)
+class Progress:
+    """stage: shows what is done and the share that is behind; say: prints a line that stays."""
+
+    stage: Callable[[str, float], None]
+    say: Callable[[str], None]
+
+    def __call__(self, stage: str, done: float) -> None:
+        self.stage(stage, done)
+
 
 QUIET = 20.0  # s without a new stage, after which a plain log says that work goes on
 
@@ -23,12 +34,16 @@ def progress_bar(quiet: float = QUIET) -> Iterator[Progress]:
 @contextmanager
 def _bar() -> Iterator[Progress]:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
-        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+        yield Progress(
+            lambda stage, done: bar.update(task, description=stage, completed=done),
+            lambda line: bar.console.print(line, markup=False, highlight=False),
+        )
 
 
 @contextmanager
@@ -57,7 +72,7 @@ def _lines(quiet: float) -> Iterator[Progress]:
     reminder = threading.Thread(target=remind, daemon=True)
     reminder.start()
     try:
-        yield report
+        yield Progress(report, lambda line: click.echo(line, err=True))
     finally:
         over.set()
         reminder.join()

@@ -47,7 +47,7 @@ def diagnose(
     with threadpool_limits(1, "blas"):  # matrices of this size lose by a second thread
         prepared = prepare(given, rng, progress)
         keep = Keeper(checkpoint or Checkpoint(), rng, _known(prepared), _without_memory)
-        if told is not unheard:
+        if told is not unheard and (checkpoint is None or checkpoint.last is None):
             progress("taking a first look", 0.05)
             told(first_look(prepared))
         searched = keep("search", lambda: search_effects(prepared, rng, progress, keep, told))

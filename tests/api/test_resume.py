@@ -83,7 +83,7 @@ def uninterrupted(rover: Path) -> str:
 def test_a_killed_diagnosis_goes_on(rover: Path, uninterrupted: str, steps: int, again: str) -> None:
     out = f"after{steps}"
     killed(rover, *diagnose(out), steps=steps)
-    assert {p.name for p in (rover / out).iterdir()} == {"resume.bin"}
+    assert {p.name for p in (rover / out).iterdir()} == {"resume.bin", "unfinished.json"}
     said = stages(call(rover, *diagnose(out)))
     assert "going on from where" in said and again in said and "searching (" not in said
     assert answer(rover, out) == uninterrupted
