@@ -22,6 +22,7 @@ from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.structure.variants import merge
+from plants.mujoco_robot.symbolic.rigid_gripper import gripper_joints
 from plants.mujoco_robot.symbolic.step import arm_step
 from residual_mpc.models.actuator_values import ActuatorValues
 from residual_mpc.models.drawing import Camera, Motion, Size
@@ -145,7 +146,10 @@ class SteppingMujoco(MujocoRobot):
 
     @property
     def disturbed(self) -> tuple[str, ...]:
-        return BODY if self.base is not None else tuple(f"torque.{j}" for j in self.joints)
+        if self.base is not None:
+            return BODY
+        rigid = gripper_joints(self)
+        return tuple(f"torque.{j}" for j in self.joints if j not in rigid)
 
     def one_step(self, settings: Settings, options: StepOptions) -> Stepped:
         """See residual_mpc.models.stepping.Stepping."""

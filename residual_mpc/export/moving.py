@@ -6,7 +6,8 @@ import numpy as np
 
 from residual_mpc.export.augmented import Augmented, with_residual
 from residual_mpc.learning.forms.residual_robot import residual_robot
-from residual_mpc.models.protocol import Drive
+from residual_mpc.models import optional
+from residual_mpc.models.protocol import Drive, Robot
 
 ROWS, SECONDS = 20, 0.5
 SPEED = 0.3  # rad/s (m/s), largest of a joint at the start
@@ -33,7 +34,7 @@ def moving_apart(model: Augmented, rng: np.random.Generator) -> float:
     before = np.repeat(_held(bare, x)[:, None], lead, axis=1)
     command = np.concatenate([before, np.repeat(u, grid, axis=1)], axis=1)
     drive = Drive(dt / grid, lead, command, None, np.full(ROWS, model.build.clock))
-    start = {c: x[:, i] for c, i in zip((*at.poses, *at.rates), (*places[0], *places[1]), strict=True)}
+    start = _at_rest(robot) | dict(zip((*at.poses, *at.rates), x[:, [*places[0], *places[1]]].T, strict=True))
     source = robot if learned is None else residual_robot(robot, learned)
     nodes = source.replay(start, drive, bare.settings.take(np.zeros(ROWS, dtype=int)), at.poses)
     worst = 0.0
@@ -42,6 +43,13 @@ def moving_apart(model: Augmented, rng: np.random.Generator) -> float:
         there = np.stack([nodes[c][:, (k + 1) * grid] for c in at.poses], axis=-1)
         worst = max(worst, float(np.nan_to_num(np.abs(x[:, places[0]] - there), nan=np.inf).max()))
     return worst
+
+
+def _at_rest(robot: Robot) -> dict[str, np.ndarray]:
+    """(ROWS,) positions and speeds at which the robot rests, for joints that the step holds."""
+    rest = {s.position: optional.rest(robot).get(s.position, 0.0) for s in robot.states}
+    moving = dict.fromkeys((s.velocity for s in robot.states if s.velocity is not None), 0.0)
+    return {channel: np.full(ROWS, value) for channel, value in (rest | moving).items()}
 
 
 def _moves(model: Augmented, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from oracles.arms import FILTERED, MIXED, arm_xml, robot_of
 from oracles.own_arms import CROOKED, UR5E, panda
+from published.robots import panda_mjcf
 
 from plants.mujoco_robot.symbolic.description import Changes, describe
 from plants.mujoco_robot.symbolic.implicit import factorised, solved
@@ -64,6 +65,23 @@ def test_the_factors_solve() -> None:
 )  # rad or m; the engine's own step of 2 ms is about 1e-3 off
 def test_half_a_second_lies_near_the_replay(tmp_path: Path, name: str, most: float) -> None:
     assert moving_apart(stepped(tmp_path, ARMS[name]), np.random.default_rng(0)) < most
+
+
+def test_a_gripper_that_nobody_commands_is_rigid_in_the_step(tmp_path: Path) -> None:
+    """Two coupled fingers on a tendon: a step for the arm alone, near the replay in which the fingers may move."""
+    model = stepped(tmp_path, panda_mjcf(), {("coulomb_friction", "joint2", "torque"): 2.0})
+    joints = [f"joint{k}" for k in range(1, 8)]
+    assert model.stepped.states[:7] == tuple(f"position.{j}" for j in joints)
+    assert "joints finger_joint1, finger_joint2: rigid in the step, where the model is drawn" in model.stepped.left_out
+    assert moving_apart(model, np.random.default_rng(0)) < 8e-3
+    check_robot(robot_of(tmp_path, panda_mjcf()), np.random.default_rng(0), size=0.1)
+
+
+def test_a_coupling_of_a_driven_joint_is_refused(tmp_path: Path) -> None:
+    coupled = panda_mjcf().replace('joint1="finger_joint1" joint2="finger_joint2"', 'joint1="joint6" joint2="joint7"')
+    assert coupled != panda_mjcf()
+    with pytest.raises(BadInput, match="equality constraints"):
+        stepped(tmp_path, coupled)
 
 
 EFFECTS = [

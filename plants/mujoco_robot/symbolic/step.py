@@ -15,6 +15,7 @@ from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.symbolic.motion import forces, motion, tool
 from plants.mujoco_robot.symbolic.numbers import Parameters, parameters, unit_of
 from plants.mujoco_robot.symbolic.ranges import home, reach, span, strength
+from plants.mujoco_robot.symbolic.rigid_gripper import with_rigid_gripper
 from plants.mujoco_robot.symbolic.supported import left_out, refuse_without_step
 from residual_mpc.effects.chain import Chain, chain_of
 from residual_mpc.effects.laws import reads_clock
@@ -186,6 +187,7 @@ def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, tas
 
     Raises BadInput for a robot that the step cannot express, settings of several rows, or an unknown signal.
     """
+    robot, settings, rigid = with_rigid_gripper(robot, settings)
     refuse_without_step(robot)
     if settings.rows != 1:
         raise BadInput(f"a step needs settings with one row, got {settings.rows}", robot.name)
@@ -226,7 +228,7 @@ def arm_step(robot: CompiledRobot, settings: Settings, options: StepOptions, tas
         resting=step.resting,
         holding=step.holding,
         reach=reach(robot),
-        left_out=(*numbers.left_out, *left_out(robot.model)),
+        left_out=(*numbers.left_out, *rigid, *left_out(robot.model)),
         spans=tuple(span(robot, j) for j in robot.joints),
         rates=tuple(f"velocity.{j}" for j in robot.joints),
         effort=step.effort,

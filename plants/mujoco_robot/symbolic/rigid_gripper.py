@@ -1,0 +1,76 @@
+"""A gripper made rigid for the step in CasADi, which has no couplings: joints that no command moves, on a tendon or
+coupled to each other, stay where the model is drawn."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plants.mujoco_robot.loading.compile import prepared
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.models.settings import Settings
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+def gripper_joints(robot: CompiledRobot) -> tuple[str, ...]:
+    """The joints that are coupled to others or held by a tendon; none where one of them has a motor, or where something
+    else than joints is coupled."""
+    model = robot.model
+    coupled = _coupled(model)
+    if not coupled or coupled & set(model.actuator_trnid[:, 0].tolist()):
+        return ()
+    return tuple(model.joint(j).name for j in sorted(coupled))
+
+
+def with_rigid_gripper(robot: CompiledRobot, settings: Settings) -> tuple[CompiledRobot, Settings, tuple[str, ...]]:
+    """The robot without these joints, its settings, and what that leaves out, in sentences."""
+    names = gripper_joints(robot)
+    if not names or robot.spec is None:
+        return robot, settings, ()
+    spec = robot.spec.copy()
+    for element in (*spec.equalities, *spec.tendons, *spec.keys, *_sensors_on(spec, names)):
+        spec.delete(element)
+    for name in names:
+        spec.delete(spec.joint(name))
+    rigid = replace(robot, model=prepared(spec.compile()), spec=spec, loops=None)
+    return rigid, _on(robot, rigid, settings), (f"{_listed(names)}: rigid in the step, where the model is drawn",)
+
+
+def _coupled(model: "mujoco.MjModel") -> set[int]:
+    """Numbers of the joints in equality constraints and tendons; empty where one of these holds something else."""
+    import mujoco
+
+    found: set[int] = set()
+    for i in range(model.neq):
+        if int(model.eq_type[i]) != int(mujoco.mjtEq.mjEQ_JOINT):
+            return set()
+        found |= {int(j) for j in (model.eq_obj1id[i], model.eq_obj2id[i]) if j >= 0}
+    if (model.wrap_type != int(mujoco.mjtWrap.mjWRAP_JOINT)).any():
+        return set()
+    return found | set(model.wrap_objid.tolist())
+
+
+def _sensors_on(spec: "mujoco.MjSpec", names: tuple[str, ...]) -> "list[mujoco.MjsSensor]":
+    """Sensors of these joints and of tendons."""
+    import mujoco
+
+    joint, tendon = mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_TENDON
+    return [s for s in spec.sensors if s.objtype == tendon or (s.objtype == joint and s.objname in names)]
+
+
+def _on(robot: CompiledRobot, rigid: CompiledRobot, settings: Settings) -> Settings:
+    """The settings on the slots that are left."""
+    effects = {}
+    for effect, parameters in settings.effects.items():
+        places = [i for i, slot in enumerate(robot.slots(effect)) if slot in rigid.slots(effect)]
+        if places:
+            effects[effect] = {name: np.asarray(values)[:, places] for name, values in parameters.items()}
+    gone = tuple(f"joint.{j}." for j in robot.joints if j not in rigid.joints)
+    tuned = {name: values for name, values in settings.tuned.items() if not name.startswith(gone)}
+    return replace(settings, effects=effects, tuned=tuned)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names)}"
