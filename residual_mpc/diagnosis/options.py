@@ -19,7 +19,8 @@ class PhaseSettings:
     numbers of the last fit. marginal_steps: steps of the last fit with small differences, from where the plain one
     ended; marginal_columns: numbers in the columns of all small differences, above which they are not marginalised
     (memory). outliers_worth: times the squared noise floor that a few jumping samples have to make of the gap to be a
-    cause. first_look: simulation steps that the first look may cost."""
+    cause. first_look: simulation steps that the first look may cost; most_steps: that one hypothesis may cost on all
+    windows that fits may see, of which evenly fewer are taken where a log is long."""
 
     blocks: int = 10
     cheap: int = 30_000
@@ -29,10 +30,11 @@ class PhaseSettings:
     marginal_columns: int = 40_000_000
     outliers_worth: float = 0.6
     first_look: int = 120_000
+    most_steps: int = 150_000
 
     def __post_init__(self) -> None:
         check_positive(self, "blocks", "cheap", "bearable", "near", "marginal_steps", "marginal_columns")
-        check_positive(self, "outliers_worth", "first_look")
+        check_positive(self, "outliers_worth", "first_look", "most_steps")
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from residual_mpc.models.settings import Knob, Settings, Values
 
 SERVOS = '<position name="j1" joint="j1" kp="40" kv="4"/><position name="j2" joint="j2" kp="20" kv="2"/>'
 STEP = 0.001  # s
+LENIENT = LongerStepSettings(error=0.1)
 FRICTION, LOAD = Knob("viscous_friction", "j1", "coefficient"), Knob("payload", None, "mass")
 PLAY = Knob("backlash", "j2", "gap")
 HERE: Values = {FRICTION: 0.4}
@@ -68,7 +70,7 @@ def test_predictions_are_the_models_own_about_a_hypothesis(data: Dataset, space:
     exact = predict(data, space.settings([HERE, NEAR]))
     here, near = (np.nanmax(np.abs(p - e)) for p, e in zip(coarse([HERE, NEAR]), exact, strict=True))
     assert here > 1e-4 and near > 1e-4
-    about = coarse.about(HERE, np.ones(2), 0.1)([HERE, NEAR])
+    about = coarse.about(HERE, np.ones(2), LENIENT)([HERE, NEAR])
     np.testing.assert_allclose(about[0], exact[0], atol=1e-12)
     moved = np.nanmax(np.abs(exact[1] - exact[0]))
     assert np.nanmax(np.abs(about[1] - exact[1])) < 0.05 * moved
@@ -76,7 +78,7 @@ def test_predictions_are_the_models_own_about_a_hypothesis(data: Dataset, space:
 
 def test_parts_of_the_windows_keep_what_the_steps_change(data: Dataset, space: Space) -> None:
     coarse = longer(data, 4)
-    about = PredictionCache(coarse, space, own=data).about(HERE, np.ones(2), 0.1)
+    about = PredictionCache(coarse, space, own=data).about(HERE, np.ones(2), LENIENT)
     pick = np.arange(data.count) % 3 == 0
     part = about.of(coarse.take(pick), pick)
     np.testing.assert_allclose(part([NEAR])[0], about([NEAR])[0][pick][:, : part.data.y.shape[1]], atol=1e-12)
@@ -84,9 +86,19 @@ def test_parts_of_the_windows_keep_what_the_steps_change(data: Dataset, space: S
 
 def test_longer_steps_are_given_up_where_they_change_too_much(data: Dataset, space: Space) -> None:
     coarse = PredictionCache(longer(data, 4), space, own=data)
-    given_up = coarse.about(HERE, np.ones(2), 1e-6)
+    given_up = coarse.about(HERE, np.ones(2), replace(LENIENT, error=1e-6))
     assert given_up.data is data and given_up.own is None
     np.testing.assert_array_equal(given_up([NEAR]), predict(data, space.settings([NEAR])))
+
+
+def test_longer_steps_are_given_up_where_they_change_as_much_as_is_left(data: Dataset, space: Space) -> None:
+    """One channel that is explained is enough: its next cause is smaller than what the steps change."""
+    exact = predict(data, space.settings([HERE]))[0]
+    found = replace(data, y=np.where([True, False], exact + 1e-4, data.y))
+    own = PredictionCache(longer(found, 4), space, own=found)
+    assert own.about(HERE, np.ones(2), LENIENT).own is None
+    nothing = PredictionCache(longer(data, 4), space, own=data)
+    assert nothing.about(HERE, np.ones(2), LENIENT).own is data
 
 
 def test_split_gears_keep_the_steps_of_the_model(data: Dataset, space: Space) -> None:

@@ -1,7 +1,7 @@
 """The first phase: the runs cut into windows, what is held out of them, and the hypotheses."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +10,8 @@ from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
 from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
+from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.data.subsampling import evenly, thin_whole
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.predict.horizons import (
     HorizonWindows,
@@ -18,6 +20,7 @@ from residual_mpc.diagnosis.predict.horizons import (
     windows_between,
     windows_over,
 )
+from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.predict.space import Space, build_space
 from residual_mpc.logs.run import Run
@@ -39,10 +42,11 @@ class DiagnosisInput:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
-    may see; longer: the same runs over the longer horizons that the nominal model can predict; near: shorter windows
-    that fits may see, with their scales, if the model can predict the headline's horizon but no longer one. Errors then
-    grow so fast that a few diverging windows of the headline's horizon would dominate the fit."""
+    """raw: W windows as they were logged, all that are held out and of the others no more than fits need; clean: less
+    the samples that jump away. kept, held (W,) bool: what no fit may see; longer: the same runs over the longer
+    horizons that the nominal model can predict; near: shorter windows that fits may see, with their scales, if the
+    model can predict the headline's horizon but no longer one. Errors then grow so fast that a few diverging windows of
+    the headline's horizon would dominate the fit."""
 
     raw: Dataset
     clean: Dataset
@@ -76,21 +80,41 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     scales = measure_scales(raw)
     outliers = find_outliers(raw, settings=settings.data)
     clean = with_outliers_removed(raw, outliers.flagged)
-    kept = options.held_out
+    kept, most = options.held_out, options.phases.most_steps
     if kept is None:
-        missed = per_window(raw, scales, raw.y - predict(raw, Settings(1))[0])
+        quick = quickened(raw, scales, settings=settings.predict) if raw.cost > most else raw
+        missed = per_window(raw, scales, raw.y - predict(quick, Settings(1))[0])
         kept = choose_held_out(raw, missed, settings=settings.data)
     held = held_out_mask(raw, kept)
+    used = held | _evenly_of(raw, ~held, most, settings.data)
+    if not used.all():
+        raw, clean, held = raw.take(used), clean.take(used), held[used]
     space = build_space(clean.take(~held), given.tunable, options.only, options.without, options.without_because)
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon, settings=settings.predict))
     looks = (
         windows_over(runs, robots, noise, h, shorter, kept, outliers.flagged, settings=settings.predict)
         for shorter, h in pairwise(wanted)
     )
-    there = [look for look in looks if look is not None]
+    there = [_with_fewer(look, most, settings.data) for look in looks if look is not None]
     longer = tuple(look for look in there if foretold(look.clean, look.scales, rng, settings=settings.predict))
     near = None
     if there and not longer and foretold(clean, scales, rng, settings=settings.predict):
         shorter = options.horizon * settings.predict.horizons.shorter
         near = windows_between(runs, robots, noise, shorter, kept, outliers.flagged, settings=settings.predict)
     return Prepared(raw, clean, scales, outliers, kept, held, space, longer, near, options)
+
+
+def _evenly_of(data: Dataset, free: np.ndarray, most: int, settings: DataSettings) -> np.ndarray:
+    """(W,) bool: of the windows that fits may see (W,), every so many, worth at most so many simulation steps."""
+    out = np.zeros(data.count, dtype=bool)
+    if free.any():
+        out[np.flatnonzero(free)[evenly(data.take(free), most, settings=settings)]] = True
+    return out
+
+
+def _with_fewer(look: HorizonWindows, most: int, settings: DataSettings) -> HorizonWindows:
+    """The same with fewer windows for the fits, where all would cost more steps."""
+    if look.free is None:
+        return look
+    data, scales = look.free
+    return replace(look, free=(thin_whole(data, most, settings=settings), scales))

@@ -9,6 +9,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.settings import LongerStepSettings
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.models.settings import Knob, Values
 
@@ -39,19 +40,20 @@ class PredictionCache:
         found = self._on_these_steps(hypotheses)
         return found if self.change is None else found + self.change
 
-    def about(self, values: Values, size: np.ndarray, most: float) -> "PredictionCache":
+    def about(self, values: Values, size: np.ndarray, tuned: LongerStepSettings) -> "PredictionCache":
         """The same with the predictions of the user's model at these values, and of near ones but for what longer steps
-        change of the difference. Where they change more than the share `most` of the motion, size (C,), they are given
-        up."""
+        change of the difference. Longer steps are given up where they change too much of the motion, size (C,), or of
+        what these values leave: the search is then for something smaller than they can be trusted with."""
         if self.own is None:
             return self
         exact = predict(self.own, self.space.settings([values]))[0]
         change = exact - self._on_these_steps([values])[0]
-        seen = np.isfinite(self.data.y)
-        with np.errstate(invalid="ignore", over="ignore"):
-            square = ((change / size) ** 2)[seen & np.isfinite(size)]
-        far = not np.isfinite(change[seen]).all() or square.sum() > most**2 * square.size
-        return PredictionCache(self.own, self.space) if far else replace(self, change=np.where(seen, change, 0.0))
+        seen = np.isfinite(self.data.y) & np.isfinite(size)
+        changed, left = (_mean_squares(e, size, seen) for e in (change, self.data.y - exact))
+        small = changed.max() <= tuned.error**2 and (changed <= tuned.of_left**2 * left).all()
+        if not small:  # nan is not small
+            return PredictionCache(self.own, self.space)
+        return replace(self, change=np.where(np.isfinite(self.data.y), change, 0.0))
 
     def _on_these_steps(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M, C) as the steps of `data` have it."""
@@ -87,6 +89,14 @@ class PredictionCache:
             self.kept[key] = one.copy()  # a view would hold the whole batch
         while len(self.kept) > most:
             self.kept.popitem(last=False)
+
+
+def _mean_squares(error: np.ndarray, size: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(C,) mean square of an error (W, M, C) relative to the motion, size (C,), where `seen`; 0 for a channel that is
+    nowhere seen, nan or infinity where a prediction is none."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        square = np.where(seen, (error / size) ** 2, 0.0)
+    return np.asarray(square.sum(axis=(0, 1)) / np.maximum(seen.sum(axis=(0, 1)), 1))
 
 
 def _key(values: Values) -> Key:

@@ -81,7 +81,7 @@ def build_problem(
 
 def about(problem: Problem, values: Values, settings: PredictSettings) -> Problem:
     """The problem with predictions that are those of the user's model at these values, where its steps are longer."""
-    replays = problem.replays.about(values, problem.motion, settings.longer_steps.error)
+    replays = problem.replays.about(values, problem.motion, settings.longer_steps)
     return problem if replays is problem.replays else replace(problem, data=replays.data, replays=replays)
 
 

@@ -83,14 +83,16 @@ class ToleranceSettings:
 @dataclass(frozen=True)
 class LongerStepSettings:
     """A search simulates with steps of at most `longest` s where these change the nominal model's predictions by less
-    than the share `error` of the motion, on `windows` of the windows."""
+    than the share `error` of the motion, on `windows` of the windows, and gives them up where they change a channel by
+    more than `of_left` times what its present hypothesis leaves there."""
 
     longest: float = 0.01
     error: float = 0.03
+    of_left: float = 1.0
     windows: int = 24
 
     def __post_init__(self) -> None:
-        check_positive(self, "longest", "windows")
+        check_positive(self, "longest", "windows", "of_left")
         check_share(self, "error")
 
 
