@@ -83,12 +83,12 @@ class ToleranceSettings:
 @dataclass(frozen=True)
 class LongerStepSettings:
     """A search simulates with steps of at most `longest` s where these change the nominal model's predictions by less
-    than the share `error` of the motion, on `windows` of the windows, and gives them up where they change a channel by
-    more than `of_left` times what its present hypothesis leaves there."""
+    than the share `error` of the motion and `of_left` of what is left, on `windows` of the windows. It gives them up
+    where they change a channel by more than `of_left` of what its present hypothesis leaves there."""
 
     longest: float = 0.01
     error: float = 0.03
-    of_left: float = 1.0
+    of_left: float = 0.25
     windows: int = 24
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
+from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
@@ -127,8 +128,9 @@ def measure_gaps(
     helps = of.anything and _helps(of, longer, rows, errors, trust, settings=settings)
     forecast = constant_velocity(of.raw)
     steady = gap_of(of.raw, scales, of.raw.y - forecast, test).total
-    left = gap_of(of.raw, scales, errors["after" if helps else "before"], trust * test).total
-    useless = bool(left > np.fmax(steady, settings.gaps.useless))
+    useless = worse_than_forecast(
+        of.raw, scales, errors["after" if helps else "before"], of.raw.y - forecast, trust * test, settings=settings
+    )
     helps = helps and not useless
     row = rows.take(np.array([2 if helps else 1]))
     noise = _noise(of, longer, row, settings=settings)
@@ -160,6 +162,24 @@ def measure_gaps(
         steady,
         step_error(of.raw, scales, row, settings=settings.data),
     )
+
+
+def worse_than_forecast(
+    data: Dataset,
+    scales: Scales,
+    error: np.ndarray,
+    forecast: np.ndarray,
+    judged: np.ndarray,
+    settings: ResultSettings,
+) -> bool:
+    """Whether a model's error (W, M, C) is large, and larger than a forecast's beyond chance: by `certain` standard
+    errors of the difference, from stretches of time. judged (W,): weights of the windows."""
+    left, other = (gap_of(data, scales, e, judged).total for e in (error, forecast))
+    if not left > np.fmax(other, settings.gaps.useless):
+        return False
+    apart = judged * (per_window(data, scales, error) - per_window(data, scales, forecast))
+    stretches = np.bincount(blocks_of(data, settings=settings.fit), weights=np.nan_to_num(apart))
+    return bool(stretches.sum() > settings.gaps.certain * np.sqrt((stretches**2).sum()))
 
 
 def _helps(

@@ -39,13 +39,14 @@ class CauseSettings:
 @dataclass(frozen=True)
 class GapSettings:
     """worse: times the gap before that the headline's may become where a longer horizon gains; useless: gap from which
-    a model that is worse than a forecast of constant velocity says nothing."""
+    a model that is worse than a forecast of constant velocity by `certain` standard errors says nothing."""
 
     worse: float = 1.02
     useless: float = 0.3
+    certain: float = 2.0
 
     def __post_init__(self) -> None:
-        check_positive(self, "worse", "useless")
+        check_positive(self, "worse", "useless", "certain")
 
 
 @dataclass(frozen=True)
