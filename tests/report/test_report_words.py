@@ -217,6 +217,9 @@ def test_a_model_that_is_worse_than_constant_velocity_is_said():
     assert warnings(gap | {"constant_velocity": 0.7}, True) == []
     small = {"nominal": 0.1, "before": 0.1, "noise_floor": 0.02, "horizon": 1.0, "constant_velocity": 0.08}
     assert warnings(small, False) == ["This model predicts worse than a constant-velocity forecast (0.08)."]
+    assert warnings(gap | {"after": 0.381}, True)[1:] == [
+        "The final model predicts no better than a constant-velocity forecast (0.38)."
+    ]
     assert warnings({"nominal": 4080.0, "model": None, "noise_floor": 0.1, "horizon": 1.0}, True) == [
         "The nominal model diverges to 4080 times the motion itself: a model that predicts no motion would be better."
     ]

@@ -8,6 +8,7 @@ from residual_mpc.report.words.numbers import count, number, percent
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json, or what `gap --json` prints; or one of its `horizons`
 RULES = 3.0  # times the median window's gap, from which a few windows make up the whole
 USELESS = 0.3  # gap from which a model that is worse than a forecast of constant velocity says nothing
+ALIKE = 1.05  # times a forecast\'s gap, up to which a model is no worse
 DIVERGES = 10.0  # a gap from which the prediction runs away
 
 
@@ -73,12 +74,15 @@ def warnings(gap: Gap, explained: bool) -> list[str]:
     models = [("nominal", nominal)] if last is None else [("nominal", nominal), ("final", last)]
     said = []
     if constant is not None:
-        worse = {name: value for name, value in models if value > constant}
+        worse = {name: value for name, value in models if value > ALIKE * constant}
         if worse:
             who = "This model" if len(models) == 1 else f"The {' and the '.join(worse)} model"
             verb, their = ("predicts", "its") if len(worse) == 1 else ("predict", "their")
             nothing = f", so {their} figures are not meaningful for these runs" if max(worse.values()) > USELESS else ""
             said.append(f"{who} {verb} worse than a constant-velocity forecast ({number(constant)}){nothing}.")
+        if constant < models[-1][1] <= ALIKE * constant:
+            who = "This" if len(models) == 1 else f"The {models[-1][0]}"
+            said.append(f"{who} model predicts no better than a constant-velocity forecast ({number(constant)}).")
     if nominal >= 1.0:
         said.append(f"The nominal model {size(nominal)}: a model that predicts no motion would be better.")
     return said
