@@ -99,6 +99,20 @@ def test_twins_make_a_group_and_share_the_probability() -> None:
     assert found.shares[BOTH] == pytest.approx(0.5, abs=0.05)
 
 
+def test_what_differs_by_less_than_the_time_steps_error_makes_a_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    delay, lag = Term("command_delay", None), Term("actuator_lag", None)
+    late = (
+        {"command_delay": {"delay": 0.02}},
+        {Knob("command_delay", None, "delay"): 0.02},
+        (delay.effect, lag.effect),
+    )
+    assert rivals_of(*late).groups == ()
+    monkeypatch.setattr(Ruler, "step_error", lambda ruler, fit: 0.5**2)
+    assert rivals_of(*late).groups == (((delay,), (lag,)),)
+    monkeypatch.setattr(Ruler, "step_error", lambda ruler, fit: 0.001**2)
+    assert rivals_of(*late).groups == ()
+
+
 def test_what_nothing_resembles_stands_alone() -> None:
     found = rivals_of(
         {"track_width": {"scale": 1.2}}, {Knob("track_width", None, "scale"): 1.2}, ("track_width", "command_delay")
