@@ -98,6 +98,7 @@ class Parameter:
     quantity: Quantity | None = None  # of the model, which this number changes
     most: float = float("inf")  # largest value worth a fit, in units of the largest reference of its targets
     within: Reference | None = None  # the robot's own size that this number stays within, on both sides
+    cover: float = 0.0  # of a number of cycles a turn: the cycles that a joint has to turn through, to show them
 
     def __post_init__(self) -> None:
         if not self.lower <= self.null <= self.upper:
@@ -115,7 +116,7 @@ class Effect:
       run began
     - speed:    step(ops, p, w) -> lowest and highest output at the actuator's speed w, rad/s
     - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))
-    - torque:   step(ops, p, q) -> torque on the joint at position q, N m, linear in q
+    - torque:   step(ops, p, q) -> torque on the joint at position q, N m; at the site "elastic" linear in q
     - ground:   by site; rim: step(ops, p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p,
       forward, yaw) -> m/s to the left; drift: step(ops, p) -> (m/s, m/s) in the world
     - sensor:   at the point: step(ops, p, x, y, theta) -> (x, y), and `undo`, its inverse
@@ -152,6 +153,7 @@ class Effect:
 
     # the diagnosis
     fitted: bool = True  # its parameters are fitted; otherwise samples are flagged and counted
+    proposed: bool = False  # a first look is worth taking only where what is left suggests it, not at the probes
     seconds: float = 0.0  # s that a run has to last for the effect to show
     unseen: str = "its strongest plausible dose moves the prediction by less than the noise"  # why runs do not show it
     imitates: frozenset[str] = frozenset()  # dependences of a remainder that this effect is mistaken for

@@ -1,4 +1,4 @@
-"""What tunes the search for fitted laws."""
+"""What tunes the search for fitted laws, and for ripples of a torque."""
 
 from dataclasses import dataclass
 
@@ -34,3 +34,23 @@ class LawSettings:
         check_share(self, "as_well", "other_target", "worth")
         if not 3 < self.knots <= 10:
             raise ValueError(f"LawSettings.knots must be from 4 to 10, got {self.knots}")
+
+
+@dataclass(frozen=True)
+class RippleSettings:
+    """windows: that a suggestion looks at. noise: times the variance of a sample above which a joint is looked at: the
+    start's error counts as well. most: numbers of cycles that are tried, at_once: in one regression, which bounds the
+    memory. worth: share of what is left beyond the noise that a wave has to predict. waves: of one joint that are
+    fitted; joints: that are suggested at a time."""
+
+    windows: int = 96
+    noise: float = 2.0
+    most: int = 4_000
+    at_once: int = 32
+    worth: float = 0.1
+    waves: int = 2
+    joints: int = 3
+
+    def __post_init__(self) -> None:
+        check_positive(self, "windows", "noise", "most", "at_once", "waves", "joints")
+        check_share(self, "worth")
