@@ -34,7 +34,7 @@ from residual_mpc.effects.contact import (
 )
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_LAG, SENSOR_MOUNTING, SENSOR_SCALE
-from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET
+from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,9 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(RATE_LIMIT, TORQUE_SPEED_LIMIT, "", "send large steps with and without a payload"),
     Separation(JOINT_SPRING, TORQUE_OFFSET, "", "hold the joint at several positions over its whole range"),
     Separation(JOINT_SPRING, PAYLOAD, "", "hold the arm stretched out and folded, in several directions"),
+    Separation(TORQUE_RIPPLE, COULOMB, "", "turn the joint slowly and steadily through several cycles, both ways"),
+    Separation(TORQUE_RIPPLE, JOINT_SPRING, "", "turn the joint slowly and steadily through more than one cycle"),
+    Separation(TORQUE_RIPPLE, TORQUE_OFFSET, "", "turn the joint slowly and steadily through more than one cycle"),
     Separation(TORQUE_OFFSET, SENSOR_BIAS, "", OFF),
     Separation(BASE_TILT, PAYLOAD, "", "hold the arm stretched out in several directions about the vertical"),
     Separation(END_STOP, SATURATION, "", "approach the position at which the joint stops slowly and fast"),

@@ -19,8 +19,7 @@ def constant_torque(ops: Ops, p: Values, q: Array) -> Array:
 
 
 def ripple_torque(ops: Ops, p: Values, q: Array) -> Array:
-    """amplitude sin(cycles q + phase), N m: the first harmonic of a torque that repeats with the joint's angle (Hanselman,
-    Brushless Permanent-Magnet Motor Design, 2003, section 5.7, on cogging)."""
+    """amplitude sin(cycles q + phase), N m: the first harmonic of a torque that repeats with the joint's angle q."""
     return p["amplitude"] * ops.sin(p["cycles"] * q + p["phase"])
 
 

@@ -11,7 +11,7 @@ from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint
 from plants.blind_families.planting import Planting, Plantings, by_name
 from residual_mpc.effects.actuator import RATE_LIMIT, TORQUE_SPEED_LIMIT
 from residual_mpc.effects.body import GEAR_EFFICIENCY
-from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET
+from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 
 Made = tuple[ArmRobot, dict[str, float]]
 _STIFF_STOP = 4000.0  # rad^2/s^2: a stop's torque at its usual depth, in units of the inertia, per rad
@@ -60,6 +60,17 @@ def _offset(robot: ArmRobot, draw: Draw, s: float) -> Made:
     return _at_one(robot, draw, offset=(0.0, torque)), {"torque": torque}
 
 
+def _ripple(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    """Of any number of cycles that fits into a tenth of a radian to one and a bit."""
+    numbers = {
+        "amplitude": float(4.0 * s * robot.torque_rms[draw.joint or 0]),
+        "cycles": 5.0 + 20.0 * draw.shape,
+        "phase": float(draw.sign * np.pi * (17.3 * draw.shape % 1.0)),
+    }
+    fields = {"ripple": (0.0, numbers["amplitude"]), "cycles": (1.0, numbers["cycles"])}
+    return _at_one(robot, draw, **fields, phase=(0.0, numbers["phase"])), numbers
+
+
 def _stop(robot: ArmRobot, draw: Draw, s: float) -> Made:
     """At full strength in the middle of the motion, between it and the end that the sign names."""
     j = draw.joint or 0
@@ -84,6 +95,7 @@ SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(GEAR_EFFICIENCY, _gear, one_joint, typical=0.3),
     Planting(JOINT_SPRING, _spring, one_joint, typical=0.2),
     Planting(TORQUE_OFFSET, _offset, one_joint, typical=0.2),
+    Planting(TORQUE_RIPPLE, _ripple, one_joint, typical=0.2),
     Planting(END_STOP, _stop, one_joint, typical=0.4),
     Planting(BASE_TILT, _tilt, every_joint, typical=0.3),
 )

@@ -26,6 +26,7 @@ from plants.mujoco_log import silence_mujoco
 Array = NDArray[np.float64]
 STEP = 0.0005  # s
 _PRESLIDING = 4e-4  # rad, how far bristles bend before they slip
+_DENT = 0.06  # rad, how wide a dented tooth is
 _CURRENT_SHARE = 0.12  # the electrical time constant as a share of the whole lag
 
 
@@ -127,8 +128,8 @@ class ArmTruth:
     wound: Array  # rad by which that spring is usually wound
     play: Array  # rad between motor and link
     # causes that no library names
-    cogging: Array  # N m
-    cogging_teeth: int
+    dent: Array  # N m, which the motor needs on either side of a dented tooth
+    dented: Array  # rad, where that tooth meets
     cable: Array  # N m, drag of a cable that takes hold on one side of the home pose
     warm_up: Array  # N m, friction lost as the joint warms
     gusts: Array  # (m, n + 2): from s, to s, torques N m
@@ -163,7 +164,7 @@ def ideal(arm: NominalArm) -> ArmTruth:
         one,
         zero,
         zero,
-        12,
+        zero,
         zero,
         zero,
         np.zeros((0, n + 2)),
@@ -238,8 +239,9 @@ class Stepper:
         total = torque - p.viscous * v + p.flaws.pull(q, v) + p.beside.pull(q, v)
         if self.rubbing:
             total -= self._friction(v, torque)
-        if p.cogging.any():
-            total += p.cogging * np.sin(p.cogging_teeth * q)
+        if p.dent.any():
+            away = (q - p.dented) / _DENT
+            total += p.dent * away * np.exp(0.5 - 0.5 * away**2)
         if p.cable.any():
             pull = np.maximum(q - arm.home, 0.0)
             total -= p.cable * pull * (1.0 + np.tanh(v / 0.2))

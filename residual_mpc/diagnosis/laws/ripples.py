@@ -52,9 +52,11 @@ class RippleFinder:
     def __call__(self, problem: Problem, fit: Fit) -> Mapping[Term, tuple[Values, ...]]:
         """Where to start from, by term; none where what this fit leaves has no wave of an angle in it. problem: on the
         finder's windows, whatever their steps."""
-        if not self._terms:
-            return {}
-        y, predicted = problem.data.y[self._keep], problem.replays([fit.values])[0][self._keep]
+        return self.starts(problem.data.y, problem.replays([fit.values])[0]) if self._terms else {}
+
+    def starts(self, y: np.ndarray, predicted: np.ndarray) -> Mapping[Term, tuple[Values, ...]]:
+        """As the call, from what was measured and predicted (W, M, C) on all windows."""
+        y, predicted = y[self._keep], predicted[self._keep]
         found = {term: self._waves(term, y, predicted) for term in self._terms}
         ranked = sorted((t for t in found if found[t]), key=lambda t: -found[t][0].share)
         return {t: tuple(self._start(t, w) for w in found[t]) for t in ranked[: self.settings.joints]}
@@ -136,7 +138,8 @@ def waves(
     found: list[Wave] = []
     for i in np.argsort(-shares):
         apart = all(abs(cycles[i] - w.cycles) > 1.5 * TURN / wide for w in found)
-        if shares[i] < settings.worth or len(found) == settings.waves:
+        by_chance = gains[i] - plain < settings.chance * m.noise
+        if by_chance or shares[i] < settings.worth or len(found) == settings.waves:
             break
         if apart:
             a, b = numbers[i]

@@ -120,7 +120,7 @@ def _on(
     quick = quickened(few, scales, settings=settings.predict)
     own = None if quick is few else few
     problem = build_problem(quick, space, few.sigma, scales.motion, own, settings=settings.predict)
-    ripples = RippleFinder(quick, space, scales, settings.remainder, settings.ripples)
+    ripples = RippleFinder(quick, space, scales, settings.remainder, settings.laws.ripples)
     if start is None:
         earlier = _earlier(prepared)
         return stepwise_search(

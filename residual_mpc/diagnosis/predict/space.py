@@ -104,7 +104,7 @@ class Space:
     def turned(self, knob: Knob) -> float:
         """rad through which a joint turns in the runs, the one of a term's slots that turns most."""
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
-        return max((self.references.get((HIGHEST, s), 0.0) - self.references.get((LOWEST, s), 0.0) for s in slots))
+        return max(turned_of(self.references, s) for s in slots)
 
     def probes(self, term: Term) -> list[Values]:
         """Values worth a first look in a search."""
@@ -189,9 +189,7 @@ def build_space(
     return Space(robot, slots, candidates, free, references, ruled_out)
 
 
-def _uncovered(
-    term: Term, slots: tuple[str, ...], robot: Robot, references: Mapping[tuple[str, str], float]
-) -> str:
+def _uncovered(term: Term, slots: tuple[str, ...], robot: Robot, references: Mapping[tuple[str, str], float]) -> str:
     """Why no run shows an effect that repeats with a joint's angle; empty where one may, and for other effects."""
     least = [p for p in BY_NAME[term.effect].parameters if p.cover]
     joint = slots[0] if term.target is None else term.target
@@ -199,7 +197,7 @@ def _uncovered(
         return ""
     if joint in optional.sliding(robot):
         return "the joint slides, and has no angle"
-    turned = references.get((HIGHEST, joint), 0.0) - references.get((LOWEST, joint), 0.0)
+    turned = turned_of(references, joint)
     enough = least[0].cover * 2.0 * np.pi / least[0].upper
     return "" if turned > enough else f"the joint turns by {turned:.2g} rad, less than any cycle that is looked for"
 
@@ -216,6 +214,11 @@ def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:
     if len(slots) == 1:
         return [Term(effect.name, None)]
     return ([Term(effect.name, None)] if effect.null_target else []) + [Term(effect.name, s) for s in slots]
+
+
+def turned_of(references: Mapping[tuple[str, str], float], joint: str) -> float:
+    """rad through which a joint turns in the runs; 0 where it is not measured."""
+    return references.get((HIGHEST, joint), 0.0) - references.get((LOWEST, joint), 0.0)
 
 
 def measure_references(data: Dataset) -> dict[tuple[str, str], float]:

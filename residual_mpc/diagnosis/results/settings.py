@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from residual_mpc.diagnosis.checks import check_positive, check_share
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.fit.settings import FitSettings
-from residual_mpc.diagnosis.laws.settings import LawSettings, RippleSettings
+from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.diagnosis.search.settings import SearchSettings
@@ -81,7 +81,6 @@ class ResultSettings:
     gaps: GapSettings = field(default_factory=GapSettings)
     support: SupportSettings = field(default_factory=SupportSettings)
     laws: LawSettings = field(default_factory=LawSettings)
-    ripples: RippleSettings = field(default_factory=RippleSettings)
     closest: int = 3
     bootstrap: int = 2000
     full_subsets: int = 32
