@@ -12,6 +12,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, HOSTED, LIBRARY, holder
+from residual_mpc.effects.surroundings import TORQUE_OFFSET
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, assemble
@@ -180,6 +181,8 @@ def build_space(
     why = f"no run is longer than {longest:.2g} s"
     ruled_out = {t: why for t in candidates if longest < BY_NAME[t.effect].seconds}
     ruled_out |= {t: because[t] for t in candidates if t in because}
+    arm = bool(slots[TORQUE_OFFSET.name])  # of a robot that drives nobody expects it
+    ruled_out |= {Term(e.name, None): e.lacking for e in chosen if arm and e.lacking and not slots[e.name]}
     references = measure_references(data)
     ruled_out |= {t: why for t in candidates if (why := _uncovered(t, slots[t.effect], robot, references))}
     candidates = tuple(t for t in candidates if t not in ruled_out)
