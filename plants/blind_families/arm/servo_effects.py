@@ -9,11 +9,12 @@ import numpy as np
 
 from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint, one_joint
 from plants.blind_families.planting import Planting, Plantings, by_name
-from residual_mpc.effects.actuator import RATE_LIMIT, TORQUE_SPEED_LIMIT
+from residual_mpc.effects.actuator import RATE_LIMIT, SERVO_INTEGRAL, TORQUE_SPEED_LIMIT
 from residual_mpc.effects.body import GEAR_EFFICIENCY
 from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 
 Made = tuple[ArmRobot, dict[str, float]]
+POSITION_SERVOS = "position servos"
 _STIFF_STOP = 4000.0  # rad^2/s^2: a stop's torque at its usual depth, in units of the inertia, per rad
 
 
@@ -38,6 +39,11 @@ def _line(robot: ArmRobot, draw: Draw, s: float) -> Made:
     stall, free = float(robot.torque[j] * (1.4 - 0.8 * s)), float(robot.speed_rms[j] * (5.0 - 4.2 * s))
     made = _at_one(robot, draw, stall=(np.inf, stall), no_load=(1.0, free))
     return made, {"stall_torque": stall, "no_load_speed": free}
+
+
+def _integral(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    gain = 8.0 * s
+    return _at_one(robot, draw, integral=(0.0, gain)), {"gain": gain}
 
 
 def _gear(robot: ArmRobot, draw: Draw, s: float) -> Made:
@@ -92,6 +98,7 @@ def _tilt(robot: ArmRobot, draw: Draw, s: float) -> Made:
 SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(RATE_LIMIT, _rate, one_joint, typical=0.6),
     Planting(TORQUE_SPEED_LIMIT, _line, one_joint, typical=0.5),
+    Planting(SERVO_INTEGRAL, _integral, one_joint, typical=0.3, needs=(POSITION_SERVOS,)),
     Planting(GEAR_EFFICIENCY, _gear, one_joint, typical=0.3),
     Planting(JOINT_SPRING, _spring, one_joint, typical=0.2),
     Planting(TORQUE_OFFSET, _offset, one_joint, typical=0.2),

@@ -195,6 +195,7 @@ class Stepper:
         self.line = np.repeat(command[None], whole.max() + 2, axis=0)  # newest last
         self.slow, self.current, self.ramp = command.copy(), command.copy(), command.copy()
         self.charge = np.zeros(s)
+        self.trim = self._settled(truth, command, q) if np.any(truth.beside.integral) else np.zeros((s, n))
         self.seconds = seconds.astype(float).copy()
         self.torque = np.zeros((s, n))
         self.become(truth)
@@ -227,6 +228,9 @@ class Stepper:
         if self.rotors is not None:  # from here on q and v are the motors' side
             q, v = self.rotors.seen(q, v)
         torque = self._servo(u, q, v)
+        if np.any(p.beside.integral):
+            torque = torque + arm.kp * self.trim
+            self.trim = p.beside.summed(self.trim, u - q, np.abs(torque) < np.minimum(arm.stop, p.limit), on, STEP)
         torque = p.flaws.driven(torque) * p.gain
         if p.sag:
             torque *= (1.0 - np.minimum(self.charge, 0.9))[:, None]
@@ -251,6 +255,13 @@ class Stepper:
         self.force[:, self.motors] = total if self.rotors is None else self.rotors.step(total, *link, STEP)
         self.batch.step()
         self.seconds += STEP
+
+    def _settled(self, truth: ArmTruth, command: Array, q: Array) -> Array:
+        """(s, n) rad that the servos' integral parts add where they have long held the arm at ``q``."""
+        bias = self.batch.bind("qfrc_bias")
+        self.batch.forward()
+        needed = np.asarray(bias[:, self.motors]) - truth.beside.pull(q, np.zeros_like(q))
+        return np.where(np.greater(truth.beside.integral, 0.0), needed / truth.arm.kp - (command - q), 0.0)
 
     def _arrived(self, command: Array) -> Array:
         p = self.p

@@ -12,7 +12,7 @@ from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
-SETTLING = 5.0  # s for which the servos are taken to have worked before a run begins
+SETTLING = 15.0  # s for which the servos are taken to have worked before a run begins
 
 
 @dataclass(frozen=True, eq=False)
