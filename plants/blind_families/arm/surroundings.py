@@ -61,7 +61,7 @@ class Surroundings:
         follows = before + dt * reach * np.tanh(away / (reach * _SETTLES))
         return np.asarray(np.where(np.isfinite(self.ramp), follows, u))
 
-    def summed(self, before: Array, error: Array, free: Array, on: Array, dt: float) -> Array:
+    def summed(self, before: Array, error: Array, free: NDArray[np.bool_], on: Array, dt: float) -> Array:
         """Setpoints (s, n) rad that the integral parts add after dt: they sum up where the force is free of its limit
         (s, n), and forget where the actuator is off."""
         counted = error / np.sqrt(1.0 + (error / _GREAT) ** 2)
