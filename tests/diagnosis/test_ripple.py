@@ -32,11 +32,11 @@ def regressed(law: Callable[[np.ndarray, np.ndarray], np.ndarray], noise: float 
     return waves(m, z, v, np.arange(W) // 4 % 5, np.linspace(1.2, 60.0, 160), RippleSettings())
 
 
-@pytest.mark.parametrize("cycles", [3.0, 11.4, 41.0])
+@pytest.mark.parametrize("cycles", [1.5, 3.0, 11.4, 41.0])
 def test_the_regression_finds_any_number_of_cycles(cycles: float) -> None:
     best = regressed(lambda z, v: 0.4 * np.sin(cycles * z + 0.7) + 0.3 - 0.2 * z)[0]
-    assert best.cycles == pytest.approx(cycles, abs=0.4) and best.share > 0.5
-    assert best.acceleration == pytest.approx(0.4, rel=0.2) and best.phase == pytest.approx(0.7, abs=0.2)
+    assert best.cycles == pytest.approx(cycles, abs=0.4) and best.share > 0.4
+    assert best.acceleration == pytest.approx(0.4, rel=0.2) and best.phase == pytest.approx(0.7, abs=0.4)
 
 
 @pytest.mark.parametrize(

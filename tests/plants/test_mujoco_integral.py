@@ -62,8 +62,8 @@ def test_an_integral_part_is_a_sum_of_errors(tmp_path: Path) -> None:
 
 
 def test_rows_with_an_integral_part_are_themselves_beside_others(tmp_path: Path) -> None:
-    dead = {("dead_zone", "j1", "width"): 0.05}
-    rows = [on("j1", 2.0), {}, {**on("j2", 8.0), **dead}, on(None, 1.0)]
+    dead, rubs = {("dead_zone", "j1", "width"): 0.05}, {("load_dependent_friction", None, "coefficient"): 0.2}
+    rows = [on("j1", 2.0), {}, {**on("j2", 8.0), **dead}, rubs, {**on(None, 1.0), **rubs}]
     assert_rows_are_themselves(robot_of(tmp_path, arm_xml()), rows, 80)
 
 

@@ -19,6 +19,7 @@ from plants.mujoco_robot.simulation.servo_integral import begin_integrals
 from plants.mujoco_robot.structure.base import unwrapped
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import command_chain, on_errors
+from residual_mpc.effects.library import present
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
@@ -126,11 +127,13 @@ def _replay(
         batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     servos = feedback(batch, robot)
     between = between_steps(batch, robot, settings, drive)
-    integrals = begin_integrals(batch, robot, settings, drive) if stepped else None
-    before = before if integrals is None else before + integrals.value[:, None]
-    if robot.gears is not None:
+    integral = any(True for _ in present(settings.effects, "servo"))
+    if robot.gears is not None or integral:
         for update in between:
             update(0, batch.bind("qvel")[:, robot.dofs], np.zeros((settings.rows, model.nu)))
+    integrals = begin_integrals(batch, robot, settings, drive) if integral else None
+    if robot.gears is not None:
+        before = before if integrals is None else before + integrals.value[:, None]
         begin(batch, robot, settings, before, warm, servos)
         if model.na:
             batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]

@@ -134,17 +134,18 @@ class CorrectedMujoco:
         self._line[:] = held
         self._memories, arrived = self._settled(held)
         self._force[:] = 0.0
+        self._clock[:] = -self._k * self._dt  # the updates between the steps add the steps since the beginning
+        if robot.gears is not None or self._integrals is not None:
+            for update in self._between:
+                update(self._k, v[:, robot.dofs], self._force)
         settled = begin_integrals(b, robot, self._settings, self._drive)
         if self._integrals is not None and settled is not None:
             self._integrals.value[:] = settled.value
         if robot.gears is not None:
-            for update in self._between:
-                update(self._k, v[:, robot.dofs], self._force)
             arrived = arrived if self._integrals is None else arrived + self._integrals.value
             begin(b, robot, self._settings, arrived[:, None], 0, self._once.servos)
         if robot.model.na:
             b.bind("act")[:] = held[:, robot.model.actuator_actadr >= 0]
-        self._clock[:] = -self._k * self._dt  # the updates between the steps add the steps since the beginning
         self._sensors.begin(self._truth())
 
     def step(self, command: Any) -> Mapping[str, np.ndarray]:

@@ -125,7 +125,8 @@ def waves(
     centre, wide = float(np.mean(z)), max(float(np.ptp(np.quantile(z, (0.02, 0.98)))), 1e-9)
     x = 2.0 * (z - centre) / wide
     usual = 0.1 * float(np.quantile(np.abs(speed), 0.9)) + 1e-9
-    smooth = _through(m, np.stack([np.ones_like(x), x, x**2, x**3, speed, np.tanh(speed / usual)], axis=-1))
+    # a cubic would take up most of a single cycle
+    smooth = _through(m, np.stack([np.ones_like(x), x, x**2, speed, np.tanh(speed / usual)], axis=-1))
     gains, numbers = np.zeros(len(cycles)), np.zeros((len(cycles), 2))
     whole, plain = float(np.sum(m.error[m.used] ** 2)), 0.0
     for part in np.array_split(np.arange(len(cycles)), max(1, len(cycles) // settings.at_once)):
