@@ -29,9 +29,7 @@ def past_errors(
     return PastErrors(*np.concatenate(each, axis=1))
 
 
-def _of_run(
-    robot: Robot, run: Run, start: np.ndarray, i: int, signals: Mapping[tuple[int, str], Signal]
-) -> np.ndarray:
+def _of_run(robot: Robot, run: Run, start: np.ndarray, i: int, signals: Mapping[tuple[int, str], Signal]) -> np.ndarray:
     """(8, W, nu) in the order of the record's fields."""
     joints = optional.actuator_joints(robot)
     columns = []
