@@ -21,7 +21,7 @@ RIGHT = {
     "eccentric_wheel": ("wheel_angle",),
     "one_sided_turning": ("turning",),
     "warming_up": ("time", "work"),
-    "cogging": ("angle",),
+    "dented_tooth": ("position", "angle"),
     "dragging_cable": ("position",),
     "warming_friction": ("time", "work"),
     "gusts": (),

@@ -71,6 +71,12 @@ def saturation_step(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt
     return clip(ops, y, -p["limit"], p["limit"]), memory
 
 
+def integral_step(ops: Ops, p: Values, x: Array, error: Array, dt: float) -> Array:
+    """x + gain * error dt: what the integral part of a servo adds to its setpoint (Astrom and Hagglund, Advanced PID
+    Control, 2006, chapter 3, with an integral time of 1 / gain)."""
+    return x + p["gain"] * error * dt
+
+
 SLOWEST = 1e-6  # of the stall torque: keeps an infinite one infinite at the no-load speed
 
 
@@ -251,6 +257,24 @@ RATE_LIMIT = Effect(
     not_in_mjcf="MuJoCo has no actuator that limits the rate of its command",
 )
 
+SERVO_INTEGRAL = Effect(
+    name="servo_integral",
+    stage="actuator",
+    port="servo",
+    target="actuator",
+    parameters=(Parameter("gain", "1/s", 0.0, 0.0, 30.0, (0.6, 3.0)),),
+    summary="a position servo with an integral part that the model lacks",
+    step=integral_step,
+    site="servo",
+    label="integral",
+    lacking="no actuator is a position servo",
+    unseen="no position error lasts long enough for an integral part to act",
+    phrase=Phrase("{who} integrates its position error with a gain of {gain}"),
+    nouns={"gain": Noun("integral gain", article="an", targeted="integral gain")},
+    not_in_mjcf="MuJoCo's position servos have no integral part",
+)
+
 EFFECTS = (
     ACTUATOR_LAG, ACTUATOR_GAIN, SATURATION, VOLTAGE_SAG, BACKLASH, TORQUE_SPEED_LIMIT, RATE_LIMIT,
+    SERVO_INTEGRAL,
 )  # fmt: skip

@@ -9,7 +9,7 @@ from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
 Stage = Literal["command", "actuator", "body", "contact", "sensor"]
-Port = Literal["command", "output", "speed", "friction", "torque", "ground", "sensor", "model", "law"]
+Port = Literal["command", "output", "speed", "servo", "friction", "torque", "ground", "sensor", "model", "law"]
 TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
 Reference = Literal[
     "one", "command", "command/time", "output", "speed", "torque", "torque/speed", "torque/motion", "extremes",
@@ -23,6 +23,7 @@ Site = Literal[
     "strength",  # a factor on the actuator's output (its force; of a wheel its speed)
     "limit",  # a limit of the actuator's output
     "speed limit",  # a limit of the actuator's output that depends on its speed
+    "servo",  # how a position servo turns its error into a force
     "output",  # any other change of the actuator's output
     "play",  # free motion between motor and link
     "spring",  # elasticity between motor and link
@@ -98,6 +99,7 @@ class Parameter:
     quantity: Quantity | None = None  # of the model, which this number changes
     most: float = float("inf")  # largest value worth a fit, in units of the largest reference of its targets
     within: Reference | None = None  # the robot's own size that this number stays within, on both sides
+    cover: float = 0.0  # of a number of cycles a turn: the cycles that a joint has to turn through, to show them
 
     def __post_init__(self) -> None:
         if not self.lower <= self.null <= self.upper:
@@ -114,8 +116,9 @@ class Effect:
     - output:   start(ops, p, y) -> memory;  step(ops, p, memory, y, clock, dt) -> (y, memory); clock is s since the
       run began
     - speed:    step(ops, p, w) -> lowest and highest output at the actuator's speed w, rad/s
+    - servo:    step(ops, p, x, error, dt) -> x after dt, which is added to the setpoint of a position servo
     - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))
-    - torque:   step(ops, p, q) -> torque on the joint at position q, N m, linear in q
+    - torque:   step(ops, p, q) -> torque on the joint at position q, N m; at the site "elastic" linear in q
     - ground:   by site; rim: step(ops, p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p,
       forward, yaw) -> m/s to the left; drift: step(ops, p) -> (m/s, m/s) in the world
     - sensor:   at the point: step(ops, p, x, y, theta) -> (x, y), and `undo`, its inverse
@@ -152,7 +155,9 @@ class Effect:
 
     # the diagnosis
     fitted: bool = True  # its parameters are fitted; otherwise samples are flagged and counted
+    proposed: bool = False  # a first look is worth taking only where what is left suggests it, not at the probes
     seconds: float = 0.0  # s that a run has to last for the effect to show
+    lacking: str = ""  # why a robot whose joints are measured cannot show it, where it has no place for the effect
     unseen: str = "its strongest plausible dose moves the prediction by less than the noise"  # why runs do not show it
     imitates: frozenset[str] = frozenset()  # dependences of a remainder that this effect is mistaken for
     # effects beside which it may stand for another one that acts before or after them: a lag behind a limit

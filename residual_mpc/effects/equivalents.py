@@ -9,6 +9,7 @@ from residual_mpc.effects.actuator import (
     BACKLASH,
     RATE_LIMIT,
     SATURATION,
+    SERVO_INTEGRAL,
     TORQUE_SPEED_LIMIT,
 )
 from residual_mpc.effects.body import (
@@ -34,7 +35,7 @@ from residual_mpc.effects.contact import (
 )
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_LAG, SENSOR_MOUNTING, SENSOR_SCALE
-from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET
+from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class Separation:
 
 ENCODERS = "log the wheel encoders (velocity.left and velocity.right)"
 CHIRP = "send a chirp"
+HOLD = "send steps to several heights, and hold each for some seconds"
 OFF = "log stretches with the motor off (enabled.* = 0)"
 
 # Of several pairs in a group the first counts. Those of the low-passed and scaled readings and from gear efficiency on
@@ -81,8 +83,15 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(TORQUE_SPEED_LIMIT, SATURATION, "", "send large steps from rest and in fast motion"),
     Separation(RATE_LIMIT, ACTUATOR_LAG, "", "send small and large steps"),
     Separation(RATE_LIMIT, TORQUE_SPEED_LIMIT, "", "send large steps with and without a payload"),
+    Separation(SERVO_INTEGRAL, ACTUATOR_GAIN, "", HOLD),
+    Separation(SERVO_INTEGRAL, TORQUE_OFFSET, "", HOLD),
+    Separation(SERVO_INTEGRAL, PAYLOAD, "", HOLD),
+    Separation(SERVO_INTEGRAL, COULOMB, "", HOLD),
     Separation(JOINT_SPRING, TORQUE_OFFSET, "", "hold the joint at several positions over its whole range"),
     Separation(JOINT_SPRING, PAYLOAD, "", "hold the arm stretched out and folded, in several directions"),
+    Separation(TORQUE_RIPPLE, COULOMB, "", "turn the joint slowly and steadily through several cycles, both ways"),
+    Separation(TORQUE_RIPPLE, JOINT_SPRING, "", "turn the joint slowly and steadily through more than one cycle"),
+    Separation(TORQUE_RIPPLE, TORQUE_OFFSET, "", "turn the joint slowly and steadily through more than one cycle"),
     Separation(TORQUE_OFFSET, SENSOR_BIAS, "", OFF),
     Separation(BASE_TILT, PAYLOAD, "", "hold the arm stretched out in several directions about the vertical"),
     Separation(END_STOP, SATURATION, "", "approach the position at which the joint stops slowly and fast"),

@@ -168,6 +168,11 @@ def published(effect: str) -> str:
     return FITTED_LAW if is_law(effect) else effect
 
 
+def quantity_of(effect: Effect) -> On:
+    """What the torque or friction of an effect on a joint is a function of."""
+    return KIND_OF[effect.name].on if effect.name in KIND_OF else "position"
+
+
 def reads_clock(effect: Effect) -> bool:
     """Whether an effect on a joint or its actuator needs to know the time since the run began."""
     law = KIND_OF.get(effect.name)

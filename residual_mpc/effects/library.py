@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 
 from residual_mpc.effects import actuator, body, command, contact, sensor, surroundings
 from residual_mpc.effects.effect import Effect, Quantity, Site, Values
-from residual_mpc.effects.laws import KIND_OF, LAWS
+from residual_mpc.effects.laws import LAWS, quantity_of
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.plugged import plugged_in
 
@@ -55,11 +55,11 @@ def elastic_line(ops: Ops, effects: Effects) -> tuple[Array, Array] | None:
 
 
 def fitted_laws(ops: Ops, effects: Effects, site: Site, signals: Mapping[str, Array]) -> Array | None:
-    """The sum of the fitted laws at a site; None without any. signals: by the quantity that a law is a function of."""
+    """The sum of the laws at a site; None without any. signals: by the quantity that a law is a function of."""
     total = None
     for effect, p in present(effects, site):
         assert effect.step is not None
-        value = effect.step(ops, p, signals[KIND_OF[effect.name].on])
+        value = effect.step(ops, p, signals[quantity_of(effect)])
         total = value if total is None else total + value
     return total
 

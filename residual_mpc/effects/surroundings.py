@@ -1,4 +1,5 @@
-"""Effects of what surrounds the joints: springs and constant torques beside them, stops, and the base's tilt."""
+"""Effects of what surrounds the joints: springs, constant and rippling torques beside them, stops, and the base's
+tilt."""
 
 import math
 
@@ -15,6 +16,11 @@ def spring_torque(ops: Ops, p: Values, q: Array) -> Array:
 def constant_torque(ops: Ops, p: Values, q: Array) -> Array:
     """The same torque everywhere, N m."""
     return p["torque"] + 0.0 * q
+
+
+def ripple_torque(ops: Ops, p: Values, q: Array) -> Array:
+    """amplitude sin(cycles q + phase), N m: the first harmonic of a torque that repeats with the joint's angle q."""
+    return p["amplitude"] * ops.sin(p["cycles"] * q + p["phase"])
 
 
 JOINT_SPRING = Effect(
@@ -48,6 +54,27 @@ TORQUE_OFFSET = Effect(
     imitates=frozenset({"position"}),
     phrase=Phrase("{who} carries a constant torque of {torque} that the model lacks"),
     nouns={"torque": Noun("constant torque", "excess")},
+)
+
+TORQUE_RIPPLE = Effect(
+    name="torque_ripple",
+    stage="body",
+    port="torque",
+    target="joint",
+    parameters=(
+        Parameter("amplitude", "N m", 0.0, 0.0, math.inf, (0.3,), "torque"),
+        Parameter("cycles", "1/turn", 12.0, 0.0, 120.0, (12.0,), shape=True, cover=0.75),
+        Parameter("phase", "rad", 0.0, -math.inf, math.inf, (0.0,), shape=True),
+    ),
+    summary="a torque that repeats with the joint's angle: cogging, an eccentric gear",
+    step=ripple_torque,
+    null_target=False,
+    site="law",
+    proposed=True,
+    unseen="the joint turns through too little of a cycle, or a plausible ripple moves it by less than the noise",
+    phrase=Phrase("{who} has a torque ripple of {amplitude}, {cycles} (cogging or an eccentric gear)"),
+    nouns={"amplitude": Noun("torque ripple", size="amplitude")},
+    not_in_mjcf="MuJoCo has no torque that repeats with a joint's angle",
 )
 
 END_STOP = Effect(
@@ -84,4 +111,4 @@ BASE_TILT = Effect(
     nouns={"roll": Noun("roll of the base", "excess"), "pitch": Noun("pitch of the base", "excess")},
 )
 
-EFFECTS = (JOINT_SPRING, TORQUE_OFFSET, END_STOP, BASE_TILT)
+EFFECTS = (JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE, END_STOP, BASE_TILT)

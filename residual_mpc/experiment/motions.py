@@ -70,6 +70,7 @@ def _joints(t: np.ndarray, n: int, rng: np.random.Generator) -> dict[str, np.nda
         "chirp": chirp,
         "steps": 0.8 * _steps(t, n, rng),
         "multisine": 0.7 * _multisine(t, n, rng),
+        "held steps": 0.8 * _steps(t, n, rng, (2.5, 5.0)),
     }
 
 
@@ -78,11 +79,13 @@ def _square(t: np.ndarray, period: float) -> np.ndarray:
     return np.clip(np.sin(2 * np.pi * t / period) * period / (2 * np.pi * 0.3), -1.0, 1.0)
 
 
-def _steps(t: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
-    """(len(t), n): levels held for 0.5 to 1.8 s, each in its own time."""
+def _steps(
+    t: np.ndarray, n: int, rng: np.random.Generator, hold: tuple[float, float] = (0.5, 1.8)
+) -> np.ndarray:
+    """(len(t), n): levels held for so many seconds, at least and at most, each in its own time."""
     out = np.empty((len(t), n))
     for k in range(n):
-        edges = np.cumsum(rng.uniform(0.5, 1.8, int(t[-1] / 0.5) + 2))
+        edges = np.cumsum(rng.uniform(*hold, int(t[-1] / hold[0]) + 2))
         out[:, k] = rng.uniform(-1.0, 1.0, len(edges) + 1)[np.searchsorted(edges, t)]
     return out
 

@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from residual_mpc.models.past_errors import PastErrors
 from residual_mpc.models.settings import Settings
 
 
@@ -34,7 +35,8 @@ class Drive:
     enabled_before (B, lead, nu): the same before the window, for who begins a replay earlier; a robot needs it not.
     clock (B,) s from the run's first stamp to the window's start. setting (B,) which setting of a merged robot each row
     has, None for a robot with one. midway: whether the replay carries on from where one before it ended, and not from
-    a measured start: what no channel tells then begins by rule, without a replay of the commands before.
+    a measured start: what no channel tells then begins by rule, without a replay of the commands before. past: what
+    the position servos had to correct before; None where nothing is known of it, and they count as settled.
     """
 
     dt: float
@@ -45,6 +47,7 @@ class Drive:
     setting: np.ndarray | None = None
     enabled_before: np.ndarray | None = None
     midway: bool = False
+    past: PastErrors | None = None
 
     @property
     def steps(self) -> int:

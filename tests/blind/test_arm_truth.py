@@ -10,6 +10,7 @@ from plants.blind_families.arm.effects import ArmSensor
 from plants.blind_families.arm.model import Arm, compiled, draw_arm, mjcf
 from plants.blind_families.arm.motions import multisine
 from plants.blind_families.arm.runs import ReferenceMotion, play
+from plants.blind_families.arm.surroundings import Surroundings
 from plants.blind_families.arm.truth import STEP, Stepper, ideal
 from residual_mpc.blind.families import make_case
 
@@ -156,3 +157,32 @@ def test_a_longer_link_holds_the_next_joint_farther_out():
     np.testing.assert_allclose((longer.body_pos - plain.body_pos)[2], [0.07, 0.0, 0.0], atol=1e-12)
     assert np.abs(np.delete(longer.body_pos - plain.body_pos, 2, axis=0)).max() == 0.0
     np.testing.assert_array_equal(longer.body_inertia, plain.body_inertia)
+
+
+def test_a_ripple_is_a_flattened_wave_with_the_stated_first_harmonic():
+    beside = Surroundings(ripple=0.3 * np.ones(1), cycles=7.5 * np.ones(1), phase=0.4 * np.ones(1))
+    q = np.linspace(0.0, 2 * 2 * np.pi / 7.5, 4001)[:-1, None]
+    pull = beside.pull(q, 0 * q)[:, 0]
+    wave = np.sin(7.5 * q[:, 0] + 0.4)
+    assert 2 * np.mean(pull * wave) == pytest.approx(0.3, rel=1e-6)
+    assert 0.1 < np.std(pull - 0.3 * wave) / np.std(pull) < 0.3  # the candidate's law is another one
+
+
+def test_an_integral_part_carries_the_load_and_forgets_when_off():
+    """A weight on a lever of 0.5 m: without an integral part it sags, with one it ends where it is told."""
+    a, one = np.ones(1), np.ones((1, 1))
+    truth = ideal(one_joint(axes=("y",), kind="position", kp=30 * a, kv=6 * a, length=0.5 * a))
+    ends = []
+    for gain in (0.0, 2.0):
+        told = replace(truth, beside=Surroundings(integral=gain * np.ones(1)))
+        stepper = Stepper(told, 0.0 * one, 0.0 * one, 0.0 * one, np.zeros(1))
+        begun = stepper.trim.copy()
+        for _ in range(round(4.0 / STEP)):
+            stepper.step(0.5 * one, one)
+        ends.append(float(stepper.q[0, 0]))
+        if gain:
+            assert abs(begun[0, 0]) > 0.05
+            for _ in range(round(0.3 / STEP)):
+                stepper.step(0.5 * one, 0.0 * one)
+            assert abs(stepper.trim[0, 0]) < 0.01 * abs(begun[0, 0])
+    assert abs(ends[0] - 0.5) > 0.05 and ends[1] == pytest.approx(0.5, abs=0.01)

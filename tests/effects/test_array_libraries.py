@@ -12,6 +12,7 @@ from residual_mpc.effects.actuator import (
     backlash_start,
     backlash_step,
     gain_step,
+    integral_step,
     lag_start,
     lag_step,
     line_limits,
@@ -32,7 +33,7 @@ from residual_mpc.effects.contact import slope_drift
 from residual_mpc.effects.ground import ground_twist
 from residual_mpc.effects.ops import NUMPY, Array, Ops, casadi_ops, jax_ops
 from residual_mpc.effects.sensor import mounted, unmounted
-from residual_mpc.effects.surroundings import spring_torque
+from residual_mpc.effects.surroundings import ripple_torque, spring_torque
 
 STEPS, N = 20, 5  # steps of a sequence, signals side by side
 DT = 0.02  # s
@@ -122,6 +123,10 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
     ),
     "gear_efficiency": (_one(gear_level, "forward", "backward"), [(0.3, 1.0), (0.3, 1.0)], 2),
     "joint_spring": (_one(spring_torque, "stiffness", "rest"), [(0.0, 3.0), (-1.0, 1.0)], 1),
+    "torque_ripple": (
+        _one(ripple_torque, "amplitude", "cycles", "phase"), [(0.0, 3.0), (1.0, 40.0), (-3.0, 3.0)], 1
+    ),
+    "servo_integral": (_one(lambda o, p, x, e: integral_step(o, p, x, e, DT), "gain"), [(0.0, 9.0)], 2),
     "ground": (on_the_ground, [(0.5, 2.0), (0.8, 1.2), (0.0, 2.0), (0.5, 2.0), (-0.5, 0.5)], 4),
     "slope": (lambda o, r, h: slope_drift(o, {"rate": r, "heading": h}), [(0.0, 0.1), (-4.0, 4.0)], 0),
     "mounted": (lambda o, x, y, *q: mounted(o, {"x": x, "y": y}, *q), [(-1.0, 1.0)] * 2, 3),

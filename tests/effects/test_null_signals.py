@@ -61,6 +61,14 @@ def test_a_torque_beside_the_joint_is_none(name: str) -> None:
     np.testing.assert_array_equal(effect.step(NUMPY, null_of(effect), SIGNALS[0]), np.zeros_like(SIGNALS[0]))
 
 
+@pytest.mark.parametrize("name", of_port("servo"))
+def test_an_integral_part_sums_up_nothing(name: str) -> None:
+    effect = BY_NAME[name]
+    assert effect.step is not None
+    x = effect.step(NUMPY, null_of(effect), SIGNALS[0], SIGNALS[1], DT)
+    np.testing.assert_array_equal(x, SIGNALS[0])
+
+
 @pytest.mark.parametrize("name", of_port("speed"))
 def test_a_limit_by_speed_is_none(name: str) -> None:
     effect = BY_NAME[name]
@@ -102,7 +110,7 @@ def test_every_effect_has_its_place() -> None:
     stages = [STAGES.index(e.stage) for e in LIBRARY]
     assert stages == sorted(stages)  # of a confounded group the earliest is named
     ports = {p for e in LIBRARY for p in (e.port,)}
-    assert ports == {"command", "output", "speed", "friction", "torque", "ground", "sensor", "model"}
+    assert ports == {"command", "output", "speed", "servo", "friction", "torque", "ground", "sensor", "model"}
     for effect in LIBRARY:
         assert len({p.name for p in effect.parameters}) == len(effect.parameters)
         with pytest.raises(KeyError):

@@ -150,10 +150,10 @@ def test_a_first_protocol_stays_within_the_model(tmp_path: Path, capsys: pytest.
     out = tmp_path / "first.csv"
     assert call("excite", "--robot", tmp_path / "robot.toml", "--out", out, "--seconds", 6) == 0
     said = capsys.readouterr()
-    assert "4 motions" in said.out and "leave its range" not in said.err
+    assert "5 motions" in said.out and "leave its range" not in said.err
     with out.open() as file:
         rows = list(csv.DictReader(file))
-    assert {r["run"] for r in rows} == {"slow_sweeps", "chirp", "steps", "multisine"}
+    assert {r["run"] for r in rows} == {"slow_sweeps", "chirp", "steps", "multisine", "held_steps"}
     first = np.degrees([float(r["command.j1"]) for r in rows]) / 2.0  # gear 2
     assert -60.0 <= first.min() < -20.0 and 0.0 < first.max() <= 30.0
 
@@ -167,8 +167,8 @@ def test_a_motion_that_no_size_makes_safe_is_marked(tmp_path: Path, capsys: pyte
     assert call(*words, "--limit", "j1=-0.1:0.1", "--limit", "j2=-0.1:0.1") == 0
     said = capsys.readouterr()
     motions = json.loads(said.out)["excite"]["motions"]
-    assert len(motions) == 4 and not any(m["within_limits"] for m in motions)
-    assert said.err.count("a joint is predicted to leave its range") == 4
+    assert len(motions) == 5 and not any(m["within_limits"] for m in motions)
+    assert said.err.count("a joint is predicted to leave its range") == 5
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,9 @@ BESIDE = {
     "rate_limit": {"rate": 0.8}, "torque_speed_limit": {"stall_torque": 3.0, "no_load_speed": 4.0},
     "gear_efficiency": {"forward": 0.8, "backward": 0.9}, "joint_spring": {"stiffness": 2.0, "rest": 0.3},
     "torque_offset": {"torque": 0.2}, "end_stop": {"position": 0.15}, "base_tilt": {"roll": 0.05, "pitch": -0.1},
+    "torque_ripple": {"amplitude": 0.3, "cycles": 9.0, "phase": 0.5},
 }  # fmt: skip
+INTEGRAL = {"servo_integral": {"gain": 3.0}}
 
 
 def written(folder: Path, effects: dict[str, dict[str, float]], actuators: str = SERVOS) -> Path:
@@ -118,6 +120,25 @@ def test_a_future_that_was_tried_leaves_no_trace(tmp_path: Path) -> None:
     simulator.restore(here)
     again = simulator.step([0.1, 0.1])
     assert all(np.array_equal(expected[c], again[c]) for c in expected)
+
+
+@pytest.mark.parametrize("beside", [{}, {**CHANGING, **GEARED}], ids=["alone", "geared and changing"])
+def test_integral_parts_are_stepped_saved_and_begun_again(tmp_path: Path, beside: dict) -> None:
+    effects = {**INTEGRAL, **beside}
+    test_stepping_is_the_replay_of_the_diagnosis(tmp_path, effects, SERVOS)
+    path = written(tmp_path, effects)
+    both, fresh = corrected_simulator(path, rows=2), corrected_simulator(path, rows=1)
+    for _ in range(10):
+        both.step([0.4, -0.2])
+    here = both.save()
+    expected = both.step([0.1, 0.1])
+    both.restore(here)
+    assert all(np.array_equal(y, expected[c]) for c, y in both.step([0.1, 0.1]).items())
+    both.reset({"position.j1": 0.1}, [0.1, 0.0], where=np.array([False, True]))
+    fresh.reset({"position.j1": 0.1}, [0.1, 0.0])
+    for _ in range(10):
+        mixed, new = both.step([0.2, 0.2]), fresh.step([0.2, 0.2])
+    assert all(mixed[c][1] == pytest.approx(new[c][0], abs=1e-9) for c in mixed)
 
 
 def test_one_row_begins_again_and_the_other_goes_on(tmp_path: Path) -> None:

@@ -104,6 +104,8 @@ EFFECTS = [
     {("base_tilt", None, "roll"): 0.1, ("base_tilt", None, "pitch"): -0.2},
     {("torque_speed_limit", "elbow", "stall_torque"): 30.0, ("torque_speed_limit", "elbow", "no_load_speed"): 2.0},
     {("rate_limit", "elbow", "rate"): 0.5},
+    {("torque_ripple", "elbow", k): v for k, v in {"amplitude": 8.0, "cycles": 7.5, "phase": 0.3}.items()},
+    {("servo_integral", "shoulder_lift", "gain"): 3.0},
     {("gear_efficiency", "shoulder_lift", "forward"): 0.7, ("gear_efficiency", "shoulder_lift", "backward"): 0.8},
 ]
 

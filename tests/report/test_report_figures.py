@@ -11,7 +11,7 @@ from residual_mpc.report import Panel, Windows
 from residual_mpc.report.evidence import collect
 from residual_mpc.report.evidence.held_out import held_out
 from residual_mpc.report.figures import inline as inline_module
-from residual_mpc.report.figures.curve import curve
+from residual_mpc.report.figures.curve import curve, ripple_curve
 from residual_mpc.report.figures.strips import PIECES, strips
 from residual_mpc.report.figures.traces import bridged, rms_error, traces
 
@@ -97,3 +97,10 @@ def test_a_panel_shows_windows_that_follow_each_other():
     assert collect._around(1, np.array([0, 1, 2, 3, 4, 5, 6]), data).tolist() == [1, 3, 6]
     long = SimpleNamespace(start=np.arange(30.0), horizon=1.0)
     assert collect._around(29, np.arange(30), long).tolist() == list(range(22, 30))
+
+
+def test_a_ripple_is_drawn_as_one_cycle():
+    numbers = {"amplitude": (0.4, 0.1, "N m"), "cycles": (8.0, 0.1, "1/turn"), "phase": (0.0, 0.1, "rad")}
+    parameters = {k: {"value": v, "ci95": [v - h, v + h], "unit": unit} for k, (v, h, unit) in numbers.items()}
+    svg = str(ripple_curve({"effect": "torque_ripple", "target": "elbow", "parameters": parameters}, "law0"))
+    assert "against the angle of elbow: from -0.4 at 0.59 to 0.4 at 0.2" in svg and 'id="law0-' in svg

@@ -23,11 +23,11 @@ from plants.blind_families.arm.faults import (
 )
 from plants.blind_families.arm.files import write_clean, write_played, write_robot, write_runs
 from plants.blind_families.arm.runs import play_robot
-from plants.blind_families.arm.servo_effects import SERVO_PLANTINGS
+from plants.blind_families.arm.servo_effects import POSITION_SERVOS, SERVO_PLANTINGS
 from plants.blind_families.arm.setting import Setting, draw_setting, left, ratio
 from plants.blind_families.bench import Habits
 from plants.blind_families.case import Drawn, choose_for, first_case, make
-from plants.blind_families.planting import Plantings, confounded
+from plants.blind_families.planting import Plantings, confounded, needed
 from residual_mpc.blind.commanded_motion import CommandedMotion
 from residual_mpc.blind.levels import LEVELS, Level
 from residual_mpc.blind.records import Answer
@@ -149,7 +149,10 @@ def _bench(level: Level, rng: np.random.Generator) -> ArmBench | None:
     else:
         effects, flaws = choose_for(known, HABITS, level, rng)
     setting = draw_setting(level, rng)
-    if setting is None or ((level.pairs or level.changed) and setting.robot.truth.arm.kind != "position"):
+    kind = None if setting is None else setting.robot.truth.arm.kind
+    if needed(known, effects, POSITION_SERVOS) and kind != "position":
+        return None
+    if setting is None or ((level.pairs or level.changed) and kind != "position"):
         return None  # the remaining gap needs whole runs, and only position servos keep to the planned motion
     # stretches with the motor off would tell the members of the group apart
     return None if level.confounded and setting.drops else ArmBench(setting, effects, flaws, known=known)

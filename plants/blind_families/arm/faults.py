@@ -26,7 +26,7 @@ from residual_mpc.effects.body import (
 )
 from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
 
-UNNAMED = ("cogging", "dragging_cable", "warming_friction", "gusts")
+UNNAMED = ("dented_tooth", "dragging_cable", "warming_friction", "gusts")
 UNNAMED_IN_TESTS = ("uneven_friction", "belt_between_joints", "eccentric_encoders", "shared_supply")
 PAIRS: tuple[tuple[str, str], ...] = tuple(
     (a.name, b.name)
@@ -59,7 +59,7 @@ def caused(cause: str, robot: ArmRobot, seconds: float, rng: np.random.Generator
     n = len(torque)
     one = np.zeros(n)
     one[rng.integers(n)] = 1.0
-    teeth = int(rng.integers(9, 26))
+    dented = truth.arm.home + 0.02 * (int(rng.integers(9, 26)) - 17)
     blows = []
     for begin in np.arange(1.5, seconds - 1.0, 1.6):
         begin = float(begin + rng.uniform(0, 0.8))
@@ -72,7 +72,7 @@ def caused(cause: str, robot: ArmRobot, seconds: float, rng: np.random.Generator
         gusts[:, 2:] *= 2.0 * s
         between = 2.0 * s * torque[:-1] / robot.speed_rms[:-1]
         changes: dict[str, dict[str, Any]] = {
-            "cogging": {"cogging": 2.0 * s * torque * one, "cogging_teeth": teeth},
+            "dented_tooth": {"dent": 4.0 * s * torque * one, "dented": dented},
             "dragging_cable": {"cable": 6.0 * s * torque * one},
             "warming_friction": {"warm_up": 3.0 * s * torque * one},
             "gusts": {"gusts": gusts},

@@ -9,11 +9,12 @@ import numpy as np
 
 from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint, one_joint
 from plants.blind_families.planting import Planting, Plantings, by_name
-from residual_mpc.effects.actuator import RATE_LIMIT, TORQUE_SPEED_LIMIT
+from residual_mpc.effects.actuator import RATE_LIMIT, SERVO_INTEGRAL, TORQUE_SPEED_LIMIT
 from residual_mpc.effects.body import GEAR_EFFICIENCY
-from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET
+from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 
 Made = tuple[ArmRobot, dict[str, float]]
+POSITION_SERVOS = "position servos"
 _STIFF_STOP = 4000.0  # rad^2/s^2: a stop's torque at its usual depth, in units of the inertia, per rad
 
 
@@ -40,6 +41,11 @@ def _line(robot: ArmRobot, draw: Draw, s: float) -> Made:
     return made, {"stall_torque": stall, "no_load_speed": free}
 
 
+def _integral(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    gain = 8.0 * s
+    return _at_one(robot, draw, integral=(0.0, gain)), {"gain": gain}
+
+
 def _gear(robot: ArmRobot, draw: Draw, s: float) -> Made:
     j = draw.joint or 0
     forward, backward = 1.0 - 0.7 * s, 1.0 - 0.7 * s * (0.2 + 0.5 * draw.shape)
@@ -58,6 +64,17 @@ def _spring(robot: ArmRobot, draw: Draw, s: float) -> Made:
 def _offset(robot: ArmRobot, draw: Draw, s: float) -> Made:
     torque = float(draw.sign * 2.0 * s * robot.torque_rms[draw.joint or 0])
     return _at_one(robot, draw, offset=(0.0, torque)), {"torque": torque}
+
+
+def _ripple(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    """Of any number of cycles that fits into a tenth of a radian to one and a bit."""
+    numbers = {
+        "amplitude": float(4.0 * s * robot.torque_rms[draw.joint or 0]),
+        "cycles": 5.0 + 20.0 * draw.shape,
+        "phase": float(draw.sign * np.pi * (17.3 * draw.shape % 1.0)),
+    }
+    fields = {"ripple": (0.0, numbers["amplitude"]), "cycles": (1.0, numbers["cycles"])}
+    return _at_one(robot, draw, **fields, phase=(0.0, numbers["phase"])), numbers
 
 
 def _stop(robot: ArmRobot, draw: Draw, s: float) -> Made:
@@ -81,9 +98,11 @@ def _tilt(robot: ArmRobot, draw: Draw, s: float) -> Made:
 SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(RATE_LIMIT, _rate, one_joint, typical=0.6),
     Planting(TORQUE_SPEED_LIMIT, _line, one_joint, typical=0.5),
+    Planting(SERVO_INTEGRAL, _integral, one_joint, typical=0.3, needs=(POSITION_SERVOS,)),
     Planting(GEAR_EFFICIENCY, _gear, one_joint, typical=0.3),
     Planting(JOINT_SPRING, _spring, one_joint, typical=0.2),
     Planting(TORQUE_OFFSET, _offset, one_joint, typical=0.2),
+    Planting(TORQUE_RIPPLE, _ripple, one_joint, typical=0.2),
     Planting(END_STOP, _stop, one_joint, typical=0.4),
     Planting(BASE_TILT, _tilt, every_joint, typical=0.3),
 )

@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 _STIFFENS = 0.4  # 1/rad: a cable pulls by sinh of this times its way, over this
+_GREAT = 0.5  # rad, from which on an integral part counts an error for less and less
+_FORGETS = 0.05  # s, in which it does once its actuator is off
 _SETTLES = 0.02  # s, in which a ramp comes to rest at its end
 _SHARP = 12  # order of the norm that joins a motor's torque to its limit
 _TURNS = 0.05  # of a joint's usual power: where driving and being driven meet
 _DAMPED = 0.8  # s/m, of a stop: Hunt and Crossley 1975, equation 7, with an exponent of 1.5
+_FLAT = 1.5  # by which a ripple's waves are flattened: tanh of so many times a sine
 _DEEP = 0.01  # rad, to which a stop gives at the torque that is stated for it
 
 
@@ -20,12 +23,14 @@ _DEEP = 0.01  # rad, to which a stop gives at the torque that is stated for it
 class Surroundings:
     """Constants of n joints, each (n,) where it is an array; the values here do nothing.
 
-    ramp: command unit/s. stall: N m, no_load: rad/s. forward, backward: 1, and power: W, usual at each joint. spring:
-    N m/rad, rest: rad. offset: N m. stop: rad, side: 1 where it holds from above and -1 from below, hard: N m, the
-    stop's push at a depth of _DEEP. tilt: rad about x, then about the ground's y axis.
+    ramp: command unit/s. integral: 1/s. stall: N m, no_load: rad/s. forward, backward: 1, and power: W, usual at each
+    joint. spring: N m/rad, rest: rad. offset: N m. ripple: N m, of the first harmonic, cycles: 1/turn, phase: rad.
+    stop: rad, side: 1 where it holds from above and -1 from below, hard: N m, the stop's push at a depth of _DEEP.
+    tilt: rad about x, then about the ground's y axis.
     """
 
     ramp: Array | float = np.inf
+    integral: Array | float = 0.0
     stall: Array | float = np.inf
     no_load: Array | float = 1.0
     forward: Array | float = 1.0
@@ -34,6 +39,9 @@ class Surroundings:
     spring: Array | float = 0.0
     rest: Array | float = 0.0
     offset: Array | float = 0.0
+    ripple: Array | float = 0.0
+    cycles: Array | float = 1.0
+    phase: Array | float = 0.0
     stop: Array | float = np.inf
     side: float = 1.0
     hard: Array | float = 1.0
@@ -52,6 +60,12 @@ class Surroundings:
         reach = np.minimum(self.ramp, 1e9)
         follows = before + dt * reach * np.tanh(away / (reach * _SETTLES))
         return np.asarray(np.where(np.isfinite(self.ramp), follows, u))
+
+    def summed(self, before: Array, error: Array, free: NDArray[np.bool_], on: Array, dt: float) -> Array:
+        """Setpoints (s, n) rad that the integral parts add after dt: they sum up where the force is free of its limit
+        (s, n), and forget where the actuator is off."""
+        counted = error / np.sqrt(1.0 + (error / _GREAT) ** 2)
+        return np.asarray((before + dt * self.integral * counted * free * on) * (1.0 - (1.0 - on) * dt / _FORGETS))
 
     def driven(self, torque: Array, v: Array) -> Array:
         """What the motors give (s, n) N m at the speeds v, where the servo asks for `torque`."""
@@ -74,6 +88,8 @@ class Surroundings:
         total: Array | float = self.offset
         if np.any(self.spring):
             total = total - self.spring * np.sinh(_STIFFENS * (q - self.rest)) / _STIFFENS
+        if np.any(self.ripple):
+            total = total + self.ripple * _flattened(self.cycles * q + self.phase)
         if np.isfinite(self.stop).any():
             depth = np.maximum(self.side * (q - np.where(np.isfinite(self.stop), self.stop, self.side * 1e9)), 0.0)
             push = self.hard * (depth / _DEEP) ** 1.5 * (1.0 + _DAMPED * self.side * v)
@@ -85,3 +101,10 @@ class Surroundings:
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_euler("xy", self.tilt).inv().apply(still))
+
+
+def _flattened(angle: Array) -> Array:
+    """A flattened sine of the angle, rad, whose first harmonic is 1."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+    first = 2.0 * np.mean(np.tanh(_FLAT * np.sin(turn)) * np.sin(turn))
+    return np.asarray(np.tanh(_FLAT * np.sin(angle)) / first)

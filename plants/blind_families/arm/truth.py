@@ -26,6 +26,7 @@ from plants.mujoco_log import silence_mujoco
 Array = NDArray[np.float64]
 STEP = 0.0005  # s
 _PRESLIDING = 4e-4  # rad, how far bristles bend before they slip
+_DENT = 0.06  # rad, how wide a dented tooth is
 _CURRENT_SHARE = 0.12  # the electrical time constant as a share of the whole lag
 
 
@@ -127,8 +128,8 @@ class ArmTruth:
     wound: Array  # rad by which that spring is usually wound
     play: Array  # rad between motor and link
     # causes that no library names
-    cogging: Array  # N m
-    cogging_teeth: int
+    dent: Array  # N m, which the motor needs on either side of a dented tooth
+    dented: Array  # rad, where that tooth meets
     cable: Array  # N m, drag of a cable that takes hold on one side of the home pose
     warm_up: Array  # N m, friction lost as the joint warms
     gusts: Array  # (m, n + 2): from s, to s, torques N m
@@ -163,7 +164,7 @@ def ideal(arm: NominalArm) -> ArmTruth:
         one,
         zero,
         zero,
-        12,
+        zero,
         zero,
         zero,
         np.zeros((0, n + 2)),
@@ -194,6 +195,7 @@ class Stepper:
         self.line = np.repeat(command[None], whole.max() + 2, axis=0)  # newest last
         self.slow, self.current, self.ramp = command.copy(), command.copy(), command.copy()
         self.charge = np.zeros(s)
+        self.trim = self._settled(truth, command, q) if np.any(truth.beside.integral) else np.zeros((s, n))
         self.seconds = seconds.astype(float).copy()
         self.torque = np.zeros((s, n))
         self.become(truth)
@@ -226,6 +228,9 @@ class Stepper:
         if self.rotors is not None:  # from here on q and v are the motors' side
             q, v = self.rotors.seen(q, v)
         torque = self._servo(u, q, v)
+        if np.any(p.beside.integral):
+            torque = torque + arm.kp * self.trim
+            self.trim = p.beside.summed(self.trim, u - q, np.abs(torque) < np.minimum(arm.stop, p.limit), on, STEP)
         torque = p.flaws.driven(torque) * p.gain
         if p.sag:
             torque *= (1.0 - np.minimum(self.charge, 0.9))[:, None]
@@ -238,8 +243,9 @@ class Stepper:
         total = torque - p.viscous * v + p.flaws.pull(q, v) + p.beside.pull(q, v)
         if self.rubbing:
             total -= self._friction(v, torque)
-        if p.cogging.any():
-            total += p.cogging * np.sin(p.cogging_teeth * q)
+        if p.dent.any():
+            away = (q - p.dented) / _DENT
+            total += p.dent * away * np.exp(0.5 - 0.5 * away**2)
         if p.cable.any():
             pull = np.maximum(q - arm.home, 0.0)
             total -= p.cable * pull * (1.0 + np.tanh(v / 0.2))
@@ -249,6 +255,13 @@ class Stepper:
         self.force[:, self.motors] = total if self.rotors is None else self.rotors.step(total, *link, STEP)
         self.batch.step()
         self.seconds += STEP
+
+    def _settled(self, truth: ArmTruth, command: Array, q: Array) -> Array:
+        """(s, n) rad that the servos' integral parts add where they have long held the arm at ``q``."""
+        bias = self.batch.bind("qfrc_bias")
+        self.batch.forward()
+        needed = np.asarray(bias[:, self.motors]) - truth.beside.pull(q, np.zeros_like(q))
+        return np.where(np.greater(truth.beside.integral, 0.0), needed / truth.arm.kp - (command - q), 0.0)
 
     def _arrived(self, command: Array) -> Array:
         p = self.p

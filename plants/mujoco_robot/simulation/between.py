@@ -28,6 +28,8 @@ def changing(robot: CompiledRobot, settings: Settings, wanted: tuple[str, ...]) 
     unsteady = [e for e, _ in present(effects, "strength", "limit", "speed limit", "friction") if not e.steady]
     for effect in (*unsteady, *(e for e, _ in on_errors(effects, robot.servo))):
         slow |= ~is_null(effect.name, effects[effect.name]).all(axis=1)
+    for effect, p in present(effects, "servo"):
+        slow |= ~is_null(effect.name, p).all(axis=1)
     for law in any_law(effects):
         slow |= ~is_null(law, effects[law]).all(axis=1)
     return slow

@@ -1,4 +1,5 @@
-"""Fitted laws on joints: torques and dry frictions that are functions of position, speed, command or time."""
+"""Laws on joints, rippling torques and fitted laws: torques and dry frictions that are functions of position, speed,
+command or time."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +9,7 @@ import numpy as np
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.effect import Site, Values
-from residual_mpc.effects.laws import KIND_OF, NEAR, shortened
+from residual_mpc.effects.laws import KIND_OF, NEAR, quantity_of, shortened
 from residual_mpc.effects.library import Effects, present
 from residual_mpc.effects.ops import NUMPY, Array
 from residual_mpc.models.protocol import Drive
@@ -38,8 +39,12 @@ def joint_laws(effects: Effects, site: Site) -> list[JointLaw]:
     for effect, p in present(effects, site):
         joints = np.flatnonzero(~is_null(effect.name, p).all(axis=0))
         if len(joints):
-            here = {k: v[:, joints] for k, v in p.items()}
-            out.append(JointLaw(KIND_OF[effect.name].on, joints, *shortened(KIND_OF[effect.name], here)))
+            here: Values = {k: v[:, joints] for k, v in p.items()}
+            law = effect.step
+            if effect.name in KIND_OF:
+                here, law = shortened(KIND_OF[effect.name], here)
+            assert law is not None
+            out.append(JointLaw(quantity_of(effect), joints, here, law))
     return out
 
 

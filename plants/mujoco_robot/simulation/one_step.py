@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.simulation.gear_feedback import Feedback
+from plants.mujoco_robot.simulation.servo_integral import ServoIntegrals
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.ops import NUMPY
@@ -15,7 +16,7 @@ from residual_mpc.effects.ops import NUMPY
 @dataclass(frozen=True, eq=False)
 class OneStep:
     """between: see between_steps. servos: see feedback. errors: what acts on position servos' errors, see on_errors.
-    dt: s, of the robot's step."""
+    integrals: what their integral parts add, None where none has one. dt: s, of the robot's step."""
 
     batch: Any
     robot: CompiledRobot
@@ -23,15 +24,19 @@ class OneStep:
     servos: Feedback | None
     errors: Sequence[tuple[Effect, Values]]
     dt: float
+    integrals: ServoIntegrals | None = None
 
     def __call__(self, k: int, u: np.ndarray, force: np.ndarray) -> None:
         """Step number k under commands u (B, nu) that have gone through the chain; force (B, nu): the last step's."""
         robot, batch = self.robot, self.batch
         q, v, ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
         ctrl[:] = u
-        if self.errors:
+        if self.errors or self.integrals is not None:
             seen = q[:, robot.places[robot.driven]] if self.servos is None else self.servos.seen(robot, q)
             length = robot.model.actuator_gear[:, 0] * seen
+            if self.integrals is not None:
+                u = self.integrals.through(k, u, length, self.dt)
+                ctrl[:] = u
             error = u - length
             for effect, p in self.errors:
                 assert effect.step is not None

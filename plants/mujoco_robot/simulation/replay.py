@@ -15,9 +15,11 @@ from plants.mujoco_robot.simulation.channels import read_channels, write_start
 from plants.mujoco_robot.simulation.gear_feedback import feedback
 from plants.mujoco_robot.simulation.gear_start import WARM, begin
 from plants.mujoco_robot.simulation.one_step import OneStep
+from plants.mujoco_robot.simulation.servo_integral import begin_integrals
 from plants.mujoco_robot.structure.base import unwrapped
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import command_chain, on_errors
+from residual_mpc.effects.library import present
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
@@ -49,6 +51,7 @@ def replay(
             clock=drive.clock[rows],
             setting=None if drive.setting is None else drive.setting[rows],
             enabled_before=None,
+            past=None if drive.past is None else drive.past.take(rows),
         )
         begun = {k: v[rows] for k, v in start.items()}
         found = _on_own_steps(robot, apart, begun, part, settings.take(rows), wanted, stepped)
@@ -124,14 +127,18 @@ def _replay(
         batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     servos = feedback(batch, robot)
     between = between_steps(batch, robot, settings, drive)
-    if robot.gears is not None:
+    integral = any(True for _ in present(settings.effects, "servo"))
+    if robot.gears is not None or integral:
         for update in between:
             update(0, batch.bind("qvel")[:, robot.dofs], np.zeros((settings.rows, model.nu)))
+    integrals = begin_integrals(batch, robot, settings, drive) if integral else None
+    if robot.gears is not None:
+        before = before if integrals is None else before + integrals.value[:, None]
         begin(batch, robot, settings, before, warm, servos)
         if model.na:
             batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     if stepped:
-        step = OneStep(batch, robot, between, servos, on_errors(settings.effects, robot.servo), drive.dt)
+        step = OneStep(batch, robot, between, servos, on_errors(settings.effects, robot.servo), drive.dt, integrals)
         out = _step_by_step(step, u, wanted)
     else:
         out = _roll_out(batch, robot, drive, u, between, wanted)

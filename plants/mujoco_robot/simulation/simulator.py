@@ -14,6 +14,7 @@ from plants.mujoco_robot.simulation.channels import read_channels, write_start
 from plants.mujoco_robot.simulation.gear_feedback import feedback
 from plants.mujoco_robot.simulation.gear_start import begin
 from plants.mujoco_robot.simulation.one_step import OneStep
+from plants.mujoco_robot.simulation.servo_integral import begin_integrals
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import joined, on_command, on_errors
 from residual_mpc.effects.library import changes
@@ -34,6 +35,7 @@ class Saved:
     clock: np.ndarray
     steps: int
     late: Any
+    integrals: np.ndarray | None
 
 
 class CorrectedMujoco:
@@ -69,7 +71,9 @@ class CorrectedMujoco:
         if not self._one_by_one:  # what they write never changes
             for update in self._between:
                 update(0, np.zeros((rows, len(robot.joints))), np.zeros((rows, nu)))
-        self._once = OneStep(self._batch, robot, self._between, servos, on_errors(effects, robot.servo), dt)
+        self._drive, self._integrals = drive, begin_integrals(self._batch, robot, self._settings, drive)
+        errors = on_errors(effects, robot.servo)
+        self._once = OneStep(self._batch, robot, self._between, servos, errors, dt, self._integrals)
         delay = changes(effects, "command delay")
         self._late, self._part = np.divmod(np.zeros((rows, nu)) if delay is None else delay / dt, 1.0)
         self._late = self._late.astype(int)
@@ -130,13 +134,18 @@ class CorrectedMujoco:
         self._line[:] = held
         self._memories, arrived = self._settled(held)
         self._force[:] = 0.0
-        if robot.gears is not None:
+        self._clock[:] = -self._k * self._dt  # the updates between the steps add the steps since the beginning
+        if robot.gears is not None or self._integrals is not None:
             for update in self._between:
                 update(self._k, v[:, robot.dofs], self._force)
+        settled = begin_integrals(b, robot, self._settings, self._drive)
+        if self._integrals is not None and settled is not None:
+            self._integrals.value[:] = settled.value
+        if robot.gears is not None:
+            arrived = arrived if self._integrals is None else arrived + self._integrals.value
             begin(b, robot, self._settings, arrived[:, None], 0, self._once.servos)
         if robot.model.na:
             b.bind("act")[:] = held[:, robot.model.actuator_actadr >= 0]
-        self._clock[:] = -self._k * self._dt  # the updates between the steps add the steps since the beginning
         self._sensors.begin(self._truth())
 
     def step(self, command: Any) -> Mapping[str, np.ndarray]:
@@ -193,6 +202,7 @@ class CorrectedMujoco:
             self._clock.copy(),
             self._k,
             self._sensors.save(),
+            None if self._integrals is None else self._integrals.value.copy(),
         )
 
     def restore(self, saved: Saved) -> None:
@@ -206,6 +216,8 @@ class CorrectedMujoco:
         self._line[:, rows] = saved.line[:, rows]
         self._memories = joined(lambda old, new: np.where(rows[:, None], old, new), saved.memories, self._memories)
         self._force[rows], self._clock[rows] = saved.force[rows], saved.clock[rows]
+        if self._integrals is not None and saved.integrals is not None:
+            self._integrals.value[rows] = saved.integrals[rows]
         self._sensors.restore(saved.late, rows)
 
     def _commanded(self, command: Any) -> np.ndarray:

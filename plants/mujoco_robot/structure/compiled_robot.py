@@ -190,6 +190,7 @@ class CompiledRobot:
         robot, lengths = (self.name,), () if self.lengths is None else self.lengths.links
         return {
             **dict.fromkeys(("command", "strength", "limit", "speed limit"), self.actuators),
+            "servo": tuple(a for a, own in zip(self.actuators, self.servo.tolist(), strict=True) if own),
             **dict.fromkeys(("dry friction", "friction", "damping", "rotor"), self.joints),
             **dict.fromkeys(("elastic", "stop", "law", "law friction"), self._not_rolling),
             **dict.fromkeys(("play", "spring"), self.geared),

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from plants.mujoco_robot.edits.batch import tunable_values
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.effect import Site
-from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME, ORDER, present
 from residual_mpc.effects.ops import Array
 from residual_mpc.models.settings import TUNE, Settings, is_null
@@ -14,7 +13,7 @@ from residual_mpc.models.stepping import Number
 
 HOSTED: tuple[Site, ...] = (
     "command", "strength", "limit", "speed limit", "damping", "dry friction", "friction", "elastic", "rotor", "tool",
-    "link", "length", "gravity", "law", "law friction",
+    "link", "length", "gravity", "law", "law friction", "servo",
 )  # fmt: skip
 LEFT_OUT: Mapping[str, str] = {
     "spring": "this step has one inertia per joint and does not separate motor and link",
@@ -22,7 +21,8 @@ LEFT_OUT: Mapping[str, str] = {
     "play": "this step has one inertia per joint and does not separate motor and link",
 }
 # each target adds operations: only those that are not null
-LENGTHENS: tuple[Site, ...] = ("link", "length", "law", "law friction")
+LAWS: tuple[Site, ...] = ("law", "law friction")
+LENGTHENS: tuple[Site, ...] = ("link", "length", "servo", *LAWS)
 UNITS = {
     "kp": "N m/rad", "kv": "N m s/rad", "damping": "N m s/rad", "armature": "kg m^2", "frictionloss": "N m",
     "mass": "kg",
@@ -58,10 +58,10 @@ class Parameters:
         return {q.name: q.null if found[q.name] is None else p[found[q.name]] for q in BY_NAME[effect].parameters}  # type: ignore[index]
 
     def at(self, target: str, p: Sequence[Array], *sites: Site) -> dict[str, dict[str, Array]]:
-        """The effects at these sites of a target, with their parameters there; without the fitted laws of others."""
+        """The effects at these sites of a target, with their parameters there; without the laws of others."""
         here = [e for e in self.effects if BY_NAME[e].place in sites]
         own = {(effect, slot) for effect, slot, _ in self.index}
-        return {e: self.values(e, target, p) for e in here if not is_law(e) or (e, target) in own}
+        return {e: self.values(e, target, p) for e in here if BY_NAME[e].place not in LAWS or (e, target) in own}
 
 
 def parameters(robot: CompiledRobot, settings: Settings) -> Parameters:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.symbolic.integrals import Integrals
 from plants.mujoco_robot.symbolic.motion import forces, motion, tool
 from plants.mujoco_robot.symbolic.numbers import Parameters, parameters, unit_of
 from plants.mujoco_robot.symbolic.ranges import home, reach, span, strength
@@ -47,7 +48,7 @@ class ArmStep:
         """Names of the states: positions, velocities, then memory."""
         joints = self.robot.joints
         names = [*(f"position.{j}" for j in joints), *(f"velocity.{j}" for j in joints)]
-        names += [*self.servos.states, *self.others.states]
+        names += [*self.servos.states, *self.others.states, *self.integrals.states]
         names += [f"last.{s}" for s in self.options.remember]
         names += [f"disturbance.{s}" for s in self.options.disturbances]
         if any(reads_clock(BY_NAME[e]) for e in self.parameters.effects):
@@ -60,6 +61,11 @@ class ArmStep:
         r = self.robot
         own = [f"{kind}.{j}" for kind in ("position", "velocity", "acceleration", "torque") for j in r.joints]
         return (*own, *(f"{kind}.{a}" for kind in ("command", "ahead") for a in r.actuators))
+
+    @cached_property
+    def integrals(self) -> Integrals:
+        """The integral parts of position servos."""
+        return Integrals(self.robot, self.parameters, self.errors, self.options.dt)
 
     @cached_property
     def _motions(self) -> dict[float, Any]:
@@ -90,12 +96,16 @@ class ArmStep:
         arrived = self._arrived(kinks, u, p, now, new)
         push = [now.get(f"disturbance.torque.{j}", 0.0) for j in robot.joints]
         clock = now["clock"] + 0.5 * dt if "clock" in now else 0.0
+        told = arrived
+        arrived = self.integrals.added(told, q, p, now, 0.5 * dt)
         ahead, speed = _called(self._motion(kinks.width), [q, v, arrived, list(p), push, [clock]])
         added = self._added(now, u, correction)
         for i, joint in enumerate(robot.joints):
             more = added.get(f"acceleration.{joint}", 0.0)
             new[f"position.{joint}"] = ahead[i] + 0.5 * dt * dt * more
             new[f"velocity.{joint}"] = speed[i] + dt * more
+        after = [new[f"position.{joint}"] for joint in robot.joints]
+        new |= self.integrals.after(kinks, told, (q, after), p, now, clock)
         new |= {s: now[s] for s in self.states if s.startswith("disturbance.")}
         if "clock" in now:
             new["clock"] = now["clock"] + dt
@@ -104,7 +114,7 @@ class ArmStep:
     def effort(self, kinks: Kinks, x: Sequence[Array], u: Sequence[Array], p: Sequence[Array]) -> tuple[Array, ...]:
         """(nu,) actuator forces at the beginning of the step before any force limit, N m (N)."""
         n, now = len(self.robot.joints), dict(zip(self.states, x, strict=True))
-        arrived = self._arrived(kinks, u, p, now, {})
+        arrived = self.integrals.added(self._arrived(kinks, u, p, now, {}), x[:n], p, now, 0.0)
         columns = [list(x[:n]), list(x[n : 2 * n]), arrived, list(p), [now.get("clock", 0.0)]]
         return tuple(_called(self._forces, columns)[0])
 
@@ -134,18 +144,26 @@ class ArmStep:
         at = home(self.robot)
         at |= {c: x for c, x in pose.items() if c in at}
         x = np.array([at.get(name, 0.0) for name in self.states])
+        n = len(self.robot.joints)
+        held = self._held(x) - _unloaded(self.robot, x[:n])
         command = dict(zip(self.robot.actuators, self.holding(x).tolist(), strict=True))
 
         def values(effect: str, target: str) -> dict[str, float]:
             return self.parameters.values(effect, target, self.parameters.now)
 
-        known = {"clock": self.options.clock}
+        known = {"clock": self.options.clock, **self.integrals.holding(held)}
         for chain in (self.servos, self.others):
             known |= chain.resting({a: command[a] for a in chain.targets}, values)
         return np.array([known.get(name, value) for name, value in zip(self.states, x.tolist(), strict=True)])
 
     def holding(self, x: np.ndarray) -> np.ndarray:
-        """(nu,) commands that hold the joints at rest against gravity, within the commands' ranges."""
+        """(nu,) commands that hold the joints at rest against gravity, within the commands' ranges; a servo with an
+        integral part is told where its joint is."""
+        own = np.isin(self.robot.actuators, self.integrals.actuators)
+        return np.where(own, _unloaded(self.robot, x[: len(self.robot.joints)]), self._held(x))
+
+    def _held(self, x: np.ndarray) -> np.ndarray:
+        """(nu,) setpoints that hold the joints at rest, whether or not an integral part makes up a part of them."""
         robot, n = self.robot, len(self.robot.joints)
         u = _unloaded(robot, x[:n])
         push, clock = np.zeros(n), x[self.states.index("clock")] if "clock" in self.states else 0.0

@@ -71,6 +71,15 @@ class JointTorques:
         driven = enumerate(self.robot.driven.tolist())
         return [self._force(i, q[joint], v[joint], u[i], p, clock, None)[0] for i, joint in driven]
 
+    def integral_range(self, i: int, p: Sequence[Any], clock: Any) -> tuple[Any, Any]:
+        """What an integral part may add to an actuator's setpoint, at least and at most; (None, None) without a limit
+        of the force."""
+        name = self.robot.actuators[i]
+        supply, law = self._strength(name, p, clock)
+        low, high = self._range(i, name, supply, p, 0.0)
+        stiff = law * self.parameters.own(f"actuator.{name}.kp", p)
+        return (None, None) if low is None else (low / stiff, high / stiff)
+
     def rotors(self, p: Sequence[Any]) -> list[Any]:
         """(n,) rotor inertias reflected to the joints, kg m^2."""
         out = []

@@ -10,7 +10,7 @@ def single(problem: BaselineProblem) -> Fit | None:
     """The best single effect; each is started from its most promising probe."""
     starts = []
     for term in problem.space.candidates:
-        probes = problem.space.probes(term)
+        probes = problem.space.plausible(term)
         costs = [float((r**2).sum()) for r in problem.fitting.residuals(probes)]
         starts.append(probes[costs.index(min(costs))])
     fits = fit_all(problem.fitting, starts)

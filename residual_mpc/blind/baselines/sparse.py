@@ -27,7 +27,7 @@ def sparse(baseline: BaselineProblem) -> Fit | None:
     terms = _separate(baseline.space.candidates)
     if not terms:
         return None
-    probes: list[Values] = [baseline.space.probes(term)[0] for term in terms]
+    probes: list[Values] = [baseline.space.plausible(term)[0] for term in terms]
     rest, *moved = problem.residuals([{}, *probes])
     columns = np.stack([(rest - m).ravel() for m in moved], axis=1)
     kept = survivors(columns, rest.ravel(), _THRESHOLD)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +17,7 @@ from residual_mpc.blind.score.strict import StrictMatch, strict_match
 from residual_mpc.errors import BadInput
 
 _NULL = {"gain": 1.0, "scale": 1.0, "ratio": 1.0}  # parameters whose null value is not 0
-_ANGLES = ("heading",)
+_ANGLES = ("heading", "phase")
 
 
 @dataclass(frozen=True)
@@ -90,8 +91,9 @@ def _parameters(answer: Answer, claim: Claim) -> tuple[ParameterOutcome, ...]:
                 continue
             # where the truth follows another law, its best fit under the library's law is what is estimated
             key = f"{planted.effect}.{parameter}"
-            true = float(best_fit.get(key, drawn))
-            other = float(among.get(key, true))  # with part of the background named, anything in between is right
+            true, drawn = (_near(estimate.value, x, parameter) for x in (float(best_fit.get(key, drawn)), drawn))
+            # with part of the background named, anything in between is right
+            other = _near(estimate.value, float(among.get(key, true)), parameter)
             true = float(np.clip(estimate.value, min(true, other), max(true, other)))
             null = _NULL.get(parameter, 0.0)
             scale = 1.0 if parameter in _ANGLES else max(abs(true - null), 1e-12)
@@ -103,3 +105,8 @@ def _parameters(answer: Answer, claim: Claim) -> tuple[ParameterOutcome, ...]:
                 ParameterOutcome(planted.effect, parameter, drawn, true, estimate.value, covers_drawn, covered, error)
             )
     return tuple(found)
+
+
+def _near(estimate: float, true: float, parameter: str) -> float:
+    """A true number, an angle by whole turns as close to its estimate as it comes."""
+    return true + 2.0 * math.pi * round((estimate - true) / (2.0 * math.pi)) if parameter in _ANGLES else true

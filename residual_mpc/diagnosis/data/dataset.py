@@ -7,6 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
+from residual_mpc.diagnosis.data.past_errors import past_errors
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.data.window_commands import Signal, drive_of
 from residual_mpc.errors import BadInput
@@ -85,6 +86,7 @@ class Dataset:
                     enabled_before=None if b.drive.enabled_before is None else b.drive.enabled_before[rows],
                     clock=b.drive.clock[rows],
                     setting=None if b.drive.setting is None else b.drive.setting[rows],
+                    past=None if b.drive.past is None else b.drive.past.take(rows),
                 )
                 blocks.append(replace(b, where=slice(first, first + n), drive=drive))
                 first += n
@@ -157,6 +159,8 @@ def build_dataset(
         if n == 0:
             continue
         drive = drive_of(robot, [runs[i] for i in mine], kept, horizon, mine, signals, settings=settings)
+        past = past_errors(robot, [runs[i] for i in mine], kept, mine, signals)
+        drive = replace(drive, past=past)
         if setting is not None:
             drive = replace(drive, setting=np.repeat([setting[i] for i in mine], [len(k) for k in kept]))
         blocks.append(Block(robot, slice(first, first + n), drive))

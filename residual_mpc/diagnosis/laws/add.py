@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.cross_validation import expected_errors
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
-from residual_mpc.diagnosis.laws.propose import propose
+from residual_mpc.diagnosis.laws.propose import propose, ripples
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
@@ -20,6 +20,7 @@ from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.effects.laws import is_law
+from residual_mpc.effects.surroundings import TORQUE_RIPPLE
 from residual_mpc.models.settings import TUNE, Term, Values
 
 
@@ -85,7 +86,10 @@ def _first(search: LawSearch, rng: np.random.Generator) -> WithLaws | None:
 def _added(search: LawSearch, space: Space, values: Values, rng: np.random.Generator) -> WithLaws | None:
     """The best law on top of the values, less the effects that it makes needless; None where none is convincing."""
     of, few, tuning, settings = search.of, search.few, search.tuning, search.settings
-    new = propose(of.data, of.scales, space.settings([values]), rng, tuning, settings)
+    proposed = propose(of.data, of.scales, space.settings([values]), rng, tuning, settings)
+    waves = {t for t in space.candidates if t.effect == TORQUE_RIPPLE.name}
+    named = ripples(few, of.scales, space, values, tuning, settings) if waves else ()
+    new = (*named, *(p for p in proposed if not waves or p.form != "harmonic"))  # a wave of the angle has a name
     new = tuple(p for p in new if not any(k.effect != TUNE and k.term == p.term for k in values))
     if not new:
         return None
@@ -102,7 +106,7 @@ def _added(search: LawSearch, space: Space, values: Values, rng: np.random.Gener
     chosen = {k.term for k in fit.values if k.effect != TUNE}
     fixed = {k: v for k, v in space.fixed.items() if k.term in chosen}
     cost = fit.cost / dispersion(fit, blocks_of(few, settings=tuning.fit))
-    return WithLaws(replace(space, fixed=fixed), fit.values, {new[best].term: new[best].shape.form}, cost)
+    return WithLaws(replace(space, fixed=fixed), fit.values, {new[best].term: new[best].form}, cost)
 
 
 def _predicts(search: LawSearch, space: Space, current: Fit, law: Fit, rng: np.random.Generator) -> bool:

@@ -7,10 +7,12 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, per_window
+from residual_mpc.diagnosis.laws.ripples import RippleFinder
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.laws.shapes import Shape, best_shape
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.remainder.bases import factor, tooth_counts
 from residual_mpc.diagnosis.remainder.coordinates import Coordinate, coordinates, own_motion
 from residual_mpc.diagnosis.remainder.dependence import Tried, folds_across, try_all
@@ -27,21 +29,18 @@ BY_KIND: Mapping[tuple[str, str, str], LawKind] = {(k.of, k.on, k.shape): k for 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A law that may be fitted. on: the quantity in words."""
+    """A law that may be fitted. fixed: its numbers that say how it acts; start: where the fit of the others begins."""
 
     term: Term
-    kind: LawKind
-    shape: Shape
-    on: str
+    form: str
+    fixed: Values
+    start: Values
 
-    @property
-    def fixed(self) -> Values:
-        return {Knob(*self.term[:2], name): v for name, v in self.shape.fixed.items()}
 
-    @property
-    def start(self) -> Values:
-        """The free numbers at nothing."""
-        return {Knob(*self.term[:2], name): 0.0 for name in self.shape.free}
+def proposal(kind: LawKind, target: str | None, shape: Shape) -> Proposal:
+    """The law of this shape; its free numbers begin at nothing."""
+    fixed = {Knob(kind.name, target, name): v for name, v in shape.fixed.items()}
+    return Proposal(Term(kind.name, target), shape.form, fixed, {Knob(kind.name, target, n): 0.0 for n in shape.free})
 
 
 def propose(
@@ -71,8 +70,17 @@ def propose(
             if len(out) < settings.tried and Term(kind.name, target) not in out:
                 shape = _shape(kind, m, t.coordinate, few, motion, tuning, settings)
                 if shape is not None:
-                    out[Term(kind.name, target)] = Proposal(Term(kind.name, target), kind, shape, t.coordinate.name)
+                    out[Term(kind.name, target)] = proposal(kind, target, shape)
     return tuple(out.values())
+
+
+def ripples(
+    data: Dataset, scales: Scales, space: Space, values: Values, tuning: RemainderSettings, settings: LawSettings
+) -> tuple[Proposal, ...]:  # fmt: skip
+    """The rippling torques that what these values leave has in it, the most telling of each joint."""
+    finder = RippleFinder(data, space, scales, tuning, settings.ripples)
+    found = finder.starts(data.y, predict(data, space.settings([values]))[0])
+    return tuple(Proposal(term, "harmonic", {}, starts[0]) for term, starts in found.items())
 
 
 # what a dependence (kind of the coordinate, form) of a joint's motion may be a law of

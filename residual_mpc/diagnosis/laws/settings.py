@@ -1,8 +1,30 @@
-"""What tunes the search for fitted laws."""
+"""What tunes the search for fitted laws, and for ripples of a torque."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from residual_mpc.diagnosis.checks import check_positive, check_share
+
+
+@dataclass(frozen=True)
+class RippleSettings:
+    """windows: that a suggestion looks at. noise: times the variance of a sample above which a joint is looked at: the
+    start's error counts as well. most: numbers of cycles that are tried, at_once: in one regression, which bounds the
+    memory. chance: drop of the sum of squares, in units of the noise's variance, below which the best of many waves may
+    be luck. worth: share of what is left beyond the noise that a wave has to predict. waves: of one joint that are
+    fitted; joints: that are suggested at a time."""
+
+    windows: int = 96
+    noise: float = 2.0
+    most: int = 4_000
+    at_once: int = 32
+    chance: float = 30.0
+    worth: float = 0.1
+    waves: int = 2
+    joints: int = 3
+
+    def __post_init__(self) -> None:
+        check_positive(self, "windows", "noise", "most", "at_once", "chance", "waves", "joints")
+        check_share(self, "worth")
 
 
 @dataclass(frozen=True)
@@ -28,6 +50,7 @@ class LawSettings:
     other_target: float = 0.4
     worth: float = 0.1
     sure: float = 2.0
+    ripples: RippleSettings = field(default_factory=RippleSettings)
 
     def __post_init__(self) -> None:
         check_positive(self, "most", "tried", "windows", "floor_draws", "steps", "fit_steps", "places", "sure")

@@ -12,6 +12,7 @@ from residual_mpc.diagnosis.data.subsampling import evenly, thin, thin_whole
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import on_problem
 from residual_mpc.diagnosis.fit.noise_fit import with_noise
+from residual_mpc.diagnosis.laws.ripples import RippleFinder
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.early_answers import Told, improving, unheard
 from residual_mpc.diagnosis.phases.prepare import Prepared
@@ -119,12 +120,16 @@ def _on(
     quick = quickened(few, scales, settings=settings.predict)
     own = None if quick is few else few
     problem = build_problem(quick, space, few.sigma, scales.motion, own, settings=settings.predict)
+    ripples = RippleFinder(quick, space, scales, settings.remainder, settings.laws.ripples)
     if start is None:
         earlier = _earlier(prepared)
-        return stepwise_search(problem, scales, settings.search, rng, report, earlier, bool(earlier), accepted)
+        return stepwise_search(
+            problem, scales, settings.search, rng, report, earlier, bool(earlier), accepted, suggest=ripples
+        )
     search = settings.search
     longer = replace(search, over_floor=search.over_floor_longer, largest=search.largest_longer)
-    return stepwise_search(problem, scales, longer, rng, report, start.fit.values, accepted=accepted)
+    start_from = start.fit.values
+    return stepwise_search(problem, scales, longer, rng, report, start_from, accepted=accepted, suggest=ripples)
 
 
 def _earlier(prepared: Prepared) -> Values | None:

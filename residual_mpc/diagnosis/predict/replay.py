@@ -152,9 +152,10 @@ def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
         enabled = np.concatenate([drive.enabled_before, enabled], axis=1)
     clock = np.tile(drive.clock, h)
     setting = None if drive.setting is None else np.tile(drive.setting, h)
+    past = None if drive.past is None else drive.past.take(np.tile(np.arange(len(drive.clock)), h))
     if not early.any():
         again = None if drive.enabled is None else np.tile(drive.enabled, (h, 1, 1))
-        return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting)
+        return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting, past=past)
     extra = int(np.ceil(early.max() / drive.dt))
     last = command.shape[1] - 1
     step = np.arange(command.shape[1] + extra)
@@ -170,7 +171,7 @@ def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
             ons.append(enabled[:, np.round(np.clip(at, 0, enabled.shape[1] - 1)).astype(int)])
     on = None if enabled is None else np.concatenate(ons)
     clock = clock - np.repeat(early, len(drive.clock))
-    return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock, setting)
+    return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock, setting, past=past)
 
 
 def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tuple[dict[str, np.ndarray], np.ndarray]:

@@ -12,6 +12,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, HOSTED, LIBRARY, holder
+from residual_mpc.effects.surroundings import TORQUE_OFFSET
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, assemble
@@ -20,6 +21,7 @@ FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
 HIGHEST, LOWEST = "highest", "lowest"  # position of a joint in the runs
 OVER = 0.05  # s, over which a joint's largest speed is measured
+TURNED = 0.2  # rad over the whole range of a joint: what a typical step of a number of cycles changes
 ENDS = (0.002, 0.998)  # quantiles: a stop is where a joint often ends, an outlier is beyond
 
 
@@ -38,6 +40,8 @@ class Space:
     ruled_out: Mapping[Term, str]  # terms that no run here can show, and why
     # numbers of fitted laws that say how they act, which no fit changes
     fixed: Values = field(default_factory=dict, kw_only=True)
+    # values worth a first look that what is left suggests, of the effects that are looked at nowhere else
+    suggested: Mapping[Term, tuple[Values, ...]] = field(default_factory=dict, kw_only=True)
 
     def knobs(self, term: Term) -> tuple[Knob, ...]:
         """The free numbers of a term."""
@@ -77,6 +81,8 @@ class Space:
             return 0.1 * reference
         if p.reference == "extremes":
             return 0.03 * reference
+        if p.cover:
+            return TURNED / max(self.turned(knob), 1e-3)
         return min(away) if away else 0.02 * max(1.0, self.robot.reference("length", None))
 
     def bounds(self, knob: Knob) -> tuple[float, float]:
@@ -92,10 +98,21 @@ class Space:
         if p.within is not None:
             reach = self.robot.reference(p.within, None)
             low, high = max(low, -reach), min(high, reach)
+        if p.cover:
+            low = max(low, min(p.cover * 2.0 * np.pi / max(self.turned(knob), 1e-9), p.upper))
         return max(p.lower, low), min(p.upper, high)
 
+    def turned(self, knob: Knob) -> float:
+        """rad through which a joint turns in the runs, the one of a term's slots that turns most."""
+        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        return max(turned_of(self.references, s) for s in slots)
+
     def probes(self, term: Term) -> list[Values]:
-        """Values worth a first look."""
+        """Values worth a first look in a search."""
+        return list(self.suggested.get(term, ())) if BY_NAME[term.effect].proposed else self.plausible(term)
+
+    def plausible(self, term: Term) -> list[Values]:
+        """Doses that an effect may well have."""
         effect = BY_NAME[term.effect]
         columns = []
         for p in effect.parameters:
@@ -164,11 +181,28 @@ def build_space(
     why = f"no run is longer than {longest:.2g} s"
     ruled_out = {t: why for t in candidates if longest < BY_NAME[t.effect].seconds}
     ruled_out |= {t: because[t] for t in candidates if t in because}
+    arm = bool(slots[TORQUE_OFFSET.name])  # of a robot that drives nobody expects it
+    ruled_out |= {Term(e.name, None): e.lacking for e in chosen if arm and e.lacking and not slots[e.name]}
+    references = measure_references(data)
+    ruled_out |= {t: why for t in candidates if (why := _uncovered(t, slots[t.effect], robot, references))}
     candidates = tuple(t for t in candidates if t not in ruled_out)
     free = tuple(
         Knob(TUNE, None, name) for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable)
     )
-    return Space(robot, slots, candidates, free, measure_references(data), ruled_out)
+    return Space(robot, slots, candidates, free, references, ruled_out)
+
+
+def _uncovered(term: Term, slots: tuple[str, ...], robot: Robot, references: Mapping[tuple[str, str], float]) -> str:
+    """Why no run shows an effect that repeats with a joint's angle; empty where one may, and for other effects."""
+    least = [p for p in BY_NAME[term.effect].parameters if p.cover]
+    joint = slots[0] if term.target is None else term.target
+    if not least:
+        return ""
+    if joint in optional.sliding(robot):
+        return "the joint slides, and has no angle"
+    turned = turned_of(references, joint)
+    enough = least[0].cover * 2.0 * np.pi / least[0].upper
+    return "" if turned > enough else f"the joint turns by {turned:.2g} rad, less than any cycle that is looked for"
 
 
 def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:
@@ -183,6 +217,11 @@ def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:
     if len(slots) == 1:
         return [Term(effect.name, None)]
     return ([Term(effect.name, None)] if effect.null_target else []) + [Term(effect.name, s) for s in slots]
+
+
+def turned_of(references: Mapping[tuple[str, str], float], joint: str) -> float:
+    """rad through which a joint turns in the runs; 0 where it is not measured."""
+    return references.get((HIGHEST, joint), 0.0) - references.get((LOWEST, joint), 0.0)
 
 
 def measure_references(data: Dataset) -> dict[tuple[str, str], float]:

@@ -56,13 +56,13 @@ def missed_of(
     planar = set(POSE) <= set(index) and bool(data.compared[:, [index[c] for c in POSE]].all())
     if planar:
         out += _planar(data, scales, index, predicted, error, floors, settings=tuning)
-    rates = _kicks(data, settings, scales, tuning=tuning)
+    rates = kicks(data, settings, scales, tuning=tuning)
     for k, channel in enumerate(data.channels):
         if scales.still[k] or not data.compared[:, k].any() or (planar and channel in POSE):
             continue
         e = np.where(data.compared[:, None, k], error[..., k], np.nan) / scales.s[k]
-        at, used = _instants(np.isfinite(e), settings=tuning)
-        response, unit = _response(data, channel, rates, at)
+        at, used = instants(np.isfinite(e), settings=tuning)
+        response, unit = response_of(data, channel, rates, at)
         noise = float(np.nanmean(np.where(np.isfinite(e), floors[..., k] / scales.s[k], np.nan) ** 2))
         shown = np.where(used[:, None], np.take_along_axis(e, at, axis=1), 0.0)
         used = used & np.isfinite(response).all(axis=(1, 2))
@@ -117,7 +117,7 @@ def _planar(
     seen = np.isfinite(error[..., where]).all(axis=2)
     model = travelled(predicted[..., where], seen)
     truth = travelled((predicted + error)[..., where], seen)
-    at, used = _instants(seen, settings=settings)
+    at, used = instants(seen, settings=settings)
     integral = _integral(data.t, at)
     integral = integral - integral.mean(axis=1, keepdims=True)  # the start's own error is no rate
     out = []
@@ -139,7 +139,7 @@ def _centred(x: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.asarray(picked - picked.mean(axis=1, keepdims=True))
 
 
-def _instants(seen: np.ndarray, settings: RemainderSettings) -> tuple[np.ndarray, np.ndarray]:
+def instants(seen: np.ndarray, settings: RemainderSettings) -> tuple[np.ndarray, np.ndarray]:
     """(W, I) indices of samples that are seen, evenly spread over each window and without its first; (W,) whether the
     window has enough of them."""
     at = np.zeros((len(seen), settings.missing_rates.instants), dtype=int)
@@ -161,7 +161,7 @@ def _integral(t: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.asarray(np.take_along_axis(np.cumsum(halves, axis=1), at[:, :, None], axis=1))
 
 
-def _kicks(
+def kicks(
     data: Dataset, settings: Settings, scales: Scales, tuning: RemainderSettings
 ) -> dict[str, tuple[np.ndarray, str]]:
     """For each state's position channel: its response (W, M) to a kick of its start's rate, or of its start where it
@@ -179,7 +179,7 @@ def _kicks(
     return out
 
 
-def _response(
+def response_of(
     data: Dataset, channel: str, rates: Mapping[str, tuple[np.ndarray, str]], at: np.ndarray
 ) -> tuple[np.ndarray, str]:
     """(W, I, M) of one channel; a channel that is itself a rate answers at once."""

@@ -11,6 +11,7 @@ from residual_mpc.diagnosis.fit.polish import carry_on
 from residual_mpc.diagnosis.laws.figures import FittedLaw, fitted_law
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -24,6 +25,7 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Term
 
 T95 = 1.96
+ANGLES = ("heading", "phase")  # numbers that come round after a turn
 AT_BOUND = "at the bound of its search range"
 
 
@@ -124,13 +126,9 @@ def _estimate(
     unit = unit_of(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)
     low, high = space.bounds(knob)
     ends = of.ends.get(knob, (value,))
-    if knob.parameter == "heading":
+    if knob.parameter in ANGLES:
         value, low, high, ends, aside = float((value + np.pi) % (2 * np.pi) - np.pi), -np.inf, np.inf, (), ()
-    half = float(
-        np.hypot(
-            T95 * sigma, settings.causes.form * np.sqrt(unexplained) * _dose(knob.parameter, value, space.null(knob))
-        )
-    )
+    half = float(np.hypot(T95 * sigma, settings.causes.form * np.sqrt(unexplained) * _dose(space, knob, value)))
     apart = max([value + half, *ends]) - min([value - half, *ends]) > settings.causes.apart * half
     interval = (
         float(max(min([value - half, *ends, *aside]), min(low, value))),
@@ -183,11 +181,14 @@ def unit_of(robot: Robot, term: Term, unit: str) -> str:
     return (force if unit == "actuator unit" else sent)[kind]
 
 
-def _dose(parameter: str, value: float, null: float) -> float:
+def _dose(space: Space, knob: Knob, value: float) -> float:
     """How far a number is from doing nothing; a limit's and an angle's own size says that better than its distance, and
-    that of a gain of a fiftieth, its logarithm."""
-    if parameter == "heading":
+    that of a gain of a fiftieth, its logarithm; of a number of cycles what moves them by a radian over the range."""
+    null = space.null(knob)
+    if knob.parameter in ANGLES:
         return 1.0
+    if BY_NAME[knob.effect].parameter(knob.parameter).cover:
+        return 1.0 / space.turned(knob)
     if null == 1.0 and 0.0 < value < 1.0 / np.e:
         return float((np.e - 1.0) * value * abs(np.log(value)))  # as large as 1 - value at 1 / e
     return abs(value) if not np.isfinite(null) else abs(value - null)

@@ -81,11 +81,12 @@ def reaches(
     """How far each candidate's strongest probe moves the prediction, as in ScreenedTerm; where its last one does so
     beyond `enough` by much, from a glance at few windows."""
     small, current, weight = _on_smaller(problem, current, settings=settings)
-    last = [(term, problem.space.probes(term)[-1]) for term in candidates]
+    last = [(term, problem.space.plausible(term)[-1]) for term in candidates]
     reach = {lead.term: lead.reach for lead in _by_quarter(small, current, last, weight, settings=settings)}
     doubtful = tuple(t for t in candidates if reach[t] < settings.screen.clear * enough)
     reach |= dict.fromkeys(doubtful, 0.0)
-    for lead in _leads(small, current, _probes(problem, doubtful), weight):
+    doses = [(term, p) for term in doubtful for p in problem.space.plausible(term)]
+    for lead in _leads(small, current, doses, weight):
         reach[lead.term] = max(reach[lead.term], lead.reach)
     return reach
 

@@ -1,6 +1,6 @@
 """Which set of effects: forward by the best addition, back by pruning, across by swapping, until nothing changes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +44,8 @@ class Found:
     sigma: np.ndarray
 
 
+# What else is worth a first look, by term: from a problem and a fit on it
+Suggest = Callable[[Problem, Fit], Mapping[Term, tuple[Values, ...]]]
 Report = Callable[[str, float], None]  # what is done, and the share of the search that is behind
 Accepted = Callable[[Ruler, Fit, Fit], None]  # the ruler, the fit without effects, and the set that was accepted
 
@@ -61,10 +63,11 @@ def stepwise_search(
     start: Values | None = None,
     questioned: bool = False,
     accepted: Accepted = unseen,
+    suggest: Suggest = lambda problem, fit: {},
 ) -> Found:
     """Search on the problem's windows. The problem's own weights are those of the pure sensor noise; start: the values
     to go on from, None for the model alone; questioned: whether its effects are tested again where nothing is added;
-    accepted: told each set that the search moves on to."""
+    accepted: told each set that the search moves on to; suggest: the first looks at effects that have no probes."""
     noise = 1.0 / problem.weight
     blocks = blocks_of(problem.data, settings=settings.fit)
     base_values: Values = {k: problem.space.null(k) for k in problem.space.tunables}
@@ -74,7 +77,7 @@ def stepwise_search(
     if start is not None and len(start) > len(base_values):
         known = fit_all(problem, [start], 0, settings=settings.fit)[0]
         beam = refit(judge(problem, known, noise, scales, settings=settings), [known], settings=settings)
-    forward = Forward(problem, ruler, base, noise, blocks, report, settings, accepted=accepted)
+    forward = Forward(problem, ruler, base, noise, blocks, report, suggest, settings, accepted=accepted)
     beam, steps, met = forward.go_on(beam, [])
     if forward.much_left(beam[0]):  # what closes a good part of that is better than nothing
         unmarginalised = replace(forward, settings=settings.without_tolerances(), small_differences=False)
@@ -106,6 +109,7 @@ class Forward:
     noise: np.ndarray
     blocks: np.ndarray
     report: Report
+    suggest: Suggest
     settings: SearchSettings
     small_differences: bool = True
     accepted: Accepted = unseen
@@ -164,6 +168,7 @@ class Forward:
             here = judge(problem, beam[0], self.noise, ruler.scales, settings=settings)
             looked_on = refit(here, beam[1:], settings.additions.rough, settings=settings)
             beam = refit(here, beam[:1], settings=settings) + looked_on
+            here = replace(here, space=replace(here.space, suggested=self.suggest(here, beam[0])))
             named = len(beam[0].terms)
             text = f"searching ({named} effect{'' if named == 1 else 's'} so far)"
             self.report(text, named / settings.largest)

@@ -1,10 +1,12 @@
-"""The missing rate over what it depends on, with its standard errors; a fitted law over its quantity."""
+"""The missing rate over what it depends on, with its standard errors; a fitted law, or a ripple, over its quantity."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.surroundings import TORQUE_RIPPLE
 from residual_mpc.report.evidence.clock import offset_of
 from residual_mpc.report.figures.inline import COLOURS, few_ticks, house_style, inline
 from residual_mpc.report.words.numbers import in_brackets, spelled
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 SIZE = (5.4, 2.5)  # inches
+POINTS = 25  # of a cycle
 
 
 def curve(dependence: Mapping[str, Any], what: str, name: str) -> "Markup":
@@ -55,6 +58,20 @@ def law_curve(law: Mapping[str, Any], name: str) -> "Markup":
     shown = {"component": what, "x": x, "y": y, "se": se, "x_unit": law["on_unit"], "y_unit": law["unit"],
              "repeats": None}  # fmt: skip
     return curve({"on": law["on"], "kind": "law", "form": "added", "curve": shown}, what, name)
+
+
+def ripple_curve(ripple: Mapping[str, Any], name: str) -> "Markup":
+    """One cycle of a torque ripple of an explanation, with the interval of its amplitude; `name` is unique on the
+    page."""
+    assert TORQUE_RIPPLE.step is not None
+    numbers = {k: float(p["value"]) for k, p in ripple["parameters"].items()}
+    x = np.linspace(0.0, 2.0 * np.pi / numbers["cycles"], POINTS)
+    ends = ripple["parameters"]["amplitude"].get("ci95") or [numbers["amplitude"]] * 2
+    y, *sides = (TORQUE_RIPPLE.step(NUMPY, {**numbers, "amplitude": a}, x) for a in (numbers["amplitude"], *ends))
+    target = ripple.get("target") or ripple.get("only_target") or "the joint"
+    law = {"of": "torque", "on": f"the angle of {target}", "form": "harmonic", "unit": "N m", "on_unit": "rad"}
+    band = {"knots": x, "values": y, "values_ci95": [np.minimum(*sides), np.maximum(*sides)]}
+    return law_curve({**law, **band, "target": ripple.get("target")}, name)
 
 
 def _y_label(dependence: Mapping[str, Any], what: str) -> str:

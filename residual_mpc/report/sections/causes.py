@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+from residual_mpc.effects.surroundings import TORQUE_RIPPLE
 from residual_mpc.report.evidence.clock import since_start
 from residual_mpc.report.evidence.evidence import Evidence
-from residual_mpc.report.figures.curve import law_curve
+from residual_mpc.report.figures.curve import law_curve, ripple_curve
 from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.effects import remarks
 from residual_mpc.report.words.groups import member_name
@@ -27,7 +28,7 @@ def causes(document: Document, evidence: Evidence) -> Section | None:
         "sections/causes.html.jinja",
         verdict=document["verdict"],
         explanation=[
-            (effect, remarks(effect, since), law_curve(effect, f"law{k}") if "knots" in effect else "")
+            (effect, remarks(effect, since), _picture(effect, f"law{k}"))
             for k, effect in enumerate(surest_first(document["explanation"]))
         ],
         sure=SURE,
@@ -37,6 +38,14 @@ def causes(document: Document, evidence: Evidence) -> Section | None:
         rivals=[(member_name(rival["terms"]), rival["probability"]) for rival in rivals[:RIVALS]],
     )
     return Section("causes", "Causes", body)
+
+
+def _picture(effect: Mapping[str, Any], name: str) -> str:
+    """Of a law or a ripple; empty for what has none. name: unique on the page."""
+    if "knots" in effect:
+        return law_curve(effect, name)
+    wave = {p.name for p in TORQUE_RIPPLE.parameters} <= set(effect.get("parameters") or {})
+    return ripple_curve(effect, name) if effect["effect"] == TORQUE_RIPPLE.name and wave else ""
 
 
 def _rank(candidate: Mapping[str, Any]) -> tuple[float, float]:

@@ -1,0 +1,91 @@
+"""The integral parts of position servos: what they add to the setpoints, and what they hold as a window begins."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.effects.effect import Effect, Values
+from residual_mpc.effects.library import present
+from residual_mpc.effects.ops import NUMPY
+from residual_mpc.models.protocol import Drive
+from residual_mpc.models.settings import Settings
+
+SETTLING = 15.0  # s for which the servos are taken to have worked before a run begins
+
+
+@dataclass(frozen=True, eq=False)
+class ServoIntegrals:
+    """effect, p: with parameters (B, nu), null at other actuators. low, high (B, nu): of what is added, so that it
+    alone asks for no more force than the actuator may give. enabled (B, K, nu) or None: an actuator that is off
+    forgets. value (B, nu): added now, command unit; changed in place."""
+
+    effect: Effect
+    p: Values
+    low: np.ndarray
+    high: np.ndarray
+    enabled: np.ndarray | None
+    value: np.ndarray
+
+    def through(self, k: int, u: np.ndarray, length: np.ndarray, dt: float) -> np.ndarray:
+        """The setpoints (B, nu) of step number k for commands u, at lengths of the actuators; then goes on by dt."""
+        assert self.effect.step is not None
+        out = u + self.value
+        after = np.clip(self.effect.step(NUMPY, self.p, self.value, u - length, dt), self.low, self.high)
+        self.value[:] = after if self.enabled is None else after * (self.enabled[:, k] > 0)
+        return out
+
+
+def begin_integrals(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive) -> ServoIntegrals | None:
+    """The integral parts at a window's start; None where no row has any. The batch holds the start's positions and
+    velocities, and is left as it came.
+
+    What they held as the run began is what its first half second lacks in the balance of torques: gravity and springs
+    less the servos' own. An integral part that takes long to settle is taken to have worked on that for SETTLING s.
+    Since then it has summed up the logged errors. Where nothing is known of the past, it holds the start's positions.
+    """
+    found = list(present(settings.effects, "servo"))
+    if not found:
+        return None
+    effect, slots = found[0]
+    servos = np.flatnonzero(robot.servo)
+    p = {k: np.zeros((settings.rows, robot.model.nu)) for k in slots}
+    for name, values in slots.items():
+        p[name][:, servos] = values
+    gain, reach = batch.expand("actuator_gainprm")[:, :, 0], batch.expand("actuator_forcerange")
+    limited = (reach != 0.0).any(axis=2)
+    stiff = np.where(gain > 0.0, gain, np.inf)
+    low, high = (np.where(limited, reach[:, :, side] / stiff, end) for side, end in ((0, -np.inf), (1, np.inf)))
+    rate, past, gear = p["gain"], drive.past, robot.model.actuator_gear[:, 0]
+    if past is None:
+        at = batch.bind("qpos")[:, robot.places[robot.driven]].copy()
+        value = _needed(batch, robot, at, np.zeros_like(at)) / (gear * stiff)
+    else:
+        bias = batch.expand("actuator_biasprm")[:, :, 2]  # less than 0 where a servo damps
+        needed = _needed(batch, robot, past.first_at, past.first_rate) / gear - gear * bias * past.first_rate
+        first = needed / stiff - (past.first_sent - gear * past.first_at)
+        first = (1.0 - np.exp(-SETTLING * rate)) * (first - rate * (past.early_sent - gear * past.early_turned))
+        value = past.whole * first + rate * (past.sent - gear * past.turned)
+    value = np.where(rate > 0.0, np.clip(value, low, high), 0.0)
+    if drive.enabled is not None and drive.steps:
+        value = value * (drive.enabled[:, 0] > 0)
+    return ServoIntegrals(effect, p, low, high, drive.enabled, value)
+
+
+def _needed(batch: Any, robot: CompiledRobot, at: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """(B, nu) N m that the motors' joints need at these positions and rates (B, nu), accelerations apart."""
+    q, v = batch.bind("qpos"), batch.bind("qvel")
+    bias, passive = batch.bind("qfrc_bias"), batch.bind("qfrc_passive")
+    kept = q.copy(), v.copy()
+    known = robot.servo
+    q[:, robot.places[robot.driven[known]]] = at[:, known]
+    v[:] = 0.0
+    v[:, robot.dofs[robot.driven[known]]] = rate[:, known]
+    if robot.loops is not None:
+        robot.loops.close(q, v)
+    batch.forward()
+    dofs = robot.dofs[robot.driven]
+    needed = (bias[:, dofs] - passive[:, dofs]).copy()
+    q[:], v[:] = kept
+    return np.asarray(needed)
