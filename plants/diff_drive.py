@@ -51,7 +51,7 @@ class DiffDrive:
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "play"), WHEELS),
             **dict.fromkeys(("rolling", "rim", "side", "drift", "point", "samples"), robot),
-            **dict.fromkeys(("delay", "filter"), ("pose",)),
+            **dict.fromkeys(("delay", "filter", "clock"), ("pose",)),
             "rate": RATES,
             "offset": ("pose.theta", "twist.theta"),
             "range": ("pose.theta",),

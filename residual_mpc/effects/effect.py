@@ -13,7 +13,7 @@ Port = Literal["command", "output", "speed", "friction", "torque", "ground", "se
 TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
 Reference = Literal[
     "one", "command", "command/time", "output", "speed", "torque", "torque/speed", "torque/motion", "extremes",
-    "inertia", "mass", "length", "play",
+    "inertia", "mass", "length", "play", "1/run",
 ]  # fmt: skip
 Values = Mapping[str, Array]  # parameter name -> value, an array that broadcasts over the signal
 
@@ -41,6 +41,7 @@ Site = Literal[
     "side",  # sideways motion of the base
     "drift",  # motion of the base in the world
     "delay",  # the age of a reading
+    "clock",  # the clock that stamps the readings
     "offset",  # a constant in a reading
     "range",  # a factor on a reading
     "filter",  # how fast a reading follows
@@ -67,6 +68,7 @@ Quantity = Literal[
     "reading offset",  # the channel's unit
     "reading scale",  # a factor
     "reading lag",  # s
+    "reading skew",  # s that its clock gains in a second
 ]  # fmt: skip
 
 STAGES: tuple[Stage, ...] = ("command", "actuator", "body", "contact", "sensor")
@@ -80,7 +82,7 @@ class Parameter:
     measures on the runs at hand ("one" is the parameter's own unit; "command" the range of the target's command,
     "output" the peak and "torque" the root mean square of the actuator's output that the nominal model predicts;
     "speed" is the actuator's largest; "torque/speed" and "torque/motion" the torque over the joint's typical speed and
-    over the size of its motion; "command/time" the command's range in one second; "extremes" stands for the highest (a
+    over the size of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run, 1/s; "extremes" stands for the highest (a
     positive probe) and the lowest (a negative one) position that the runs reach; "inertia", "mass", "length" and "play"
     are the robot's own).
     """
@@ -96,7 +98,8 @@ class Parameter:
     tolerance: float = 0.0  # by which a well-made robot differs from its model, in units of the reference
     shape: bool = False  # says how the effect acts, not how much: more of the effect does not change it
     quantity: Quantity | None = None  # of the model, which this number changes
-    most: float = float("inf")  # largest value worth a fit, in units of the largest reference of its targets
+    # largest value worth a fit, in units of the largest reference of its targets; as far below a null with values below
+    most: float = float("inf")
     within: Reference | None = None  # the robot's own size that this number stays within, on both sides
 
     def __post_init__(self) -> None:

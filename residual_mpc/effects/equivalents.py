@@ -33,7 +33,14 @@ from residual_mpc.effects.contact import (
     WHEEL_RADIUS_MISMATCH,
 )
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_LAG, SENSOR_MOUNTING, SENSOR_SCALE
+from residual_mpc.effects.sensor import (
+    CLOCK_SKEW,
+    SENSOR_BIAS,
+    SENSOR_DELAY,
+    SENSOR_LAG,
+    SENSOR_MOUNTING,
+    SENSOR_SCALE,
+)
 from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET
 
 
@@ -53,6 +60,7 @@ class Separation:
 
 ENCODERS = "log the wheel encoders (velocity.left and velocity.right)"
 CHIRP = "send a chirp"
+MINUTES = "log one run of several minutes, with motion in its first and in its last seconds"
 OFF = "log stretches with the motor off (enabled.* = 0)"
 
 # Of several pairs in a group the first counts. Those of the low-passed and scaled readings and from gear efficiency on
@@ -61,6 +69,9 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(COMMAND_DELAY, SENSOR_DELAY, ENCODERS, OFF),
     Separation(ACTUATOR_LAG, SENSOR_LAG, ENCODERS, OFF),
     Separation(COMMAND_DELAY, SENSOR_LAG, ENCODERS, OFF),
+    Separation(SENSOR_DELAY, CLOCK_SKEW, MINUTES, MINUTES),
+    Separation(COMMAND_DELAY, CLOCK_SKEW, MINUTES, MINUTES),
+    Separation(SENSOR_LAG, CLOCK_SKEW, MINUTES, MINUTES),
     Separation(SENSOR_DELAY, SENSOR_LAG, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS, ENCODERS, ""),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS_MISMATCH, ENCODERS, ""),
@@ -127,6 +138,8 @@ SUBSTITUTES: tuple[tuple[Effect, Effect], ...] = (
     (COMMAND_DELAY, SENSOR_LAG),
     (SENSOR_DELAY, SENSOR_LAG),
     (COMMAND_DELAY, SENSOR_DELAY),
+    (COMMAND_DELAY, CLOCK_SKEW),
+    (SENSOR_DELAY, CLOCK_SKEW),
     (COULOMB, LOAD_FRICTION),
     (STRIBECK, LOAD_FRICTION),
     (COULOMB, STRIBECK),

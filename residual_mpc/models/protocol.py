@@ -1,7 +1,7 @@
 """What the diagnosis needs of a robot: to replay a batch of windows under a batch of hypotheses."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -31,8 +31,10 @@ class Drive:
 
     command (B, lead + K, nu): mean over each step of the command held, actuator units; the first `lead` steps lie
     before the window and warm up what remembers. enabled (B, K, nu) of 0 or 1, or None where always on.
-    enabled_before (B, lead, nu): the same before the window, for who begins a replay earlier; a robot needs it not.
-    clock (B,) s from the run's first stamp to the window's start. setting (B,) which setting of a merged robot each row
+    enabled_before (B, lead, nu): the same before the window, for who begins a replay earlier; command_after and
+    enabled_after (B, A, nu): after the window, for who ends it later; a robot needs none of these.
+    clock (B,) s from the run's first stamp to the window's start. angle (B, nu) rad of each wheel at the window's
+    start, counted from where its radius is the largest; None where nothing is known of it. setting (B,) which setting of a merged robot each row
     has, None for a robot with one. midway: whether the replay carries on from where one before it ended, and not from
     a measured start: what no channel tells then begins by rule, without a replay of the commands before.
     """
@@ -45,10 +47,19 @@ class Drive:
     setting: np.ndarray | None = None
     enabled_before: np.ndarray | None = None
     midway: bool = False
+    command_after: np.ndarray | None = None
+    enabled_after: np.ndarray | None = None
+    angle: np.ndarray | None = None
 
     @property
     def steps(self) -> int:
         return self.command.shape[1] - self.lead
+
+    def take(self, rows: np.ndarray) -> "Drive":
+        """The rows where the mask (B,) is true."""
+        some = ("enabled", "setting", "enabled_before", "command_after", "enabled_after", "angle")
+        known = {name: value[rows] for name in some if (value := getattr(self, name)) is not None}
+        return replace(self, command=self.command[rows], clock=self.clock[rows], **known)
 
 
 class Robot(Protocol):

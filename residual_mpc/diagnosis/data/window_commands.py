@@ -33,10 +33,10 @@ def drive_of(
     are those of runs[k]; signals by (index, channel)."""
     dt = robot.step or float(np.clip(min(r.period for r in runs) / 4.0, 0.004, 0.01))
     steps = int(np.ceil(horizon / dt - 1e-9))
-    lead = int(np.ceil(settings.dataset.lead / dt))
+    lead, after = (int(np.ceil(x / dt)) for x in (settings.dataset.lead, settings.dataset.after))
     commands, enabled, clocks = [], [], []
     for run, t0, i in zip(runs, starts, index, strict=True):
-        edges = t0[:, None] + dt * np.arange(-lead, steps + 1)[None, :]
+        edges = t0[:, None] + dt * np.arange(-lead, steps + after + 1)[None, :]
         per_actuator = [
             _mean_held(run, held(run, f"command.{a}"), edges, _resting(robot, k, run, i, signals))
             for k, a in enumerate(robot.actuators)
@@ -53,15 +53,17 @@ def drive_of(
             for a in robot.actuators
         ]
         enabled.append(np.where(np.isnan(on), 1.0, on).transpose(1, 2, 0))
-    on_all = np.concatenate(enabled)
-    always = bool((on_all == 1).all())
+    sent, on_all, end = np.concatenate(commands), np.concatenate(enabled), lead + steps
+    always = bool((on_all[:, :end] == 1).all())
     return Drive(
         dt,
         lead,
-        np.concatenate(commands),
-        None if always else on_all[:, lead:],
+        sent[:, :end],
+        None if always else on_all[:, lead:end],
         np.concatenate(clocks),
         enabled_before=None if always else on_all[:, :lead],
+        command_after=sent[:, end:],
+        enabled_after=None if always else on_all[:, end:],
     )
 
 
