@@ -37,6 +37,7 @@ Site = Literal[
     "link",  # a link's mass and centre of mass
     "length",  # the distance of two joints along a link
     "rolling",  # wheel radii and track
+    "roundness",  # a wheel's radius over its turn
     "rim",  # the speed of a wheel's rim over the ground
     "side",  # sideways motion of the base
     "drift",  # motion of the base in the world
@@ -82,9 +83,9 @@ class Parameter:
     measures on the runs at hand ("one" is the parameter's own unit; "command" the range of the target's command,
     "output" the peak and "torque" the root mean square of the actuator's output that the nominal model predicts;
     "speed" is the actuator's largest; "torque/speed" and "torque/motion" the torque over the joint's typical speed and
-    over the size of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run, 1/s; "extremes" stands for the highest (a
-    positive probe) and the lowest (a negative one) position that the runs reach; "inertia", "mass", "length" and "play"
-    are the robot's own).
+    over the size of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run,
+    1/s; "extremes" stands for the highest (a positive probe) and the lowest (a negative one) position that the runs
+    reach; "inertia", "mass", "length" and "play" are the robot's own).
     """
 
     name: str
@@ -119,8 +120,9 @@ class Effect:
     - speed:    step(ops, p, w) -> lowest and highest output at the actuator's speed w, rad/s
     - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))
     - torque:   step(ops, p, q) -> torque on the joint at position q, N m, linear in q
-    - ground:   by site; rim: step(ops, p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p,
-      forward, yaw) -> m/s to the left; drift: step(ops, p) -> (m/s, m/s) in the world
+    - ground:   by site; roundness: step(ops, p, angle) -> factor on a wheel's radius at its angle, rad; rim: step(ops,
+      p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p, forward, yaw) -> m/s to the left;
+      drift: step(ops, p) -> (m/s, m/s) in the world
     - sensor:   at the point: step(ops, p, x, y, theta) -> (x, y), and `undo`, its inverse
     - model:    no equation: its parameters change quantities of the model
     - law:      step(ops, p, z) -> what is added, at the value z of the quantity that the law is a function of

@@ -29,6 +29,7 @@ from residual_mpc.effects.contact import (
     LONGITUDINAL_SLIP,
     SLOPE,
     TRACK_WIDTH,
+    WHEEL_ECCENTRICITY,
     WHEEL_RADIUS,
     WHEEL_RADIUS_MISMATCH,
 )
@@ -60,6 +61,7 @@ class Separation:
 
 ENCODERS = "log the wheel encoders (velocity.left and velocity.right)"
 CHIRP = "send a chirp"
+TURNS = "log the wheel encoders, and drive far enough for the wheels to turn many times"
 MINUTES = "log one run of several minutes, with motion in its first and in its last seconds"
 OFF = "log stretches with the motor off (enabled.* = 0)"
 
@@ -77,6 +79,9 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS_MISMATCH, ENCODERS, ""),
     Separation(WHEEL_RADIUS, SLOPE, "drive straight at two headings, both ways", ""),
     Separation(WHEEL_RADIUS, LONGITUDINAL_SLIP, "drive at constant speed as well as with hard accelerations", ""),
+    Separation(WHEEL_ECCENTRICITY, WHEEL_RADIUS, TURNS, ""),
+    Separation(WHEEL_ECCENTRICITY, WHEEL_RADIUS_MISMATCH, TURNS, ""),
+    Separation(WHEEL_ECCENTRICITY, ACTUATOR_GAIN, TURNS, ""),
     Separation(LATERAL_SLIP, SENSOR_MOUNTING, "spin in place, and drive arcs at varying speed", ""),
     Separation(TRACK_WIDTH, SENSOR_SCALE, "log pose.x and pose.y beside the heading, and drive on after turns", ""),
     Separation(ACTUATOR_LAG, COMMAND_DELAY, "drive steps and fast multisines of both wheels", "send steps and a chirp"),

@@ -34,9 +34,10 @@ class Drive:
     enabled_before (B, lead, nu): the same before the window, for who begins a replay earlier; command_after and
     enabled_after (B, A, nu): after the window, for who ends it later; a robot needs none of these.
     clock (B,) s from the run's first stamp to the window's start. angle (B, nu) rad of each wheel at the window's
-    start, counted from where its radius is the largest; None where nothing is known of it. setting (B,) which setting of a merged robot each row
-    has, None for a robot with one. midway: whether the replay carries on from where one before it ended, and not from
-    a measured start: what no channel tells then begins by rule, without a replay of the commands before.
+    start, counted from where its radius is the largest; None where nothing is known of it. setting (B,) which setting
+    of a merged robot each row has, None for a robot with one. midway: whether the replay carries on from where one
+    before it ended, and not from a measured start: what no channel tells then begins by rule, without a replay of the
+    commands before.
     """
 
     dt: float

@@ -30,8 +30,8 @@ class SensedRobot(Protocol):
 
 
 def slot_of(channel: str, slots: tuple[str, ...]) -> int | None:
-    """Which target of a sensor effect a channel belongs to: itself, its joint, `pose` for the localisation, or `sensors`
-    for all of them."""
+    """Which target of a sensor effect a channel belongs to: itself, its joint, `pose` for the localisation, or
+    `sensors` for all of them."""
     kind, _, name = channel.partition(".")
     for i, slot in enumerate(slots):
         if slot in (channel, name, EVERY_SENSOR) or (slot == "pose" and kind in ("pose", "twist")):

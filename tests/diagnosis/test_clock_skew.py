@@ -20,8 +20,8 @@ SIGMA = {"pose.x": 0.001, "pose.y": 0.001, "pose.theta": 0.002}  # m, m, rad
 
 
 def stamped_run(seed: int, rate: float, delay: float = 0.0, seconds: float = SECONDS) -> Run:
-    """A rover at 40 Hz with encoders. What its localisation measures at t is stamped by a clock of its own and late, and
-    the log has a row for each message: poses and commands stand in different ones."""
+    """A rover at 40 Hz with encoders. What its localisation measures at t is stamped by a clock of its own and late.
+    The log has a row for each message: poses and commands stand in different ones."""
     rng = np.random.default_rng([seed, 7])
     run = rover_run(f"r{seed}", {}, seconds + 1.0, 40.0, seed=seed, noise=0.0)
     sent = run.t[run.t <= seconds]

@@ -67,7 +67,8 @@ def logged(clean: Run, effect: str) -> Run:
         seen = {c: slowed(clean.t, clean.columns[c]) for c in ("pose.x", "pose.y", "pose.theta")}
     elif effect in ("clock_skew", "clock_skew of a slow clock"):
         rate = -SKEW if effect.endswith("slow clock") else SKEW
-        seen = {c: np.interp(clean.t / (1 + rate), clean.t, clean.columns[c]) for c in ("pose.x", "pose.y", "pose.theta")}
+        pose = ("pose.x", "pose.y", "pose.theta")
+        seen = {c: np.interp(clean.t / (1 + rate), clean.t, clean.columns[c]) for c in pose}
     elif effect == "sensor_scale":
         seen = {"pose.theta": theta[0] + SCALE * (theta - theta[0])}
     elif effect == "sensor_bias":

@@ -16,7 +16,7 @@ from residual_mpc.blind.score.strict import StrictMatch, strict_match
 from residual_mpc.errors import BadInput
 
 _NULL = {"gain": 1.0, "scale": 1.0, "ratio": 1.0}  # parameters whose null value is not 0
-_ANGLES = ("heading",)
+_ANGLES = ("heading", "phase")
 
 
 @dataclass(frozen=True)

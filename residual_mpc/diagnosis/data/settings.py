@@ -107,6 +107,21 @@ class EncoderSettings:
 
 
 @dataclass(frozen=True)
+class WheelAngleSettings:
+    """How the angle at which a wheel's radius is the largest is read off a run. stretch: s over which a parabola takes
+    out what is no ripple; reach: s around a window, over which the angle turned is taken to be right; stretches: so
+    many are wanted there, else the window's own readings count as well; fewest: samples in a stretch."""
+
+    stretch: float = 2.0
+    reach: float = 12.0
+    stretches: int = 2
+    fewest: int = 8
+
+    def __post_init__(self) -> None:
+        check_positive(self, "stretch", "reach", "stretches", "fewest")
+
+
+@dataclass(frozen=True)
 class DataSettings:
     dataset: DatasetSettings = field(default_factory=DatasetSettings)
     trust: TrustSettings = field(default_factory=TrustSettings)
@@ -115,3 +130,4 @@ class DataSettings:
     subsampling: SubsamplingSettings = field(default_factory=SubsamplingSettings)
     where: WhereSettings = field(default_factory=WhereSettings)
     encoders: EncoderSettings = field(default_factory=EncoderSettings)
+    wheel_angle: WheelAngleSettings = field(default_factory=WheelAngleSettings)

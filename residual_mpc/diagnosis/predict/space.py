@@ -20,6 +20,7 @@ FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
 HIGHEST, LOWEST = "highest", "lowest"  # position of a joint in the runs
 RUN = ("1/run", "")  # 1/s, one over the longest run
+UNTOLD = "only a pose with x, y and theta tells how a wheel stands"
 OVER = 0.05  # s, over which a joint's largest speed is measured
 ENDS = (0.002, 0.998)  # quantiles: a stop is where a joint often ends, an outlier is beyond
 
@@ -170,6 +171,8 @@ def build_space(
     longest = _longest(data)
     why = f"no run is longer than {longest:.2g} s"
     ruled_out = {t: why for t in candidates if longest < BY_NAME[t.effect].seconds}
+    if all(b.drive.angle is None for b in data.blocks):
+        ruled_out |= {t: UNTOLD for t in candidates if BY_NAME[t.effect].place == "roundness"}
     ruled_out |= {t: because[t] for t in candidates if t in because}
     candidates = tuple(t for t in candidates if t not in ruled_out)
     free = tuple(

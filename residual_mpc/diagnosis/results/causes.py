@@ -25,6 +25,7 @@ from residual_mpc.models.settings import TUNE, Knob, Term
 
 T95 = 1.96
 AT_BOUND = "at the bound of its search range"
+ANGLES = ("heading", "phase")  # parameters that come round
 
 
 def causes_of(
@@ -124,7 +125,7 @@ def _estimate(
     unit = unit_of(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)
     low, high = space.bounds(knob)
     ends = of.ends.get(knob, (value,))
-    if knob.parameter == "heading":
+    if knob.parameter in ANGLES:
         value, low, high, ends, aside = float((value + np.pi) % (2 * np.pi) - np.pi), -np.inf, np.inf, (), ()
     half = float(
         np.hypot(
@@ -186,7 +187,7 @@ def unit_of(robot: Robot, term: Term, unit: str) -> str:
 def _dose(parameter: str, value: float, null: float) -> float:
     """How far a number is from doing nothing; a limit's and an angle's own size says that better than its distance, and
     that of a gain of a fiftieth, its logarithm."""
-    if parameter == "heading":
+    if parameter in ANGLES:
         return 1.0
     if null == 1.0 and 0.0 < value < 1.0 / np.e:
         return float((np.e - 1.0) * value * abs(np.log(value)))  # as large as 1 - value at 1 / e
