@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.settings import WheelAngleSettings
+from residual_mpc.effects.contact import WHEEL_ECCENTRICITY
 from residual_mpc.logs.run import Run, held
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Inverting, Robot
@@ -33,7 +34,7 @@ class Regression:
 
 def has_round_wheels(robot: Robot) -> bool:
     """Whether the robot has wheels that may be out of round."""
-    return isinstance(robot, Inverting) and bool(robot.slots("wheel_eccentricity"))
+    return isinstance(robot, Inverting) and bool(robot.slots(WHEEL_ECCENTRICITY.name))
 
 
 def wheel_angles(
