@@ -56,6 +56,15 @@ class Drive:
     def steps(self) -> int:
         return self.command.shape[1] - self.lead
 
+    def angle_before(self, steps: np.ndarray) -> np.ndarray | None:
+        """(..., B, nu) rad of the wheels `steps` (..., B) before the window, which turned as commanded since then;
+        None where nothing is known of it."""
+        if self.angle is None:
+            return None
+        before = self.command[:, : self.lead][:, ::-1]
+        turned = self.dt * np.concatenate([np.zeros_like(self.angle)[:, None], np.cumsum(before, axis=1)], axis=1)
+        return np.asarray(self.angle - turned[np.arange(len(turned)), np.clip(steps, 0, self.lead)])
+
     def take(self, rows: np.ndarray) -> "Drive":
         """The rows where the mask (B,) is true."""
         some = ("enabled", "setting", "enabled_before", "command_after", "enabled_after", "angle")

@@ -163,11 +163,11 @@ def _begin_earlier(drive: Drive, early: np.ndarray, beyond: float = 0.0) -> Driv
         enabled = np.concatenate([drive.enabled_before, enabled], axis=1)
     clock = np.tile(drive.clock, h)
     setting = None if drive.setting is None else np.tile(drive.setting, h)
-    angle = None if drive.angle is None else np.tile(drive.angle, (h, 1))
     if not early.any() and not beyond:
         again = None if drive.enabled is None else np.tile(drive.enabled, (h, 1, 1))
+        angle = None if drive.angle is None else np.tile(drive.angle, (h, 1))
         return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting, angle=angle)
-    extra = int(np.ceil((early.max() + beyond) / drive.dt - 1e-9))
+    extra = more_steps(drive, early, beyond)
     step = np.arange(command.shape[1] + extra)
     known = 0 if enabled is None else enabled.shape[1] - drive.steps  # steps before the window of which it is known
     if beyond and drive.command_after is not None:
@@ -185,17 +185,14 @@ def _begin_earlier(drive: Drive, early: np.ndarray, beyond: float = 0.0) -> Driv
             at = step[drive.lead :] - drive.lead - shift[:, None] + known
             ons.append(_picked(enabled, np.round(np.clip(at, 0, enabled.shape[1] - 1)).astype(int)))
     on = None if enabled is None else np.concatenate(ons)
-    if angle is not None:
-        angle = angle - _turned_before(drive, early)
+    angle = drive.angle_before(np.round(early / drive.dt).astype(int))  # (H, W, nu)
+    angle = None if angle is None else angle.reshape(-1, angle.shape[2])
     return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock - early.ravel(), setting, angle=angle)
 
 
-def _turned_before(drive: Drive, early: np.ndarray) -> np.ndarray:
-    """(H * W, nu) rad that the wheels turn in the `early` (H, W) s before the windows, as commanded."""
-    before = np.concatenate([np.cumsum(drive.command[:, : drive.lead][:, ::-1], axis=1)[:, ::-1] * drive.dt,
-                             np.zeros_like(drive.command[:, :1])], axis=1)  # fmt: skip
-    at = np.clip(drive.lead - np.round(early / drive.dt).astype(int), 0, drive.lead)  # (H, W)
-    return np.asarray(before[np.arange(len(before)), at].reshape(-1, before.shape[2]))
+def more_steps(drive: Drive, early: np.ndarray, beyond: float) -> int:
+    """By which a replay is longer than the windows that begins `early` s (H, W) sooner and ends `beyond` s later."""
+    return int(np.ceil((early.max() + beyond) / drive.dt - 1e-9))
 
 
 def _picked(x: np.ndarray, at: np.ndarray) -> np.ndarray:
