@@ -68,7 +68,9 @@ CLOCK_SKEW = Effect(
     site="clock",
     seconds=10.0,  # a rate of 0.1 %, far beyond a quartz, is then 10 ms, half a sampling period at 50 Hz
     phrase=Phrase(
-        "the clock of {who} gains {rate} s in a second on that of the commands", "the sensors", "the measurements of {}"
+        "the stamps of {who} drift from those of the commands by {rate} s per second",
+        "the sensors",
+        "the measurements of {}",
     ),
     nouns={"rate": Noun("rate at which the sensors' clock gains", appears="clock skew", size="rate")},
     not_in_mjcf=READ_ELSEWHERE,

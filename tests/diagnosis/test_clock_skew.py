@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import mujoco
 import numpy as np
 import pytest
+from oracles.arms import DT, arm_xml, robot_of
 from oracles.rover_log import rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.subsampling import shorten
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.longer_steps import with_longer_steps
+from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.records import Diagnosis
 from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Knob, assemble
 
 ROBOT = DiffDrive("rover", 0.033, 0.16)
 RATE, DELAY, SECONDS = 0.0015, 0.06, 40.0  # 1, s, s
@@ -74,6 +82,37 @@ def test_a_delay_alone_is_no_skew() -> None:
 
 def test_clocks_that_agree_have_none() -> None:
     assert diagnosed([stamped_run(k, 0.0) for k in range(3)]).verdict == "no_gap"
+
+
+@pytest.mark.parametrize("rate", [0.01, -0.01])
+def test_one_clock_stamps_all_encoders_of_an_arm(rate: float, tmp_path: Path) -> None:
+    """Servos of MuJoCo, stepped one by one; windows of the usual steps and of longer ones."""
+    robot = robot_of(tmp_path, arm_xml())
+    model = mujoco.MjModel.from_xml_string(arm_xml())
+    state = mujoco.MjData(model)
+    t, fine = 0.02 * np.arange(601), DT * np.arange(6201)
+    u = 0.5 * np.sin(np.outer(t, [3.0, 4.1])) + 0.2 * np.sign(np.sin(np.outer(t, [1.3, 0.9])))
+    q = np.empty((len(fine), 2))
+    for k in range(len(fine)):
+        q[k] = state.qpos
+        state.ctrl[:] = u[min(k // 10, len(u) - 1)]
+        mujoco.mj_step(model, state)
+    columns = {f"command.j{j + 1}": u[:, j] for j in (0, 1)}
+    columns |= {f"position.j{j + 1}": np.interp(t / (1.0 + rate), fine, q[:, j]) for j in (0, 1)}
+    whole = build_dataset([Run("arm", t, columns)], [robot], {})
+    whole = whole.take((whole.start > 0.5) & (whole.start < 10.5))
+    slots = {"clock_skew": robot.slots("clock_skew")}
+    assert slots["clock_skew"] == ("sensors",)
+
+    def error(data: Dataset, value: float) -> float:
+        row = assemble([{Knob("clock_skew", None, "rate"): value}], slots)
+        return float(np.sqrt(np.nanmean((data.y - predict(data, row)[0]) ** 2)))
+
+    longer = with_longer_steps(whole, 2)
+    assert longer is not None
+    for data in (whole, shorten(whole, 0.5), longer):
+        assert error(data, rate) < 0.1 * error(data, 0.0)
+        assert min(error(data, 0.8 * rate), error(data, 1.2 * rate)) > 1.5 * error(data, rate)
 
 
 def test_short_runs_do_not_show_it() -> None:
