@@ -57,9 +57,7 @@ def wheel_angles(
     return out
 
 
-def _turned(
-    run: Run, actuator: str, encoder: tuple[np.ndarray, np.ndarray] | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _turned(run: Run, actuator: str, encoder: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, np.ndarray]:
     """(stamps (n,) s, rad (n,) turned since the run's start), by the encoder where there is one, else as commanded."""
     if encoder is not None and len(encoder[0]) > 1:
         t, w = encoder
