@@ -122,7 +122,6 @@ WHEEL_ECCENTRICITY = Effect(
     phrase=Phrase("the radius of {who} varies by {amplitude} either way over a turn", shares=("amplitude",)),
     nouns={
         "amplitude": Noun("variation of the radius over a turn", "own", "eccentricity", "an", "amplitude"),
-        "phase": Noun("angle of the largest radius"),
     },
     not_in_mjcf=WHEELS_UNCHANGED,
 )
