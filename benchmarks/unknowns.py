@@ -18,7 +18,6 @@ import click
 # What the remainder depends on, by its cause; gusts and jumps of a map come when they come, and nothing that is logged
 # tells. The last eight are drawn for test seeds alone.
 RIGHT = {
-    "eccentric_wheel": ("wheel_angle",),
     "one_sided_turning": ("turning",),
     "warming_up": ("time", "work"),
     "dented_tooth": ("position", "angle"),

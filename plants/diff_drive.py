@@ -8,7 +8,7 @@ import numpy as np
 from plants.diff_drive_step import RATES, drive_step
 from plants.outline import box_with_nose
 from residual_mpc.effects.chain import OUTPUT, command_chain, output_chain
-from residual_mpc.effects.ground import ground_twist, with_fitted_rates, world_drift
+from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.library import Effects, Sites, present, slots_of
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.errors import BadInput
@@ -49,9 +49,9 @@ class DiffDrive:
         encoder what other gains give: neither can be told where it shows, and beside a pose neither shows."""
         robot = (self.name,)
         return {
-            **dict.fromkeys(("command", "strength", "limit", "output", "play"), WHEELS),
+            **dict.fromkeys(("command", "strength", "limit", "output", "play", "roundness"), WHEELS),
             **dict.fromkeys(("rolling", "rim", "side", "drift", "point", "samples"), robot),
-            **dict.fromkeys(("delay", "filter"), ("pose",)),
+            **dict.fromkeys(("delay", "filter", "clock"), ("pose",)),
             "rate": RATES,
             "offset": ("pose.theta", "twist.theta"),
             "range": ("pose.theta",),
@@ -101,8 +101,9 @@ class DiffDrive:
         radius = settings.tuned.get("wheel_radius", np.array([self.wheel_radius]))[:, None]
         track = settings.tuned.get("track_width", np.array([self.track_width]))[:, None]
         forward, sideways, yaw = ground_twist(
-            NUMPY, effects, radius, track, (wheel[..., 0], wheel[..., 1]), (accel[..., 0], accel[..., 1])
-        )
+            NUMPY, effects, radius, track, (wheel[..., 0], wheel[..., 1]), (accel[..., 0], accel[..., 1]),
+            _roundness(effects, wheel, drive),
+        )  # fmt: skip
         laws = [{e.name: {k: v[:, [i]] for k, v in p.items()} for e, p in present(effects, "rate")} for i in range(3)]
         forward, sideways, yaw = with_fitted_rates(NUMPY, (forward, sideways, yaw), laws)
         theta = _integrate(start["pose.theta"], yaw, dt)
@@ -180,6 +181,19 @@ def _acceleration(wheel: np.ndarray, lead: int, dt: float) -> np.ndarray:
     span = max(1, round(RESPONSE / dt))
     earlier = np.concatenate([np.repeat(wheel[:, :1], span, axis=1), wheel[:, :-span]], axis=1)
     return np.asarray((wheel - earlier)[:, lead:] / (span * dt))
+
+
+def _roundness(effects: Effects, wheel: np.ndarray, drive: Drive) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Factors (B, K) on the radii of the left and the right wheel in the middle of each step; None for 1. wheel
+    (B, K, 2) rad/s; a drive that knows no angle begins at 0."""
+    uneven = list(present(effects, "roundness"))
+    if not uneven:
+        return None, None
+    angle = drive.dt * (np.cumsum(wheel, axis=1) - 0.5 * wheel)
+    angle = angle if drive.angle is None else angle + drive.angle[:, None, :]
+    each = [{e.name: {k: v[:, [i]] for k, v in p.items()} for e, p in uneven} for i in (0, 1)]
+    left, right = (radius_factor(NUMPY, each[i], angle[..., i]) for i in (0, 1))
+    return left, right
 
 
 def _integrate(start: np.ndarray, rate: np.ndarray, dt: float) -> np.ndarray:

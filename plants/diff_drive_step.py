@@ -11,7 +11,7 @@ import numpy as np
 
 from residual_mpc.effects.chain import OUTPUT, Chain, chain_of
 from residual_mpc.effects.effect import Site
-from residual_mpc.effects.ground import ground_twist, with_fitted_rates, world_drift
+from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.laws import rounded
 from residual_mpc.effects.library import BY_NAME, ORDER, present
 from residual_mpc.effects.ops import Array
@@ -25,7 +25,7 @@ BODY = ("body.forward", "body.sideways", "body.yaw")  # m/s, m/s, rad/s
 WORLD = ("twist.x", "twist.y", "twist.theta")  # m/s, m/s, rad/s
 COMMANDS = ("command.left", "command.right")  # rad/s
 RATES = ("forward", "sideways", "yaw")  # of the base, in its own frame
-GROUND: tuple[Site, ...] = ("rolling", "rim", "side", "drift", "rate")
+GROUND: tuple[Site, ...] = ("rolling", "roundness", "rim", "side", "drift", "rate")
 SLOTS: Mapping[int, tuple[str, ...]] = {1: ("",), 2: WHEELS, 3: RATES}  # by number
 HOSTED = frozenset(("command", *OUTPUT, "play", *GROUND))  # what a sensor reports is the estimator's part
 ENDLESS = 1e4  # rad/s for a wheel that has no limit: a smoothed minimum would make NaN of infinity
@@ -49,11 +49,17 @@ class DriveStep:
         """Pose first, then what is remembered, newest first."""
         names = [*POSE, *self.sent.states, *self.driven.states]
         names += [f"speed.{wheel}.{j}" for wheel in WHEELS for j in range(1, self.span + 1)]
+        names += [f"angle.{wheel}" for wheel in WHEELS if self.uneven]
         names += [f"last.{s}" for s in self.options.remember]
         names += [f"disturbance.{s}" for s in self.options.disturbances]
         if self.driven.timed:
             names.append("clock")
         return tuple(names)
+
+    @property
+    def uneven(self) -> tuple[str, ...]:
+        """The effects that make a wheel's radius vary over its turn."""
+        return tuple(e for e in self.ground if BY_NAME[e].place == "roundness")
 
     def __call__(
         self,
@@ -66,7 +72,7 @@ class DriveStep:
         dt, ops = self.dt, kinks.exact
         now = dict(zip(self.states, x, strict=True))
         new: dict[str, Array] = {}
-        ground = {e: self._values(e, "", p) for e in self.ground if BY_NAME[e].place != "rate"}
+        ground = {e: self._values(e, "", p) for e in self.ground if BY_NAME[e].place not in ("rate", "roundness")}
         laws = [{e: self._values(e, r, p) for e in self.ground if BY_NAME[e].place == "rate"} for r in RATES]
         wheel = [self._wheel(kinks, w, u[i], p, now, new) for i, w in enumerate(WHEELS)]
         body = with_fitted_rates(rounded(kinks), self._ground(kinks, wheel, ground, p, now, new), laws)
@@ -131,7 +137,20 @@ class DriveStep:
             new |= {f"speed.{wheel}.{j + 1}": v for j, v in enumerate((w[i], *past[:-1]))}
         radius, track = (p[self.index[TUNE, "", n]] for n in ("wheel_radius", "track_width"))
         # the slip's |r a| is in m/s^2: a command changed by 1 rad/s within a step of dt is r / dt of it
-        return ground_twist(kinks.rough(0.033 / self.dt), effects, radius, track, (w[0], w[1]), (accel[0], accel[1]))
+        return ground_twist(kinks.rough(0.033 / self.dt), effects, radius, track, (w[0], w[1]), (accel[0], accel[1]),
+                            self._roundness(kinks, w, p, now, new))  # fmt: skip
+
+    def _roundness(
+        self, kinks: Kinks, w: Sequence[Array], p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
+    ) -> tuple[Array | None, Array | None]:
+        """Factors on the radii of the two wheels in the middle of the step; fills their next angles."""
+        factors: list[Array | None] = [None, None]
+        for i, wheel in enumerate(WHEELS if self.uneven else ()):
+            effects = {e: self._values(e, wheel, p) for e in self.uneven}
+            angle = now[f"angle.{wheel}"]
+            factors[i] = radius_factor(kinks.exact, effects, angle + 0.5 * self.dt * w[i])
+            new[f"angle.{wheel}"] = angle + self.dt * w[i]
+        return factors[0], factors[1]
 
 
 def drive_step(
@@ -184,4 +203,4 @@ def _unit(state: str) -> str:
     if kind in ("last", "disturbance"):
         return UNIT[rest]
     remembered = {e.label: e.memory_unit for e in BY_NAME.values() if e.label and e.memory_unit}
-    return UNIT.get(state) or {**remembered, "clock": "s"}.get(kind, "rad/s")
+    return UNIT.get(state) or {**remembered, "clock": "s", "angle": "rad"}.get(kind, "rad/s")

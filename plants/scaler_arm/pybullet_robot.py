@@ -20,6 +20,7 @@ from residual_mpc.effects.chain import command_chain, limits_of, on_errors
 from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.library import Sites, slots_of
 from residual_mpc.effects.ops import NUMPY
+from residual_mpc.effects.sensor import EVERY_SENSOR
 from residual_mpc.models.drawing import Motion
 from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
@@ -63,6 +64,7 @@ class PybulletRobot:
         return {
             **dict.fromkeys(("command", "limit", "delay", "filter"), MOTORS),
             **dict.fromkeys(("offset", "range"), tuple(f"position.{m}" for m in MOTORS)),
+            "clock": (EVERY_SENSOR,),
             "samples": (self.name,),
         }
 

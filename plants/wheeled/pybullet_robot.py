@@ -50,7 +50,7 @@ class BulletRobot:
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "dry friction"), WHEELS),
             **dict.fromkeys(("rolling", "point", "samples"), (self.name,)),
-            **dict.fromkeys(("delay", "filter"), ("pose",)),
+            **dict.fromkeys(("delay", "filter", "clock"), ("pose",)),
             **dict.fromkeys(("offset", "range"), ("pose.theta",)),
         }
 

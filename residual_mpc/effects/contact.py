@@ -19,6 +19,11 @@ def slipping_rim(ops: Ops, p: Values, v: Array, a: Array) -> Array:
     return v * ops.maximum(1.0 - p["coefficient"] * ops.absolute(a) / GRAVITY, 0.0)
 
 
+def radius_over_turn(ops: Ops, p: Values, angle: Array) -> Array:
+    """Radius of a wheel at its angle (rad) over its mean radius: 1 + amplitude cos(angle + phase)."""
+    return 1.0 + p["amplitude"] * ops.cos(angle + p["phase"])
+
+
 def sideslip(ops: Ops, p: Values, forward: Array, yaw: Array) -> Array:
     """Sideways speed to the left, m/s, of a base that is carried outwards in a turn, away from its centre."""
     return -p["coefficient"] * forward * yaw
@@ -100,6 +105,27 @@ LONGITUDINAL_SLIP = Effect(
     nouns={"coefficient": Noun("coefficient of wheel slip", appears="wheel slip", article="", size="coefficient")},
 )
 
+WHEEL_ECCENTRICITY = Effect(
+    name="wheel_eccentricity",
+    stage="contact",
+    port="ground",
+    target="actuator",
+    parameters=(
+        Parameter("amplitude", "1", 0.0, 0.0, 0.6, (0.03,)),
+        Parameter("phase", "rad", 0.0, -math.inf, math.inf, (0.0,), shape=True),
+    ),
+    summary="a wheel's radius varies once a turn",
+    step=radius_over_turn,
+    null_target=False,
+    site="roundness",
+    unseen="the wheel hardly turns, or its turns move the robot by less than the noise",
+    phrase=Phrase("the radius of {who} varies by {amplitude} either way over a turn", shares=("amplitude",)),
+    nouns={
+        "amplitude": Noun("variation of the radius over a turn", "own", "eccentricity", "an", "amplitude"),
+    },
+    not_in_mjcf=WHEELS_UNCHANGED,
+)
+
 SLOPE = Effect(
     name="slope",
     stage="contact",
@@ -116,4 +142,4 @@ SLOPE = Effect(
     nouns={"rate": Noun("drift in a fixed direction")},
 )
 
-EFFECTS = (WHEEL_RADIUS, WHEEL_RADIUS_MISMATCH, TRACK_WIDTH, LATERAL_SLIP, LONGITUDINAL_SLIP, SLOPE)
+EFFECTS = (WHEEL_RADIUS, WHEEL_RADIUS_MISMATCH, TRACK_WIDTH, LATERAL_SLIP, LONGITUDINAL_SLIP, WHEEL_ECCENTRICITY, SLOPE)

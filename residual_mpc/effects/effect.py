@@ -13,7 +13,7 @@ Port = Literal["command", "output", "speed", "servo", "friction", "torque", "gro
 TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
 Reference = Literal[
     "one", "command", "command/time", "output", "speed", "torque", "torque/speed", "torque/motion", "extremes",
-    "inertia", "mass", "length", "play",
+    "inertia", "mass", "length", "play", "1/run",
 ]  # fmt: skip
 Values = Mapping[str, Array]  # parameter name -> value, an array that broadcasts over the signal
 
@@ -38,10 +38,12 @@ Site = Literal[
     "link",  # a link's mass and centre of mass
     "length",  # the distance of two joints along a link
     "rolling",  # wheel radii and track
+    "roundness",  # a wheel's radius over its turn
     "rim",  # the speed of a wheel's rim over the ground
     "side",  # sideways motion of the base
     "drift",  # motion of the base in the world
     "delay",  # the age of a reading
+    "clock",  # the clock that stamps the readings
     "offset",  # a constant in a reading
     "range",  # a factor on a reading
     "filter",  # how fast a reading follows
@@ -68,6 +70,7 @@ Quantity = Literal[
     "reading offset",  # the channel's unit
     "reading scale",  # a factor
     "reading lag",  # s
+    "reading skew",  # s that its clock gains in a second
 ]  # fmt: skip
 
 STAGES: tuple[Stage, ...] = ("command", "actuator", "body", "contact", "sensor")
@@ -81,9 +84,9 @@ class Parameter:
     measures on the runs at hand ("one" is the parameter's own unit; "command" the range of the target's command,
     "output" the peak and "torque" the root mean square of the actuator's output that the nominal model predicts;
     "speed" is the actuator's largest; "torque/speed" and "torque/motion" the torque over the joint's typical speed and
-    over the size of its motion; "command/time" the command's range in one second; "extremes" stands for the highest (a
-    positive probe) and the lowest (a negative one) position that the runs reach; "inertia", "mass", "length" and "play"
-    are the robot's own).
+    over the size of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run,
+    1/s; "extremes" stands for the highest (a positive probe) and the lowest (a negative one) position that the runs
+    reach; "inertia", "mass", "length" and "play" are the robot's own).
     """
 
     name: str
@@ -97,7 +100,8 @@ class Parameter:
     tolerance: float = 0.0  # by which a well-made robot differs from its model, in units of the reference
     shape: bool = False  # says how the effect acts, not how much: more of the effect does not change it
     quantity: Quantity | None = None  # of the model, which this number changes
-    most: float = float("inf")  # largest value worth a fit, in units of the largest reference of its targets
+    # largest value worth a fit, in units of the largest reference of its targets; as far below a null with values below
+    most: float = float("inf")
     within: Reference | None = None  # the robot's own size that this number stays within, on both sides
     cover: float = 0.0  # of a number of cycles a turn: the cycles that a joint has to turn through, to show them
 
@@ -119,8 +123,9 @@ class Effect:
     - servo:    step(ops, p, x, error, dt) -> x after dt, which is added to the setpoint of a position servo
     - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))
     - torque:   step(ops, p, q) -> torque on the joint at position q, N m; at the site "elastic" linear in q
-    - ground:   by site; rim: step(ops, p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p,
-      forward, yaw) -> m/s to the left; drift: step(ops, p) -> (m/s, m/s) in the world
+    - ground:   by site; roundness: step(ops, p, angle) -> factor on a wheel's radius at its angle, rad; rim: step(ops,
+      p, v, a) -> v, a rim's speed m/s and acceleration m/s^2; side: step(ops, p, forward, yaw) -> m/s to the left;
+      drift: step(ops, p) -> (m/s, m/s) in the world
     - sensor:   at the point: step(ops, p, x, y, theta) -> (x, y), and `undo`, its inverse
     - model:    no equation: its parameters change quantities of the model
     - law:      step(ops, p, z) -> what is added, at the value z of the quantity that the law is a function of

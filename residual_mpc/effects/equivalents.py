@@ -30,11 +30,19 @@ from residual_mpc.effects.contact import (
     LONGITUDINAL_SLIP,
     SLOPE,
     TRACK_WIDTH,
+    WHEEL_ECCENTRICITY,
     WHEEL_RADIUS,
     WHEEL_RADIUS_MISMATCH,
 )
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_LAG, SENSOR_MOUNTING, SENSOR_SCALE
+from residual_mpc.effects.sensor import (
+    CLOCK_SKEW,
+    SENSOR_BIAS,
+    SENSOR_DELAY,
+    SENSOR_LAG,
+    SENSOR_MOUNTING,
+    SENSOR_SCALE,
+)
 from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 
 
@@ -55,6 +63,8 @@ class Separation:
 ENCODERS = "log the wheel encoders (velocity.left and velocity.right)"
 CHIRP = "send a chirp"
 HOLD = "send steps to several heights, and hold each for some seconds"
+TURNS = "log the wheel encoders, and drive far enough for the wheels to turn many times"
+MINUTES = "log one run of several minutes, with motion in its first and in its last seconds"
 OFF = "log stretches with the motor off (enabled.* = 0)"
 
 # Of several pairs in a group the first counts. Those of the low-passed and scaled readings and from gear efficiency on
@@ -63,11 +73,17 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(COMMAND_DELAY, SENSOR_DELAY, ENCODERS, OFF),
     Separation(ACTUATOR_LAG, SENSOR_LAG, ENCODERS, OFF),
     Separation(COMMAND_DELAY, SENSOR_LAG, ENCODERS, OFF),
+    Separation(SENSOR_DELAY, CLOCK_SKEW, MINUTES, MINUTES),
+    Separation(COMMAND_DELAY, CLOCK_SKEW, MINUTES, MINUTES),
+    Separation(SENSOR_LAG, CLOCK_SKEW, MINUTES, MINUTES),
     Separation(SENSOR_DELAY, SENSOR_LAG, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS, ENCODERS, ""),
     Separation(ACTUATOR_GAIN, WHEEL_RADIUS_MISMATCH, ENCODERS, ""),
     Separation(WHEEL_RADIUS, SLOPE, "drive straight at two headings, both ways", ""),
     Separation(WHEEL_RADIUS, LONGITUDINAL_SLIP, "drive at constant speed as well as with hard accelerations", ""),
+    Separation(WHEEL_ECCENTRICITY, WHEEL_RADIUS, TURNS, ""),
+    Separation(WHEEL_ECCENTRICITY, WHEEL_RADIUS_MISMATCH, TURNS, ""),
+    Separation(WHEEL_ECCENTRICITY, ACTUATOR_GAIN, TURNS, ""),
     Separation(LATERAL_SLIP, SENSOR_MOUNTING, "spin in place, and drive arcs at varying speed", ""),
     Separation(TRACK_WIDTH, SENSOR_SCALE, "log pose.x and pose.y beside the heading, and drive on after turns", ""),
     Separation(ACTUATOR_LAG, COMMAND_DELAY, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
@@ -136,6 +152,8 @@ SUBSTITUTES: tuple[tuple[Effect, Effect], ...] = (
     (COMMAND_DELAY, SENSOR_LAG),
     (SENSOR_DELAY, SENSOR_LAG),
     (COMMAND_DELAY, SENSOR_DELAY),
+    (COMMAND_DELAY, CLOCK_SKEW),
+    (SENSOR_DELAY, CLOCK_SKEW),
     (COULOMB, LOAD_FRICTION),
     (STRIBECK, LOAD_FRICTION),
     (COULOMB, STRIBECK),

@@ -13,16 +13,19 @@ def ground_twist(
     track_width: Array,
     w: tuple[Array, Array],
     a: tuple[Array, Array],
+    roundness: tuple[Array | None, Array | None] = (None, None),
 ) -> tuple[Array, Array, Array]:
     """Body-frame velocity of a differential drive (paper, the equation labelled wheel_prop) with the contact
     effects.
 
-    w: wheel speeds left, right, rad/s; a: their accelerations, rad/s^2.
+    w: wheel speeds left, right, rad/s; a: their accelerations, rad/s^2; roundness: factors on their radii (see
+    `radius_factor`), None for 1.
     Returns forward m/s, sideways (to the left) m/s, yaw rate rad/s. Effects at other sites are not looked at.
     """
     both, right, width = (changes(effects, q) for q in ("wheel radius", "right wheel radius", "track width"))
     r_left = wheel_radius if both is None else wheel_radius * both
     r_right = r_left if right is None else r_left * right
+    r_left, r_right = (r if f is None else r * f for r, f in zip((r_left, r_right), roundness, strict=True))
     rims = [r_left * w[0], r_right * w[1]]
     for effect, p in present(effects, "rim"):
         assert effect.step is not None
@@ -36,6 +39,16 @@ def ground_twist(
         more = effect.step(ops, p, forward, yaw)
         sideways = more if sideways is None else sideways + more
     return forward, 0.0 * forward if sideways is None else sideways, yaw
+
+
+def radius_factor(ops: Ops, effects: Effects, angle: Array) -> Array | None:
+    """What the effects of one wheel multiply its radius by at its angle, rad; None where none does."""
+    total: Array | None = None
+    for effect, p in present(effects, "roundness"):
+        assert effect.step is not None
+        factor = effect.step(ops, p, angle)
+        total = factor if total is None else total * factor
+    return total
 
 
 def with_fitted_rates(

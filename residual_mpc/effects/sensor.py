@@ -8,6 +8,7 @@ from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
+EVERY_SENSOR = "sensors"  # the target that is all sensors of a robot together
 READ_ELSEWHERE = "sensor effects are not part of the model"
 
 
@@ -37,6 +38,12 @@ def low_pass(x: np.ndarray, y0: np.ndarray, tau: float, h: float) -> np.ndarray:
     return np.concatenate([y0[..., None], y], axis=-1)
 
 
+def lateness(skew: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """s by which a stamp runs ahead of the command's clock, `since` s (by itself) after both began, where its clock
+    gains `skew` s in a second."""
+    return np.asarray(skew / (1.0 + skew) * since)
+
+
 SENSOR_DELAY = Effect(
     name="sensor_delay",
     stage="sensor",
@@ -47,6 +54,25 @@ SENSOR_DELAY = Effect(
     site="delay",
     phrase=Phrase("{who} arrive {delay} late", "the measurements", "the measurements of {}"),
     nouns={"delay": Noun("sensor delay", targeted="delay")},
+    not_in_mjcf=READ_ELSEWHERE,
+)
+
+CLOCK_SKEW = Effect(
+    name="clock_skew",
+    stage="sensor",
+    port="sensor",
+    target="channel",
+    # probed, and bounded, by how far the stamps are off at the end of the longest run, s
+    parameters=(Parameter("rate", "1", 0.0, -0.02, 0.02, (0.05,), "1/run", quantity="reading skew", most=0.5),),
+    summary="the sensor's clock gains on the command's",
+    site="clock",
+    seconds=10.0,  # a rate of 0.1 %, far beyond a quartz, is then 10 ms, half a sampling period at 50 Hz
+    phrase=Phrase(
+        "the stamps of {who} drift from those of the commands by {rate} s per second",
+        "the sensors",
+        "the measurements of {}",
+    ),
+    nouns={"rate": Noun("rate at which the sensors' clock gains", appears="clock skew", size="rate")},
     not_in_mjcf=READ_ELSEWHERE,
 )
 
@@ -137,4 +163,4 @@ SENSOR_OUTLIERS = Effect(
     not_in_mjcf=READ_ELSEWHERE,
 )
 
-EFFECTS = (SENSOR_DELAY, SENSOR_LAG, SENSOR_SCALE, SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS)
+EFFECTS = (SENSOR_DELAY, SENSOR_LAG, SENSOR_SCALE, CLOCK_SKEW, SENSOR_BIAS, SENSOR_MOUNTING, SENSOR_OUTLIERS)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 from residual_mpc.experiment.command_file import command_table
 from residual_mpc.experiment.plan import SECONDS, Plan, plan_next
@@ -16,6 +17,7 @@ FILE = "next.csv"
 # numbers in the start state: a plan for a rover or one joint costs a second, one for an arm a minute, left to `excite`
 AT_ONCE = 3
 LISTED = 4  # sensors in the sentence
+TIMES = 6.0  # the shortest run that shows an effect, in a plan that is to show it
 
 
 @dataclass(frozen=True)
@@ -39,15 +41,22 @@ def propose(
     if sum(1 if s.velocity is None else 2 for s in robot.states) > AT_ONCE:
         return Proposal(said, None)
     try:
-        plan = plan_next(document, robot, "diagnosis.json", {}, SECONDS, np.random.default_rng(seed))
+        seconds = _seconds(said["parts"])
+        plan = plan_next(document, robot, "diagnosis.json", {}, seconds, np.random.default_rng(seed))
     except BadInput:
         return Proposal(said, None)  # a robot that cannot be planned for keeps the words
     if plan.purpose == "protocol":
         return Proposal(said, None)
     table = command_table([p.motion for p in plan.played], plan.setup.actuators)
     sensors = list(dict.fromkeys([*plan.document["sensors"], *wanted]))
-    planned = {"what": _words(plan) + _besides(sensors), "commands": FILE, "sensors": sensors}
+    long = f" for {seconds:g} s" if seconds > SECONDS else ""
+    planned = {"what": _words(plan) + long + _besides(sensors), "commands": FILE, "sensors": sensors}
     return Proposal({**said, **planned, "told_apart": plan.document["told_apart"]}, table)
+
+
+def _seconds(parts: Collection[str]) -> float:
+    """s of a motion that is to tell these effects apart: one that takes a long run to show gets one."""
+    return max([SECONDS, *(TIMES * BY_NAME[name].seconds for name in parts if name in BY_NAME)])
 
 
 def _words(plan: Plan) -> str:

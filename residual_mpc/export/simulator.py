@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
 from residual_mpc.export.source import robot_beside
@@ -124,4 +125,4 @@ class SteppedSimulator:
 
 
 def _sensors_alone(settings: Settings) -> Settings:
-    return Settings(settings.rows, {e: p for e, p in settings.effects.items() if e.startswith("sensor_")})
+    return Settings(settings.rows, {e: p for e, p in settings.effects.items() if BY_NAME[e].stage == "sensor"})

@@ -1,7 +1,7 @@
 """What the diagnosis needs of a robot: to replay a batch of windows under a batch of hypotheses."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -32,11 +32,14 @@ class Drive:
 
     command (B, lead + K, nu): mean over each step of the command held, actuator units; the first `lead` steps lie
     before the window and warm up what remembers. enabled (B, K, nu) of 0 or 1, or None where always on.
-    enabled_before (B, lead, nu): the same before the window, for who begins a replay earlier; a robot needs it not.
-    clock (B,) s from the run's first stamp to the window's start. setting (B,) which setting of a merged robot each row
-    has, None for a robot with one. midway: whether the replay carries on from where one before it ended, and not from
-    a measured start: what no channel tells then begins by rule, without a replay of the commands before. past: what
-    the position servos had to correct before; None where nothing is known of it, and they count as settled.
+    enabled_before (B, lead, nu): the same before the window, for who begins a replay earlier; command_after and
+    enabled_after (B, A, nu): after the window, for who ends it later; a robot needs none of these.
+    clock (B,) s from the run's first stamp to the window's start. angle (B, nu) rad of each wheel at the window's
+    start, counted from where its radius is the largest; None where nothing is known of it. past: what the position
+    servos had to correct before; None where nothing is known of it, and they count as settled. setting (B,) which
+    setting of a merged robot each row has, None for a robot with one. midway: whether the replay carries on from where
+    one before it ended, and not from a measured start: what no channel tells then begins by rule, without a replay of
+    the commands before.
     """
 
     dt: float
@@ -48,10 +51,29 @@ class Drive:
     enabled_before: np.ndarray | None = None
     midway: bool = False
     past: PastErrors | None = None
+    command_after: np.ndarray | None = None
+    enabled_after: np.ndarray | None = None
+    angle: np.ndarray | None = None
 
     @property
     def steps(self) -> int:
         return self.command.shape[1] - self.lead
+
+    def angle_before(self, steps: np.ndarray) -> np.ndarray | None:
+        """(..., B, nu) rad of the wheels `steps` (..., B) before the window, which turned as commanded since then;
+        None where nothing is known of it."""
+        if self.angle is None:
+            return None
+        before = self.command[:, : self.lead][:, ::-1]
+        turned = self.dt * np.concatenate([np.zeros_like(self.angle)[:, None], np.cumsum(before, axis=1)], axis=1)
+        return np.asarray(self.angle - turned[np.arange(len(turned)), np.clip(steps, 0, self.lead)])
+
+    def take(self, rows: np.ndarray) -> "Drive":
+        """The rows where the mask (B,) is true."""
+        some = ("enabled", "setting", "enabled_before", "command_after", "enabled_after", "angle")
+        known = {name: value[rows] for name in some if (value := getattr(self, name)) is not None}
+        past = None if self.past is None else self.past.take(rows)
+        return replace(self, command=self.command[rows], clock=self.clock[rows], past=past, **known)
 
 
 class Robot(Protocol):

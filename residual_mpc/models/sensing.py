@@ -9,7 +9,7 @@ import numpy as np
 from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.library import BY_NAME, FACTORS, present
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.sensor import low_pass
+from residual_mpc.effects.sensor import EVERY_SENSOR, lateness, low_pass
 from residual_mpc.models.settings import Settings
 
 Readings = Mapping[str, np.ndarray]  # channel -> (rows,)
@@ -17,6 +17,7 @@ Readings = Mapping[str, np.ndarray]  # channel -> (rows,)
 # Channels that count from where a run began: an integrated rate has no zero of its own, so a scale acts on what is
 # turned since then.
 SINCE_START = ("pose.theta",)
+SKEWED = 1.0  # s by which a clock makes readings late at most, of a robot that is stepped: bounds the memory
 
 
 class SensedRobot(Protocol):
@@ -29,10 +30,11 @@ class SensedRobot(Protocol):
 
 
 def slot_of(channel: str, slots: tuple[str, ...]) -> int | None:
-    """Which target of a sensor effect a channel belongs to: itself, its joint, or `pose` for the localisation."""
+    """Which target of a sensor effect a channel belongs to: itself, its joint, `pose` for the localisation, or
+    `sensors` for all of them."""
     kind, _, name = channel.partition(".")
     for i, slot in enumerate(slots):
-        if slot in (channel, name) or (slot == "pose" and kind in ("pose", "twist")):
+        if slot in (channel, name, EVERY_SENSOR) or (slot == "pose" and kind in ("pose", "twist")):
             return i
     return None
 
@@ -87,26 +89,33 @@ def sensed(robot: SensedRobot, settings: Settings, true: Readings, first: Readin
 
 class Saved(NamedTuple):
     """What the next readings depend on: the true values of the latest periods, newest first, what the low-passes gave
-    then, and the true values of the beginning."""
+    then, the true values of the beginning, and the periods (rows,) since then."""
 
     line: tuple[Readings, ...]
     slow: tuple[Readings, ...]
     first: Readings
+    age: np.ndarray
 
 
 class Late:
-    """Readings on their way: straight between the ends of two periods, and what the run began with before that."""
+    """Readings on their way: straight between the ends of two periods, and what the run began with before that.
+
+    A clock that gains makes them later and later, up to SKEWED s. One that loses takes back the delay; what is still to
+    come it cannot show.
+    """
 
     def __init__(self, robot: SensedRobot, settings: Settings, period: float) -> None:
         self._robot, self._settings = robot, settings
-        delays = {c: sensor_value(robot, settings, "reading delay", c) for c in robot.channels}
-        self._late = {c: d / period for c, d in delays.items() if d is not None and d.any()}
-        longest = max((float(d.max()) for d in self._late.values()), default=0.0)
+        delays, skews = (_values(robot, settings, q) for q in ("reading delay", "reading skew"))
+        zero = np.zeros(settings.rows)
+        self._late = {c: delays.get(c, zero) / period for c in delays.keys() | skews.keys()}
+        self._skews = skews
+        self._age = zero
+        longest = max((float(d.max()) for d in self._late.values()), default=0.0) + bool(skews) * SKEWED / period
         self._line: deque[Readings] = deque(maxlen=int(np.ceil(longest)) + 2)  # newest first
         self._slow: deque[Readings] = deque(maxlen=self._line.maxlen)  # newest first
         self._first: Readings = {}
-        lags = {c: sensor_value(robot, settings, "reading lag", c) for c in robot.channels}
-        self._lags = {c: tau for c, tau in lags.items() if tau is not None and tau.any()}
+        self._lags = _values(robot, settings, "reading lag")
         self._period = period
 
     def begin(self, true: Readings) -> None:
@@ -114,6 +123,7 @@ class Late:
         self._line.extend([true] * (self._line.maxlen or 1))
         self._slow.extend([self._behind(true)] * (self._line.maxlen or 1))
         self._first = true
+        self._age = np.zeros_like(self._age)
 
     def push(self, true: Readings) -> None:
         if self._lags:
@@ -122,6 +132,7 @@ class Late:
             held = self._slow[0]
             self._slow.appendleft({c: self._low_passed(c, x, held[c]) for c, x in ends.items()})
         self._line.appendleft(true)
+        self._age = self._age + 1.0
 
     def _behind(self, true: Readings) -> Readings:
         """What enters the low-passes."""
@@ -145,6 +156,9 @@ class Late:
         now = dict(line[0])
         for channel in now.keys() & self._late.keys():
             late = self._late[channel]
+            if channel in self._skews:
+                gained = lateness(self._skews[channel], self._age)
+                late = np.clip(late + gained, 0.0, late + SKEWED / self._period)
             past = np.stack([then[channel] for then in line])  # (n, rows)
             whole = np.minimum(late.astype(int), len(past) - 2)
             row = np.arange(past.shape[1])
@@ -153,7 +167,7 @@ class Late:
         return now
 
     def save(self) -> Saved:
-        return Saved(tuple(self._line), tuple(self._slow), self._first)
+        return Saved(tuple(self._line), tuple(self._slow), self._first, self._age)
 
     def restore(self, saved: Saved, rows: np.ndarray) -> None:
         """Go back to what `save` gave in the rows of the mask (rows,)."""
@@ -166,3 +180,10 @@ class Late:
             line.clear()
             line.extend(back(old, new) for old, new in zip(before, now, strict=True))
         self._first = back(saved.first, self._first)
+        self._age = np.where(rows, saved.age, self._age)
+
+
+def _values(robot: SensedRobot, settings: Settings, quantity: Quantity) -> dict[str, np.ndarray]:
+    """channel -> (rows,) where the sensor effects change the quantity of its readings."""
+    found = {c: sensor_value(robot, settings, quantity, c) for c in robot.channels}
+    return {c: x for c, x in found.items() if x is not None and x.any()}

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from plants.blind_families.arm.effects import LONG_PLANTINGS as LONG_ARM
 from plants.blind_families.arm.effects import PLANTINGS as ARM
 from plants.blind_families.arm.family import ArmBench
 from plants.blind_families.arm.setting import draw_setting as draw_arm
 from plants.blind_families.planting import Faint, background, clash, confounded
 from plants.blind_families.scaler.effects import PLANTINGS as SCALER
+from plants.blind_families.wheeled.effects import EVERY as EVERY_WHEELED
 from plants.blind_families.wheeled.effects import PLANTINGS as WHEELED
 from plants.blind_families.wheeled.family import WheeledBench
 from plants.blind_families.wheeled.setting import draw_setting as draw_wheeled
@@ -16,7 +18,7 @@ from residual_mpc.effects.equivalents import inseparable_from
 from residual_mpc.effects.library import BY_NAME
 
 
-@pytest.mark.parametrize("effect", sorted(WHEELED))
+@pytest.mark.parametrize("effect", sorted(EVERY_WHEELED))
 def test_a_wheeled_effect_is_planted_with_the_parameters_of_the_library(effect):
     rng = np.random.default_rng(4)
     bench = WheeledBench(draw_wheeled(LEVELS["single"], (effect,), False, rng), (effect,), False)
@@ -31,9 +33,9 @@ def arm_setting():
     return setting
 
 
-@pytest.mark.parametrize("effect", sorted(ARM))
+@pytest.mark.parametrize("effect", sorted({**ARM, **LONG_ARM}))
 def test_an_arms_effect_is_planted_with_the_parameters_of_the_library(effect, arm_setting):
-    bench = ArmBench(arm_setting, (effect,))
+    bench = ArmBench(arm_setting, (effect,), known=LONG_ARM if effect in LONG_ARM else ARM)
     _, parameters = bench.plant(bench.robot, bench.draw(effect, np.random.default_rng(5)), 0.3)
     assert set(parameters) == {p.name for p in BY_NAME[effect].parameters}
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from plants.blind_families.strength import planar_ratio
-from plants.blind_families.wheeled.effects import PLANTINGS, Draw, PoseSensor, Rover, draw_effect
-from plants.blind_families.wheeled.setting import draw_setting, ratio
+from plants.blind_families.wheeled.effects import EVERY, LONG_PLANTINGS, PLANTINGS, Draw, PoseSensor, Rover, draw_effect
+from plants.blind_families.wheeled.setting import draw_setting, ratio, seen
+from plants.blind_families.wheeled.setting import drive as driven
 from plants.blind_families.wheeled.truth import WheeledTruth, simulate
 from residual_mpc.blind.families import make_case
 from residual_mpc.blind.levels import LEVELS
@@ -24,7 +25,7 @@ def drive(truth, left, right):
 
 
 def planted(effect, strength=0.5, target=None, sign=1.0):
-    rover, parameters = PLANTINGS[effect].plant(Rover(IDEAL, PoseSensor()), Draw(effect, target, sign, 0.3), strength)
+    rover, parameters = EVERY[effect].plant(Rover(IDEAL, PoseSensor()), Draw(effect, target, sign, 0.3), strength)
     return rover.truth, parameters
 
 
@@ -103,6 +104,44 @@ def test_a_slope_drifts_at_its_rate_and_heading():
     still = drive(truth, 0.0, 0.0).pose(T)[-1]
     assert math.hypot(still[0], still[1]) == pytest.approx(parameters["rate"] * T[-1], rel=0.1)
     assert math.atan2(still[1], still[0]) == pytest.approx(parameters["heading"], abs=1e-6)
+
+
+def test_a_wheel_out_of_round_swings_about_its_mean_once_a_turn():
+    truth, parameters = planted("wheel_eccentricity", 0.5, "left")
+    swing = drive(truth, 5.0, 0.0).pose(T)[:, 2] - drive(IDEAL, 5.0, 0.0).pose(T)[:, 2]
+    assert np.ptp(swing) == pytest.approx(2 * parameters["amplitude"] * R / B, rel=0.1)
+    turn = round(2 * np.pi / 5.0 / 0.04)
+    assert np.abs(swing[turn:] - swing[:-turn]).max() < 0.05 * np.ptp(swing)
+
+
+def test_its_wheels_stand_at_another_angle_in_each_run():
+    rng = np.random.default_rng(8)
+    setting = draw_setting(LEVELS["long"], ("wheel_eccentricity",), False, rng)
+    whole = setting.plans[0]
+    plan = replace(whole, t=whole.t[:200], forward=whole.forward[:200], yaw=whole.yaw[:200])
+    uneven = EVERY["wheel_eccentricity"].plant(setting.rover, Draw("wheel_eccentricity", "left", 1.0, 0.0), 0.5)[0]
+    first, second = (driven(uneven, setting, replace(plan, name=name), (0.0, 0.0)).theta for name in ("run1", "run2"))
+    assert np.abs(first - second).max() > 0.01
+    plain = [driven(setting.rover, setting, replace(plan, name=n), (0.0, 0.0)).theta for n in ("run1", "run2")]
+    assert np.array_equal(*plain)
+
+
+@pytest.mark.parametrize("rate", [0.01, -0.01])
+def test_a_skewed_clock_is_off_by_its_rate_at_the_end(rate):
+    path = drive(IDEAL, 5.0, 5.0)
+    shown = seen(path, T, PoseSensor(skew=rate))[:, 0]
+    off = (path.pose(T)[:, 0] - shown) / (R * 5.0)  # s
+    assert off[-1] == pytest.approx(T[-1] * rate / (1 + rate), abs=1e-3) and abs(off[0]) < 1e-3
+
+
+@pytest.mark.parametrize("effect", sorted(LONG_PLANTINGS))
+def test_what_takes_a_long_run_adds_to_the_gap(effect):
+    rng = np.random.default_rng(3)
+    setting = draw_setting(LEVELS["long"], (effect,), False, rng)
+    setting = replace(setting, plans=setting.plans[:2])
+    draw = draw_effect(effect, setting.encoders, rng)
+    assert ratio(EVERY[effect].plant(setting.rover, draw, 0.6)[0], setting) > 1.0
+    assert ratio(EVERY[effect].plant(setting.rover, draw, 0.005)[0], setting) < 0.6
 
 
 @pytest.mark.parametrize("effect", sorted(set(PLANTINGS) - {"sensor_outliers"}))

@@ -17,8 +17,9 @@ from residual_mpc.models.settings import Knob, Settings, assemble
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
 SLOTS = {e.name: ROVER.slots(e.name) for e in LIBRARY}
-SENSORS = ("sensor_delay", "sensor_lag", "sensor_scale", "sensor_bias", "sensor_mounting")
+SENSORS = ("sensor_delay", "sensor_lag", "sensor_scale", "clock_skew", "sensor_bias", "sensor_mounting")
 DELAY, LAG, SCALE, BIAS, X, Y = 0.12, 0.15, 1.08, 0.2, 0.08, -0.05  # s, s, 1, rad, m, m
+SKEW = 0.02  # 1
 
 
 def dataset(run: Run) -> Dataset:
@@ -64,6 +65,10 @@ def logged(clean: Run, effect: str) -> Run:
         seen = {c: np.interp(clean.t - DELAY, clean.t, clean.columns[c]) for c in ("pose.x", "pose.y", "pose.theta")}
     elif effect == "sensor_lag":
         seen = {c: slowed(clean.t, clean.columns[c]) for c in ("pose.x", "pose.y", "pose.theta")}
+    elif effect in ("clock_skew", "clock_skew of a slow clock"):
+        rate = -SKEW if effect.endswith("slow clock") else SKEW
+        pose = ("pose.x", "pose.y", "pose.theta")
+        seen = {c: np.interp(clean.t / (1 + rate), clean.t, clean.columns[c]) for c in pose}
     elif effect == "sensor_scale":
         seen = {"pose.theta": theta[0] + SCALE * (theta - theta[0])}
     elif effect == "sensor_bias":
@@ -80,6 +85,8 @@ def logged(clean: Run, effect: str) -> Run:
         ("sensor_delay", {("sensor_delay", None, "delay"): DELAY}),
         ("sensor_lag", {("sensor_lag", None, "time_constant"): LAG}),
         ("sensor_scale", {("sensor_scale", "pose.theta", "scale"): SCALE}),
+        ("clock_skew", {("clock_skew", None, "rate"): SKEW}),
+        ("clock_skew of a slow clock", {("clock_skew", None, "rate"): -SKEW}),
         ("sensor_bias", {("sensor_bias", "pose.theta", "bias"): BIAS}),
         ("sensor_mounting", {("sensor_mounting", None, "x"): X, ("sensor_mounting", None, "y"): Y}),
     ],
@@ -90,6 +97,8 @@ def test_the_true_fault_explains_the_log(
     data = dataset(logged(clean, effect))
     if effect == "sensor_delay":  # before it, the sensor had nothing to report
         data = data.take(data.start > 0.5)
+    if effect.endswith("slow clock"):  # after the last stamp, what it would show is not in the clean run
+        data = data.take(data.start < 7.0)
     left, nominal = error(data, truth), error(data, {})
     assert nominal > 3e-3 and left < 0.05 * nominal
     null = 1.0 if effect == "sensor_scale" else 0.0
@@ -104,6 +113,8 @@ def test_hypotheses_and_windows_do_not_mix(clean: Run) -> None:
         {("sensor_delay", None, "delay"): 0.07, ("command_delay", "left", "delay"): 0.03},
         {("sensor_lag", None, "time_constant"): 0.1, ("sensor_delay", None, "delay"): 0.05},
         {("sensor_lag", None, "time_constant"): 0.1, ("sensor_mounting", None, "x"): 0.1},
+        {("clock_skew", None, "rate"): 0.01, ("sensor_delay", None, "delay"): 0.05},
+        {("clock_skew", None, "rate"): -0.02, ("sensor_lag", None, "time_constant"): 0.1},
         {("sensor_bias", "pose.theta", "bias"): 0.1, ("lateral_slip", None, "coefficient"): 0.2},
         {("sensor_mounting", None, "x"): 0.1, ("slope", None, "rate"): 0.05, ("slope", None, "heading"): 1.0},
     )

@@ -29,7 +29,7 @@ from residual_mpc.effects.body import (
     viscous_torque,
 )
 from residual_mpc.effects.command import dead_zone_step, delay_start, delay_step
-from residual_mpc.effects.contact import slope_drift
+from residual_mpc.effects.contact import radius_over_turn, slope_drift
 from residual_mpc.effects.ground import ground_twist
 from residual_mpc.effects.ops import NUMPY, Array, Ops, casadi_ops, jax_ops
 from residual_mpc.effects.sensor import mounted, unmounted
@@ -129,6 +129,7 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
     "servo_integral": (_one(lambda o, p, x, e: integral_step(o, p, x, e, DT), "gain"), [(0.0, 9.0)], 2),
     "ground": (on_the_ground, [(0.5, 2.0), (0.8, 1.2), (0.0, 2.0), (0.5, 2.0), (-0.5, 0.5)], 4),
     "slope": (lambda o, r, h: slope_drift(o, {"rate": r, "heading": h}), [(0.0, 0.1), (-4.0, 4.0)], 0),
+    "wheel_eccentricity": (_one(radius_over_turn, "amplitude", "phase"), [(0.0, 0.5), (-4.0, 4.0)], 1),
     "mounted": (lambda o, x, y, *q: mounted(o, {"x": x, "y": y}, *q), [(-1.0, 1.0)] * 2, 3),
     "unmounted": (lambda o, x, y, *q: unmounted(o, {"x": x, "y": y}, *q), [(-1.0, 1.0)] * 2, 3),
 }

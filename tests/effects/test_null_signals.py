@@ -7,7 +7,7 @@ import pytest
 
 from residual_mpc.effects.actuator import lag_start, lag_step
 from residual_mpc.effects.effect import STAGES, Effect, Parameter
-from residual_mpc.effects.ground import ground_twist, world_drift
+from residual_mpc.effects.ground import ground_twist, radius_factor, world_drift
 from residual_mpc.effects.library import BY_NAME, HOSTED, LIBRARY
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.effects.sensor import mounted, unmounted
@@ -88,6 +88,11 @@ def test_the_ground_is_the_papers(name: str) -> None:
     there = (there[0] + x, there[1] + y, there[2])
     for x, y in zip(there, bare, strict=True):
         np.testing.assert_array_equal(x, y)
+
+
+def test_a_wheel_that_is_round_keeps_its_radius() -> None:
+    factor = radius_factor(NUMPY, {"wheel_eccentricity": null_of(BY_NAME["wheel_eccentricity"])}, SIGNALS[0])
+    np.testing.assert_array_equal(factor, np.ones_like(SIGNALS[0]))
 
 
 @pytest.mark.parametrize("through", [mounted, unmounted])

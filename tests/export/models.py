@@ -31,6 +31,10 @@ EFFECTS: dict[str, dict[Knob, float]] = {
     "track_width": {Knob("track_width", None, "scale"): 1.3},
     "lateral_slip": {Knob("lateral_slip", None, "coefficient"): 0.2},
     "longitudinal_slip": {Knob("longitudinal_slip", None, "coefficient"): 0.5},
+    "wheel_eccentricity": {
+        Knob("wheel_eccentricity", "left", "amplitude"): 0.1,
+        Knob("wheel_eccentricity", "left", "phase"): 0.4,
+    },
     "slope": {Knob("slope", None, "rate"): 0.03, Knob("slope", None, "heading"): 0.7},
 }
 TOGETHER = {k: v for effects in EFFECTS.values() for k, v in effects.items() if k.target is None}

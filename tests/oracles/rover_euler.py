@@ -30,6 +30,7 @@ def simulate(
     settled = list(command(begin - value.get("command_delay.delay", 0.0)))
     ramp = list(settled)
     play = [0.5 * value.get("backlash.gap", 0.0) * _sign(w) for w in settled]  # motor minus wheel, rad
+    turned = [0.0, 0.0]  # rad
     past: list[list[float]] = []  # wheel speeds so far, rad/s
     out = np.empty((len(times), 3))
     n = 0
@@ -61,6 +62,10 @@ def simulate(
                 w[i] = push / fine
         r_left = WHEEL_RADIUS * value.get("wheel_radius.scale", 1.0)
         r_right = r_left * value.get("wheel_radius_mismatch.ratio", 1.0)
+        swing, phase = value.get("wheel_eccentricity.amplitude", 0.0), value.get("wheel_eccentricity.phase", 0.0)
+        r_left *= 1.0 + swing * math.cos(turned[0] + phase)
+        r_right *= 1.0 + swing * math.cos(turned[1] + phase)
+        turned = [q + fine * v for q, v in zip(turned, w, strict=True)]
         past.append(list(w))
         ago = past[max(0, len(past) - 1 - round(RESPONSE / fine))]
         accel = [(a - b) / RESPONSE for a, b in zip(w, ago, strict=True)]

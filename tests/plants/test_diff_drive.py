@@ -31,6 +31,7 @@ FAULTS: dict[str, dict[str, float]] = {
     "track_width": {"scale": 1.3},
     "lateral_slip": {"coefficient": 0.2},
     "longitudinal_slip": {"coefficient": 4.0},
+    "wheel_eccentricity": {"amplitude": 0.2, "phase": 0.7},
     "slope": {"rate": 0.04, "heading": 2.0},
 }
 
@@ -102,10 +103,11 @@ def test_a_waving_drive_converges_with_the_square_of_the_step() -> None:
 
 @pytest.mark.parametrize("effect", FAULTS)
 def test_an_effect_is_its_definition(effect: str) -> None:
-    """What happened before the window warms the memory up; the sagging supply is young at its run's start."""
+    """What happened before the window warms the memory up; the sagging supply is young at its run's start, and the
+    angle of a wheel counts from there."""
     dt, times = 0.005, 0.25 * np.arange(5)
     faults = {effect: FAULTS[effect]}
-    begin, clock = (0.0, 0.0) if effect == "voltage_sag" else (-LEAD, LEAD)
+    begin, clock = (0.0, 0.0) if effect in ("voltage_sag", "wheel_eccentricity") else (-LEAD, LEAD)
     literal = simulate(waving, times, faults, begin=begin)
     pose = tuple(literal[0])
     drive = drive_of(waving, dt, 1.0, clock)

@@ -25,7 +25,7 @@ from residual_mpc.effects.body import (
 )
 from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_OUTLIERS
+from residual_mpc.effects.sensor import CLOCK_SKEW, SENSOR_BIAS, SENSOR_DELAY, SENSOR_OUTLIERS
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,7 @@ class ArmSensor:
     delay: Array  # s
     bias: Array  # rad
     outliers: Array  # share of the samples
+    skew: float = 0.0  # s that their clock gains in a second
     eccentric: float = 0.0  # rad, swing of the readings over a turn: a cause that no library names
 
 
@@ -145,6 +146,11 @@ def _sensor(field: str, parameter: str, law: Callable[[float, Draw], float]) -> 
         return replace(robot, sensor=replace(robot.sensor, **changes)), {parameter: law(s, draw)}
 
     return plant
+
+
+def _skew(robot: ArmRobot, draw: Draw, s: float) -> tuple[ArmRobot, dict[str, float]]:
+    rate = draw.sign * 0.01 * s
+    return replace(robot, sensor=replace(robot.sensor, skew=rate)), {"rate": rate}
 
 
 def _width(s: float, draw: Draw, robot: ArmRobot, j: int) -> float:
@@ -268,6 +274,10 @@ PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
         faint=Faint.NONE,
     ),
 )
+
+
+# what takes a long run to show; drawn at a level of its own, so that the cases of the others stay
+LONG_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(Planting(CLOCK_SKEW, _skew, every_joint, typical=0.2))
 
 
 def draw_effect(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.blind_families.arm.effects import PLANTINGS, ArmRobot, Draw, Place, draw_effect, target_of
+from plants.blind_families.arm.effects import LONG_PLANTINGS, PLANTINGS, ArmRobot, Draw, Place, draw_effect, target_of
 from plants.blind_families.arm.faults import (
     BEYOND,
     CHANGING,
@@ -143,7 +143,7 @@ class ArmFamily:
 def _bench(level: Level, rng: np.random.Generator) -> ArmBench | None:
     effects: tuple[str, ...]
     flaws: tuple[str, ...]
-    known = SERVO_PLANTINGS if level.servo else PLANTINGS
+    known = SERVO_PLANTINGS if level.servo else LONG_PLANTINGS if level.long else PLANTINGS
     if level.confounded:
         effects, flaws = (str(rng.choice(list(confounded(PLANTINGS)))),), ()
     else:

@@ -38,9 +38,10 @@ class Happened:
         """What noise-free encoders report at ``t`` (k,): (r, k, n) rad."""
         out = np.empty((self.q.shape[0], len(t), self.q.shape[2]))
         fine = np.arange(self.q.shape[1]) * STEP
+        true = t / (1.0 + sensor.skew)  # of two clocks that began together
         for r in range(out.shape[0]):
             for j in range(out.shape[2]):
-                out[r, :, j] = np.interp(t - sensor.delay[j], fine, self.q[r, :, j]) + sensor.bias[j]
+                out[r, :, j] = np.interp(true - sensor.delay[j], fine, self.q[r, :, j]) + sensor.bias[j]
         return out + sensor.eccentric * np.sin(out) if sensor.eccentric else out
 
     def speed(self, t: Array, sensor: ArmSensor) -> Array:
@@ -48,8 +49,8 @@ class Happened:
 
         A late sensor is late with all that it reports.
         """
-        late = np.maximum(t[:, None] - sensor.delay[None, :], 0.0)  # (k, n)
-        index = np.maximum(np.round(late / STEP).astype(int), 1)
+        late = np.maximum(t[:, None] / (1.0 + sensor.skew) - sensor.delay[None, :], 0.0)  # (k, n)
+        index = np.clip(np.round(late / STEP).astype(int), 1, self.q.shape[1] - 1)
         joint = np.arange(self.q.shape[2])[None, :]
         return (self.q[:, index, joint] - self.q[:, index - 1, joint]) / STEP
 

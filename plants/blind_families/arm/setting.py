@@ -121,7 +121,7 @@ def _motion(
     """rate: Hz, 0: a usual one."""
     if not rate:
         rate = float(rng.choice([50.0, 62.5, 100.0, 125.0])) if arm.kind == "position" else 125.0
-    seconds = float(rng.uniform(15, 19))
+    seconds = float(rng.uniform(*((28, 34) if level.long else (15, 19))))
     t = np.unique(np.round(stamps(seconds, rate, rough, rng) / STEP)) * STEP
     kinds: list[motions.Motion] = [motions.multisine, motions.steps, motions.chirp, motions.sweep]
     if level.rough:

@@ -17,10 +17,11 @@ from residual_mpc.effects.contact import (
     LONGITUDINAL_SLIP,
     SLOPE,
     TRACK_WIDTH,
+    WHEEL_ECCENTRICITY,
     WHEEL_RADIUS,
     WHEEL_RADIUS_MISMATCH,
 )
-from residual_mpc.effects.sensor import SENSOR_BIAS, SENSOR_DELAY, SENSOR_MOUNTING, SENSOR_OUTLIERS
+from residual_mpc.effects.sensor import CLOCK_SKEW, SENSOR_BIAS, SENSOR_DELAY, SENSOR_MOUNTING, SENSOR_OUTLIERS
 
 SIDES = ("left", "right")
 
@@ -30,6 +31,7 @@ class PoseSensor:
     """The localisation as it really is."""
 
     delay: float = 0.0  # s
+    skew: float = 0.0  # s that its clock gains in a second
     bias: float = 0.0  # rad, of the heading
     mounting: tuple[float, float] = (0.0, 0.0)  # m, in the body frame
     outliers: float = 0.0  # share of the samples
@@ -109,6 +111,18 @@ def _sensor_delay(rover: Rover, draw: Draw, s: float) -> tuple[Rover, dict[str, 
     return replace(rover, sensor=replace(rover.sensor, delay=0.25 * s)), {"delay": 0.25 * s}
 
 
+def _skew(rover: Rover, draw: Draw, s: float) -> tuple[Rover, dict[str, float]]:
+    rate = draw.sign * 0.01 * s
+    return replace(rover, sensor=replace(rover.sensor, skew=rate)), {"rate": rate}
+
+
+def _eccentric(rover: Rover, draw: Draw, s: float) -> tuple[Rover, dict[str, float]]:
+    """Worn beside: a little of the radius varies twice a turn. The phase counts from the largest radius, since nothing
+    tells how a wheel stood at a run's start."""
+    truth = replace(rover.truth, eccentric=_pair(draw, 0.0, 0.4 * s), oval=0.08)
+    return replace(rover, truth=truth), {"amplitude": 0.4 * s, "phase": 0.0}
+
+
 def _sensor_bias(rover: Rover, draw: Draw, s: float) -> tuple[Rover, dict[str, float]]:
     value = draw.sign * 0.4 * s
     return replace(rover, sensor=replace(rover.sensor, bias=value)), {"bias": value}
@@ -130,6 +144,10 @@ def _robot(encoders: bool, rng: np.random.Generator) -> str | None:
 def _wheels(encoders: bool, rng: np.random.Generator) -> str | None:
     """Both of them as often as one."""
     return (None, None, "left", "right")[rng.integers(4)]
+
+
+def _wheel(encoders: bool, rng: np.random.Generator) -> str | None:
+    return SIDES[rng.integers(2)]
 
 
 def _heading(encoders: bool, rng: np.random.Generator) -> str | None:
@@ -224,7 +242,15 @@ PLANTINGS: Plantings[Rover, Draw, Place] = by_name(
 )
 
 
+# what takes a long run to show; drawn at a level of its own, so that the cases of the others stay
+LONG_PLANTINGS: Plantings[Rover, Draw, Place] = by_name(
+    Planting(CLOCK_SKEW, _skew, _readings, typical=0.2),
+    Planting(WHEEL_ECCENTRICITY, _eccentric, _wheel, typical=0.2),
+)
+EVERY: Plantings[Rover, Draw, Place] = {**PLANTINGS, **LONG_PLANTINGS}
+
+
 def draw_effect(effect: str, encoders: bool, rng: np.random.Generator) -> Draw:
     """Target, sign and direction of ``effect``."""
-    target = PLANTINGS[effect].place(encoders, rng)
+    target = EVERY[effect].place(encoders, rng)
     return Draw(effect, target, float(rng.choice([-1, 1])), float(rng.uniform(-np.pi, np.pi)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,16 @@ import numpy as np
 from plants.blind_families.bench import Habits
 from plants.blind_families.case import Drawn, choose_for, first_case, make
 from plants.blind_families.planting import Plantings, confounded
-from plants.blind_families.wheeled.effects import PLANTINGS, SIDES, Draw, Place, Rover, draw_effect
+from plants.blind_families.wheeled.effects import (
+    EVERY,
+    LONG_PLANTINGS,
+    PLANTINGS,
+    SIDES,
+    Draw,
+    Place,
+    Rover,
+    draw_effect,
+)
 from plants.blind_families.wheeled.faults import BEYOND, CHANGING, FLAWS, PAIRS, SLOW, caused, changing, flawed
 from plants.blind_families.wheeled.files import write_clean, write_played, write_robot, write_runs
 from plants.blind_families.wheeled.setting import Setting, draw_setting, left, ratio
@@ -21,7 +30,7 @@ from residual_mpc.blind.levels import LEVELS, Level
 from residual_mpc.blind.records import Answer
 
 HABITS = Habits(
-    unnamed=("eccentric_wheel", "one_sided_turning", "warming_up", "gusts", "drifting_gyro", "relocations"),
+    unnamed=("one_sided_turning", "warming_up", "gusts", "drifting_gyro", "relocations"),
     unnamed_in_tests=("flipping_castor", "carpet_nap", "magnetic_heading", "hot_motors"),
     flaws=FLAWS,
     beyond=BEYOND,
@@ -46,6 +55,7 @@ class WheeledBench:
     always: tuple[str, ...] = ()
     described: tuple[str, ...] = ()
     rest: float = 0.0  # gap over the noise floor that the robot has without any effect
+    known: Plantings[Rover, Draw, Place] = field(default_factory=lambda: PLANTINGS)
 
     @property
     def robot(self) -> Rover:
@@ -53,7 +63,7 @@ class WheeledBench:
 
     @property
     def plantings(self) -> Plantings[Rover, Draw, Place]:
-        return PLANTINGS
+        return self.known
 
     @property
     def traits(self) -> tuple[str, ...]:
@@ -77,7 +87,7 @@ class WheeledBench:
         return draw.target
 
     def plant(self, robot: Rover, draw: Draw, strength: float) -> tuple[Rover, dict[str, float]]:
-        return PLANTINGS[draw.effect].plant(robot, draw, strength)
+        return EVERY[draw.effect].plant(robot, draw, strength)
 
     def ratio(self, robot: Rover, horizon: float | None = None) -> float:
         found = ratio(robot, self.setting, horizon)
@@ -127,13 +137,16 @@ class WheeledFamily:
 
 
 def _shown_at(level: Level) -> Plantings[Rover, Draw, Place]:
+    if level.long:
+        return LONG_PLANTINGS
     return {name: PLANTINGS[name] for name in SLOW} if level.slow else PLANTINGS
 
 
 def _bench(level: Level, rng: np.random.Generator) -> WheeledBench:
     if not level.confounded:
         effects, flaws = choose_for(_shown_at(level), HABITS, level, rng)
-        return WheeledBench(draw_setting(level, effects, False, rng), effects, False, flaws)
+        known = LONG_PLANTINGS if level.long else PLANTINGS
+        return WheeledBench(draw_setting(level, effects, False, rng), effects, False, flaws, known=known)
     ways = confounded(PLANTINGS)
     drawn = str(rng.choice(list(ways)))
     straight, by = ways[drawn].straight, ways[drawn].by

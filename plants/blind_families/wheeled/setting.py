@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,14 @@ from plants.blind_families.planting import needed
 from plants.blind_families.sensing import Roughness, draw_roughness, draw_wild, stamps
 from plants.blind_families.strength import dead_reckoned, planar_gap
 from plants.blind_families.wheeled import motions
-from plants.blind_families.wheeled.effects import NO_ENCODERS, NO_JERKS, PLANTINGS, REVERSALS, PoseSensor, Rover
+from plants.blind_families.wheeled.effects import EVERY, NO_ENCODERS, NO_JERKS, REVERSALS, PoseSensor, Rover
 from plants.blind_families.wheeled.truth import Policy, Simulator, Trajectory, WheeledTruth, simulate
 from residual_mpc.blind.levels import Level
 
 Array = NDArray[np.float64]
 _LATEST = 0.002  # s
+_GOLDEN = 2.4  # rad, by which wheels stand farther round in each run
+_WANDER = 0.0005  # s
 LONG = 10.0  # s, the horizon of what is slow
 _USUAL_RADIUS = 0.067  # m, of the wheels that the usual speeds and noises belong to
 
@@ -62,12 +64,12 @@ def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np
     else:
         others = [motions.waves, motions.figure_eight, motions.reversals]
         kinds = [motions.rich, motions.steps, motions.shuttle, others[rng.integers(3)], motions.spin]
-        if needed(PLANTINGS, effects, REVERSALS):
+        if needed(EVERY, effects, REVERSALS):
             kinds[3] = motions.reversals
-    slow = needed(PLANTINGS, effects, NO_JERKS)
+    slow = needed(EVERY, effects, NO_JERKS)
     plans = []
     for number, kind in enumerate(kinds):
-        t = stamps(float(rng.uniform(*((40, 60) if level.slow else (17, 24)))), rate, rough, rng)
+        t = stamps(float(rng.uniform(*((40, 60) if level.slow or level.long else (17, 24)))), rate, rough, rng)
         v, w = kind(t, speed, turn, rng)
         v = motions.limited(v, t, float(rng.uniform(0.8, 1.6) if slow else rng.uniform(1.5, 5.0)))
         w = motions.limited(w, t, float(rng.uniform(4.0, 12.0)))
@@ -78,7 +80,7 @@ def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np
     truth = WheeledTruth(radius, track, speed_scale=float(wheel.max() / radius))
     noise = level.noise * size**0.5  # a camera sees a small and slow robot from nearby
     sigma = (float(rng.uniform(0.001, 0.003)) * noise, float(rng.uniform(0.003, 0.008)) * level.noise)
-    encoders = bool(rng.random() < 0.5) and not needed(PLANTINGS, effects, NO_ENCODERS) and not straight
+    encoders = bool(rng.random() < 0.5) and not needed(EVERY, effects, NO_ENCODERS) and not straight
     return Setting(
         Rover(truth, PoseSensor()),
         tuple(plans),
@@ -143,12 +145,21 @@ def drive(rover: Rover, setting: Setting, plan: Plan, play: tuple[float, float])
     nominal = setting.rover.truth
     began, change = rover.at(plan.name)
     becomes = None if change is None else (change[0], change[1].truth)
+    standing = _GOLDEN * int(plan.name.removeprefix("run")) if any(began.truth.eccentric) else 0.0
+    began = replace(began, truth=replace(began.truth, standing=standing))
     return setting.simulate(began.truth, plan.t, _policy(plan, nominal, setting.feedback), play, change=becomes)
 
 
 def seen(trajectory: Trajectory, t: Array, sensor: PoseSensor) -> Array:
     """What a noise-free localisation reports at ``t``: (n, 3)."""
-    pose = trajectory.pose(t - sensor.delay)
+    true = t - sensor.delay
+    if sensor.skew:  # of two clocks that began together; a quartz wanders with its temperature
+        true = true / (1.0 + sensor.skew) - _WANDER * np.sin(0.2 * t)
+    pose = trajectory.pose(true)
+    if true[-1] > trajectory.t[-1]:  # what a slow clock stamps at last came after the log's last command
+        end = trajectory.t[-1] - np.array([0.0, 0.01])
+        rate = -np.diff(trajectory.pose(end), axis=0)[0] / 0.01
+        pose = pose + np.maximum(true - end[0], 0.0)[:, None] * rate
     c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     mx, my = sensor.mounting
     read = pose + np.stack([c * mx - s * my, s * mx + c * my, np.full(len(t), sensor.bias)], axis=1)

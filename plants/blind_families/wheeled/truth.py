@@ -51,8 +51,10 @@ class WheeledTruth:
     slip: float = 0.0
     drift: float = 0.0  # m/s
     drift_heading: float = 0.0  # rad
-    # causes that no library names
     eccentric: tuple[float, float] = (0.0, 0.0)  # relative swing of the radius over a turn of the wheel
+    oval: float = 0.0  # share of that swing that comes twice a turn
+    standing: float = 0.0  # rad, by which the wheels are turned when the run begins
+    # causes that no library names
     one_sided: float = 0.0  # share of the yaw rate lost in left turns
     warm_up: float = 0.0  # share of the speed lost when cold
     warm_up_time: float = 6.0  # s
@@ -200,7 +202,7 @@ def simulate(
     wheels = (Drive(p, 0, play[0]), Drive(p, 1, play[1]))
     x, y, theta = start
     used, sideways, drift = 0.0, 0.0, p.drift
-    angle, contact, last = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
+    angle, contact, last = [p.standing, -p.standing], [0.0, 0.0], [0.0, 0.0]
     swivel, scrubbed = 0.1, 0.0  # rad of the castor; share of the yaw rate lost
     rows: list[tuple[float, float, float, float, float, float]] = [(float(t[0]), x, y, theta, 0.0, 0.0)]
     sent: list[tuple[float, float]] = []
@@ -224,7 +226,7 @@ def simulate(
                 w = speed[i] = wheels[i].step(at, h, charge)
                 r = p.wheel_radius * p.radius[i]
                 if p.eccentric[i] != 0.0:
-                    r *= 1.0 + p.eccentric[i] * sin(angle[i] + i)
+                    r *= 1.0 + p.eccentric[i] * (sin(angle[i] + i) + p.oval * sin(2.0 * angle[i]))
                     angle[i] += w * h
                 v = r * w
                 if p.slip > 0.0:

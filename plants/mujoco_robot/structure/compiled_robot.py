@@ -13,6 +13,7 @@ from plants.mujoco_robot.structure.lengths import Lengths
 from plants.mujoco_robot.structure.loops import Loops
 from plants.mujoco_robot.structure.wheels import Wheels, find_wheels
 from residual_mpc.effects.library import Sites, slots_of
+from residual_mpc.effects.sensor import EVERY_SENSOR
 from residual_mpc.models.protocol import State
 
 if TYPE_CHECKING:
@@ -213,11 +214,16 @@ class CompiledRobot:
     def _sensor_sites(self) -> Sites:
         if self.base is None:
             encoders = tuple(f"position.{j}" for j in self.joints)
-            return {**dict.fromkeys(("delay", "filter"), self.joints), **dict.fromkeys(("offset", "range"), encoders)}
+            return {
+                **dict.fromkeys(("delay", "filter"), self.joints),
+                **dict.fromkeys(("offset", "range"), encoders),
+                "clock": (EVERY_SENSOR,),
+            }
         others = self._not_rolling
         return {  # a wheel's angle is not measured, and says nothing of where the robot is
             **dict.fromkeys(("delay", "filter"), ("pose", *others)),
             **dict.fromkeys(("offset", "range"), ("pose.theta", *(f"position.{j}" for j in others))),
+            "clock": ("pose",),
             "point": (self.name,),
         }
 

@@ -79,16 +79,7 @@ class Dataset:
             rows = keep[b.where]
             n = int(rows.sum())
             if n:
-                drive = replace(
-                    b.drive,
-                    command=b.drive.command[rows],
-                    enabled=None if b.drive.enabled is None else b.drive.enabled[rows],
-                    enabled_before=None if b.drive.enabled_before is None else b.drive.enabled_before[rows],
-                    clock=b.drive.clock[rows],
-                    setting=None if b.drive.setting is None else b.drive.setting[rows],
-                    past=None if b.drive.past is None else b.drive.past.take(rows),
-                )
-                blocks.append(replace(b, where=slice(first, first + n), drive=drive))
+                blocks.append(replace(b, where=slice(first, first + n), drive=b.drive.take(rows)))
                 first += n
         return replace(
             self,

@@ -7,15 +7,17 @@ from residual_mpc.diagnosis.checks import check_positive, check_share
 
 @dataclass(frozen=True)
 class DatasetSettings:
-    """lead: s of commands before a window, which warm up effects with memory. A channel's noise is estimated where it
-    moves: by more than moves_steps times its resolution, in more than the share moves_share of its samples."""
+    """lead: s of commands before a window, which warm up effects with memory; after: s of commands after it, for
+    sensors whose stamps are early. A channel's noise is estimated where it moves: by more than moves_steps times its
+    resolution, in more than the share moves_share of its samples."""
 
     lead: float = 1.2
+    after: float = 0.5
     moves_steps: float = 3.0
     moves_share: float = 0.02
 
     def __post_init__(self) -> None:
-        check_positive(self, "lead", "moves_steps")
+        check_positive(self, "lead", "after", "moves_steps")
         check_share(self, "moves_share")
 
 
@@ -105,6 +107,21 @@ class EncoderSettings:
 
 
 @dataclass(frozen=True)
+class WheelAngleSettings:
+    """How the angle at which a wheel's radius is the largest is read off a run. stretch: s over which a parabola takes
+    out what is no ripple; reach: s around a window, over which the angle turned is taken to be right; stretches: so
+    many are wanted there, else the window's own readings count as well; fewest: samples in a stretch."""
+
+    stretch: float = 2.0
+    reach: float = 12.0
+    stretches: int = 2
+    fewest: int = 8
+
+    def __post_init__(self) -> None:
+        check_positive(self, "stretch", "reach", "stretches", "fewest")
+
+
+@dataclass(frozen=True)
 class DataSettings:
     dataset: DatasetSettings = field(default_factory=DatasetSettings)
     trust: TrustSettings = field(default_factory=TrustSettings)
@@ -113,3 +130,4 @@ class DataSettings:
     subsampling: SubsamplingSettings = field(default_factory=SubsamplingSettings)
     where: WhereSettings = field(default_factory=WhereSettings)
     encoders: EncoderSettings = field(default_factory=EncoderSettings)
+    wheel_angle: WheelAngleSettings = field(default_factory=WheelAngleSettings)

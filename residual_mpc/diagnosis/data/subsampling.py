@@ -6,6 +6,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.models.protocol import Drive
 
 
 def thin(data: Dataset, steps: int, *, settings: DataSettings = DataSettings()) -> Dataset:
@@ -36,6 +37,20 @@ def evenly(data: Dataset, steps: int, settings: DataSettings) -> np.ndarray:
     return keep
 
 
+def _ended(drive: Drive, steps: int) -> Drive:
+    """The drive cut to its first steps, the rest of it among what comes after."""
+
+    def parted(now: np.ndarray, after: np.ndarray | None, end: int) -> tuple[np.ndarray, np.ndarray]:
+        rest = now[:, end:] if after is None else np.concatenate([now[:, end:], after], axis=1)
+        return now[:, :end], rest
+
+    command, later = parted(drive.command, drive.command_after, drive.lead + steps)
+    if drive.enabled is None:
+        return replace(drive, command=command, command_after=later)
+    on, on_later = parted(drive.enabled, drive.enabled_after, steps)
+    return replace(drive, command=command, enabled=on, command_after=later, enabled_after=on_later)
+
+
 def shorten(data: Dataset, part: float) -> Dataset:
     """The same windows cut to their first `part`."""
     horizon = data.horizon * part
@@ -45,12 +60,7 @@ def shorten(data: Dataset, part: float) -> Dataset:
     blocks = []
     for b in data.blocks:
         steps = int(np.ceil(horizon / b.drive.dt - 1e-9))
-        drive = replace(
-            b.drive,
-            command=b.drive.command[:, : b.drive.lead + steps],
-            enabled=None if b.drive.enabled is None else b.drive.enabled[:, :steps],
-        )
-        blocks.append(replace(b, drive=drive))
+        blocks.append(replace(b, drive=_ended(b.drive, steps)))
     t = np.where(inside, data.t, np.nan)[:, :m]
     y = np.where(inside[:, :, None], data.y, np.nan)[:, :m]
     return replace(data, blocks=tuple(blocks), t=t, y=y, horizon=horizon)

@@ -7,6 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.data.wheel_angle import has_round_wheels, wheel_angles
 from residual_mpc.logs.run import Run, held
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Inverting, Robot
@@ -33,10 +34,11 @@ def drive_of(
     are those of runs[k]; signals by (index, channel)."""
     dt = robot.step or float(np.clip(min(r.period for r in runs) / 4.0, 0.004, 0.01))
     steps = int(np.ceil(horizon / dt - 1e-9))
-    lead = int(np.ceil(settings.dataset.lead / dt))
-    commands, enabled, clocks = [], [], []
+    lead, after = (int(np.ceil(x / dt)) for x in (settings.dataset.lead, settings.dataset.after))
+    commands, enabled, clocks, angles = [], [], [], []
+    rolls = has_round_wheels(robot) and all((i, s.position) in signals for s in robot.states for i in index)
     for run, t0, i in zip(runs, starts, index, strict=True):
-        edges = t0[:, None] + dt * np.arange(-lead, steps + 1)[None, :]
+        edges = t0[:, None] + dt * np.arange(-lead, steps + after + 1)[None, :]
         per_actuator = [
             _mean_held(run, held(run, f"command.{a}"), edges, _resting(robot, k, run, i, signals))
             for k, a in enumerate(robot.actuators)
@@ -45,6 +47,9 @@ def drive_of(
         for k in range(len(robot.actuators)):
             _settle(warm[:, 0, k], robot, k, i, edges[:, 0], signals)
         commands.append(warm)
+        if rolls:
+            mine = {c: (s.t, s.y) for (j, c), s in signals.items() if j == i}
+            angles.append(wheel_angles(robot, run, t0, horizon, mine, settings.wheel_angle))
         clocks.append(t0 - run.t[0])
         centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
         at = np.clip(np.searchsorted(run.t, centres, side="right") - 1, 0, len(run.t) - 1)
@@ -53,15 +58,18 @@ def drive_of(
             for a in robot.actuators
         ]
         enabled.append(np.where(np.isnan(on), 1.0, on).transpose(1, 2, 0))
-    on_all = np.concatenate(enabled)
-    always = bool((on_all == 1).all())
+    sent, on_all, end = np.concatenate(commands), np.concatenate(enabled), lead + steps
+    always = bool((on_all[:, :end] == 1).all())
     return Drive(
         dt,
         lead,
-        np.concatenate(commands),
-        None if always else on_all[:, lead:],
+        sent[:, :end],
+        None if always else on_all[:, lead:end],
         np.concatenate(clocks),
         enabled_before=None if always else on_all[:, :lead],
+        command_after=sent[:, end:],
+        enabled_after=None if always else on_all[:, end:],
+        angle=np.concatenate(angles) if rolls else None,
     )
 
 

@@ -77,7 +77,8 @@ def _coarser(drive: Drive, times: int) -> Drive:
         held = x[:, np.minimum(np.arange(a, b), x.shape[1] - 1)]
         return np.asarray(held.reshape(len(x), (b - a) // times, times, -1).mean(axis=2))
 
-    before = drive.enabled_before
+    before, later, off = drive.enabled_before, drive.command_after, drive.enabled_after
+    after = 0 if later is None else later.shape[1] // times * times  # an end within a step hardly shifts what follows
     return replace(
         drive,
         dt=drive.dt * times,
@@ -85,4 +86,6 @@ def _coarser(drive: Drive, times: int) -> Drive:
         command=mean(drive.command, begin, end),
         enabled=None if drive.enabled is None else mean(drive.enabled, 0, steps * times),
         enabled_before=None if before is None else mean(before, begin, drive.lead),
+        command_after=None if later is None else mean(later, 0, after),
+        enabled_after=None if off is None else mean(off, 0, after),
     )

@@ -50,7 +50,7 @@ def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
         nodes, reaches = run_up(data, block, settings, REACH)
-        begin = float(earliest(block, settings)[0]) + REACH  # s from the first node to the window's start
+        begin = earliest(block, settings)[0][:, None] + REACH  # (W_block, 1) s from the first node to the start
         dt, rows = block.drive.dt, np.arange(data.count)[block.where]
         for state in block.robot.states:
             for channel, source, slope in state.sources:
@@ -61,7 +61,7 @@ def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
                     if signal is None or not len(mine):
                         continue
                     fit = local_fit(signal.t, data.start[rows[mine]])
-                    at = signal.t[fit.index] - data.start[rows[mine], None] + begin  # (W_i, 5) s on the nodes
+                    at = signal.t[fit.index] - data.start[rows[mine], None] + begin[mine]  # (W_i, 5) s on the nodes
                     line, lag = nodes[source][mine], _number(block, settings, "reading lag", source, 0.0)
                     if lag > 0.0:  # from a memory as of a steady motion before
                         line = low_pass(line, line[:, 0] - lag * (line[:, 1] - line[:, 0]) / dt, lag, dt)
@@ -69,7 +69,7 @@ def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
                     weights = fit.slope_weights if slope else fit.value_weights
                     if lag > 0.0:
                         weights = weights + lag * (fit.curvature_weights if slope else fit.slope_weights)
-                    true = at_times(nodes[channel][mine], np.full((len(mine), 1), begin), dt)[:, 0]
+                    true = at_times(nodes[channel][mine], begin[mine], dt)[:, 0]
                     bias[rows[mine]] = np.nan_to_num(np.einsum("qi,qi->q", weights, seen) - true)
     return out
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
+from residual_mpc.effects.sensor import lateness
 from residual_mpc.models.sensing import SINCE_START, scaled, sensor_value, unscaled
 from residual_mpc.models.settings import Settings
 
@@ -21,17 +22,32 @@ class LocalValue:
 
 @dataclass(frozen=True)
 class Reading:
-    """H hypotheses on the W windows of a block: reading(t) = scaled(low-pass of true(t - delay)) + bias.
+    """H hypotheses on the W windows of a block: reading(t) = scaled(low-pass of true(t - late)) + bias, where late is
+    the delay and what the sensor's clock has gained since the run began.
 
-    delay (H,) s; bias (H, 1) channel unit; scale (H, 1), None where no hypothesis scales; origin (H, W): the true value
+    delay (H,) s; skew (H, 1), None where no hypothesis has one; clock (W,) s from the run's first stamp to the windows'
+    starts; bias (H, 1) channel unit; scale (H, 1), None where no hypothesis scales; origin (H, W): the true value
     that a scale leaves alone, channel unit; lag (H,) s, None where no hypothesis has a low-pass.
     """
 
     delay: np.ndarray
+    skew: np.ndarray | None
+    clock: np.ndarray
     bias: np.ndarray
     scale: np.ndarray | None
     origin: np.ndarray
     lag: np.ndarray | None
+
+    def late(self, t: np.ndarray) -> np.ndarray:
+        """(H, W, M) s, or (H, 1, 1) without a skew: how late readings at t (W, M) s after the windows' starts are."""
+        delay = self.delay[:, None, None]
+        return delay if self.skew is None else delay + lateness(self.skew[:, :, None], self.clock[:, None] + t)
+
+    def stamp(self, early: np.ndarray) -> np.ndarray:
+        """(H, W) s after the windows' starts: the stamps of the readings of what was true `early` (H, W) s before
+        these."""
+        shift = self.delay[:, None] - early
+        return shift if self.skew is None else shift + self.skew * (self.clock + shift)
 
     def of(self, true: np.ndarray) -> np.ndarray:
         """(H, W, M) readings of true values (H, W, M), delay and low-pass aside."""
@@ -51,12 +67,14 @@ class Reading:
     def rate(self, fit: LocalValue) -> np.ndarray:
         """(H, W) rates of the true values, per second, behind what is read."""
         rate = fit.slope if self.lag is None else _ahead(fit.slope, fit.curvature, self.lag)
+        rate = rate if self.skew is None else rate * (1.0 + self.skew)
         return rate if self.scale is None else np.asarray(rate / self.scale)
 
 
 def reading_of(data: Dataset, block: Block, settings: Settings, channel: str) -> Reading:
     """What the hypotheses make of a channel."""
     delay = sensor_value(block.robot, settings, "reading delay", channel)
+    skew = sensor_value(block.robot, settings, "reading skew", channel)
     bias = sensor_value(block.robot, settings, "reading offset", channel)
     lag = sensor_value(block.robot, settings, "reading lag", channel)
     scale = sensor_value(block.robot, settings, "reading scale", channel)
@@ -64,7 +82,8 @@ def reading_of(data: Dataset, block: Block, settings: Settings, channel: str) ->
     offset = (zero if bias is None else bias)[:, None]
     origin = zero[:, None] if scale is None else _origin(data, block, channel) - offset
     late = zero if delay is None else delay
-    return Reading(late, offset, None if scale is None else scale[:, None], origin, lag)
+    gained = None if skew is None else skew[:, None]
+    return Reading(late, gained, block.drive.clock, offset, None if scale is None else scale[:, None], origin, lag)
 
 
 def _ahead(value: np.ndarray, rate: np.ndarray, lag: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.predict.readings import LocalValue, Reading, reading_of
 from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
-from residual_mpc.effects.sensor import low_pass
+from residual_mpc.effects.sensor import lateness, low_pass
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
@@ -51,12 +51,12 @@ def start_states(data: Dataset, block: Block, settings: Settings, sooner: float 
     out: dict[str, np.ndarray] = {}
     for state in block.robot.states:
         position = reading_of(data, block, settings, state.position)
-        found = _local(data, block, state.position, position.delay - early)
+        found = _local(data, block, state.position, position.stamp(early))
         value = np.where(np.isnan(found.value), rest.get(state.position, 0.0), found.value)
         out[state.position] = position.true(replace(found, value=np.nan_to_num(value)))
         if state.velocity is not None:
             velocity = reading_of(data, block, settings, state.velocity)
-            rate = _local(data, block, state.velocity, velocity.delay - early)
+            rate = _local(data, block, state.velocity, velocity.stamp(early))
             known = np.isfinite(rate.value)
             out[state.velocity] = np.nan_to_num(np.where(known, velocity.true(rate), position.rate(found)))
     for effect, p in present(settings.effects, "point"):
@@ -66,13 +66,23 @@ def start_states(data: Dataset, block: Block, settings: Settings, sooner: float 
 
 
 def earliest(block: Block, settings: Settings) -> np.ndarray:
-    """(H,) s: how long before the window's start the replay begins: each hypothesis' largest sensor delay, in whole
-    steps. A part of a step would smear the commands' edges over the encoders that are read beside them."""
-    delays = changes(settings.effects, "reading delay")
-    if delays is None:
-        return np.zeros(settings.rows)
-    longest, dt = delays.max(axis=1), block.drive.dt
-    return np.asarray(dt * np.ceil(longest / dt - 1e-9))
+    """(H, W_block) s: how long before each window's start the replay begins: as late as each hypothesis' latest sensor,
+    in whole steps. A part of a step would smear the commands' edges over the encoders that are read beside them."""
+    dt, zero = block.drive.dt, np.zeros((settings.rows, len(block.drive.clock)))
+    delays, skews = (changes(settings.effects, q) for q in ("reading delay", "reading skew"))
+    latest = zero if delays is None else zero + delays.max(axis=1)[:, None]
+    if skews is not None:
+        latest = np.maximum(latest + lateness(skews.max(axis=1)[:, None], block.drive.clock), 0.0)
+    return np.asarray(dt * np.ceil(latest / dt - 1e-9))
+
+
+def beyond(block: Block, settings: Settings) -> float:
+    """s: how long after the windows' ends the replay ends, for the hypothesis with the earliest stamps."""
+    skews = changes(settings.effects, "reading skew")
+    if skews is None:
+        return 0.0
+    ends = block.drive.clock + block.drive.dt * block.drive.steps
+    return max(0.0, -float(lateness(skews.min(axis=1)[:, None], ends).min()))
 
 
 def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start | None) -> np.ndarray:
@@ -82,15 +92,15 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
         start = {k: v + nudge[k][block.where] if k in nudge else v for k, v in start.items()}
     each = settings.take(np.repeat(np.arange(h), w))
     early = earliest(block, settings)
-    drive = _begin_earlier(block.drive, early)
+    drive = _begin_earlier(block.drive, early, beyond(block, settings))
     wanted = tuple(c for c in data.channels if c in block.robot.channels)
     nodes = block.robot.replay({k: v.reshape(h * w) for k, v in start.items()}, drive, each, wanted)
     t = data.t[block.where]  # (W, M)
     sampled: dict[str, np.ndarray] = {}
     readings = {c: reading_of(data, block, settings, c) for c in wanted}
     for channel in wanted:
-        late = (readings[channel].delay - early)[:, None, None]  # (H, 1, 1) s
-        sampled[channel] = _interpolate(nodes[channel].reshape(h, w, -1), t[None] - late, drive.dt)
+        since = t[None] - (readings[channel].late(t) - early[:, :, None])  # (H, W, M) s from the first node
+        sampled[channel] = _interpolate(nodes[channel].reshape(h, w, -1), since, drive.dt)
     posed = "pose.x" in sampled and "pose.theta" in sampled
     for effect, values in present(settings.effects, "point") if posed else ():
         assert effect.step is not None
@@ -102,8 +112,8 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
         if len(rows):
             some = {c: y.reshape(h, w, -1)[rows] for c, y in nodes.items()}
             slow = _low_passed(data, block, settings.take(rows), channel, some, nudge)
-            late = (readings[channel].delay - early)[rows, None, None]
-            sampled[channel][rows] = _interpolate(slow, t[None] - late, drive.dt)
+            since = t[None] - (readings[channel].late(t)[rows] - early[rows, :, None])
+            sampled[channel][rows] = _interpolate(slow, since, drive.dt)
     out = np.full((h, w, t.shape[1], len(data.channels)), np.nan)
     for k, channel in enumerate(data.channels):
         if channel in sampled:
@@ -132,7 +142,7 @@ def _low_passed(
             assert effect.step is not None
             p = {k: v[:, :, None] for k, v in values.items()}
             true = effect.step(NUMPY, p, *(nodes[c] for c in posed))[posed.index(channel)]
-    memory = reading.memory(_local(data, block, channel, reading.delay - earliest(block, settings)).value)
+    memory = reading.memory(_local(data, block, channel, reading.stamp(earliest(block, settings))).value)
     if nudge is not None:
         memory = memory + nudge.get(memory_of(channel), nudge.get(channel, np.zeros(data.count)))[block.where]
     memory = np.where(np.isnan(memory), true[:, :, 0], memory)
@@ -144,8 +154,9 @@ def memory_of(channel: str) -> str:
     return f"memory.{channel}"
 
 
-def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
-    """The drive of W windows for H hypotheses, (H * W) rows, each begun `early` (H,) s sooner and as much longer."""
+def _begin_earlier(drive: Drive, early: np.ndarray, beyond: float = 0.0) -> Drive:
+    """The drive of W windows for H hypotheses, (H * W) rows, each begun `early` (H, W) s sooner, and all of them long
+    enough to end `beyond` s after the windows."""
     h = len(early)
     command, enabled = drive.command, drive.enabled
     if enabled is not None and drive.enabled_before is not None:
@@ -153,25 +164,44 @@ def _begin_earlier(drive: Drive, early: np.ndarray) -> Drive:
     clock = np.tile(drive.clock, h)
     setting = None if drive.setting is None else np.tile(drive.setting, h)
     past = None if drive.past is None else drive.past.take(np.tile(np.arange(len(drive.clock)), h))
-    if not early.any():
+    if not early.any() and not beyond:
         again = None if drive.enabled is None else np.tile(drive.enabled, (h, 1, 1))
-        return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting, past=past)
-    extra = int(np.ceil(early.max() / drive.dt))
-    last = command.shape[1] - 1
+        angle = None if drive.angle is None else np.tile(drive.angle, (h, 1))
+        return Drive(
+            drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting, angle=angle, past=past
+        )
+    extra = more_steps(drive, early, beyond)
     step = np.arange(command.shape[1] + extra)
+    known = 0 if enabled is None else enabled.shape[1] - drive.steps  # steps before the window of which it is known
+    if beyond and drive.command_after is not None:
+        command = np.concatenate([command, drive.command_after], axis=1)
+        enabled = enabled if drive.enabled_after is None else np.concatenate([enabled, drive.enabled_after], axis=1)
+    last = command.shape[1] - 1
     commands, ons = [], []
-    for shift in early / drive.dt:
-        place = np.clip(step - shift, 0.0, last)
+    for shifts in early / drive.dt:
+        shift = shifts[:1] if (shifts == shifts[0]).all() else shifts  # (1,) or (W,) steps
+        place = np.clip(step - shift[:, None], 0.0, last)
         low = np.minimum(place.astype(int), max(last - 1, 0))
-        part = (place - low)[None, :, None]
-        commands.append((1.0 - part) * command[:, low] + part * command[:, low + 1])
+        part = (place - low)[:, :, None]
+        commands.append((1.0 - part) * _picked(command, low) + part * _picked(command, low + 1))
         if enabled is not None:
-            known = enabled.shape[1] - drive.steps  # steps before the window of which it is known
-            at = step[drive.lead :] - drive.lead - shift + known
-            ons.append(enabled[:, np.round(np.clip(at, 0, enabled.shape[1] - 1)).astype(int)])
+            at = step[drive.lead :] - drive.lead - shift[:, None] + known
+            ons.append(_picked(enabled, np.round(np.clip(at, 0, enabled.shape[1] - 1)).astype(int)))
     on = None if enabled is None else np.concatenate(ons)
-    clock = clock - np.repeat(early, len(drive.clock))
-    return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock, setting, past=past)
+    angle = drive.angle_before(np.round(early / drive.dt).astype(int))  # (H, W, nu)
+    angle = None if angle is None else angle.reshape(-1, angle.shape[2])
+    clock = clock - early.ravel()
+    return Drive(drive.dt, drive.lead, np.concatenate(commands), on, clock, setting, angle=angle, past=past)
+
+
+def more_steps(drive: Drive, early: np.ndarray, beyond: float) -> int:
+    """By which a replay is longer than the windows that begins `early` s (H, W) sooner and ends `beyond` s later."""
+    return int(np.ceil((early.max() + beyond) / drive.dt - 1e-9))
+
+
+def _picked(x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """(W, n, nu) of x (W, N, nu) at (W, n), or at (1, n) for all windows."""
+    return np.asarray(x[:, at[0]] if len(at) == 1 else x[np.arange(len(x))[:, None], at])
 
 
 def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -182,7 +212,7 @@ def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tu
     """
     first = np.array([data.runs[i].t[0] for i in data.run[block.where]])
     early = earliest(block, settings) + sooner
-    reaches = data.start[block.where] - early[0] >= first - 1e-9
+    reaches = data.start[block.where] - early[0] >= first - 1e-9  # (W_block,)
     start = {k: v[0] for k, v in start_states(data, block, settings, sooner).items()}
     drive = _begin_earlier(block.drive, early)
     wanted = tuple(c for s in block.robot.states for c in (s.position, s.velocity) if c is not None)
@@ -190,7 +220,7 @@ def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tu
     nodes = block.robot.replay(start, drive, each, wanted)
     for state in block.robot.states:
         position = reading_of(data, block, settings, state.position)
-        value = _local(data, block, state.position, position.delay - early).value
+        value = _local(data, block, state.position, position.stamp(early)).value
         measured = any(c == state.position for _, c in data.signals)
         reaches &= np.isfinite(value[0]) | (not measured)
     return dict(nodes), reaches
@@ -208,17 +238,17 @@ def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
 
 
 def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> LocalValue:
-    """A channel near the windows of a block, `shift` (H,) s after their starts."""
-    w = block.where.stop - block.where.start
-    value, slope, curvature = (np.full((len(shift), w), np.nan) for _ in range(3))
+    """A channel near the windows of a block, `shift` (H, W) s after their starts."""
+    value, slope, curvature = (np.full(shift.shape, np.nan) for _ in range(3))
     run, start = data.run[block.where], data.start[block.where]
-    distinct, back = np.unique(shift, return_inverse=True)
+    distinct, back = np.unique(shift, axis=0, return_inverse=True)
+    back = back.ravel()
     for i in np.unique(run):
         signal = data.signals.get((int(i), channel))
         if signal is None:
             continue
         mine = np.flatnonzero(run == i)
-        query = (start[mine][None, :] + distinct[:, None]).ravel()
+        query = (start[mine][None, :] + distinct[:, mine]).ravel()
         fit = local_fit(signal.t, query)
         for out, found in ((value, fit.value), (slope, fit.slope), (curvature, fit.curvature)):
             out[:, mine] = found(signal.y).reshape(len(distinct), -1)[back]

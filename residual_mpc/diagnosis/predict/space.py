@@ -20,6 +20,8 @@ from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, ass
 FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
 HIGHEST, LOWEST = "highest", "lowest"  # position of a joint in the runs
+RUN = ("1/run", "")  # 1/s, one over the longest run
+UNTOLD = "only a pose with x, y and theta tells how a wheel stands"
 OVER = 0.05  # s, over which a joint's largest speed is measured
 TURNED = 0.2  # rad over the whole range of a joint: what a typical step of a number of cycles changes
 ENDS = (0.002, 0.998)  # quantiles: a stop is where a joint often ends, an outlier is beyond
@@ -64,6 +66,8 @@ class Space:
         if kind == "extremes":
             ends = [[self.references.get((end, s), x) for s in slots] for end, x in ((HIGHEST, 1.0), (LOWEST, -1.0))]
             return float(np.median(ends[0]) - np.median(ends[1]))
+        if kind == "1/run":
+            return self.references.get(RUN, 1.0)
         if kind in ("inertia", "mass", "length", "play"):
             return float(np.median([self.robot.reference(kind, s) for s in slots]))
         return float(np.median([self.references.get((kind, s), 1.0) for s in slots]))
@@ -92,7 +96,9 @@ class Space:
         p = BY_NAME[knob.effect].parameter(knob.parameter)
         low, high = self.robot.bounds(knob.effect, knob.parameter, knob.target)
         if math.isfinite(p.most):
-            high = min(high, p.most * self._largest(p.reference, knob))
+            reach = p.most * self._largest(p.reference, knob)
+            high = min(high, reach)
+            low = max(low, -reach) if p.lower < p.null else low
         if p.quantity == "viscous damping":
             high = min(high, self._most_damping(knob))
         if p.within is not None:
@@ -158,6 +164,8 @@ class Space:
         return self.references.get(("torque", joint), 1.0) / self.references.get(("torque/speed", joint), 1.0)
 
     def _largest(self, kind: str, knob: Knob) -> float:
+        if kind == "1/run":
+            return self.reference(knob)
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
         return max(self.references.get((kind, s), np.inf) for s in slots)
 
@@ -177,9 +185,11 @@ def build_space(
     slots = {e.name: robot.slots(e.name) for e in HOSTED}
     chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
-    longest = max(float(r.t[-1] - r.t[0]) for r in data.runs)
+    longest = _longest(data)
     why = f"no run is longer than {longest:.2g} s"
     ruled_out = {t: why for t in candidates if longest < BY_NAME[t.effect].seconds}
+    if all(b.drive.angle is None for b in data.blocks):
+        ruled_out |= {t: UNTOLD for t in candidates if BY_NAME[t.effect].place == "roundness"}
     ruled_out |= {t: because[t] for t in candidates if t in because}
     arm = bool(slots[TORQUE_OFFSET.name])  # of a robot that drives nobody expects it
     ruled_out |= {Term(e.name, None): e.lacking for e in chosen if arm and e.lacking and not slots[e.name]}
@@ -203,6 +213,11 @@ def _uncovered(term: Term, slots: tuple[str, ...], robot: Robot, references: Map
     turned = turned_of(references, joint)
     enough = least[0].cover * 2.0 * np.pi / least[0].upper
     return "" if turned > enough else f"the joint turns by {turned:.2g} rad, less than any cycle that is looked for"
+
+
+def _longest(data: Dataset) -> float:
+    """s, of the runs."""
+    return max(float(r.t[-1] - r.t[0]) for r in data.runs)
 
 
 def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:
@@ -259,6 +274,7 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
             for k in (k for k, driven in enumerate(joints) if driven == j):
                 found.setdefault(("speed", robot.actuators[k]), []).append(fastest)
     sizes = {key: max(float(np.max(v)), 1e-6) for key, v in found.items()}
+    sizes[RUN] = 1.0 / max(_longest(data), 1e-3)
     return sizes | _ends(data, optional.joints(data.blocks[0].robot))
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.predict.replay import earliest, predict
+from residual_mpc.diagnosis.predict.replay import beyond, earliest, more_steps, predict
 from residual_mpc.learning.batch.reference_velocities import reference_velocities
 from residual_mpc.learning.batch.training_problem import TrainingProblem
 from residual_mpc.learning.filter.kalman import Measurement
@@ -114,7 +114,8 @@ def differentiate_rollout(
 ) -> tuple[int, FormRollout, np.ndarray, np.ndarray]:
     """(steps N, what was rolled, predicted (M, C), its derivative (o * N, M, C) by each output at each step)."""
     (block,) = one.blocks
-    extra = int(np.ceil(earliest(block, problem.settings).max() / block.drive.dt))
+    settings = problem.settings
+    extra = more_steps(block.drive, earliest(block, settings), beyond(block, settings))
     longer = replace(block.drive, command=np.empty((1, block.drive.lead + block.drive.steps + extra, 1)))
     _, count = steps_of(learned.step, longer)
     outputs = len(learned.outputs)

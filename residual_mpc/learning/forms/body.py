@@ -145,7 +145,9 @@ def _earlier(drive: Drive, steps: int) -> Drive:
     """The `steps` before the window as a window of their own."""
     on = None if drive.enabled is None else np.repeat(drive.enabled[:, :1], steps, axis=1)
     command = drive.command[:, : drive.lead]
-    return replace(drive, lead=drive.lead - steps, command=command, enabled=on, clock=drive.clock - steps * drive.dt)
+    angle = drive.angle_before(np.full(len(command), steps))
+    clock = drive.clock - steps * drive.dt
+    return replace(drive, lead=drive.lead - steps, command=command, enabled=on, clock=clock, angle=angle)
 
 
 def _moved(

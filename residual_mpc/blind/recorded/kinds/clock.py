@@ -10,7 +10,7 @@ from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target, between, refuse, signed
 from residual_mpc.blind.recorded.log import FloatArray, Log, period_of
 from residual_mpc.effects.command import COMMAND_DELAY
-from residual_mpc.effects.sensor import SENSOR_DELAY
+from residual_mpc.effects.sensor import CLOCK_SKEW, SENSOR_DELAY
 from residual_mpc.logs.columns import member
 
 DRIVES = "diff_drive"
@@ -82,7 +82,7 @@ def _delay_commands(half: Half, target: Target, sizes: Sizes, rng: np.random.Gen
 
 def _skew_targets(half: Half) -> tuple[Target, ...]:
     if not half.measured:
-        raise refuse("clock_skew", "no column is measured in every run")
+        raise refuse(CLOCK_SKEW.name, "no column is measured in every run")
     return (None,)
 
 
@@ -110,7 +110,7 @@ DELAYED_COMMANDS = Kind(
     "clock", _command_targets, _command_delay, _delay_commands, rank=9,
 )  # fmt: skip
 SKEW = Kind(
-    "clock_skew", "log",
+    CLOCK_SKEW.name, "log",
     "The sensors' stamps count from each run's first at another rate; no value is touched.",
     "clock", _skew_targets, _skew, _skew_sensors, rank=9,
 )  # fmt: skip
