@@ -14,13 +14,13 @@ Progress = Callable[[str, float], None]  # told what is done now, and the share 
 @dataclass(frozen=True)
 class PhaseSettings:
     """Longer windows are searched in any case where they span at least `blocks` stretches of time and a hypothesis
-    costs at most `cheap` simulation steps on them; else only where there is a gap to explain and a hypothesis costs at
-    most `bearable` steps on `blocks` windows. near: times the noise floor within which longer windows sharpen the
-    numbers of the last fit. marginal_steps: steps of the last fit with small differences, from where the plain one
-    ended; marginal_columns: numbers in the columns of all small differences, above which they are not marginalised
-    (memory). outliers_worth: times the squared noise floor that a few jumping samples have to make of the gap to be a
-    cause. first_look: simulation steps that the first look may cost; most_steps: that one hypothesis may cost on all
-    windows that fits may see, of which evenly fewer are taken where a log is long."""
+    costs at most `cheap` steps of a model of equations on them; else only where there is a gap to explain and a
+    hypothesis costs at most `bearable` steps on `blocks` windows. near: times the noise floor within which longer
+    windows sharpen the numbers of the last fit. marginal_steps: steps of the last fit with small differences, from
+    where the plain one ended; marginal_columns: numbers in the columns of all small differences, above which they are
+    not marginalised (memory). outliers_worth: times the squared noise floor that a few jumping samples have to make of
+    the gap to be a cause. first_look: simulation steps that the first look may cost; most_steps: that one hypothesis
+    may cost on all windows that fits may see, of which evenly fewer are taken where a log is long."""
 
     blocks: int = 10
     cheap: int = 30_000

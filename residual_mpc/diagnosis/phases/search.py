@@ -77,10 +77,12 @@ def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Prog
 
 
 def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:
-    """Whether longer windows are searched for more effects: where that is cheap, or bearable with a gap to explain."""
+    """Whether longer windows are searched for more effects: where that is cheap, or bearable with a gap to explain.
+    A physics engine's steps are never cheap."""
     phases, settings = options.phases, options.settings
     many = len(np.unique(blocks_of(data, settings=settings.fit))) >= phases.blocks
-    if many and data.cost <= phases.cheap:
+    equations = all(b.robot.step is None for b in data.blocks)
+    if many and equations and data.cost <= phases.cheap:
         return True
     bearable = min(phases.blocks, data.count) * data.cost // data.count <= phases.bearable
     return bearable and beyond(gap, floor, settings=settings.predict)
