@@ -19,8 +19,8 @@ class PhaseSettings:
     windows sharpen the numbers of the last fit. marginal_steps: steps of the last fit with small differences, from
     where the plain one ended; marginal_columns: numbers in the columns of all small differences, above which they are
     not marginalised (memory). outliers_worth: times the squared noise floor that a few jumping samples have to make of
-    the gap to be a cause. first_look: simulation steps that the first look may cost; most_steps: that one hypothesis may cost on all
-    windows that fits may see, of which evenly fewer are taken where a log is long."""
+    the gap to be a cause. first_look: simulation steps that the first look may cost; most_steps: that one hypothesis
+    may cost on all windows that fits may see, of which evenly fewer are taken where a log is long."""
 
     blocks: int = 10
     cheap: int = 30_000
