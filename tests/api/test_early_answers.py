@@ -71,6 +71,14 @@ def test_ctrl_c_leaves_the_best_answer_so_far(rover: Path) -> None:
     assert (out / "diagnosis.json").is_file() and not (out / "unfinished.json").exists()
 
 
+def test_a_perfect_robot_resembles_nothing(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    write_run(rover_run("run0", {}, seconds=20.0), tmp_path)
+    robot, said = rm.load_robot(tmp_path / "robot.toml"), list[str]()
+    found = rm.diagnose(robot, rm.read_runs(robot, [tmp_path / "run0.csv"]), only=["command_delay"], say=said.append)
+    assert found.verdict == "no_gap" and len(said) == 1 and "resembles" not in said[0]
+
+
 def test_words() -> None:
     look = {"horizon": 1.0, "gap": 0.2, "noise_floor": 0.01, "channels": {"pose.x": 0.7, "pose.y": 0.3},
             "leads": [{"effect": "viscous_friction", "target": "j1", "shrink": 0.5}]}  # fmt: skip

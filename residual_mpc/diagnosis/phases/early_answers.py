@@ -12,6 +12,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.search.acceptance import Ruler
@@ -34,7 +35,8 @@ class Lead:
 @dataclass(frozen=True)
 class FirstLook:
     """The nominal model's gap on some windows of `horizon` s, what noise makes of it, each channel's share of its
-    square, and the effects that resemble it most, best first: each replayed, none fitted."""
+    square, and the effects that resemble it most, best first: each replayed, none fitted; none of them where the gap is
+    as small as the sensors can tell."""
 
     horizon: float
     gap: float
@@ -88,6 +90,8 @@ def first_look(prepared: Prepared) -> FirstLook:
     whole = float(gap_weights(problem) @ nominal.r.ravel() ** 2)
     removed = [(lead.term, lead.gap / max(whole, 1e-300)) for lead in best_leads(problem, nominal, space.candidates)]
     leads = [Lead(term, 1.0 - float(np.sqrt(max(1.0 - share, 0.0)))) for term, share in removed if share > 0.0]
+    if missed.total <= AS_GOOD * noise.total:
+        leads = []
     channels = {c: float(s) for c, s in zip(some.channels, shares, strict=True) if s > 0.0}
     return FirstLook(windows.horizon, missed.total, noise.total, channels, tuple(leads[:NAMED]))
 
