@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from residual_mpc.api.gap_figures import as_seen, explaining, gap_figures
 from residual_mpc.api.robot import NominalRobot
@@ -16,7 +16,7 @@ from residual_mpc.diagnosis.results.document import finite
 from residual_mpc.errors import BadInput
 from residual_mpc.export.recording.recording import Recording
 from residual_mpc.export.recording.trace import replay, traces
-from residual_mpc.export.recording.write import SUFFIXES, Format, check_package, file_names, write_recording
+from residual_mpc.export.recording.write import SUFFIXES, check_package, file_names, write_recording
 from residual_mpc.files import write_json
 from residual_mpc.models.model_file import Written
 from residual_mpc.models.settings import Settings
@@ -27,7 +27,7 @@ USUAL_HORIZON = 1.0  # s
 def export_runs(
     robot: NominalRobot,
     runs: Runs,
-    to: Format,
+    to: str,
     out: str | Path,
     *,
     model: Source,
@@ -47,8 +47,8 @@ def export_runs(
         BadInput: runs that cannot be used, a model of another robot, a package that is missing, or a place that cannot
             be written.
     """
-    if to not in get_args(Format):
-        raise BadInput(f"unknown format {to!r}", "to", f"give one of {', '.join(get_args(Format))}")
+    if to not in SUFFIXES:
+        raise BadInput(f"unknown format {to!r}", "to", f"give one of {', '.join(SUFFIXES)}")
     check_package(to)
     places = _places(Path(out), runs.names, to)
     usable(runs)
@@ -66,7 +66,8 @@ def export_runs(
     for i, (trace, place) in enumerate(zip(found, places, strict=True)):
         mine = data.run == i
         gaps = {k: r.gap_over(scales, mine) for k, r in (("nominal", nominal), ("corrected", corrected))}
-        each.append({"run": trace.run, "file": place.name, "seconds": trace.seconds, "windows": int(mine.sum()), **gaps})
+        size = {"seconds": trace.seconds, "windows": int(mine.sum())}
+        each.append({"run": trace.run, "file": place.name, **size, **gaps})
     document: dict[str, Any] = finite(
         {
             "to": to, "robot": robot.name, "horizon": horizon, "nominal": figures["nominal"],
@@ -90,7 +91,7 @@ def runs_of(model: Source) -> Sequence[str]:
     return paths
 
 
-def _places(out: Path, runs: Sequence[str], to: Format) -> list[Path]:
+def _places(out: Path, runs: Sequence[str], to: str) -> list[Path]:
     if not _is_file(out, to):
         return [out / name for name in file_names(runs, to)]
     if len(runs) > 1:
@@ -108,7 +109,7 @@ def _horizon_of(model: Written) -> float:
     return float(stated) if isinstance(stated, int | float) and 0.0 < stated < float("inf") else USUAL_HORIZON
 
 
-def _is_file(out: Path, to: Format) -> bool:
+def _is_file(out: Path, to: str) -> bool:
     return out.suffix.lower() == SUFFIXES[to] and not out.is_dir()
 
 

@@ -87,9 +87,11 @@ def _recordings(
     as_json: bool, seed: int,
 ) -> None:  # fmt: skip
     from residual_mpc.api.recording import export_runs, runs_of
+    from residual_mpc.export.recording.write import check_package
     from residual_mpc.export.source import robot_beside
     from residual_mpc.models.model_file import model_content, read_written
 
+    check_package(to)
     source = read_written(file)
     model_content(source)
     where = out or file.parent / f"export_{to}"

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from residual_mpc.export.recording.mcap_file import SUFFIX as MCAP_SUFFIX
 from residual_mpc.export.recording.mcap_file import mcap_bytes
@@ -16,12 +16,10 @@ from residual_mpc.export.recording.trace import Trace
 from residual_mpc.extras import extra
 from residual_mpc.files import write_bytes_atomically
 
-Format = Literal["rerun", "mcap"]
-FORMATS: tuple[Format, ...] = ("rerun", "mcap")
-SUFFIXES = {"rerun": RERUN_SUFFIX, "mcap": MCAP_SUFFIX}
+SUFFIXES = {"rerun": RERUN_SUFFIX, "mcap": MCAP_SUFFIX}  # of the formats that there are
 
 
-def check_package(to: Format) -> None:
+def check_package(to: str) -> None:
     """Raises BadInput where the format's package is missing, before anything is computed."""
     if to == "mcap":
         with extra("mcap"):
@@ -31,7 +29,7 @@ def check_package(to: Format) -> None:
             import_module("rerun")
 
 
-def write_recording(recording: Recording, to: Format, places: Sequence[Path]) -> list[str]:
+def write_recording(recording: Recording, to: str, places: Sequence[Path]) -> list[str]:
     """Write trace i to places[i]; what could not be drawn comes back, as sentences without a full stop.
 
     Raises BadInput where the format's package is missing or a file cannot be written.
@@ -45,7 +43,7 @@ def write_recording(recording: Recording, to: Format, places: Sequence[Path]) ->
     return left_out
 
 
-def file_names(runs: Sequence[str], to: Format) -> list[str]:
+def file_names(runs: Sequence[str], to: str) -> list[str]:
     """One file name a run, all different, of letters that every file system takes."""
     out: list[str] = []
     for run in runs:
@@ -57,7 +55,7 @@ def file_names(runs: Sequence[str], to: Format) -> list[str]:
     return out
 
 
-def _content(recording: Recording, trace: Trace, to: Format) -> tuple[bytes, str]:
+def _content(recording: Recording, trace: Trace, to: str) -> tuple[bytes, str]:
     """A file, and why the robot is not in it; empty where it is, or where the format has no place for it."""
     if to == "mcap":
         return mcap_bytes(recording, trace), ""
