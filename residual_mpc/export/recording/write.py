@@ -34,13 +34,13 @@ def write_recording(recording: Recording, to: str, places: Sequence[Path]) -> li
 
     Raises BadInput where the format's package is missing or a file cannot be written.
     """
-    left_out = []
+    undrawn: dict[str, list[str]] = {}
     for trace, place in zip(recording.traces, places, strict=True):
         content, missing = _content(recording, trace, to)
         if missing:
-            left_out.append(f"the robot in {trace.run}: {missing[:1].lower()}{missing[1:].rstrip('.')}")
+            undrawn.setdefault(f"{missing[:1].lower()}{missing[1:].rstrip('.')}", []).append(trace.run)
         write_bytes_atomically(place, content)
-    return left_out
+    return [f"the robot in {', '.join(runs)}: {why}" for why, runs in undrawn.items()]
 
 
 def file_names(runs: Sequence[str], to: str) -> list[str]:
