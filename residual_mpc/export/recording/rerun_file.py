@@ -116,9 +116,7 @@ def _layout(trace: Trace, drawn: Scene | None) -> Any:
     import rerun.blueprint as rrb
 
     compared = trace.channels or tuple(trace.measured)
-    plots = [
-        rrb.TimeSeriesView(origin=rr.new_entity_path([CHANNELS, c]), name=c) for c in compared
-    ]
+    plots = [rrb.TimeSeriesView(origin=rr.new_entity_path([CHANNELS, c]), name=c) for c in compared]
     signals = rrb.Vertical(
         rrb.Grid(*plots, name="channels"),
         rrb.TimeSeriesView(origin=GAP, name="gap of each window"),

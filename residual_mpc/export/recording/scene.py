@@ -27,9 +27,14 @@ class Scene:
 
     def paths(self, source: str) -> list[Array]:
         """The trail window by window, each (n, 3) m; frames that are not finite are left out."""
-        parts = (self.trails[source][self.window == w] for w in np.unique(self.window))
+        parts = (self.trails[source][span(self.window, w)] for w in np.unique(self.window))
         finite = (part[np.isfinite(part).all(axis=1)] for part in parts)
         return [part for part in finite if len(part) > 1]
+
+
+def span(window: Array, w: int) -> slice:
+    """Where a window's samples are, of increasing window numbers (n,)."""
+    return slice(*np.searchsorted(window, (w, w + 1)))
 
 
 def scene(trace: Trace) -> Scene | str:
@@ -40,9 +45,8 @@ def scene(trace: Trace) -> Scene | str:
     wanted = tuple(s.position for s in trace.robot.states)
     measured = [c for c in wanted if c in trace.channels]
     driving = set(PLANAR) <= set(wanted)
-    shown = [
-        w for w in range(len(trace.windows.start)) if _drawable(trace, w, PLANAR[:2] if driving else (), measured)
-    ]
+    needed = PLANAR[:2] if driving else ()
+    shown = [w for w in range(len(trace.windows.start)) if _drawable(trace, w, needed, measured)]
     if not shown:
         return UNMEASURED
     at, window = _frames(trace, shown)
@@ -60,7 +64,8 @@ def scene(trace: Trace) -> Scene | str:
 
 def _drawable(trace: Trace, window: int, needed: tuple[str, ...], measured: list[str]) -> bool:
     """Whether at least two samples of every needed channel, or else of some position, lie in the window."""
-    inside = (trace.t >= trace.windows.start[window] - 1e-9) & (trace.t <= trace.windows.end[window] + 1e-9)
+    ends = trace.windows.start[window] - 1e-9, trace.windows.end[window] + 1e-9
+    inside = slice(*np.searchsorted(trace.t, ends))
     enough = {c for c in measured if np.isfinite(trace.measured[c][inside]).sum() > 1}
     return set(needed) <= enough and bool(enough)
 
@@ -69,7 +74,7 @@ def _frames(trace: Trace, windows: list[int]) -> tuple[Array, Array]:
     """(f,) s and (f,) windows: equal times from each window's first stamp to its last."""
     at, window = [], []
     for w in windows:
-        mine = trace.at[trace.window == w]
+        mine = trace.at[span(trace.window, w)]
         count = max(2, round(float(np.ptp(mine)) * RATE) + 1)
         at.append(np.linspace(mine[0], mine[-1], count))
         window.append(np.full(count, w))
@@ -95,7 +100,7 @@ def _measured(trace: Trace, channel: str, at: Array, window: Array) -> Array:
 def _predicted(trace: Trace, y: Array, at: Array, window: Array) -> Array:
     out = np.empty(len(at))
     for w in np.unique(window):
-        frames, rows = window == w, trace.window == w
+        frames, rows = span(window, w), span(trace.window, w)
         out[frames] = np.interp(at[frames], trace.at[rows], y[rows])
     return out
 
@@ -109,9 +114,7 @@ def _from_above(trace: Trace, motions: list[Motion]) -> tuple[list[Array], list[
     middle = np.zeros((1, 2))
     closed = np.concatenate([shape, shape[:1]])
     heading = np.concatenate([middle, np.repeat(front, len(closed) - 1, axis=0)])  # as many points as the outline has
-    bodies = [
-        np.stack([_flat(outlines(m, line)) for line in (closed, heading)], axis=1) for m in motions
-    ]
+    bodies = [np.stack([_flat(outlines(m, line)) for line in (closed, heading)], axis=1) for m in motions]
     return bodies, [_flat(np.stack([m["pose.x"], m["pose.y"]], axis=-1)) for m in motions]
 
 
