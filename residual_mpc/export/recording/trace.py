@@ -63,7 +63,7 @@ class Trace:
         measured: column -> (n,), angles without their jumps of 2 pi; NaN is a missing sample.
         sent: command and enabled columns -> (n,), as they were logged.
         windows: w consecutive windows of the horizon.
-        window: (k,) which window a predicted sample belongs to, increasing; a stamp on the border of two belongs to both.
+        window: (k,) which window a predicted sample belongs to, increasing; a stamp on a border belongs to both.
         at: (k,) s from the run's start.
         nominal, corrected: channel -> (k,), as the sensors would report it.
         channels: those of the predicted channels that were measured in the run.
