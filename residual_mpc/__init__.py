@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from residual_mpc.api.learning import learn as learn
     from residual_mpc.api.model import AugmentedModel as AugmentedModel
     from residual_mpc.api.model import augment as augment
+    from residual_mpc.api.recording import export_runs as export_runs
     from residual_mpc.api.robot import NominalRobot as NominalRobot
     from residual_mpc.api.robot import load_robot as load_robot
     from residual_mpc.api.runs import Runs as Runs
@@ -53,6 +54,7 @@ _PLACES = {
     "compare": "residual_mpc.api.comparison",
     "diagnose": "residual_mpc.api.diagnosis",
     "excite": "residual_mpc.api.excitation",
+    "export_runs": "residual_mpc.api.recording",
     "learn": "residual_mpc.api.learning",
     "load_robot": "residual_mpc.api.robot",
     "measure_gap": "residual_mpc.api.gap",
@@ -77,6 +79,7 @@ __all__ = [
     "compare",
     "diagnose",
     "excite",
+    "export_runs",
     "learn",
     "load_robot",
     "measure_gap",

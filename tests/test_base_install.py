@@ -172,6 +172,14 @@ def test_an_export_that_needs_more_says_how_to_install_it(rover: Path, to: str, 
     assert not any((rover / f"export_{to}").iterdir())
 
 
+@pytest.mark.parametrize(("to", "package"), [("rerun", "rerun"), ("mcap", "mcap")])
+def test_a_recording_to_be_written_that_needs_more_says_how_to_install_it(rover: Path, to: str, package: str) -> None:
+    ended = command("export", "out/diagnosis.json", "--to", to, "--out", f"recorded_{to}", folder=rover)
+    said = f"the package {package} is not installed. Install it with `pip install 'residual-mpc[{to}]'`."
+    assert (ended.returncode, ended.stderr.splitlines()) == (2, [f"residual-mpc: {said}"])
+    assert not (rover / f"recorded_{to}").exists()
+
+
 AUGMENT = """
 import numpy as np
 import residual_mpc as rm
@@ -225,7 +233,7 @@ def test_every_extra_that_a_message_names_is_there() -> None:
         for path in (ROOT / package).rglob("*.py")
         for name in re.findall(r"""with extra\("(\w+)"\)""", path.read_text())
     }
-    assert named == {"mpc", "arm", "jax", "onnx", "dask", "pybullet", "rosbag", "mcap", "hdf5"}
+    assert named == {"mpc", "arm", "jax", "onnx", "dask", "pybullet", "rosbag", "mcap", "hdf5", "rerun"}
     assert named <= set(PROJECT["optional-dependencies"])
 
 

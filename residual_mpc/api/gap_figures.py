@@ -48,21 +48,8 @@ def gap_figures(
     """The gap object of the contract. Raises BadInput for a model of another robot, or held-out runs that are not
     there.
     """
-    values: Values = {}
-    leaves_out = False
-    if model is not None:
-        of, values, leaves_out = model_in(model)
-        check_fits(values, robots[0], of, model.where)
-    residual = None if model is None else residual_in(model)
-    if residual is not None and model is not None and residual.robot != robots[0].name:
-        raise BadInput(
-            f"its residual must be of {robots[0].name}, got one of {residual.robot}",
-            model.where,
-            "give the robot file that was used for learning",
-        )
+    model_of = explaining(model, robots[0])
     noise = noise_over(robot_file, [run.name for run in runs])
-    learned = None if residual is None or model is None else (residual, model.where)
-    model_of = Explaining(values, leaves_out, learned, model is not None)
     kept = None if held_out_of is None else _kept(held_out_of)
     first = build_dataset(runs, robots, noise, horizon, settings=tuning.data)
     mask = None if held_out_of is None else held_out_mask_of(held_out_of, first)
@@ -101,20 +88,37 @@ class Explaining:
     given: bool
 
 
+def explaining(model: Written | None, robot: Robot) -> Explaining:
+    """What a diagnosis or a learned model says of this robot; of none, the nominal model. Raises BadInput for a model
+    of another robot."""
+    if model is None:
+        return Explaining({}, False, None, False)
+    of, values, leaves_out = model_in(model)
+    check_fits(values, robot, of, model.where)
+    residual = residual_in(model)
+    if residual is not None and residual.robot != robot.name:
+        raise BadInput(
+            f"its residual must be of {robot.name}, got one of {residual.robot}",
+            model.where,
+            "give the robot file that was used for learning",
+        )
+    return Explaining(values, leaves_out, None if residual is None else (residual, model.where), True)
+
+
 def _noise_of(data: Dataset, headline: Dataset, model: Explaining, tuning: FitSettings) -> tuple[ChannelNoise, ...]:
     """The noise that the model leaves, no more than there is at the headline's horizon."""
-    seen, settings = _seen(data, model, tuning)
+    seen, settings = as_seen(data, model, tuning)
     problem = build_problem(seen, build_space(data, ()), seen.sigma, settings=tuning.predict)
     noise = fit_noise(problem, measure_scales(data), predict(seen, settings)[0], settings=tuning)
     return stated_sizes(
         seen,
         no_more_than_left(
-            noise, _seen(headline, model, tuning)[0], measure_scales(headline), settings, settings=tuning
+            noise, as_seen(headline, model, tuning)[0], measure_scales(headline), settings, settings=tuning
         ),
     )
 
 
-def _seen(data: Dataset, model: Explaining, tuning: FitSettings) -> tuple[Dataset, Settings]:
+def as_seen(data: Dataset, model: Explaining, tuning: FitSettings) -> tuple[Dataset, Settings]:
     """The data as the model sees them, and its settings."""
     seen = with_outliers_removed(data, find_outliers(data, settings=tuning.data).flagged) if model.leaves_out else data
     if model.residual is not None:
@@ -129,7 +133,7 @@ def _figures(
 ) -> dict[str, Any]:
     """The gap object of one horizon."""
     data = data if mask is None else data.take(mask)
-    seen, settings = _seen(data, model, tuning)
+    seen, settings = as_seen(data, model, tuning)
     nominal = data.y - predict(data, Settings(1))[0]
     other = seen.y - predict(seen, settings)[0] if model.given else None
     g = gap_of(data, scales, nominal)

@@ -31,7 +31,8 @@ def out_option(holds: str) -> Callable[[Command], Command]:
     return click.option("--out", type=kind, required=True, help=f"Folder for {holds}.")
 
 
-def _a_number(context: click.Context, option: click.Parameter, value: float) -> float:
+def a_number(context: click.Context, option: click.Parameter, value: float | None) -> float | None:
+    """The value. Raises BadParameter for NaN."""
     if value != value:  # NaN, which no range excludes
         raise click.BadParameter("must be a number, got nan.", context, option)
     return value
@@ -40,7 +41,7 @@ def _a_number(context: click.Context, option: click.Parameter, value: float) -> 
 horizon_option = click.option(
     "--horizon",
     type=click.FloatRange(min=0.05, max=60.0),
-    callback=_a_number,
+    callback=a_number,
     default=1.0,
     show_default=True,
     help="Prediction horizon in seconds.",

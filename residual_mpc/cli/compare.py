@@ -17,35 +17,11 @@ from residual_mpc.cli.common import (
     seed_option,
     writable_folder,
 )
+from residual_mpc.cli.many import TakingMany
 from residual_mpc.cli.progress import progress_bar
 
-SETS = ("--before", "--after")
 
-
-class _Sets(click.Command):
-    """A command whose --before and --after take all the runs that follow them."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """`--before a b` and `--before=a b` as `--before a --before b`."""
-        out: list[str] = []
-        current, named = "", 0  # the set whose runs are being read, and how many of them there are
-        for word in [*args, "--"]:
-            option, _, first = word.partition("=")
-            if not word.startswith("-") or word == "-":
-                out += [current, word] if current else [word]
-                named += 1
-                continue
-            if current and not named:
-                raise click.UsageError(f"Option '{current}' needs at least one run.", ctx)
-            current, named = (option, int(bool(first))) if option in SETS else ("", 0)
-            if option not in SETS:
-                out.append(word)
-            elif first:
-                out += [option, first]
-        return super().parse_args(ctx, out[:-1])
-
-
-@click.command(cls=_Sets)
+@click.command(cls=TakingMany)
 @robot_option
 @click.option("--before", multiple=True, required=True, metavar="RUN...", help="Runs before the change.")
 @click.option("--after", multiple=True, required=True, metavar="RUN...", help="Runs after the change.")

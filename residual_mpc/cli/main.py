@@ -24,7 +24,7 @@ class _Lazy(click.Group):
         "watch": ("residual_mpc.cli.watch", "watch", "Follow logs as they arrive and say when something changes."),
         "excite": ("residual_mpc.cli.excite", "excite", "Plan the next motions and write them to a command file."),
         "learn": ("residual_mpc.cli.learn", "learn", "Train the residual network on runs with a Kalman filter."),
-        "export": ("residual_mpc.cli.export", "export", "Export the augmented model to CasADi, C, JAX, ONNX or MJCF."),
+        "export": ("residual_mpc.cli.export", "export", "Export the augmented model, or its predictions for viewers."),
         "run": ("residual_mpc.cli.run", "run", "Run a closed-loop scenario: nominal vs. augmented controller."),
         "index": ("residual_mpc.cli.index", "index", "Write one page for a folder of results."),
         "blind": ("residual_mpc.cli.blind", "blind", "Make, run and score sealed benchmark cases."),

@@ -44,7 +44,7 @@ def top_view(motions: tuple[Motion, ...], outline: np.ndarray | None, size: Size
     own = path(motions[0])
     middle, reach = 0.5 * (own.min(axis=0) + own.max(axis=0)), max(float(np.ptp(own, axis=0).max()), LEAST)
     body = np.zeros((1, 2)) if outline is None else outline
-    points = np.concatenate([_outlines(m, body).reshape(-1, 2) for m in motions])
+    points = np.concatenate([outlines(m, body).reshape(-1, 2) for m in motions])
     far = FARTHEST * reach + float(np.abs(body).max())
     points = points[np.isfinite(points).all(axis=1)]
     points = np.clip(points, middle - far, middle + far)
@@ -62,7 +62,7 @@ def shapes(motions: tuple[Motion, ...], outline: np.ndarray | None, view: TopVie
     body = ARROW * min(view.size) / view.scale if outline is None else outline
     out = []
     for motion in motions:
-        corners = FINE * view.place(_outlines(motion, body))
+        corners = FINE * view.place(outlines(motion, body))
         for frame in np.clip(np.nan_to_num(corners), -1e5, 1e5):
             fine = Image.new("L", (FINE * width, FINE * height), 0)
             ImageDraw.Draw(fine).polygon([tuple(p) for p in frame], fill=INSIDE)
@@ -97,7 +97,7 @@ def tile_of(extent: float) -> float:
     return float(power * max(f for f in (1.0, 2.0, 5.0) if f * power <= rough * 1.0001))
 
 
-def _outlines(motion: Motion, body: np.ndarray) -> np.ndarray:
+def outlines(motion: Motion, body: np.ndarray) -> np.ndarray:
     """(F, P, 2) m: the body's points (P, 2) at each pose of the motion."""
     theta = motion["pose.theta"][:, None]
     c, s = np.cos(theta), np.sin(theta)
