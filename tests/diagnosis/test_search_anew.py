@@ -33,7 +33,8 @@ def begun() -> tuple[Forward, Fit]:
     base, wrong = fit_all(problem, [{}, {LAG: 0.1}])
     ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), SETTINGS.data)
     noise, blocks = 1.0 / problem.weight, blocks_of(data, settings=SETTINGS.fit)
-    return Forward(problem, ruler, base, noise, blocks, lambda text, done: None, SETTINGS, False), wrong
+    quiet, unsuggested = (lambda text, done: None), (lambda problem, fit: {})
+    return Forward(problem, ruler, base, noise, blocks, quiet, unsuggested, SETTINGS, False), wrong
 
 
 @pytest.mark.parametrize("stuck", [True, False])

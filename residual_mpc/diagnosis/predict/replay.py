@@ -167,9 +167,7 @@ def _begin_earlier(drive: Drive, early: np.ndarray, beyond: float = 0.0) -> Driv
     if not early.any() and not beyond:
         again = None if drive.enabled is None else np.tile(drive.enabled, (h, 1, 1))
         angle = None if drive.angle is None else np.tile(drive.angle, (h, 1))
-        return Drive(
-            drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting, angle=angle, past=past
-        )
+        return Drive(drive.dt, drive.lead, np.tile(command, (h, 1, 1)), again, clock, setting, angle=angle, past=past)
     extra = more_steps(drive, early, beyond)
     step = np.arange(command.shape[1] + extra)
     known = 0 if enabled is None else enabled.shape[1] - drive.steps  # steps before the window of which it is known
