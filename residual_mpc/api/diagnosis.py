@@ -13,7 +13,7 @@ import numpy as np
 
 from residual_mpc.api.diagnosis_files import ANSWER, COMMANDS, write_answer, write_whole
 from residual_mpc.api.display import page
-from residual_mpc.api.early_answers import EarlyAnswers
+from residual_mpc.api.early_answers import SO_FAR, EarlyAnswers
 from residual_mpc.api.resume import checkpoint_in, key_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
@@ -158,7 +158,7 @@ def diagnose(
         out: folder that the answer is written to as soon as it stands, and everything in the end. A diagnosis that was
             stopped goes on from there when it is called again with the same robot, runs and options.
         command: the call as the report prints it; by default the command line that does the same.
-        say: told in a sentence what is known before the answer stands: a first look at the gap, and each better set of
+        say: called with one sentence per intermediate result: a first look at the gap, and each better set of
             effects. With `out` the latest set is in its unfinished.json until the answer takes its place.
 
     Raises:
@@ -180,6 +180,8 @@ def diagnose(
     checkpoint = checkpoint_in(folder, key_of(robot, runs, options, seed))
     if checkpoint.last is not None:
         progress("going on from where an earlier call was stopped", 0.01)
+    elif folder is not None:
+        (folder / SO_FAR).unlink(missing_ok=True)  # of other runs or options
 
     def answered(record: Record) -> None:
         if folder is not None:

@@ -17,7 +17,7 @@ from residual_mpc.report.words.early import first_look_sentence, so_far_sentence
 
 SO_FAR = "unfinished.json"
 NOTE = (
-    "The best set of effects when this file was written, on the windows of the search alone: nothing of it has been "
+    "The best set of effects when this file was written, on the windows of the search alone: none of it has been "
     "tested on held-out runs, and it has no intervals or probabilities. The diagnosis was running, or was stopped."
 )
 

@@ -87,7 +87,7 @@ def runs_of(model: Source) -> Sequence[str]:
     source = written(model)
     paths, _ = diagnosed_runs(source)
     if not paths:
-        raise BadInput("it names no runs that are still there", source.where, "name runs with --runs")
+        raise BadInput("it names no runs that still exist", source.where, "name runs with --runs")
     return paths
 
 

@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -111,17 +112,19 @@ def diagnose(
 
 @contextmanager
 def _told_where(out: Path) -> Iterator[None]:
-    """Where Ctrl-C stops the work, say what there is."""
+    """Where Ctrl-C stops the work, say what it has left there."""
+    begun = time.time()
     try:
         yield
     except KeyboardInterrupt:
         from residual_mpc.api.diagnosis_files import ANSWER
         from residual_mpc.api.early_answers import SO_FAR
 
-        there = next((out / name for name in (SO_FAR, ANSWER) if (out / name).is_file()), None)
-        if there is not None:
-            click.echo(f"the best answer so far is {there}", err=True)
-        click.echo("give the same command again to go on from here", err=True)
+        files = [out / name for name in (SO_FAR, ANSWER)]
+        written = [f for f in files if f.is_file() and f.stat().st_mtime >= begun - 1.0]
+        if written:
+            click.echo(f"the best answer so far is {written[0]}", err=True)
+        click.echo("run the same command again to continue", err=True)
         raise
 
 

@@ -118,7 +118,7 @@ WHEEL_ECCENTRICITY = Effect(
     step=radius_over_turn,
     null_target=False,
     site="roundness",
-    unseen="the wheel hardly turns, or its turns move the robot by less than the noise",
+    unseen="the wheel hardly turns, or a plausible eccentricity moves the robot by less than the noise",
     phrase=Phrase("the radius of {who} varies by {amplitude} either way over a turn", shares=("amplitude",)),
     nouns={
         "amplitude": Noun("variation of the radius over a turn", "own", "eccentricity", "an", "amplitude"),

@@ -61,13 +61,13 @@ def test_ctrl_c_leaves_the_best_answer_so_far(rover: Path) -> None:
     out, stopped = rover / "out", command(rover, interrupted=True)
     said = stopped.stderr
     assert stopped.returncode == 1 and "Traceback" not in said
-    assert "the best answer so far is out/unfinished.json" in said and "to go on from here" in said
+    assert "the best answer so far is out/unfinished.json" in said and "run the same command again to continue" in said
     assert not (out / "diagnosis.json").exists() and not (out / "model.json").exists()
 
     robot = rm.load_robot(rover / "robot.toml")
     runs = rm.read_runs(robot, [rover / "run0.csv", rover / "run1.csv"])
     unfinished = json.loads((out / "unfinished.json").read_text())["unfinished"]
-    assert "nothing of it has been tested" in unfinished["note"]
+    assert "none of it has been tested" in unfinished["note"]
     assert unfinished["explanation"][0]["effect"] == "command_delay"
     assert unfinished["explanation"][0]["parameters"]["delay"]["value"] == pytest.approx(0.08, abs=0.01)
     measured = rm.measure_gap(robot, runs, model=out / "unfinished.json")
@@ -90,7 +90,7 @@ def test_words() -> None:
     look = {"horizon": 1.0, "gap": 0.2, "noise_floor": 0.01, "channels": {"pose.x": 0.7, "pose.y": 0.3},
             "leads": [{"effect": "viscous_friction", "target": "j1", "shrink": 0.5}]}  # fmt: skip
     assert first_look_sentence(look) == (
-        "first look: the gap is about 0.2 at 1 s (noise floor 0.01), mostly in pose.x (70 %); it most resembles "
+        "first look: the gap is about 0.2 at 1 s (noise floor 0.01), largest in pose.x (70 %); it most resembles "
         "viscous friction of j1 (50 %)"
     )
     delay = {"effect": "command_delay", "target": None, "parameters": {"delay": {"value": 0.04, "unit": "s"}}}

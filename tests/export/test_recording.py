@@ -228,7 +228,7 @@ def test_an_arm_is_drawn_as_mujoco_places_its_links(tmp_path: Path, capsys: pyte
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("model.json",), "it names no runs that are still there. Name runs with --runs"),
+        (("model.json",), "it names no runs that still exist. Name runs with --runs"),
         (("model.json", "--runs", "none.csv"), "none.csv"),
         (("model.json", "--runs", "arm.csv"), "command."),
         (("arm.json", "--runs", "r0.csv"), "arm"),

@@ -67,7 +67,7 @@ def _offset(robot: ArmRobot, draw: Draw, s: float) -> Made:
 
 
 def _ripple(robot: ArmRobot, draw: Draw, s: float) -> Made:
-    """Of any number of cycles that fits into a tenth of a radian to one and a bit."""
+    """Of 5 to 25 cycles per turn, not necessarily a whole number: a period of 0.25 to 1.26 rad."""
     numbers = {
         "amplitude": float(4.0 * s * robot.torque_rms[draw.joint or 0]),
         "cycles": 5.0 + 20.0 * draw.shape,

@@ -1,5 +1,5 @@
 """A gripper made rigid for the step in CasADi, which has no couplings: joints that no command moves, on a tendon or
-coupled to each other, stay where the model is drawn."""
+coupled to each other, are fixed at the model's reference configuration."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -35,7 +35,8 @@ def with_rigid_gripper(robot: CompiledRobot, settings: Settings) -> tuple[Compil
     for name in names:
         spec.delete(spec.joint(name))
     rigid = replace(robot, model=prepared(spec.compile()), spec=spec, loops=None)
-    return rigid, _on(robot, rigid, settings), (f"{_listed(names)}: rigid in the step, where the model is drawn",)
+    left_out = f"{_listed(names)}: fixed in the step, at the model's reference configuration (qpos0)"
+    return rigid, _on(robot, rigid, settings), (left_out,)
 
 
 def _coupled(model: "mujoco.MjModel") -> set[int]:

@@ -21,7 +21,7 @@ FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
 HIGHEST, LOWEST = "highest", "lowest"  # position of a joint in the runs
 RUN = ("1/run", "")  # 1/s, one over the longest run
-UNTOLD = "only a pose with x, y and theta tells how a wheel stands"
+UNTOLD = "the angle of a wheel can be estimated only from pose.x, pose.y and pose.theta"
 OVER = 0.05  # s, over which a joint's largest speed is measured
 TURNED = 0.2  # rad over the whole range of a joint: what a typical step of a number of cycles changes
 ENDS = (0.002, 0.998)  # quantiles: a stop is where a joint often ends, an outlier is beyond
@@ -209,10 +209,14 @@ def _uncovered(term: Term, slots: tuple[str, ...], robot: Robot, references: Map
     if not least:
         return ""
     if joint in optional.sliding(robot):
-        return "the joint slides, and has no angle"
+        return "the joint is prismatic and has no angle"
     turned = turned_of(references, joint)
     enough = least[0].cover * 2.0 * np.pi / least[0].upper
-    return "" if turned > enough else f"the joint turns by {turned:.2g} rad, less than any cycle that is looked for"
+    return (
+        ""
+        if turned > enough
+        else f"the joint turns by {turned:.2g} rad, less than the shortest ripple period in the search"
+    )
 
 
 def _longest(data: Dataset) -> float:

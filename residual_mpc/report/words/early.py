@@ -13,7 +13,7 @@ def first_look_sentence(look: Mapping[str, Any]) -> str:
     text = f"first look: the gap is about {gap} at {number(look['horizon'], 2)} s (noise floor {floor})"
     if look["channels"]:
         worst = max(look["channels"], key=lambda c: look["channels"][c])
-        text += f", mostly in {worst} ({percent(look['channels'][worst])})"
+        text += f", largest in {worst} ({percent(look['channels'][worst])})"
     if look["leads"]:
         likeness = [f"{name_at(lead)} ({percent(lead['shrink'])})" for lead in look["leads"]]
         text += f"; it most resembles {listed(likeness)}"

@@ -8,7 +8,7 @@ from residual_mpc.report.words.numbers import count, number, percent
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json, or what `gap --json` prints; or one of its `horizons`
 RULES = 3.0  # times the median window's gap, from which a few windows make up the whole
 USELESS = 0.3  # gap from which a model that is worse than a forecast of constant velocity says nothing
-ALIKE = 1.05  # times a forecast\'s gap, up to which a model is no worse
+ALIKE = 1.05  # times a forecast's gap, up to which a model is no worse
 DIVERGES = 10.0  # a gap from which the prediction runs away
 
 
