@@ -110,6 +110,23 @@ def test_split_gears_keep_the_steps_of_the_model(data: Dataset, space: Space) ->
     assert aligned < 0.1 * without
 
 
+def test_what_longer_steps_change_is_not_added_to_split_gears(data: Dataset, space: Space) -> None:
+    """They are replayed with the model's own steps: only how commands are averaged differs."""
+    about = PredictionCache(longer(data, 4), space, own=data).about(HERE, np.ones(2), LENIENT)
+    assert about.own is not None
+    split: Values = {**HERE, PLAY: 0.05}
+    exact = predict(data, space.settings([split]))[0]
+    apart = np.nanmax(np.abs(about([split])[0] - exact))
+    assert apart < 0.2 * np.nanmax(np.abs(about.change))
+    none: Values = {**HERE, PLAY: 0.0}
+    np.testing.assert_allclose(about([none])[0], about([HERE])[0], atol=1e-12)
+
+
+def test_longer_steps_are_given_up_about_split_gears(data: Dataset, space: Space) -> None:
+    coarse = PredictionCache(longer(data, 4), space, own=data)
+    assert coarse.about({PLAY: 0.05}, np.ones(2), LENIENT).own is None
+
+
 def test_the_longest_steps_that_change_little_are_chosen(data: Dataset) -> None:
     scales = measure_scales(data)
 

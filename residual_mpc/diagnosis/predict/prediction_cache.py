@@ -11,9 +11,12 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import LongerStepSettings
 from residual_mpc.diagnosis.predict.space import Space
-from residual_mpc.models.settings import Knob, Values
+from residual_mpc.effects.effect import Site
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE, Knob, Values
 
 ROOM = 16_000_000  # numbers that are kept
+APART: tuple[Site, ...] = ("play", "spring")  # between a motor and its link
 
 Key = frozenset[tuple[Knob, float]]
 
@@ -38,14 +41,20 @@ class PredictionCache:
     def __call__(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M, C) channel units; see `predict`."""
         found = self._on_these_steps(hypotheses)
-        return found if self.change is None else found + self.change
+        if self.change is None:
+            return found
+        longer = np.array([not keeps_steps(h) for h in hypotheses])
+        return found + np.where(longer[:, None, None, None], self.change, 0.0)
 
     def about(self, values: Values, size: np.ndarray, tuned: LongerStepSettings) -> "PredictionCache":
         """The same with the predictions of the user's model at these values, and of near ones but for what longer steps
         change of the difference. Longer steps are given up where they change too much of the motion, size (C,), or of
-        what these values leave: the search is then for something smaller than they can be trusted with."""
+        what these values leave: the search is then for something smaller than they can be trusted with. So they are
+        where these values keep the model's own steps: what longer ones change for the others is then not known."""
         if self.own is None:
             return self
+        if keeps_steps(values):
+            return PredictionCache(self.own, self.space)
         exact = predict(self.own, self.space.settings([values]))[0]
         change = exact - self._on_these_steps([values])[0]
         seen = np.isfinite(self.data.y) & np.isfinite(size)
@@ -89,6 +98,15 @@ class PredictionCache:
             self.kept[key] = one.copy()  # a view would hold the whole batch
         while len(self.kept) > most:
             self.kept.popitem(last=False)
+
+
+def keeps_steps(values: Values) -> bool:
+    """Whether a robot with these values is replayed with the steps of the user's model, however long those of the
+    windows are: motors that are told apart from their links are too stiff for longer ones."""
+    return any(
+        k.effect != TUNE and BY_NAME[k.effect].place in APART and v != BY_NAME[k.effect].parameter(k.parameter).null
+        for k, v in values.items()
+    )
 
 
 def _mean_squares(error: np.ndarray, size: np.ndarray, seen: np.ndarray) -> np.ndarray:
