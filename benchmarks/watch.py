@@ -2,8 +2,7 @@
 
 Each robot drives for hours without a change, from the findings' simulator, which shares no law with the product: a
 wider track than modelled, slip that is correlated in time, coloured noise of the pose. Its first five minutes are the
-reference; the rest is tested. In one set of robots the track
-also drifts by 1 % over minutes.
+reference, and the rest is tested. In one set of robots the track also drifts by 1 % over minutes.
 """
 
 from __future__ import annotations

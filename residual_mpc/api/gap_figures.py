@@ -26,7 +26,7 @@ from residual_mpc.effects.library import HOSTED
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.forms.residual_robot import with_residual
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.learning.network.written import residual_in
+from residual_mpc.learning.network.written import residual_for
 from residual_mpc.logs.run import Run
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.model_file import Written, model_in
@@ -95,13 +95,7 @@ def explaining(model: Written | None, robot: Robot) -> Explaining:
         return Explaining({}, False, None, False)
     of, values, leaves_out = model_in(model)
     check_fits(values, robot, of, model.where)
-    residual = residual_in(model)
-    if residual is not None and residual.robot != robot.name:
-        raise BadInput(
-            f"its residual must be of {robot.name}, got one of {residual.robot}",
-            model.where,
-            "give the robot file that was used for learning",
-        )
+    residual = residual_for(model, robot.name)
     return Explaining(values, leaves_out, None if residual is None else (residual, model.where), True)
 
 

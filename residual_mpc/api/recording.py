@@ -82,8 +82,8 @@ def export_runs(
 
 
 def runs_of(model: Source) -> Sequence[str]:
-    """Paths of the runs that a diagnosis, or the model beside it, is from. Raises BadInput where they are not known or
-    not there any more."""
+    """Paths of the runs behind a diagnosis, or behind the diagnosis beside a model. Raises BadInput where they are not
+    known or no longer exist."""
     source = written(model)
     paths, _ = diagnosed_runs(source)
     if not paths:

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from residual_mpc.effects.library import HOSTED
-from residual_mpc.errors import BadInput
 from residual_mpc.learning.forms.residual_robot import with_residual
 from residual_mpc.learning.network.residual import Residual
-from residual_mpc.learning.network.written import residual_in
+from residual_mpc.learning.network.written import residual_for
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.protocol import Robot
@@ -43,11 +42,5 @@ def watched_model(nominal: Robot, nominal_of: RobotOf, model: Written | None) ->
         return WatchedModel(nominal_of, {}, False, None, "")
     of, values, leaves_out = model_in(model)
     check_fits(values, nominal, of, model.where)
-    residual = residual_in(model)
-    if residual is not None and residual.robot != nominal.name:
-        raise BadInput(
-            f"its residual must be of {nominal.name}, got one of {residual.robot}",
-            model.where,
-            "give the robot file that was used for learning",
-        )
+    residual = residual_for(model, nominal.name)
     return WatchedModel(nominal_of, values, leaves_out, residual, model.where)

@@ -141,7 +141,7 @@ def test_a_pipe_in_bursts_and_an_interrupt(place: Path) -> None:
 
 
 def test_the_reference_is_the_runs_of_the_diagnosis(place: Path, tmp_path: Path) -> None:
-    """diagnosis.json lists its runs relative to its folder, and they are the reference for a model beside it."""
+    """A model beside a diagnosis.json takes that file's runs, which are listed relative to its folder, as reference."""
     document = {
         "schema": "residual-mpc/diagnosis/1", "run_files": [os.path.relpath(place / "steady", tmp_path)],
         "model": {"schema": "residual-mpc/model/1", "robot": "rover", "values": []},

@@ -1,5 +1,5 @@
-"""The integral part of a position servo: against mj_step with a sum beside it, from a log's history, in the simulator
-and in the step of controllers."""
+"""The integral part of a position servo: against mj_step with an integrator of its own, from a log's history, in the
+simulator and in the step of controllers."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ Told = Callable[[EarlyAnswer], None]
 
 
 def unheard(answer: EarlyAnswer) -> None:
-    """Nobody listens."""
+    """Ignore the answer."""
 
 
 def first_look(prepared: Prepared) -> FirstLook:

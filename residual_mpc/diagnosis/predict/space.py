@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.predict.references import HIGHEST, LOWEST, RUN, longest_run, measure_references, turned_of
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, HOSTED, LIBRARY, holder
 from residual_mpc.effects.surroundings import TORQUE_OFFSET
@@ -19,12 +20,8 @@ from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, ass
 
 FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
-HIGHEST, LOWEST = "highest", "lowest"  # position of a joint in the runs
-RUN = ("1/run", "")  # 1/s, one over the longest run
 UNTOLD = "the angle of a wheel can be estimated only from pose.x, pose.y and pose.theta"
-OVER = 0.05  # s, over which a joint's largest speed is measured
 TURNED = 0.2  # rad over the whole range of a joint: what a typical step of a number of cycles changes
-ENDS = (0.002, 0.998)  # quantiles: a stop is where a joint often ends, an outlier is beyond
 
 
 @dataclass(frozen=True)
@@ -185,7 +182,7 @@ def build_space(
     slots = {e.name: robot.slots(e.name) for e in HOSTED}
     chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
-    longest = _longest(data)
+    longest = longest_run(data)
     why = f"no run is longer than {longest:.2g} s"
     ruled_out = {t: why for t in candidates if longest < BY_NAME[t.effect].seconds}
     if all(b.drive.angle is None for b in data.blocks):
@@ -219,11 +216,6 @@ def _uncovered(term: Term, slots: tuple[str, ...], robot: Robot, references: Map
     )
 
 
-def _longest(data: Dataset) -> float:
-    """s, of the runs."""
-    return max(float(r.t[-1] - r.t[0]) for r in data.runs)
-
-
 def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:
     """All targets alike, and each target alone. A robot's only target is named by no target."""
     if not slots:
@@ -236,99 +228,3 @@ def _terms(effect: Effect, slots: tuple[str, ...], data: Dataset) -> list[Term]:
     if len(slots) == 1:
         return [Term(effect.name, None)]
     return ([Term(effect.name, None)] if effect.null_target else []) + [Term(effect.name, s) for s in slots]
-
-
-def turned_of(references: Mapping[tuple[str, str], float], joint: str) -> float:
-    """rad through which a joint turns in the runs; 0 where it is not measured."""
-    return references.get((HIGHEST, joint), 0.0) - references.get((LOWEST, joint), 0.0)
-
-
-def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
-    """Typical sizes on these runs: commands (a servo's position error), actuator outputs, torques and speeds of
-    the joints.
-    """
-    found: dict[tuple[str, str], list[float]] = {}
-    for block in data.blocks:
-        robot, n = block.robot, block.where.stop - block.where.start
-        pick = np.unique(np.linspace(0, n - 1, min(n, 60)).astype(int)) + block.where.start
-        few = data.take(np.isin(np.arange(data.count), pick))
-        outputs = _nominal_outputs(few)
-        joints, all_joints = optional.actuator_joints(robot), optional.joints(robot)
-        drive = block.drive.command[:, block.drive.lead :]
-        for k, a in enumerate(robot.actuators):
-            u = np.abs(drive[..., k])
-            if robot.command_kinds[k] == "position":
-                u = _servo_error(few, a, joints[k])
-            found.setdefault(("command", a), []).append(float(np.quantile(u, 0.98)))
-            found.setdefault(("command/time", a), []).append(float(np.ptp(np.quantile(drive[..., k], (0.02, 0.98)))))
-            found.setdefault(("output", a), []).append(float(np.max(np.abs(outputs[a]))))
-        rms = dict.fromkeys(all_joints, 0.0)
-        for k, a in enumerate(robot.actuators):
-            rms[joints[k]] = float(np.sqrt(np.mean(outputs[a] ** 2)))
-        typical = float(np.median([x for x in rms.values() if x > 0] or [1.0]))
-        for j in all_joints:
-            torque = rms[j] or typical
-            speeds = [s.y for (_, c), s in data.signals.items() if c == f"velocity.{j}"]
-            moves = [np.diff(s.y) / np.diff(s.t) for (_, c), s in data.signals.items() if c == f"position.{j}"]
-            speed = float(np.sqrt(np.mean(np.concatenate(speeds or moves or [np.ones(1)]) ** 2)))
-            found.setdefault(("torque", j), []).append(torque)
-            found.setdefault(("torque/speed", j), []).append(torque / max(speed, 0.05))
-            size, fastest = _motion(data, j)
-            found.setdefault(("torque/motion", j), []).append(torque / max(size, 0.02))
-            for k in (k for k, driven in enumerate(joints) if driven == j):
-                found.setdefault(("speed", robot.actuators[k]), []).append(fastest)
-    sizes = {key: max(float(np.max(v)), 1e-6) for key, v in found.items()}
-    sizes[RUN] = 1.0 / max(_longest(data), 1e-3)
-    return sizes | _ends(data, optional.joints(data.blocks[0].robot))
-
-
-def _motion(data: Dataset, joint: str) -> tuple[float, float]:
-    """Root mean square of a joint's position about its mean, rad (m), and its largest speed (the 0.995 quantile over
-    50 ms), rad/s (m/s); ones where it is not measured."""
-    measured = [s for (_, c), s in data.signals.items() if c == f"position.{joint}" and len(s.t) > 2]
-    if not measured:
-        return 1.0, 1.0
-    size = float(np.sqrt(np.mean([np.var(s.y) for s in measured])))
-    rates = []
-    for s in measured:
-        t = np.arange(s.t[0], s.t[-1], OVER)
-        rates.append(np.abs(np.diff(np.interp(t, s.t, s.y))) / OVER if len(t) > 1 else np.ones(1))
-    return size, float(np.quantile(np.concatenate(rates), 0.995))
-
-
-def _ends(data: Dataset, joints: Sequence[str]) -> dict[tuple[str, str], float]:
-    """The highest and the lowest position of every measured joint, rad (m)."""
-    found: dict[tuple[str, str], float] = {}
-    for j in joints:
-        measured = [s.y for (_, c), s in data.signals.items() if c == f"position.{j}" and len(s.y)]
-        if measured:
-            low, high = np.quantile(np.concatenate(measured), ENDS)
-            found |= {(HIGHEST, j): float(high), (LOWEST, j): float(low)}
-    return found
-
-
-def _nominal_outputs(data: Dataset) -> dict[str, np.ndarray]:
-    """Actuator outputs of the nominal model on these windows: actuator -> (W, K + 1)."""
-    from residual_mpc.diagnosis.predict.replay import start_states
-
-    block = data.blocks[0]
-    n = block.where.stop - block.where.start
-    start = {k: v[0] for k, v in start_states(data, block, Settings(1)).items()}
-    wanted = tuple(f"output.{a}" for a in block.robot.actuators)
-    out = block.robot.replay(start, block.drive, Settings(n), wanted)
-    return {a: np.nan_to_num(out[f"output.{a}"]) for a in block.robot.actuators}
-
-
-def _servo_error(data: Dataset, actuator: str, joint: str) -> np.ndarray:
-    """|command - measured position| of a position servo at the samples; ones where the joint is not measured."""
-    block = data.blocks[0]
-    k = block.robot.actuators.index(actuator)
-    channel = f"position.{joint}"
-    if channel not in data.channels:
-        return np.ones(1)
-    t = np.nan_to_num(data.t[block.where])
-    at = np.clip((t / block.drive.dt).astype(int), 0, block.drive.steps - 1)
-    sent = np.take_along_axis(block.drive.command[:, block.drive.lead :, k], at, axis=1)
-    error = np.abs(sent - data.y[block.where, :, data.channels.index(channel)])
-    error = error[np.isfinite(error)]
-    return error if len(error) else np.ones(1)

@@ -51,7 +51,7 @@ Accepted = Callable[[Ruler, Fit, Fit], None]  # the ruler, the fit without effec
 
 
 def unseen(ruler: Ruler, base: Fit, best: Fit) -> None:
-    """Nobody asks what was accepted."""
+    """Ignore the accepted set."""
 
 
 def stepwise_search(

@@ -1,5 +1,6 @@
 """The learned residual of a diagnosis.json or model.json."""
 
+from residual_mpc.errors import BadInput
 from residual_mpc.learning.network.residual import KEY, Residual, from_json
 from residual_mpc.models.model_file import Written, model_content
 
@@ -11,3 +12,15 @@ def residual_in(written: Written, last: bool = False) -> Residual | None:
     """
     found = model_content(written).get("last_residual" if last else KEY)
     return None if found is None else from_json(found, written.where)
+
+
+def residual_for(written: Written, robot: str) -> Residual | None:
+    """As `residual_in`. Raises BadInput for a network of another robot."""
+    residual = residual_in(written)
+    if residual is not None and residual.robot != robot:
+        raise BadInput(
+            f"its residual must be of {robot}, got one of {residual.robot}",
+            written.where,
+            "give the robot file that was used for learning",
+        )
+    return residual
