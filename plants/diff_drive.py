@@ -7,7 +7,7 @@ import numpy as np
 
 from plants.diff_drive_step import RATES, drive_step
 from plants.outline import box_with_nose
-from residual_mpc.effects.chain import OUTPUT, command_chain, output_chain
+from residual_mpc.effects.chain import OUTPUT, speed_chain
 from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.library import Effects, Sites, present, slots_of
 from residual_mpc.effects.ops import NUMPY
@@ -151,12 +151,7 @@ def build(robot: RobotFile) -> DiffDrive:
 
 def _motor_speed(effects: Effects, drive: Drive, lead: int) -> np.ndarray:
     """(B, lead + K, 2) rad/s: the motors' speeds from `lead` steps before the window on."""
-    dt = drive.dt
-    y = command_chain(effects, drive.command, drive.lead - lead, dt, np.array([True, True]))
-    if drive.enabled is not None:
-        y = np.concatenate([y[:, :lead], y[:, lead:] * drive.enabled], axis=1)
-    clock = drive.clock[:, None, None] + dt * (np.arange(y.shape[1]) - lead + 0.5)[None, :, None]
-    return output_chain(effects, y, clock, dt)
+    return speed_chain(effects, drive.command, drive.on, drive.clock_at_steps, drive.dt)[:, drive.lead - lead :]
 
 
 def _wheel_speed(effects: Effects, motor: np.ndarray, dt: float) -> np.ndarray:

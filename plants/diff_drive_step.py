@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.effects.chain import OUTPUT, Chain, chain_of
+from residual_mpc.effects.chain import OUTPUT, Chain, chain_of, speed_chains
 from residual_mpc.effects.effect import Site
 from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.laws import rounded
@@ -179,8 +179,8 @@ def drive_step(
     effects = {e: settings.effects[e] for e in live}
     span = max(1, round(response / options.dt)) if any(present(effects, "rim")) else 0
     index = {(n.effect, n.slot, n.parameter): i for i, n in enumerate(numbers)}
-    sent = chain_of(effects, ("command",), WHEELS, options.dt)
-    driven = chain_of(effects, (*OUTPUT, "play"), WHEELS, options.dt)
+    sent, turned = speed_chains(effects, WHEELS, options.dt)
+    driven = turned.then(chain_of(effects, ("play",), WHEELS, options.dt))
     ground = tuple(e.name for e, _ in present(effects, *GROUND))
     step = DriveStep(options.dt, ground, sent, driven, span, options, index)
     value = {(n.effect, n.slot, n.parameter): n.value for n in numbers}

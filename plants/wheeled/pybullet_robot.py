@@ -10,7 +10,7 @@ from plants.wheeled.engines.engine import CHANNELS, Motion
 from plants.wheeled.engines.geometry import WHEELS, Geometry
 from plants.wheeled.engines.pybullet_engine import BulletEngine
 from plants.wheeled.simulators import TURTLEBOT
-from residual_mpc.effects.chain import command_chain, output_chain
+from residual_mpc.effects.chain import speed_chain
 from residual_mpc.effects.library import BY_NAME, Sites, changes, present, slots_of
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.models.protocol import Drive, State
@@ -90,12 +90,7 @@ class BulletRobot:
 
 def _set_points(settings: Settings, drive: Drive) -> np.ndarray:
     """(B, K, 2) rad/s that the motors are asked for; a motor that is off is asked for 0."""
-    effects, dt = settings.effects, drive.dt
-    y = command_chain(effects, drive.command, drive.lead, dt, np.array([True, True]))
-    if drive.enabled is not None:
-        y = y * drive.enabled
-    clock = drive.clock[:, None, None] + dt * (np.arange(y.shape[1]) + 0.5)[None, :, None]
-    y = output_chain(effects, y, clock, dt)
+    y = speed_chain(settings.effects, drive.command, drive.on, drive.clock_at_steps, drive.dt)[:, drive.lead :]
     return np.asarray(np.broadcast_to(y, (settings.rows, drive.steps, 2)))
 
 

@@ -118,6 +118,7 @@ ACTUATOR_LAG = Effect(
     start=lag_start,
     step=lag_step,
     rank=90,
+    inertial=True,
     sequence=lag_sequence,
     label="lag",
     phrase=Phrase("{who} follows its command with a lag of {time_constant}"),

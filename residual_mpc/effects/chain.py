@@ -1,8 +1,8 @@
 """The way of a command to the actuator and of the actuator's output to the joint: effect after effect, for a whole run
-at once in numpy (`command_chain`, `output_chain`) and for one step in any array library (`Chain`)."""
+at once in numpy (`command_chain`, `speed_chain`) and for one step in any array library (`Chain`)."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,10 +25,22 @@ def command_chain(effects: Effects, u: np.ndarray, lead: int, dt: float, direct:
     return u[:, lead:]
 
 
-def output_chain(effects: Effects, y: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
-    """What the effects make of the actuators' outputs y (B, K, nu); clock (B, K, 1) s since the run began."""
+def speed_chain(effects: Effects, u: np.ndarray, on: np.ndarray | None, clock: np.ndarray, dt: float) -> np.ndarray:
+    """The speeds (B, K, nu) of motors that turn as fast as they are told, before any play, from commands u (B, K, nu).
+
+    A driver's voltage, which sets gain and limit, comes before the motor's inertia: a lag acts on what they let through.
+    on (B, K, nu): 0 where the actuator is off, None for always on. clock (B, K, 1): s since the run began.
+    """
+    direct = np.ones(u.shape[-1], dtype=bool)
+    for effect, p in on_command(effects, direct):
+        if not effect.inertial:
+            u = through_commands(effect, p, u, dt)
+    y = u if on is None else u * on
     for effect, p in present(effects, *OUTPUT):
         y = through_outputs(effect, p, y, clock, dt)
+    for effect, p in on_command(effects, direct):
+        if effect.inertial:
+            y = through_commands(effect, p, y, dt)
     return y
 
 
@@ -138,6 +150,10 @@ class Chain:
         new |= dict(zip(names, leaves(memory), strict=True))
         return out
 
+    def then(self, after: "Chain") -> "Chain":
+        """This chain and behind it another of the same targets and step."""
+        return replace(self, effects=(*self.effects, *after.effects), names={**self.names, **after.names})
+
     def resting(self, signals: Mapping[str, float], values: Callable[[str, str], Values]) -> dict[str, float]:
         """What is remembered by a robot whose signals (by target) have been held for ever, by state."""
         out: dict[str, float] = {}
@@ -153,11 +169,13 @@ class Chain:
 
 
 def chain_of(
-    effects: Effects, sites: Sequence[Site], targets: tuple[str, ...], dt: float, on_error: bool | None = None
-) -> Chain:
+    effects: Effects, sites: Sequence[Site], targets: tuple[str, ...], dt: float, on_error: bool | None = None,
+    inertial: bool | None = None,
+) -> Chain:  # fmt: skip
     """The chain of the effects (one row of settings) at these sites. on_error: only those that act on a servo's error
-    (True) or on the command (False), None for all."""
-    here = [e for e in CHAINED if e.place in sites and e.name in effects and on_error in (None, e.on_error)]
+    (True) or on the command (False), None for all; inertial likewise."""
+    here = [e for e in CHAINED if e.place in sites and e.name in effects]
+    here = [e for e in here if on_error in (None, e.on_error) and inertial in (None, e.inertial)]
     names = {}
     for effect in here:
         p = {k: v[0] for k, v in effects[effect.name].items()}
@@ -168,6 +186,13 @@ def chain_of(
         single = not isinstance(memory, tuple | list)
         names[effect.name] = (f"{label}.{{}}",) if single else tuple(f"{label}.{{}}.{j + 1}" for j in range(count))
     return Chain(tuple(here), targets, dt, names)
+
+
+def speed_chains(effects: Effects, targets: tuple[str, ...], dt: float) -> tuple[Chain, Chain]:
+    """What `speed_chain` does to a command until it drives the motor, and to the motor's speed until the play."""
+    sent = chain_of(effects, ("command",), targets, dt, inertial=False)
+    lagged = chain_of(effects, ("command",), targets, dt, inertial=True)
+    return sent, chain_of(effects, OUTPUT, targets, dt).then(lagged)
 
 
 def leaves(memory: Any) -> list[Any]:

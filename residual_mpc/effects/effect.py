@@ -146,6 +146,7 @@ class Effect:
     # the chain
     rank: int = 50  # order among the effects of a port, smallest first
     on_error: bool = False  # at a position servo it acts on the position error instead of the command
+    inertial: bool = False  # acts on a command, or, where an actuator's output is a speed, on what its limit lets through
     timed: bool = True  # the equation of an output reads the clock
     steady: bool = False  # what it does to an output or joint changes neither with time nor with the motion
     supply: bool = False  # acts on the actuator's supply: the limit of its force follows
@@ -165,8 +166,6 @@ class Effect:
     lacking: str = ""  # why a robot whose joints are measured cannot show it, where it has no place for the effect
     unseen: str = "its strongest plausible dose moves the prediction by less than the noise"  # why runs do not show it
     imitates: frozenset[str] = frozenset()  # dependences of a remainder that this effect is mistaken for
-    # effects beside which it may stand for another one that acts before or after them: a lag behind a limit
-    displaced_by: frozenset[str] = frozenset()
     shadows: tuple[tuple[Quantity, float], ...] = ()  # (quantity, share): its size that such a number may feign
     interchangeable: str = ""  # effects with the same word do the same in pairs
 

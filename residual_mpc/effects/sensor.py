@@ -84,8 +84,6 @@ SENSOR_LAG = Effect(
     parameters=(Parameter("time_constant", "s", 0.0, 0.0, 0.5, (0.05,), quantity="reading lag"),),
     summary="measurements pass a low-pass",
     site="filter",
-    # without encoders an actuator that lags behind its limit looks like this: the chain has the limit behind the lag
-    displaced_by=frozenset({"dead_zone", "rate_limit", "saturation"}),
     phrase=Phrase("{who} follow with a time constant of {time_constant}", "the measurements", "the measurements of {}"),
     nouns={"time_constant": Noun("time constant of the measurements", targeted="sensor time constant")},
     not_in_mjcf=READ_ELSEWHERE,

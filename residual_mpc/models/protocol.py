@@ -59,6 +59,22 @@ class Drive:
     def steps(self) -> int:
         return self.command.shape[1] - self.lead
 
+    @property
+    def on(self) -> np.ndarray | None:
+        """(B, lead + K, nu) of 0 or 1, 1 before the window where nothing is known of it; None where always on."""
+        if self.enabled is None:
+            return None
+        before = self.enabled_before
+        if before is None:
+            before = np.ones((len(self.enabled), self.lead, self.enabled.shape[-1]))
+        return np.concatenate([before, self.enabled], axis=1)
+
+    @property
+    def clock_at_steps(self) -> np.ndarray:
+        """(B, lead + K, 1) s from the run's first stamp to the middle of each step, 0 before it."""
+        middle = self.dt * (np.arange(self.command.shape[1]) - self.lead + 0.5)
+        return np.asarray(np.maximum(self.clock[:, None, None] + middle[None, :, None], 0.0))
+
     def angle_before(self, steps: np.ndarray) -> np.ndarray | None:
         """(..., B, nu) rad of the wheels `steps` (..., B) before the window, which turned as commanded since then;
         None where nothing is known of it."""

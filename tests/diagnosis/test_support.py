@@ -46,16 +46,6 @@ def test_a_doubtful_effect_widens_the_intervals_of_the_others() -> None:
     )
 
 
-@pytest.mark.parametrize("beside", ["saturation", "track_width"])
-def test_a_slow_sensor_beside_a_limit_may_be_a_lag_behind_it(beside: str) -> None:
-    """The chain has the lag before the limit; on a robot that has it behind, the whole pose is late instead."""
-    slow, other = Term("sensor_lag", None), Term(beside, None)
-    supports = dict.fromkeys((slow, other), Support(("fits", "predicts"), 100.0))
-    found = doubts(supports, None, settings=ResultSettings())
-    assert found[other] == 1.0
-    assert found[slow] == (ResultSettings().support.unsupported if beside == "saturation" else 1.0)
-
-
 @pytest.mark.parametrize(
     ("law", "doubted"), [("fitted_law_torque_position", True), ("fitted_law_torque_command", False)]
 )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from residual_mpc.effects import chain as chain_module
-from residual_mpc.effects.chain import OUTPUT, chain_of, command_chain, leaves, limits_of, on_errors, output_chain
+from residual_mpc.effects.chain import chain_of, command_chain, leaves, limits_of, on_errors, speed_chain, speed_chains
 from residual_mpc.effects.effect import Effect, Parameter, Site
 from residual_mpc.effects.library import BY_NAME, LIBRARY, changes, holder, present, slots_of
 from residual_mpc.effects.ops import NUMPY
@@ -44,8 +44,8 @@ ECHO = Effect(
 
 
 def stepped(effects: Mapping[str, Mapping[str, np.ndarray]], u: np.ndarray) -> np.ndarray:
-    """(K, 2) commands through command and output chains, one step at a time as a controller's model does it."""
-    sent, driven = chain_of(effects, ("command",), WHEELS, DT), chain_of(effects, OUTPUT, WHEELS, DT)
+    """(K, 2) commands through the two chains of a motor, one step at a time as a controller's model does it."""
+    sent, driven = speed_chains(effects, WHEELS, DT)
 
     def values(effect: str, wheel: str) -> dict[str, float]:
         return {k: float(v[0, WHEELS.index(wheel)]) for k, v in effects[effect].items()}
@@ -73,9 +73,21 @@ def test_a_chain_is_stepped_as_it_is_replayed(names: tuple[str, ...], monkeypatc
     effects = {n: {**NUMBERS, "echo": {"share": np.array([[0.3, 0.6]])}}[n] for n in names}
     u = np.random.default_rng(3).standard_normal((1, STEPS, 2))
     clock = (DT * (np.arange(STEPS) + 0.5))[None, :, None]
-    replayed = output_chain(effects, command_chain(effects, u, 0, DT, np.array([True, True])), clock, DT)
+    replayed = speed_chain(effects, u, None, clock, DT)
     np.testing.assert_allclose(stepped(effects, u[0]), replayed[0], rtol=0, atol=1e-12)
     assert np.abs(replayed - u).max() > 0.01
+
+
+def test_a_motor_lags_behind_its_limit_and_not_behind_an_unlimited_speed() -> None:
+    effects = {n: {k: v[:, :1] for k, v in NUMBERS[n].items()} for n in ("actuator_lag", "saturation")}
+    tau, limit = (float(next(iter(effects[n].values()))[0, 0]) for n in effects)
+    u = np.where(np.arange(STEPS) < 30, 5.0 * limit, 0.0)[None, :, None]
+    speed = speed_chain(effects, np.concatenate([np.zeros((1, 1, 1)), u], axis=1), None, np.zeros((1, 1, 1)), DT)
+    end = DT * np.arange(1, 31)  # s, of each step of the limited command; its mean is the way covered over the step
+    way = limit * (end + tau * (np.exp(-end / tau) - 1.0))
+    np.testing.assert_allclose(np.cumsum(DT * speed[0, 1:31, 0]), way, rtol=0, atol=1e-12)
+    falls = speed[0, 31:, 0]  # at once, since nothing has wound up behind the limit
+    assert falls[0] < 0.95 * speed[0, 30, 0]
 
 
 def test_memory_is_named_after_its_effect_and_target() -> None:

@@ -45,13 +45,13 @@ def simulate(
         u = [0.0 if abs(v) < width else v for v in u]
         most = fine * value.get("rate_limit.rate", math.inf)
         ramp = u = [r + min(max(v - r, -most), most) for r, v in zip(ramp, u, strict=True)]
+        u = [v * value.get("actuator_gain.gain", 1.0) * (1.0 - value.get("voltage_sag.rate", 0.0) * t) for v in u]
+        limit = value.get("saturation.limit", math.inf)
+        u = [min(max(v, -limit), limit) for v in u]
         tau = value.get("actuator_lag.time_constant", 0.0)
         if tau > 0:
             settled = [s + fine / tau * (v - s) for s, v in zip(settled, u, strict=True)]
             u = settled
-        u = [v * value.get("actuator_gain.gain", 1.0) * (1.0 - value.get("voltage_sag.rate", 0.0) * t) for v in u]
-        limit = value.get("saturation.limit", math.inf)
-        u = [min(max(v, -limit), limit) for v in u]
         w = list(u)
         gap = value.get("backlash.gap", 0.0)
         if gap > 0:

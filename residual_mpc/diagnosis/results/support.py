@@ -63,8 +63,8 @@ def support_of(
 
 def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: ResultSettings) -> dict[Term, float]:
     """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint or
-    no larger than small differences elsewhere, where what is left depends on a quantity that it would imitate or did so
-    before a law took that up, and where it may stand for an effect at another place of the chain."""
+    no larger than small differences elsewhere, and where what is left depends on a quantity that it would imitate or
+    did so before a law took that up."""
     tuned = settings.support
     named = {term.effect for term in supports}
     on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= tuned.depends}
@@ -76,8 +76,7 @@ def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: Result
         large = tuned.unsupported + (1.0 - tuned.unsupported) * float(
             np.clip((support.size - 1.0) / (tuned.large - 1.0), 0.0, 1.0)
         )
-        effect = BY_NAME[term.effect]
-        imitates = on & effect.imitates or named & effect.displaced_by
+        imitates = on & BY_NAME[term.effect].imitates
         out[term] = helps * min(clear, large) * (tuned.unsupported if imitates else 1.0)
     return out
 
