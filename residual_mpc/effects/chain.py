@@ -28,7 +28,7 @@ def command_chain(effects: Effects, u: np.ndarray, lead: int, dt: float, direct:
 def speed_chain(effects: Effects, u: np.ndarray, on: np.ndarray | None, clock: np.ndarray, dt: float) -> np.ndarray:
     """The speeds (B, K, nu) of motors that turn as fast as they are told, before any play, from commands u (B, K, nu).
 
-    A driver's voltage, which sets gain and limit, comes before the motor's inertia: a lag acts on what they let through.
+    A driver's voltage, which sets gain and limit, comes before the motor's inertia: a lag acts on what these leave.
     on (B, K, nu): 0 where the actuator is off, None for always on. clock (B, K, 1): s since the run began.
     """
     direct = np.ones(u.shape[-1], dtype=bool)

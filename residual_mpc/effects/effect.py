@@ -146,7 +146,7 @@ class Effect:
     # the chain
     rank: int = 50  # order among the effects of a port, smallest first
     on_error: bool = False  # at a position servo it acts on the position error instead of the command
-    inertial: bool = False  # acts on a command, or, where an actuator's output is a speed, on what its limit lets through
+    inertial: bool = False  # acts on a command, but where an actuator's output is a speed on what its limit leaves
     timed: bool = True  # the equation of an output reads the clock
     steady: bool = False  # what it does to an output or joint changes neither with time nor with the motion
     supply: bool = False  # acts on the actuator's supply: the limit of its force follows

@@ -176,6 +176,11 @@ def inseparable_from(effect: str, traits: Collection[str]) -> tuple[str, ...]:
     return tuple(sorted({b if effect == a else a for a, b in pairs if effect in (a, b)}))
 
 
+def are_substitutes(one: str, other: str) -> bool:
+    """Whether two effects do nearly the same."""
+    return any({one, other} == {a.name, b.name} for a, b in SUBSTITUTES)
+
+
 def has_substitute(effect: str) -> bool:
     """Whether another effect does nearly the same."""
     return any(effect in (a.name, b.name) for a, b in SUBSTITUTES)

@@ -113,6 +113,20 @@ def test_what_differs_by_less_than_the_time_steps_error_makes_a_group(monkeypatc
     assert rivals_of(*late).groups == ()
 
 
+@pytest.mark.parametrize(("gusts", "apart"), [(0.0, True), (0.3, False)])
+def test_what_differs_by_less_than_what_neither_explains_makes_a_group(gusts: float, apart: bool) -> None:
+    delay, lag = Term("command_delay", None), Term("actuator_lag", None)
+    truth = {"actuator_lag": {"time_constant": 0.03}, "gusts": {"size": gusts}}
+    found = rivals_of(truth, {Knob("actuator_lag", None, "time_constant"): 0.03}, (delay.effect, lag.effect))
+    assert found.groups == (() if apart else (((delay,), (lag,)),))
+
+
+def test_what_differs_by_more_stays_apart_beside_what_neither_explains() -> None:
+    truth = {"actuator_lag": {"time_constant": 0.4}, "gusts": {"size": 0.3}}
+    chosen: Values = {Knob("actuator_lag", None, "time_constant"): 0.4}
+    assert rivals_of(truth, chosen, ("command_delay", "actuator_lag")).groups == ()
+
+
 def test_what_nothing_resembles_stands_alone() -> None:
     found = rivals_of(
         {"track_width": {"scale": 1.2}}, {Knob("track_width", None, "scale"): 1.2}, ("track_width", "command_delay")

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.gap import gap_of, per_window
+from residual_mpc.diagnosis.data.gap import per_window
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
@@ -12,24 +12,13 @@ from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.additions import NONE, closer
+from residual_mpc.diagnosis.search.close_rivals import Rival, too_close
 from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
 from residual_mpc.diagnosis.search.stepwise import Found, without
 from residual_mpc.effects.library import ORDER
 from residual_mpc.models.settings import TUNE, Term, Values
-
-
-@dataclass(frozen=True)
-class Rival:
-    """A set with one member (or pair) replaced: what went, what came, the refitted whole, and its likelihood ratio
-    against the chosen set (positive: worse)."""
-
-    gone: EffectSet
-    came: EffectSet
-    fit: Fit
-    ratio: float
-    alike: bool
 
 
 @dataclass(frozen=True)
@@ -71,7 +60,8 @@ def find_rivals(
         here = _replacements(found.problem, fit, places.pop(), found.phi, settings=settings)
         seen = _seen_larger(found, fit, here, settings=settings)
         here = [_told_apart(r, settings=settings) if larger else r for r, larger in zip(here, seen, strict=True)]
-        here = _within_step_error(found, fit, here, settings=settings)
+        same = too_close(found.ruler, fit, here, settings=settings)
+        here = [replace(r, ratio=0.0, alike=True) if s else r for r, s in zip(here, same, strict=True)]
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
         if better is not None and better.ratio < settings.rivals.better and swaps < most:
@@ -103,21 +93,6 @@ def holds_elsewhere(
 def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
     """The rival as one that the data tell from the chosen set."""
     return replace(rival, ratio=max(rival.ratio, settings.steps.alike), alike=False)
-
-
-def _within_step_error(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSettings) -> list[Rival]:
-    """The rivals, those as alike whose predictions differ from the chosen fit's by less than the error of the model's
-    own time step: a dead time before the actuator and one behind the sensor are rounded to steps in different ways."""
-    near = [r for r in rivals if not r.alike and 0.0 < r.ratio < settings.rivals.far]
-    most = found.ruler.step_error(fit) if near else 0.0
-    if most == 0.0:
-        return rivals
-    replays, scales = found.ruler.replays, found.ruler.scales
-    own, *others = replays([fit.values, *(r.fit.values for r in near)])
-    seen = np.isfinite(replays.data.y)
-    same = [gap_of(replays.data, scales, np.where(seen, p - own, np.nan)).total ** 2 < most for p in others]
-    equal = {id(r) for r, s in zip(near, same, strict=True) if s}
-    return [replace(r, ratio=0.0, alike=True) if id(r) in equal else r for r in rivals]
 
 
 def _seen_larger(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSettings) -> list[bool]:

@@ -1,0 +1,74 @@
+"""Which rivals are too close to the chosen set to be told from it, whatever their likelihoods say."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.gap import gap_of
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.effect_sets import EffectSet
+from residual_mpc.diagnosis.search.acceptance import Ruler
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.effects.equivalents import are_substitutes
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import Term
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A set with one member (or pair) replaced: what went, what came, the refitted whole, and its likelihood ratio
+    against the chosen set (positive: worse)."""
+
+    gone: EffectSet
+    came: EffectSet
+    fit: Fit
+    ratio: float
+    alike: bool
+
+
+def too_close(ruler: Ruler, fit: Fit, rivals: Sequence[Rival], settings: SearchSettings) -> list[bool]:
+    """Which of the rivals that the likelihood tells from the fit are so close to it that something else may have
+    decided: the model's own time step, or, between effects that imitate each other, what neither explains.
+    """
+    near = [i for i, r in enumerate(rivals) if not r.alike and 0.0 < r.ratio < settings.rivals.far]
+    out = [False] * len(rivals)
+    within = _within_step_error(ruler, fit, [rivals[i] for i in near])
+    beside = _within_what_is_left(ruler, fit, [rivals[i] for i in near], settings.rivals.of_left)
+    for i, step, left in zip(near, within, beside, strict=True):
+        out[i] = step or left
+    return out
+
+
+def _within_step_error(ruler: Ruler, fit: Fit, rivals: list[Rival]) -> list[bool]:
+    """Which predictions differ from the fit's by less than the error of the model's own time step: a dead time before
+    the actuator and one behind the sensor are rounded to steps in different ways."""
+    most = ruler.step_error(fit) if rivals else 0.0
+    if most == 0.0:
+        return [False] * len(rivals)
+    own, *others = ruler.replays([fit.values, *(r.fit.values for r in rivals)])
+    seen = np.isfinite(ruler.replays.data.y)
+    return [gap_of(ruler.replays.data, ruler.scales, np.where(seen, p - own, np.nan)).total ** 2 < most for p in others]
+
+
+def _within_what_is_left(ruler: Ruler, fit: Fit, rivals: list[Rival], share: float) -> list[bool]:
+    """Which of these rivals imitate the effect that they replace, and leave hardly more of the squared gap than the
+    fit: less than a share of what both leave beyond the noise.
+
+    A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
+    """
+    like = [len(r.gone) == len(r.came) == 1 and _imitate(r.gone[0], r.came[0]) for r in rivals]
+    if not any(like):
+        return like
+    *others, own = ruler.squared([*(r.fit for r, s in zip(rivals, like, strict=True) if s), fit])
+    most = share * max(own - ruler.floor, 0.0)
+    more = iter(others)
+    return [s and next(more) - own < most for s in like]
+
+
+def _imitate(one: Term, other: Term) -> bool:
+    """Whether two effects do nearly the same at the same place. What acts on the whole robot, such as a mass at its
+    tool, has no target to compare."""
+    kinds = {BY_NAME[t.effect].target for t in (one, other)}
+    here = one.target == other.target or ("robot" in kinds and len(kinds) == 2)
+    return here and are_substitutes(one.effect, other.effect)
