@@ -63,7 +63,7 @@ def _within_what_is_left(ruler: Ruler, fit: Fit, rivals: list[Rival], share: flo
     *others, own = ruler.squared([*(r.fit for r, s in zip(rivals, like, strict=True) if s), fit])
     most = share * max(own - ruler.floor, 0.0)
     more = iter(others)
-    return [s and next(more) - own < most for s in like]
+    return [s and bool(next(more) - own < most) for s in like]
 
 
 def _imitate(one: Term, other: Term) -> bool:
