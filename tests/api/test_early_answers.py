@@ -33,6 +33,7 @@ from residual_mpc.cli.main import main
 write = early_answers.write_json
 def then_stop(path, document):
     write(path, document)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background is born deaf to it
     os.kill(os.getpid(), signal.SIGINT)
 early_answers.write_json = then_stop
 main(sys.argv[1:])

@@ -57,7 +57,7 @@ def diagnosed(runs: list[Run]) -> Diagnosis:
     return diagnose(runs, [ROBOT] * len(runs), {}, (), Options(), np.random.default_rng(0)).diagnosis
 
 
-@pytest.mark.parametrize("rate", [RATE, -RATE])
+@pytest.mark.parametrize("rate", [RATE, pytest.param(-RATE, marks=pytest.mark.slow)])
 def test_the_rate_is_recovered(rate: float) -> None:
     found = diagnosed([stamped_run(k, rate) for k in range(3)])
     (cause,) = found.causes
@@ -74,6 +74,7 @@ def test_a_delay_and_a_skew_are_found_together() -> None:
     assert abs(numbers["clock_skew"].value - RATE) < 0.1 * RATE
 
 
+@pytest.mark.slow
 def test_a_delay_alone_is_no_skew() -> None:
     found = diagnosed([stamped_run(k, 0.0, DELAY) for k in range(3)])
     (cause,) = found.causes

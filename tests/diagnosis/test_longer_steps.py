@@ -16,11 +16,12 @@ from plants.mujoco_robot.robot import MujocoRobot
 from residual_mpc.checkpoint import Checkpoint, Keeper
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
-from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of, quickened, with_longer_steps
+from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of, quickened
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import LongerStepSettings, PredictSettings
 from residual_mpc.diagnosis.predict.space import Space, build_space
+from residual_mpc.diagnosis.predict.step_lengths import with_longer_steps
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Settings, Values
 
@@ -89,6 +90,21 @@ def test_longer_steps_are_given_up_where_they_change_too_much(data: Dataset, spa
     given_up = coarse.about(HERE, np.ones(2), replace(LENIENT, error=1e-6))
     assert given_up.data is data and given_up.own is None
     np.testing.assert_array_equal(given_up([NEAR]), predict(data, space.settings([NEAR])))
+
+
+def test_shorter_steps_are_taken_where_long_ones_change_too_much(data: Dataset, space: Space) -> None:
+    def largest(times: int) -> float:
+        change = predict(longer(data, times), space.settings([HERE])) - predict(data, space.settings([HERE]))
+        return float(np.sqrt(np.nanmean(change[0] ** 2, axis=(0, 1))).max())
+
+    coarse = PredictionCache(longer(data, 8), space, own=data)
+    between = replace(LENIENT, error=0.5 * (largest(2) + largest(4)))
+    about = coarse.about(HERE, np.ones(2), between)
+    assert about.data.blocks[0].own == 2 and about.own is data
+    exact = predict(data, space.settings([HERE, NEAR]))
+    found = about([HERE, NEAR])
+    np.testing.assert_allclose(found[0], exact[0], atol=1e-12)
+    assert np.nanmax(np.abs(found[1] - exact[1])) < 0.05 * np.nanmax(np.abs(exact[1] - exact[0]))
 
 
 def test_longer_steps_are_given_up_where_they_change_as_much_as_is_left(data: Dataset, space: Space) -> None:

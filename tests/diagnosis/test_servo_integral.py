@@ -72,7 +72,7 @@ def diagnosed(folder: Path, runs: list[Run], actuator: str = SERVO, **keys: obje
     return rm.diagnose(robot, rm.read_runs(robot, sorted(folder.glob("run*.csv"))), **keys)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("gain", [0.8, 4.0])
+@pytest.mark.parametrize("gain", [0.8, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_an_integral_part_is_named_with_its_gain(tmp_path: Path, gain: float) -> None:
     found = diagnosed(tmp_path, [lever_run(seed, gain) for seed in range(3)], only=NAMED)
     (named,) = found.explanation
@@ -83,6 +83,7 @@ def test_an_integral_part_is_named_with_its_gain(tmp_path: Path, gain: float) ->
     assert found.verdict == "effects" and found.gap["after"] < 0.1 * found.gap["before"]
 
 
+@pytest.mark.slow
 def test_a_load_is_not_taken_for_it(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, [lever_run(seed, 0.0, 1.1) for seed in range(3)], only=NAMED)
     named = [e["effect"] for e in found.explanation]

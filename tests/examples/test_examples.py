@@ -59,6 +59,7 @@ def test_a_torque_controlled_arm_from_hdf5(tmp_path: Path) -> None:
     assert share_left(result) < 0.3
 
 
+@pytest.mark.slow
 def test_a_hobby_arm_from_lerobot(tmp_path: Path) -> None:
     result, hidden = run("lerobot_arm.py", tmp_path)
     assert found(result) == pytest.approx(hidden, rel=0.1)

@@ -8,14 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.dataset import Block, Dataset
+from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, gap_of
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import PredictSettings
+from residual_mpc.diagnosis.predict.step_lengths import with_longer_steps
 from residual_mpc.models import optional
-from residual_mpc.models.protocol import Drive, Robot
+from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values
 
 
@@ -52,40 +53,3 @@ def longer_steps_of(robot: Robot, settings: PredictSettings) -> list[Robot]:
     most = 0 if robot.step is None else int(settings.longer_steps.longest / robot.step + 1e-9)
     found = (optional.with_longer_step(robot, times) for times in range(2, most + 1))
     return [r for r in found if r is not None]
-
-
-def with_longer_steps(data: Dataset, times: int) -> Dataset | None:
-    """The windows with steps that are `times` as long; None where a robot has no other step."""
-    blocks = [_longer(b, times) for b in data.blocks]
-    found = tuple(b for b in blocks if b is not None)
-    return replace(data, blocks=found) if len(found) == len(blocks) else None
-
-
-def _longer(block: Block, times: int) -> Block | None:
-    robot = optional.with_longer_step(block.robot, times)
-    return None if robot is None else replace(block, robot=robot, drive=_coarser(block.drive, times), own=times)
-
-
-def _coarser(drive: Drive, times: int) -> Drive:
-    """The drive on steps that are `times` as long, each with the mean of what was sent in it. A window that ends within
-    a step holds its last command to the step's end; a warm-up that is no multiple begins within one."""
-    lead, steps = drive.lead // times, -(-drive.steps // times)
-    begin, end = drive.lead - lead * times, drive.lead + steps * times
-
-    def mean(x: np.ndarray, a: int, b: int) -> np.ndarray:
-        """(B, n, nu) of x (B, N, nu) from a to b, the last held beyond its end."""
-        held = x[:, np.minimum(np.arange(a, b), x.shape[1] - 1)]
-        return np.asarray(held.reshape(len(x), (b - a) // times, times, -1).mean(axis=2))
-
-    before, later, off = drive.enabled_before, drive.command_after, drive.enabled_after
-    after = 0 if later is None else later.shape[1] // times * times  # an end within a step hardly shifts what follows
-    return replace(
-        drive,
-        dt=drive.dt * times,
-        lead=lead,
-        command=mean(drive.command, begin, end),
-        enabled=None if drive.enabled is None else mean(drive.enabled, 0, steps * times),
-        enabled_before=None if before is None else mean(before, begin, drive.lead),
-        command_after=None if later is None else mean(later, 0, after),
-        enabled_after=None if off is None else mean(off, 0, after),
-    )

@@ -11,6 +11,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import LongerStepSettings
 from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.diagnosis.predict.step_lengths import shorter_steps
 from residual_mpc.effects.effect import Site
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Values
@@ -49,20 +50,23 @@ class PredictionCache:
     def about(self, values: Values, size: np.ndarray, tuned: LongerStepSettings) -> "PredictionCache":
         """The same with the predictions of the user's model at these values, and of near ones but for what longer steps
         change of the difference. Longer steps are given up where they change too much of the motion, size (C,), or of
-        what these values leave: the search is then for something smaller than they can be trusted with. So they are
-        where these values keep the model's own steps: what longer ones change for the others is then not known."""
+        what these values leave, for shorter ones and in the end for the model's own: the search is then for something
+        smaller than they can be trusted with. So they are where these values keep the model's own steps: what longer
+        ones change for the others is then not known."""
         if self.own is None:
             return self
         if keeps_steps(values):
             return PredictionCache(self.own, self.space)
         exact = predict(self.own, self.space.settings([values]))[0]
-        change = exact - self._on_these_steps([values])[0]
         seen = np.isfinite(self.data.y) & np.isfinite(size)
-        changed, left = (_mean_squares(e, size, seen) for e in (change, self.data.y - exact))
-        small = changed.max() <= tuned.error**2 and (changed <= tuned.of_left**2 * left).all()
-        if not small:  # nan is not small
-            return PredictionCache(self.own, self.space)
-        return replace(self, change=np.where(np.isfinite(self.data.y), change, 0.0))
+        left = _mean_squares(self.data.y - exact, size, seen)
+        for data in shorter_steps(self.data, self.own):
+            here = self if data is self.data else replace(self, data=data, kept=OrderedDict())
+            change = exact - here._on_these_steps([values])[0]
+            changed = _mean_squares(change, size, seen)
+            if changed.max() <= tuned.error**2 and (changed <= tuned.of_left**2 * left).all():  # nan is not
+                return replace(here, change=np.where(np.isfinite(self.data.y), change, 0.0))
+        return PredictionCache(self.own, self.space)
 
     def _on_these_steps(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M, C) as the steps of `data` have it."""

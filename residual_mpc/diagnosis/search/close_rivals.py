@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import gap_of
-from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
+from residual_mpc.diagnosis.predict.problem import Problem, tolerating
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.effects.equivalents import are_substitutes
@@ -27,14 +28,17 @@ class Rival:
     alike: bool
 
 
-def too_close(ruler: Ruler, fit: Fit, rivals: Sequence[Rival], settings: SearchSettings) -> list[bool]:
+def too_close(
+    problem: Problem, ruler: Ruler, fit: Fit, rivals: Sequence[Rival], settings: SearchSettings
+) -> list[bool]:
     """Which of the rivals that the likelihood tells from the fit are so close to it that something else may have
-    decided: the model's own time step, or, between effects that imitate each other, what neither explains.
+    decided: the model's own time step, or, between effects that imitate each other, what neither explains. problem:
+    the one that they were fitted on.
     """
     near = [i for i, r in enumerate(rivals) if not r.alike and 0.0 < r.ratio < settings.rivals.far]
     out = [False] * len(rivals)
     within = _within_step_error(ruler, fit, [rivals[i] for i in near])
-    beside = _within_what_is_left(ruler, fit, [rivals[i] for i in near], settings.rivals.of_left)
+    beside = _within_what_is_left(problem, ruler, fit, [rivals[i] for i in near], settings)
     for i, step, left in zip(near, within, beside, strict=True):
         out[i] = step or left
     return out
@@ -51,17 +55,31 @@ def _within_step_error(ruler: Ruler, fit: Fit, rivals: list[Rival]) -> list[bool
     return [gap_of(ruler.replays.data, ruler.scales, np.where(seen, p - own, np.nan)).total ** 2 < most for p in others]
 
 
-def _within_what_is_left(ruler: Ruler, fit: Fit, rivals: list[Rival], share: float) -> list[bool]:
+def without_small_differences(problem: Problem, fits: list[Fit], settings: SearchSettings) -> list[Fit]:
+    """The fits carried on without small differences elsewhere, which let a fit rest where its gap is not smallest."""
+    if problem.wide is None:
+        return fits
+    plain = tolerating(problem, None)
+    return fit_all(plain, [f.values for f in fits], settings.rivals.gap_steps, rough=True, settings=settings.fit)
+
+
+def _within_what_is_left(
+    problem: Problem, ruler: Ruler, fit: Fit, rivals: list[Rival], settings: SearchSettings
+) -> list[bool]:
     """Which of these rivals imitate the effect that they replace, and leave hardly more of the squared gap than the
-    fit: less than a share of what both leave beyond the noise.
+    fit: less than a share of what both leave beyond the noise, or, where there are small differences elsewhere, too
+    little to see.
 
     A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
     """
     like = [len(r.gone) == len(r.came) == 1 and _imitate(r.gone[0], r.came[0]) for r in rivals]
     if not any(like):
         return like
-    *others, own = ruler.squared([*(r.fit for r, s in zip(rivals, like, strict=True) if s), fit])
-    most = share * max(own - ruler.floor, 0.0)
+    imitators = [r.fit for r, s in zip(rivals, like, strict=True) if s]
+    *others, own = ruler.squared(without_small_differences(problem, [*imitators, fit], settings))
+    most = max(settings.rivals.of_left * (own - ruler.floor), 0.0)
+    if problem.wide is not None:
+        most = max(most, settings.rivals.visible * ruler.floor)
     more = iter(others)
     return [s and bool(next(more) - own < most) for s in like]
 

@@ -9,10 +9,10 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_prob
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.problem import Problem, tolerating
+from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.additions import NONE, closer
-from residual_mpc.diagnosis.search.close_rivals import Rival, too_close
+from residual_mpc.diagnosis.search.close_rivals import Rival, too_close, without_small_differences
 from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
@@ -60,7 +60,7 @@ def find_rivals(
         here = _replacements(found.problem, fit, places.pop(), found.phi, settings=settings)
         seen = _seen_larger(found, fit, here, settings=settings)
         here = [_told_apart(r, settings=settings) if larger else r for r, larger in zip(here, seen, strict=True)]
-        same = too_close(found.ruler, fit, here, settings=settings)
+        same = too_close(found.problem, found.ruler, fit, here, settings=settings)
         here = [replace(r, ratio=0.0, alike=True) if s else r for r, s in zip(here, same, strict=True)]
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
@@ -97,22 +97,12 @@ def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
 
 def _seen_larger(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSettings) -> list[bool]:
     """Which rivals leave a gap that one would see to be larger than the chosen fit's. Precise encoders may outweigh the
-    pose in the likelihood, and what they show is no reason to give up what the pose shows.
-
-    The close ones are fitted again for that without tolerances, which let a fit rest where its gap is not smallest."""
+    pose in the likelihood, and what they show is no reason to give up what the pose shows."""
     tuned = settings.rivals
     close = [i for i, r in enumerate(rivals) if r.alike or r.ratio < tuned.better]
     if not close:
         return [False] * len(rivals)
-    fits = [fit, *(rivals[i].fit for i in close)]
-    if found.problem.wide is not None:
-        fits = fit_all(
-            tolerating(found.problem, None),
-            [f.values for f in fits],
-            tuned.gap_steps,
-            rough=True,
-            settings=settings.fit,
-        )
+    fits = without_small_differences(found.problem, [fit, *(rivals[i].fit for i in close)], settings)
     own, *gaps = found.ruler.squared(fits[::-1])[::-1]
     most = own + max(tuned.visible * found.ruler.floor, tuned.share * own)
     larger = {i for i, g in zip(close, gaps, strict=True) if g > most}
