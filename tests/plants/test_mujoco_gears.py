@@ -188,6 +188,40 @@ def test_the_link_starts_on_the_side_that_gravity_pushes_it_to(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("sensor", ["link", "motor"])
+@pytest.mark.parametrize("command", [0.9, -0.6])
+def test_a_soft_spring_starts_wound_up_where_its_servo_seems_at_its_limit(
+    tmp_path: Path, sensor: str, command: float
+) -> None:
+    """With motor and link in one place the servo's error would be beyond its limit; wound up, the spring asks for half
+    of it."""
+    gear = Gear(4.0, 0.0, kp=60.0, sensor=sensor)
+    limited = (gear.xml % (0.001, "implicitfast")).replace('kp="60.0"', 'kp="60.0" forcerange="-2 2"')
+    assert "forcerange" in limited
+    robot = robot_of(tmp_path, limited, position_sensor=sensor)
+    angle = gear.logged(gear.at_rest(command)[None])
+    start = {"position.shoulder": angle, "velocity.shoulder": np.zeros(1)}
+    drive = Drive(0.001, 1, np.full((1, 501, 1), command), None, np.zeros(1))
+    soft = settings_of(robot, {("joint_compliance", None, "stiffness"): gear.stiffness})
+    came = robot.replay(start, drive, soft, ("position.shoulder",))["position.shoulder"][0]
+    assert np.abs(came - angle).max() < 1e-4
+
+
+def test_a_held_command_before_the_window_has_let_the_robot_come_to_rest(tmp_path: Path) -> None:
+    """Before a run's first stamp nothing is known but what was measured then: no swing is made up out of it."""
+    gear = Gear(4.0, 0.0, kp=60.0)
+    robot = robot_of(tmp_path, gear.xml % (0.001, "implicitfast"))
+    rest = gear.at_rest(0.9)
+    lead, u = 700, np.repeat([0.9, 0.7], [300, 200])
+    truth = gear.logged(gear.driven(rest, u, 0.001))
+    command = np.concatenate([np.full(lead, truth[0]), u])[None, :, None]
+    start = {"position.shoulder": truth[:1], "velocity.shoulder": np.zeros(1)}
+    soft = settings_of(robot, {("joint_compliance", None, "stiffness"): gear.stiffness})
+    drive = Drive(0.001, lead, command, None, np.zeros(1))
+    came = robot.replay(start, drive, soft, ("position.shoulder",))["position.shoulder"][0]
+    assert np.abs(came - truth)[:300].max() < 1e-4
+
+
+@pytest.mark.parametrize("sensor", ["link", "motor"])
 def test_a_start_in_motion_is_known_from_the_commands_before(tmp_path: Path, sensor: str) -> None:
     """Windows cut out of a long swing with jumps, in which the spring still rings from the last one."""
     gear, rng, step = spring(sensor=sensor), np.random.default_rng(0), 0.001

@@ -11,7 +11,9 @@ from plants.mujoco_robot.structure.gears import Gears
 from residual_mpc.models.settings import Settings
 
 NUDGE = 1e-4  # rad
-SOLVES = 3
+SOLVES = 12  # Newton steps at most
+SOLVED = 1e-6  # rad, a step after which no other is needed
+HELD = 1e-9  # rad, within which a command counts as the same
 WARM = 0.6  # s of commands before a window, replayed to know how motor and link swing against each other
 
 
@@ -30,13 +32,15 @@ def begin(
     start = q.copy(), v.copy()
     fast, rate = np.zeros((settings.rows, len(gears.joints))), np.zeros((settings.rows, len(gears.joints)))
     if warm and "torque" not in robot.command_kinds:  # torques alone, without a servo, would lead anywhere
-        _lead(batch, robot, settings, u[:, :warm], servos)
+        _lead(batch, robot, settings, u[:, :warm], u[:, warm], servos)
         end = q.copy(), v.copy()
         on_link_side(robot, q, v)
         _unwind(q, v, gears)
         settle(batch, robot, settings, u[:, warm], servos)
-        fast = np.nan_to_num(end[0][:, gears.places] - q[:, gears.places])
-        rate = np.nan_to_num(end[1][:, gears.dofs])
+        # a command that has long been held has let the robot come to rest, which the replay's own start has not
+        moving = (np.abs(u[:, :warm] - u[:, :1]) > HELD).any(axis=(1, 2))[:, None]
+        fast = np.where(moving, np.nan_to_num(end[0][:, gears.places] - q[:, gears.places]), 0.0)
+        rate = np.where(moving, np.nan_to_num(end[1][:, gears.dofs]), 0.0)
         q[:], v[:] = start
     settle(batch, robot, settings, u[:, warm], servos, fast)
     v[:, gears.dofs] = rate
@@ -44,8 +48,11 @@ def begin(
         v[:, robot.dofs[gears.joints]] -= rate
 
 
-def _lead(batch: Any, robot: CompiledRobot, settings: Settings, u: np.ndarray, servos: Feedback | None) -> None:
-    """Replay commands (B, K, nu) that end at the window's start, from where the servos would have held the robot."""
+def _lead(
+    batch: Any, robot: CompiledRobot, settings: Settings, u: np.ndarray, now: np.ndarray, servos: Feedback | None
+) -> None:
+    """Replay commands u (B, K, nu) that end at the window's start, from where servos that erred as they do there, under
+    the command now (B, nu), would have held the robot."""
     import mujoco
 
     gears, model = robot.gears, robot.model
@@ -56,7 +63,7 @@ def _lead(batch: Any, robot: CompiledRobot, settings: Settings, u: np.ndarray, s
     for i, kind in enumerate(robot.command_kinds):
         at = robot.places[driven[i]]
         if kind == "position":
-            q[:, at] = u[:, 0, i] / gear[i]
+            q[:, at] += (u[:, 0, i] - now[:, i]) / gear[i]
         else:  # it came from where its speeds have led it away
             q[:, at] -= u[:, :, i].sum(axis=1) * gears.substeps * model.opt.timestep / gear[i]
     settle(batch, robot, settings, u[:, 0], servos)
@@ -116,16 +123,25 @@ def settle(
         return np.asarray(acceleration[:, gears.dofs]).copy()
 
     ahead = np.zeros_like(half)
-    first = apart(ahead)
-    slope = np.stack([(apart(ahead + NUDGE * row) - first) / NUDGE for row in np.eye(count)], axis=-1)
+    low, high = np.full_like(half, -np.inf), np.full_like(half, np.inf)
     diagonal = np.arange(count)
-    slope[:, diagonal, diagonal] = np.minimum(slope[:, diagonal, diagonal], -1.0)  # without a servo nothing pulls back
-    away = first
     for _ in range(SOLVES):
+        away = apart(ahead)
+        slope = np.stack([(apart(ahead + NUDGE * row) - away) / NUDGE for row in np.eye(count)], axis=-1)
+        # without a servo nothing pulls back
+        slope[:, diagonal, diagonal] = np.minimum(slope[:, diagonal, diagonal], -1.0)
         leaning = loose & (((ahead >= half) & (away > 0)) | ((ahead <= -half) & (away < 0)))
         system = np.where(leaning[:, :, None], np.eye(count), slope)
         step = np.linalg.solve(system, np.where(leaning, 0.0, away)[:, :, None])[:, :, 0]
-        ahead = np.clip(ahead - step, -half, half)
-        away = apart(ahead)
+        low, high = np.where(away > 0, ahead, low), np.where(away < 0, ahead, high)
+        newton = ahead - step
+        # at a motor's limit its servo's stiffness is not seen, and a step leads too far
+        beyond = (newton < low) | (newton > high)
+        bracketed = beyond & np.isfinite(low) & np.isfinite(high)
+        newton = np.where(bracketed, 0.5 * (np.where(bracketed, low, 0.0) + np.where(bracketed, high, 0.0)), newton)
+        done = (np.abs(newton - ahead) < SOLVED).all()
+        ahead = np.clip(newton, -half, half)
+        if done:
+            break
     stops[:, gears.numbers], dead[:, gears.springs] = kept
     place(np.where(loose, np.clip(ahead + fast, -half, half), ahead + 0.5 * gap * np.sign(ahead) + fast))
