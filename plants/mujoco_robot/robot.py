@@ -52,6 +52,11 @@ class MujocoRobot(CompiledRobot):
         """In each of the settings that were merged."""
         return tuple(PhysicalBounds(part) for part in self.settings or (self,))
 
+    @property
+    def rough(self) -> bool:
+        """See residual_mpc.models.optional.Rough: a robot that drives rests on contacts."""
+        return self.base is not None
+
     def with_half_step(self) -> "MujocoRobot | None":
         """See residual_mpc.models.optional.HalvingStep; None for a robot of several settings."""
         return self._halved

@@ -108,6 +108,14 @@ class LengtheningStep(Protocol):
         ...
 
 
+@runtime_checkable
+class Rough(Protocol):
+    @property
+    def rough(self) -> bool:
+        """Whether predictions jump as a number changes, as they do where wheels or feet slip and stick."""
+        ...
+
+
 def actuator_joints(robot: Robot) -> tuple[str, ...]:
     """The joint that each actuator drives; by default they share their names."""
     robot = innermost(robot)
@@ -160,6 +168,12 @@ def disturbed(robot: Robot) -> tuple[str, ...]:
     """Signals that offset-free tracking disturbs; by default the velocities of a robot that drives."""
     robot = innermost(robot)
     return robot.disturbed if isinstance(robot, Disturbed) else BODY
+
+
+def rough(robot: Robot) -> bool:
+    """Whether predictions jump as a number changes; by default not."""
+    robot = innermost(robot)
+    return robot.rough if isinstance(robot, Rough) else False
 
 
 def with_half_step(robot: Robot) -> Robot | None:

@@ -15,6 +15,7 @@ from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models import optional
 from residual_mpc.models.settings import TUNE, Knob, Values
 
 SHARE = 0.3  # typical step of a retuned parameter, of its value
@@ -191,6 +192,7 @@ def _begin(
 def _derive(problem: Problem, runs: list[_Run], settings: FitSettings) -> None:
     """Measure the Jacobians, save for the columns that a run begins with."""
     least_squares = settings.least_squares
+    usual = least_squares.rough_step if optional.rough(problem.space.robot) else least_squares.step
     rows: list[Values] = []
     steps: list[float] = []
     for run in runs:
@@ -198,11 +200,7 @@ def _derive(problem: Problem, runs: list[_Run], settings: FitSettings) -> None:
             if i in run.lent:
                 continue
             # a delay's or play's derivative at its null is one-sided; away from it the upper side serves as well
-            step = (
-                min(least_squares.step, least_squares.relative_step * abs(run.x[i]))
-                if run.ratio[i]
-                else least_squares.step
-            )
+            step = min(usual, least_squares.relative_step * abs(run.x[i])) if run.ratio[i] else usual
             step = step if run.x[i] + step <= run.high[i] else -step
             x = run.x.copy()
             x[i] += step

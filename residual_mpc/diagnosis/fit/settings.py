@@ -10,13 +10,15 @@ from residual_mpc.diagnosis.predict.settings import PredictSettings
 @dataclass(frozen=True)
 class LeastSquaresSettings:
     """step: of a derivative, in units of a number's scale: wide, since sampled commands make delays and dead zones
-    rough; relative_step: the most of a number that multiplies the nominal one, which may be a fiftieth of it. most:
-    steps of a fit; secants: of these on a Jacobian that is only updated. dampings: factors on the damping that are
-    tried at once, those alone that by the Jacobian differ by more than the share `alike` of a step's effect. remaining:
-    times the last drop in cost that a fit may still fall (steps that each gain 0.8 of the one before). elsewhere:
-    typical steps of each number by which another start lies away."""
+    rough; rough_step: likewise of a robot whose predictions jump, as on contacts; relative_step: the most of a number
+    that multiplies the nominal one, which may be a fiftieth of it. most: steps of a fit; secants: of these on a
+    Jacobian that is only updated. dampings: factors on the damping that are tried at once, those alone that by the
+    Jacobian differ by more than the share `alike` of a step's effect. remaining: times the last drop in cost that a fit
+    may still fall (steps that each gain 0.8 of the one before). elsewhere: typical steps of each number by which
+    another start lies away."""
 
     step: float = 0.15
+    rough_step: float = 1.0
     relative_step: float = 0.2
     most: int = 8
     secants: int = 2
@@ -26,7 +28,7 @@ class LeastSquaresSettings:
     elsewhere: float = 1.5
 
     def __post_init__(self) -> None:
-        check_positive(self, "step", "relative_step", "most", "alike", "remaining", "elsewhere")
+        check_positive(self, "step", "rough_step", "relative_step", "most", "alike", "remaining", "elsewhere")
 
 
 @dataclass(frozen=True)
