@@ -21,6 +21,8 @@ BENT = np.random.default_rng(0).standard_normal((4, 25, 3))
 class Ground:
     """A space of numbers between +-9 whose typical step is 0.1; a gain's null is 1."""
 
+    rough: bool = False
+
     def scale(self, knob: Knob) -> float:
         return 0.1
 
@@ -49,6 +51,21 @@ def curved(values: Values) -> np.ndarray:
     a, b = values.get(A, 0.0) - 1.5, values.get(B, 0.0) + 0.7
     bent = BENT[..., 0] * (a + 0.1 * a * a) + BENT[..., 1] * (np.exp(0.4 * b) - 1.0)
     return np.asarray(bent + 0.01 * BENT[..., 2] + 0.02 * values.get(OTHER, 0.0))
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_jumps_of_a_rough_robot_do_not_hide_a_slope(rough: bool) -> None:
+    """Jumps each 0.02 of a number, as large as what 0.08 of it changes; two steps lead to its place at 0.5."""
+    off = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        slope, jumps = rng.standard_normal((4, 25)), rng.standard_normal((900, 4, 25))
+
+        def jumping(values: Values, slope: np.ndarray = slope, jumps: np.ndarray = jumps) -> np.ndarray:
+            return np.asarray(slope * (values[A] - 0.5) + 0.08 * jumps[round(values[A] / 0.02) % 900])
+
+        off.append(abs(fit_all(Toy(jumping, Ground(rough)), [{A: -0.6}], 2)[0].values[A] - 0.5))
+    assert (np.median(off) < 0.1) == rough
 
 
 @pytest.mark.parametrize("secants", [0, 2])

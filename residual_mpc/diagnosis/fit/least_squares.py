@@ -15,7 +15,6 @@ from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models import optional
 from residual_mpc.models.settings import TUNE, Knob, Values
 
 SHARE = 0.3  # typical step of a retuned parameter, of its value
@@ -192,7 +191,7 @@ def _begin(
 def _derive(problem: Problem, runs: list[_Run], settings: FitSettings) -> None:
     """Measure the Jacobians, save for the columns that a run begins with."""
     least_squares = settings.least_squares
-    usual = least_squares.rough_step if optional.rough(problem.space.robot) else least_squares.step
+    usual = least_squares.rough_step if problem.space.rough else least_squares.step
     rows: list[Values] = []
     steps: list[float] = []
     for run in runs:

@@ -69,6 +69,11 @@ class Space:
             return float(np.median([self.robot.reference(kind, s) for s in slots]))
         return float(np.median([self.references.get((kind, s), 1.0) for s in slots]))
 
+    @property
+    def rough(self) -> bool:
+        """Whether predictions jump as a number changes."""
+        return optional.rough(self.robot)
+
     def scale(self, knob: Knob) -> float:
         """A typical step of a free number: its smallest non-null probe's distance from null."""
         if knob.effect == TUNE:
