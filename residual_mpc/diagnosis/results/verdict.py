@@ -35,8 +35,9 @@ def verdict_of(looks: Sequence[HorizonGaps]) -> Verdict:
 
 
 def clearest(looks: Sequence[HorizonGaps]) -> HorizonGaps:
-    """The horizon at which the gap stands out of the noise most."""
-    return max(looks, key=lambda x: x.before.total / max(x.floor.total, 1e-12))
+    """The horizon at which the gap stands most out of what noise alone hardly ever makes, which is much more where
+    there are few windows."""
+    return max(looks, key=lambda x: x.before.total / max(x.floor.luck, 1e-12))
 
 
 def left_share(look: HorizonGaps) -> float:
