@@ -47,3 +47,12 @@ def test_two_numbers_that_stand_for_each_other_are_asked_together() -> None:
 
 def test_a_threshold_is_not_asked() -> None:
     assert asked(fitted({ZONE: 1e-6})) is None
+
+
+def test_what_ended_at_a_bound_where_it_does_nothing_goes() -> None:
+    resting = fitted({TRACK: 1.002, ZONE: 0.0})
+    resting.held[1] = True
+    assert asked(resting) == ZONE.term
+    apart = fitted({TRACK: 1.002, DELAY: 0.004})
+    apart.held[1] = True
+    assert asked(apart) is None

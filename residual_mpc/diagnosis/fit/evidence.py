@@ -85,14 +85,19 @@ def least_sure(fit: Fit, blocks: np.ndarray, settings: FitSettings) -> Term | No
     """The effect that is the nearest to none among those whose numbers a 95 % region does not tell from none; None
     where every effect is told from none.
 
-    Wald's test of all numbers of an effect at once (Wald 1943), with the sandwich covariance. A
-    threshold, whose derivative says little, and what does nothing at infinity are not asked.
+    Wald's test of all numbers of an effect at once (Wald 1943), with the sandwich covariance. A threshold, whose
+    derivative says little, what rests on a bound and what does nothing at infinity are not tested, unless they do
+    nothing at all.
     """
     spread = covariance(fit, blocks)
     doubtful: dict[Term, float] = {}
     for term in fit.terms:
         mine = [i for i, k in enumerate(fit.knobs) if k.effect != TUNE and k.term == term]
         kinds = [BY_NAME[term.effect].parameter(fit.knobs[i].parameter) for i in mine]
+        sizes = [(fit.values[fit.knobs[i]], p.null) for i, p in zip(mine, kinds, strict=True) if not p.shape]
+        if sizes and all(value == null for value, null in sizes):  # a fit that ended at a bound where nothing is done
+            doubtful[term] = 0.0
+            continue
         if any(p.threshold for p in kinds) or fit.held[mine].any():
             continue
         away = np.array([fit.values[fit.knobs[i]] - p.null for i, p in zip(mine, kinds, strict=True) if not p.shape])
