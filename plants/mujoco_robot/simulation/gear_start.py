@@ -51,19 +51,22 @@ def begin(
 def _lead(
     batch: Any, robot: CompiledRobot, settings: Settings, u: np.ndarray, now: np.ndarray, servos: Feedback | None
 ) -> None:
-    """Replay commands u (B, K, nu) that end at the window's start, from where servos that erred as they do there, under
-    the command now (B, nu), would have held the robot."""
+    """Replay commands u (B, K, nu) that end at the window's start, from where the servos would have held the robot.
+
+    Where a spring's own swing would outlast the replay, they are taken to err as they do at the window's start, under
+    the command now (B, nu)."""
     import mujoco
 
     gears, model = robot.gears, robot.model
     assert gears is not None
     q, v = batch.bind("qpos"), batch.bind("qvel")
     gear, driven = model.actuator_gear[:, 0], robot.driven
+    sprung = np.isfinite(of_gears(robot, settings)[0]).any(axis=1)
     v[:] = 0.0
     for i, kind in enumerate(robot.command_kinds):
         at = robot.places[driven[i]]
         if kind == "position":
-            q[:, at] += (u[:, 0, i] - now[:, i]) / gear[i]
+            q[:, at] = np.where(sprung, q[:, at] + (u[:, 0, i] - now[:, i]) / gear[i], u[:, 0, i] / gear[i])
         else:  # it came from where its speeds have led it away
             q[:, at] -= u[:, :, i].sum(axis=1) * gears.substeps * model.opt.timestep / gear[i]
     settle(batch, robot, settings, u[:, 0], servos)
