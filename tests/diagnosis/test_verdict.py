@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from residual_mpc.diagnosis.remainder.records import Curve, Dependence, Rest
 from residual_mpc.diagnosis.results.causes import most_sure
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support, doubts
-from residual_mpc.diagnosis.results.verdict import HorizonGaps, left_share, verdict_of
+from residual_mpc.diagnosis.results.verdict import HorizonGaps, clearest, left_share, verdict_of
 from residual_mpc.models.settings import Term
 
 
@@ -49,6 +51,14 @@ def test_an_explanation_is_whole_where_every_horizon_and_channel_says_so(looks: 
 def test_the_share_left_is_that_of_the_headline() -> None:
     assert left_share(at(0.5, 0.3, 0.1)) == pytest.approx((0.09 - 0.01) / (0.25 - 0.01))
     assert left_share(at(0.5, 0.05, 0.1)) == 0.0
+
+
+def test_a_gap_is_clearest_where_noise_hardly_ever_makes_it() -> None:
+    """Three times the floor of a single window may be chance; twice that of many windows is not."""
+    many, one = at(0.02, 0.01, 0.01), at(0.03, 0.03, 0.01, 20.0)
+    one = replace(one, windows=1, floor=replace(one.floor, luck=0.04, windows=1))
+    assert clearest([many, one]) is many
+    assert clearest([many, at(0.03, 0.03, 0.01, 20.0)]).horizon == 20.0
 
 
 def test_one_channel_beyond_the_noise_is_enough() -> None:
