@@ -206,6 +206,22 @@ def test_a_soft_spring_starts_wound_up_where_its_servo_seems_at_its_limit(
     assert np.abs(came - angle).max() < 1e-4
 
 
+def test_half_the_step_begins_a_window_alike(tmp_path: Path) -> None:
+    """The commands before a window span the same time, however finely the model is stepped."""
+    gear, step, lead = Gear(12.0, 0.0, kp=20.0), 0.001, 700
+    robot = robot_of(tmp_path, gear.xml % (step, "implicitfast"))
+    half = robot.with_half_step()
+    assert half is not None
+    u = np.repeat(np.random.default_rng(0).uniform(-0.5, 0.5, 12), 100)
+    begun = gear.driven(gear.at_rest(u[0]), u[:lead], step)[-1]
+    soft = settings_of(robot, {("joint_compliance", None, "stiffness"): gear.stiffness})
+    start = {"position.shoulder": begun[1:2], "velocity.shoulder": begun[3:4]}
+    drive = Drive(step, lead, u[None, :, None], None, np.zeros(1))
+    wanted = ("position.shoulder",)
+    whole, finer = (r.replay(start, drive, soft, wanted)["position.shoulder"][0] for r in (robot, half))
+    assert np.abs(finer - whole).max() < 0.005 and np.ptp(whole) > 1.0
+
+
 def test_a_held_command_before_the_window_has_let_the_robot_come_to_rest(tmp_path: Path) -> None:
     """Before a run's first stamp nothing is known but what was measured then: no swing is made up out of it."""
     gear = Gear(4.0, 0.0, kp=60.0)

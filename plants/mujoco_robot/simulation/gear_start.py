@@ -57,8 +57,7 @@ def _lead(
     the command now (B, nu)."""
     import mujoco
 
-    gears, model = robot.gears, robot.model
-    assert gears is not None
+    model = robot.model
     q, v = batch.bind("qpos"), batch.bind("qvel")
     gear, driven = model.actuator_gear[:, 0], robot.driven
     sprung = np.isfinite(of_gears(robot, settings)[0]).any(axis=1)
@@ -68,17 +67,17 @@ def _lead(
         if kind == "position":
             q[:, at] = np.where(sprung, q[:, at] + (u[:, 0, i] - now[:, i]) / gear[i], u[:, 0, i] / gear[i])
         else:  # it came from where its speeds have led it away
-            q[:, at] -= u[:, :, i].sum(axis=1) * gears.substeps * model.opt.timestep / gear[i]
+            q[:, at] -= u[:, :, i].sum(axis=1) * robot.substeps * model.opt.timestep / gear[i]
     settle(batch, robot, settings, u[:, 0], servos)
     if servos is None:
-        held = np.repeat(u, gears.substeps, axis=1)
+        held = np.repeat(u, robot.substeps, axis=1)
         batch.rollout(held.shape[1], np.ascontiguousarray(held), int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
         return
     control = batch.bind("ctrl")
     for k in range(u.shape[1]):
         control[:] = u[:, k]
         servos.correct(control, robot, q, v)
-        batch.step(nstep=gears.substeps)
+        batch.step(nstep=robot.substeps)
 
 
 def _unwind(q: np.ndarray, v: np.ndarray, gears: Gears) -> None:
