@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from recorded_robots import GEOMETRY, NOISE, Column, arm, arm_log, commands, drive, rover, rover_log
 
+from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.kinds.clock import DELAYED_COMMANDS, DELAYED_SENSORS, SKEW
 from residual_mpc.blind.recorded.kinds.drive import MISMATCH, WHEEL_GAIN, ZONE
+from residual_mpc.blind.recorded.kinds.kind import Kind
 from residual_mpc.blind.recorded.kinds.library import KINDS, carried_by, why_not
 from residual_mpc.blind.recorded.kinds.sensor import BIAS, MOUNTING, OUTLIERS, SCALE
 from residual_mpc.blind.recorded.log import Log, table_of
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 
 # kind, target, sizes, the same change in the simulation
@@ -104,13 +107,16 @@ def test_the_stated_share_of_samples_jumps_and_the_others_stay():
     assert moved[moved > 0].min() > 0.5 * half.spread("pose.x")
 
 
-@pytest.mark.parametrize("kind", [k for k in KINDS if k.place == "log"], ids=lambda k: k.effect)
-def test_sizes_grow_with_the_dose(kind):
-    log = rover_log(1)
+def carrier(kind: Kind, log: Log) -> Half:
+    """A half that can carry this kind of change, on a log of the rover if it is one of the rover's."""
     driven = {c: column for c, column in log.columns.items() if not c.startswith("command")}
     encoders = Log(log.name, driven, frozenset({"velocity.left", "velocity.right"}))
-    halves = [rover(log), arm(), rover(encoders)]
-    half = next(h for h in halves if kind in [k for k, _ in carried_by(h)])
+    return next(h for h in (rover(log), arm(), rover(encoders)) if kind in [k for k, _ in carried_by(h)])
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k.place == "log"], ids=lambda k: k.effect)
+def test_sizes_grow_with_the_dose(kind):
+    half = carrier(kind, rover_log(1))
     (target, *_) = kind.targets(half)
 
     def size(strength):
@@ -118,6 +124,16 @@ def test_sizes_grow_with_the_dose(kind):
         return np.hypot.reduce([v - (p in ("gain", "scale", "ratio")) for p, v in drawn.items()])
 
     assert abs(size(0.05)) < abs(size(0.5)) < abs(size(0.95))
+
+
+@pytest.mark.parametrize("kind", (DELAYED_COMMANDS, DELAYED_SENSORS, SKEW), ids=lambda k: k.effect)
+def test_a_clock_is_never_off_by_more_than_the_effect_can_be(kind):
+    half = carrier(kind, rover_log(1, seconds=2.0))
+    slow = half.with_logs(lambda log: log.with_stamps(log.columns, lambda t: 3.0 * t))
+    for target in kind.targets(slow):
+        ((name, size),) = kind.size(slow, target, 1.0, np.random.default_rng(5)).items()
+        bounds = BY_NAME[kind.effect].parameter(name)
+        assert bounds.lower <= size <= bounds.upper
 
 
 def test_what_a_log_cannot_carry_is_refused_with_its_reason():

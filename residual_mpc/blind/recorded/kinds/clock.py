@@ -14,6 +14,8 @@ from residual_mpc.effects.sensor import CLOCK_SKEW, SENSOR_DELAY
 from residual_mpc.logs.columns import member
 
 DRIVES = "diff_drive"
+LATEST = 0.25  # s, of a delay: no loop that still works is later
+FASTEST = 0.02  # of a skew: a quartz is off by 1e-4 at most, a timer whose divider is rounded by some per cent
 
 
 def _all_measured(half: Half) -> tuple[str, ...]:
@@ -42,7 +44,8 @@ def _lateness(half: Half, columns: tuple[str, ...], strength: float) -> float:
     period, regular = period_of(half.logs)
     pace = half.pace(position)
     least = max(0.02 * pace, period)
-    delay = between(least, max(0.4 * pace, 5.0 * least), strength)
+    most = max(min(max(0.4 * pace, 5.0 * least), LATEST), least)
+    delay = between(least, most, strength)
     return round(delay / period) * period if regular else delay
 
 
@@ -88,8 +91,9 @@ def _skew_targets(half: Half) -> tuple[Target, ...]:
 
 def _skew(half: Half, target: Target, strength: float, rng: np.random.Generator) -> Sizes:
     # half a run's length away from its middle, the stamps are off by as much as a delay's
-    drift = between(0.05, 1.0, strength) * half.pace(tuple(c for c in half.measured if not c.startswith("velocity.")))
-    return {"rate": signed(rng) * drift / (0.5 * half.seconds)}
+    pace = half.pace(tuple(c for c in half.measured if not c.startswith("velocity.")))
+    most = min(pace / (0.5 * half.seconds), FASTEST)
+    return {"rate": signed(rng) * between(0.05 * most, most, strength)}
 
 
 def _skew_sensors(half: Half, target: Target, sizes: Sizes, rng: np.random.Generator) -> Half:
