@@ -196,6 +196,8 @@ JOINT_COMPLIANCE = Effect(
         Parameter(
             "stiffness", "N m/rad", math.inf, 0.0, math.inf, (600.0, 6000.0), "inertia", quantity="gear stiffness"
         ),
+        # of the swing of motor and link against each other; steel and grease have 0.02 to 0.1, rubber 0.3
+        Parameter("damping_ratio", "1", 0.05, 0.0, 1.0, (0.05, 0.05), shape=True, quantity="gear damping"),
     ),
     summary="a spring between motor and link",
     site="spring",

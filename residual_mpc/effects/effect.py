@@ -63,6 +63,7 @@ Quantity = Literal[
     "tool mass", "link mass",  # kg
     "link centre", "link length",  # m
     "gear stiffness",  # N m/rad
+    "gear damping",  # of critical
     "gear play",  # rad
     "gravity roll", "gravity pitch",  # rad
     "joint stop",  # rad

@@ -54,7 +54,7 @@ def test_what_lies_between_motor_and_link(
     runs, noise = [swing(gear, 1)], {"position.shoulder": SIGMA}
     made = diagnose(runs, [robot], noise, (), Options(only=only), np.random.default_rng(0))
     (cause,) = made.diagnosis.causes
-    (estimate,) = cause.parameters
+    estimate = cause.parameters[0]
     assert cause.term.effect == effect
     assert estimate.value == pytest.approx(truth, rel=0.05)
 
@@ -80,7 +80,7 @@ def test_a_longer_link(tmp_path: Path) -> None:
     only = Options(only=("link_length", "payload"))
     made = diagnose([run], [robot], noise, (), only, np.random.default_rng(0))
     (cause,) = made.diagnosis.causes
-    (estimate,) = cause.parameters
+    estimate = cause.parameters[0]
     assert (cause.term.effect, estimate.name) == ("link_length", "offset")
     low, high = estimate.ci95
     assert low < 0.033 < high

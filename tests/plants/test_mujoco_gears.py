@@ -22,18 +22,17 @@ from oracles.arms import (
 )
 from oracles.two_masses import Gear
 
-from plants.mujoco_robot.edits.split_gears import DAMPING_RATIO
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
-STEP, K = 0.0005, 40.0  # s, N m/rad
+STEP, K, RATIO = 0.0005, 40.0, 0.05  # s, N m/rad, of critical damping
 
 
-def spring(feedback: str = "motor", sensor: str = "link") -> Gear:
+def spring(feedback: str = "motor", sensor: str = "link", ratio: float = RATIO) -> Gear:
     bare = Gear(K, 0.0, feedback=feedback, sensor=sensor)
     link = bare.inertia + bare.mass * bare.length**2
-    return replace(bare, damping=2 * DAMPING_RATIO * np.sqrt(K * bare.rotor * link / (bare.rotor + link)))
+    return replace(bare, damping=2 * ratio * np.sqrt(K * bare.rotor * link / (bare.rotor + link)))
 
 
 def swing(
@@ -76,6 +75,15 @@ def test_a_spring_makes_two_inertias(
     assert np.abs(came - truth).max() < near
 
 
+def test_a_spring_may_swing_longer_or_shorter(tmp_path: Path) -> None:
+    stiffness = ("joint_compliance", None, "stiffness")
+    for ratio, differs in ((0.01, 0.004), (0.4, 0.03)):
+        ours: Hypothesis = {stiffness: K, ("joint_compliance", None, "damping_ratio"): ratio}
+        truth, came, _ = swing(spring(ratio=ratio), tmp_path, ours)
+        usual = swing(spring(ratio=ratio), tmp_path, {stiffness: K})[1]
+        assert np.abs(came - truth).max() < 0.0025 and np.abs(usual - truth).max() > differs
+
+
 @pytest.mark.parametrize("sensor", ["link", "motor"])
 def test_play_makes_two_inertias_and_two_stops(tmp_path: Path, sensor: str) -> None:
     gear = Gear(4000.0, 4.0, play=0.08, sensor=sensor)
@@ -105,7 +113,7 @@ def rotor_apart(stiffness: float) -> mujoco.MjModel:
     link.armature, link.damping = 0.0, [0.0, 0.0, 0.0]
     spec.actuator("j2").target = "rotor"
     inertia = float(plain.dof_M0[1] - plain.dof_armature[1])
-    damping = 2 * DAMPING_RATIO * np.sqrt(stiffness * 0.005 * inertia / (0.005 + inertia))
+    damping = 2 * RATIO * np.sqrt(stiffness * 0.005 * inertia / (0.005 + inertia))
     bound = spec.add_tendon(name="gear", stiffness=[stiffness, 0, 0], damping=[damping, 0, 0], springlength=(0.0, 0.0))
     bound.wrap_joint("rotor", -1.0)
     bound.wrap_joint("j2", 1.0)

@@ -130,12 +130,14 @@ def _link_mass(robot: ArmRobot, draw: Draw, s: float) -> tuple[ArmRobot, dict[st
 
 
 def _compliance(robot: ArmRobot, draw: Draw, s: float) -> tuple[ArmRobot, dict[str, float]]:
-    """At full strength the link swings at about 8 rad/s on the spring."""
+    """At full strength the link swings at about 8 rad/s on the spring, damped at 1 to 20 % of critical."""
     j = draw.joint or 0
     stiffness = float(60.0 * robot.inertia[j] / s)
     usual = max(float(robot.torque_rms[j]) / stiffness, 1e-3)
-    truth = _put(replace(robot, truth=_put(robot, draw, "stiffness", stiffness)), draw, "wound", usual)
-    return replace(robot, truth=truth), {"stiffness": stiffness}
+    ratio = float(0.01 * 20.0**draw.shape)
+    for field, value in (("stiffness", stiffness), ("wound", usual), ("ringing", ratio)):
+        robot = replace(robot, truth=_put(robot, draw, field, value))
+    return robot, {"stiffness": stiffness, "damping_ratio": ratio}
 
 
 def _sensor(field: str, parameter: str, law: Callable[[float, Draw], float]) -> Any:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_DAMPED = 0.04  # damping ratio of a compliance
 _HARDENS = 0.05  # share by which a spring at its usual deflection is harder than at none
 _RINGS = 300.0  # rad/s, of motor and link against a stop
 _BOUNCE = 0.4  # damping ratio against a stop
@@ -22,13 +21,14 @@ _BOUNCE = 0.4  # damping ratio against a stop
 class GearLaw:
     """The gears of g joints, (g,) each.
 
-    stiffness: N m/rad at rest, infinite behind play alone. usual: rad, what the spring is usually wound by. play: rad.
-    rotor, link: kg m^2. damping: N m s/rad, of the rotor.
+    stiffness: N m/rad at rest, infinite behind play alone. usual: rad, what the spring is usually wound by. ringing:
+    damping ratio of motor and link on that spring. play: rad. rotor, link: kg m^2. damping: N m s/rad, of the rotor.
     """
 
     joints: NDArray[np.int64]
     stiffness: Array
     usual: Array
+    ringing: Array
     play: Array
     rotor: Array
     link: Array
@@ -41,7 +41,7 @@ class GearLaw:
         k = np.where(soft, self.stiffness, 0.0)
         deep = wound - np.clip(wound, -0.5 * self.play, 0.5 * self.play)
         spring = k * deep * (1.0 + _HARDENS * (deep / self.usual) ** 2)
-        spring += 2.0 * _DAMPED * np.sqrt(k * reduced) * np.where((self.play > 0.0) & (deep == 0.0), 0.0, rate)
+        spring += 2.0 * self.ringing * np.sqrt(k * reduced) * np.where((self.play > 0.0) & (deep == 0.0), 0.0, rate)
         stop = reduced * (_RINGS**2 * deep + 2.0 * _BOUNCE * _RINGS * rate)
         stop = np.where(stop * deep > 0.0, stop, 0.0)  # a stop pushes and never pulls
         return np.where(soft, spring, stop)

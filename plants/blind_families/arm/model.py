@@ -141,7 +141,8 @@ def gear_law(truth: ArmTruth, arm: Arm) -> GearLaw | None:
         return None
     rotor = (arm.armature + truth.armature)[g]
     link = inertia_at(arm, arm.home)[g] - arm.armature[g]
-    return GearLaw(g, truth.stiffness[g], truth.wound[g], truth.play[g], rotor, link, arm.damping[g])
+    spring = (truth.stiffness[g], truth.wound[g], truth.ringing[g])
+    return GearLaw(g, *spring, truth.play[g], rotor, link, arm.damping[g])
 
 
 def compiled(truth: ArmTruth, arm: Arm) -> mujoco.MjModel:

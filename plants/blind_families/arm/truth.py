@@ -126,6 +126,7 @@ class ArmTruth:
     longer: Array  # m, how much farther along the link the next joint sits
     stiffness: Array  # N m/rad between motor and link
     wound: Array  # rad by which that spring is usually wound
+    ringing: Array  # of critical damping, of motor and link against each other on that spring
     play: Array  # rad between motor and link
     # causes that no library names
     dent: Array  # N m, which the motor needs on either side of a dented tooth
@@ -162,6 +163,7 @@ def ideal(arm: NominalArm) -> ArmTruth:
         zero,
         np.full(n, np.inf),
         one,
+        0.04 * one,
         zero,
         zero,
         zero,

@@ -22,7 +22,6 @@ from residual_mpc.models.settings import Settings, is_null
 if TYPE_CHECKING:
     import mujoco
 
-DAMPING_RATIO = 0.05  # of a compliance's own oscillation: steel and grease
 SLOWED = 2.0  # 1/s: how fast grease slows a link that floats in its play
 LEAST_ROTOR = 0.02  # of the link's inertia: a rotor without any inertia has no equation of motion
 FAR = 1e6  # rad: a stop that is never reached
@@ -123,8 +122,8 @@ def _bare(model: "mujoco.MjModel", gears: Gears) -> None:
 def edit_gears(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
     """Write springs and stops into the batch of a split robot.
 
-    A spring in a joint that also has play begins at the play's ends. Its damping is that of DAMPING_RATIO, and never
-    less than makes the integrator's step implicit in the spring, so that any stiffness is stable.
+    A spring in a joint that also has play begins at the play's ends. Its damping is never less than makes the
+    integrator's step implicit in the spring, so that any stiffness is stable.
     """
     gears, model = robot.gears, robot.model
     assert gears is not None
@@ -135,7 +134,9 @@ def edit_gears(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
     dead = np.where(firm, 0.5 * gap, 0.0)
     batch.expand("tendon_lengthspring")[:, gears.springs] = np.stack([-dead, dead], axis=-1)
     reduced = gears.rotor * gears.link / (gears.rotor + gears.link)
-    spring = np.maximum(2.0 * DAMPING_RATIO * np.sqrt(k * reduced), k * model.opt.timestep)
+    ratio = changes(settings.effects, "gear damping")
+    damped = 0.0 if ratio is None else ratio[:, _slots(robot)]
+    spring = np.maximum(2.0 * damped * np.sqrt(k * reduced), k * model.opt.timestep)
     batch.expand("dof_damping")[:, gears.dofs] = np.where(firm, spring, SLOWED * reduced)
     reach = np.where(firm, FAR, 0.5 * gap)
     batch.expand("jnt_range")[:, gears.numbers] = np.stack([-reach, reach], axis=-1)
@@ -151,8 +152,13 @@ def of_gears(robot: CompiledRobot, settings: Settings) -> tuple[np.ndarray, np.n
     """(B, g) stiffness N m/rad, infinite where there is no spring, and play rad."""
     gears = robot.gears
     assert gears is not None
-    names = robot.geared
-    at = [names.index(robot.joints[j]) for j in gears.joints.tolist()]
-    rigid = np.full((settings.rows, len(names)), np.inf)
+    at = _slots(robot)
+    rigid = np.full((settings.rows, len(robot.geared)), np.inf)
     stiffness, gap = (changes(settings.effects, q) for q in ("gear stiffness", "gear play"))
     return (rigid if stiffness is None else stiffness)[:, at], (np.zeros_like(rigid) if gap is None else gap)[:, at]
+
+
+def _slots(robot: CompiledRobot) -> list[int]:
+    """Places of the gears of a split robot among all that could be."""
+    assert robot.gears is not None
+    return [robot.geared.index(robot.joints[j]) for j in robot.gears.joints.tolist()]
