@@ -15,7 +15,8 @@ Progress = Callable[[str, float], None]  # told what is done now, and the share 
 class PhaseSettings:
     """Longer windows are searched in any case where they span at least `blocks` stretches of time and a hypothesis
     costs at most `cheap` steps of a model of equations on them; else only where there is a gap to explain and a
-    hypothesis costs at most `bearable` steps on `blocks` windows. near: times the noise floor within which longer
+    hypothesis costs at most `bearable` steps on `blocks` windows; what may be a gap is searched on `few` windows or
+    more, what is one for certain on any number. near: times the noise floor within which longer
     windows sharpen the numbers of the last fit. marginal_steps: steps of the last fit with small differences, from
     where the plain one ended; marginal_columns: numbers in the columns of all small differences, above which they are
     not marginalised (memory). outliers_worth: times the squared noise floor that a few jumping samples have to make of
@@ -25,6 +26,7 @@ class PhaseSettings:
     blocks: int = 10
     cheap: int = 30_000
     bearable: int = 20_000
+    few: int = 5
     near: float = 2.0
     marginal_steps: int = 4
     marginal_columns: int = 40_000_000
@@ -33,7 +35,7 @@ class PhaseSettings:
     most_steps: int = 150_000
 
     def __post_init__(self) -> None:
-        check_positive(self, "blocks", "cheap", "bearable", "near", "marginal_steps", "marginal_columns")
+        check_positive(self, "blocks", "cheap", "bearable", "few", "near", "marginal_steps", "marginal_columns")
         check_positive(self, "outliers_worth", "first_look", "most_steps")
 
 

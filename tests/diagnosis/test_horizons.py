@@ -117,6 +117,14 @@ def test_wheels_that_differ_by_two_percent_are_found_without_an_option() -> None
     assert longest.after < longest.before and longest.after < 2.0 * longest.noise_floor
 
 
+def test_a_short_log_is_searched_over_longer_windows_as_well() -> None:
+    """Six windows of 5 s are enough to look: what is found there still has to pass the tests for an addition."""
+    runs = [rover_run(f"r{k}", {"wheel_radius": {"scale": 0.97}}, 17.0, seed=k, noise=5.0) for k in range(3)]
+    found = diagnosed(runs)
+    named = {c.term.effect for c in found.causes} | {t.effect for g in found.groups for m in g for t in m}
+    assert found.verdict == "effects" and "wheel_radius" in named
+
+
 def test_a_rover_that_starts_from_rest_is_seen_to() -> None:
     """Without encoders the pose says whether the wheels stood still before the first stamp; else a lag's memory begins
     at the first command (contract, section 4)."""

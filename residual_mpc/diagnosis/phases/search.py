@@ -79,15 +79,18 @@ def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Prog
 
 def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:
     """Whether longer windows are searched for more effects: where that is cheap, or bearable with what may be a gap to
-    explain. A search alarms nobody, so that less is enough for it than for the verdict where there are windows enough
-    for its tests. A physics engine's steps are never cheap."""
+    explain, in all or in one channel. A search alarms nobody, so that less is enough for it than for the verdict where
+    there are windows enough for its tests. A physics engine's steps are never cheap."""
     phases, settings = options.phases, options.settings
     many = len(np.unique(blocks_of(data, settings=settings.fit))) >= phases.blocks
     equations = all(b.robot.step is None for b in data.blocks)
     if many and equations and data.cost <= phases.cheap:
         return True
     bearable = min(phases.blocks, data.count) * data.cost // data.count <= phases.bearable
-    perhaps = data.count >= phases.blocks and gap.total > settings.predict.floor.margin * floor.total
+    margin = settings.predict.floor.margin
+    with np.errstate(invalid="ignore"):
+        seen = gap.total > margin * floor.total or bool((gap.channels > margin * floor.channels).any())
+    perhaps = data.count >= phases.few and seen
     return bearable and (perhaps or beyond(gap, floor, settings=settings.predict))
 
 
