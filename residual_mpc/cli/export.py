@@ -9,7 +9,7 @@ from residual_mpc.cli.common import ROBOT, a_number, emit, json_option, read, se
 from residual_mpc.cli.many import TakingMany
 from residual_mpc.errors import BadInput
 
-MODELS = ("casadi", "c", "jax", "onnx", "mjcf", "urdf", "sysid", "actuators")
+MODELS = ("casadi", "c", "jax", "onnx", "mjcf", "urdf", "sysid", "actuators", "servo-table")
 RECORDINGS = {"rerun": ".rrd", "mcap": ".mcap"}
 
 
@@ -46,6 +46,7 @@ def export(
 ) -> None:  # fmt: skip
     """Export the augmented model in FILE (model.json or diagnosis.json) and report its difference from the source.
 
+    `servo-table` writes a CSV with a row for each servo: the model's values and the corrected ones, with intervals.
     `rerun` and `mcap` write runs instead: measured, nominal and corrected signals, gap and robot over time.
     """
     if to in RECORDINGS:

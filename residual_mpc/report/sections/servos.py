@@ -1,0 +1,69 @@
+"""The servos: a row each with the numbers that the diagnosis changes, and which numbers these runs do not show."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from residual_mpc.effects.servo.numbers import BY_NAME, NUMBERS
+from residual_mpc.models.servo_table import NOT_TESTABLE
+from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.sections.section import Document, Section, render
+from residual_mpc.report.words.numbers import listed
+from residual_mpc.report.words.servo import CHANGED, nominal_text, value_text
+
+Servo = Mapping[str, Any]
+
+
+def servos(document: Document, evidence: Evidence) -> Section | None:
+    """There where a number of a servo is changed."""
+    rows: Sequence[Servo] = document.get("servos") or []
+    values = [{v["name"]: v for v in row["values"]} for row in rows]
+    columns = [n for n in NUMBERS if any(v.get(n.name, {}).get("status") in CHANGED for v in values)]
+    if not columns:
+        return None
+    body = render(
+        "sections/servos.html.jinja",
+        columns=[n.text for n in columns],
+        rows=[
+            (row["actuator"], row["joint"], [_cell(v.get(n.name)) for n in columns])
+            for row, v in zip(rows, values, strict=True)
+        ],
+        alike=any(v["alike"] for row in rows for v in row["values"]),
+        unnamed=_unnamed(rows, [n.name for n in columns]),
+        untested=_reasons(rows),
+    )
+    return Section("servos", "Servos", body)
+
+
+def _cell(value: Mapping[str, Any] | None) -> dict[str, Any]:
+    if value is None:
+        return {"text": "", "changed": False}
+    if value["status"] not in CHANGED:
+        return {"text": "not shown", "changed": False, "model": nominal_text(value)}
+    return {
+        "text": value_text(value),
+        "changed": True,
+        "model": nominal_text(value),
+        "probability": value["probability"],
+        "alike": value["alike"],
+        "retuned": value["status"] == "retuned",
+    }
+
+
+def _unnamed(rows: Sequence[Servo], shown: Sequence[str]) -> str:
+    """The numbers in which no servo differs from its model."""
+    left = [v for row in rows for v in row["values"] if v["name"] not in shown and v["status"] != NOT_TESTABLE]
+    names = [n.text for n in NUMBERS if n.name in {v["name"] for v in left}]
+    return listed(names) if names else ""
+
+
+def _reasons(rows: Sequence[Servo]) -> list[tuple[str, str]]:
+    """(number and servos, why) of what could not be tested."""
+    out: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        for v in row["values"]:
+            if v["status"] == NOT_TESTABLE:
+                out.setdefault((v["name"], v["why"]), []).append(row["actuator"])
+    whole = len(rows)
+    return [
+        (BY_NAME[name].text + ("" if len(of) == whole else f" of {listed(of)}"), why) for (name, why), of in out.items()
+    ]
