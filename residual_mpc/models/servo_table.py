@@ -1,9 +1,9 @@
 """The servos of a robot, a row each: what the model says of each, and what a diagnosis found."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import hypot
-from typing import Any
+from typing import Any, NamedTuple
 
 from residual_mpc.effects.servo.motor import Motor
 from residual_mpc.effects.servo.numbers import NUMBERS, ServoNumber, Source
@@ -20,6 +20,7 @@ CORRECTED, RETUNED, NOT_NAMED, NOT_TESTABLE = "corrected", "retuned", "not named
 SLIDING = {  # units on a joint that slides
     "N m/rad": "N/m", "N m s/rad": "N s/m", "N m": "N", "rad/s": "m/s", "rad": "m", "kg m^2": "kg",
 }  # fmt: skip
+SERVO_DAMPING = "damping"  # the number of a servo that its gain scales beside its stiffness
 Interval = tuple[float, float]
 
 
@@ -50,6 +51,14 @@ class ServoValue:
     notes: tuple[str, ...] = ()
 
 
+class _Doubts(NamedTuple):
+    """Of a diagnosis.json: what could not be tested, what was considered, what cannot be told apart."""
+
+    untested: Sequence[Mapping[str, Any]]
+    candidates: Sequence[Mapping[str, Any]]
+    confounded: Sequence[Sequence[Any]]
+
+
 @dataclass(frozen=True)
 class ServoRow:
     """One servo with its numbers, in the order of NUMBERS; those that its kind of robot cannot have are absent."""
@@ -75,7 +84,9 @@ def servo_rows(found: Mapping[str, Any], robot: Robot, file: RobotFile) -> tuple
         return ()
     entries = found.get("explanation")
     entries = _without_intervals(found["values"]) if entries is None else entries
-    doubts = (found.get("not_testable") or [], found.get("candidates") or [])
+    doubts = _Doubts(
+        found.get("not_testable") or [], found.get("candidates") or [], found.get("confounded") or []
+    )  # fmt: skip
     tuned = {k: v for k, v in values_of((found.get("model") or found)["values"]).items() if k.effect == TUNE}
     nominal = robot.actuator_values(Settings(1))
     retuned = robot.actuator_values(assemble([tuned], {}))
@@ -95,26 +106,30 @@ def servo_rows(found: Mapping[str, Any], robot: Robot, file: RobotFile) -> tuple
 
 
 def driven_by(
-    effect: str, target: str | None, robot: Robot, file: RobotFile, but: Collection[str] = ()
+    effect: str, target: str | None, robot: Robot, rows: Sequence[ServoRow], but: Collection[str] = ()
 ) -> tuple[Driven, ...]:
-    """The actuators with known motors that an effect on a target acts on. but: slots that have values of their own."""
+    """The actuators with known motors that an effect on a target acts on.
+
+    rows: of the robot, as `servo_rows` has them. but: slots that have values of their own.
+    """
     if not isinstance(robot, ListsActuators):
         return ()
     out = []
-    for v in robot.actuator_values(Settings(1)):
-        motor, slots = motor_of(file.motors, v.actuator), robot.slots(effect)
-        mine = {name for name in (v.actuator, v.joint) if name in slots}
+    for row, v in zip(rows, robot.actuator_values(Settings(1)), strict=True):
+        motor = row.motor
+        mine = {name for name in (v.actuator, v.joint) if name in robot.slots(effect)}
         acted = target in mine if target is not None else mine and not mine & set(but)
         if motor is not None and acted and v.joint not in optional.sliding(robot):
-            damping = v.damping + v.viscous_friction
-            out.append(Driven(v.actuator, motor, v.stiffness, v.gear, damping))
+            servo = next((x.value for x in row.values if x.name == SERVO_DAMPING), None)
+            joint = v.viscous_friction
+            damped = v.damping + joint, (v.damping if servo is None else servo) + joint
+            out.append(Driven(v.actuator, motor, v.stiffness, v.gear, *damped))
     return tuple(out)
 
 
 def _value(
     number: ServoNumber, sources: Sequence[tuple[Source, str]], at: ActuatorValues, now: ActuatorValues,
-    entries: Sequence[Mapping[str, Any]], doubts: tuple[Sequence[Mapping[str, Any]], Sequence[Mapping[str, Any]]],
-    robot: Robot,
+    entries: Sequence[Mapping[str, Any]], doubts: _Doubts, robot: Robot,
 ) -> ServoValue:  # fmt: skip
     nominal, base = (getattr(v, number.field) if number.field else number.absent for v in (at, now))
     unit = SLIDING.get(number.unit, number.unit) if at.joint in optional.sliding(robot) else number.unit
@@ -125,10 +140,9 @@ def _value(
         alike = all(e.get("target") is None and len(robot.slots(s.effect.name)) > 1 for s, e in named)
         effects = tuple(s.effect.name for s, _ in named)
         return ServoValue(number.name, unit, nominal, value, interval, min(sure, default=None), CORRECTED, "", effects,
-                          alike, _notes(named))  # fmt: skip
-    untested, candidates = doubts
-    reasons = [_entry(untested, s.effect.name, slot) for s, slot in sources]
-    considered = [_entry(candidates, s.effect.name, slot) for s, slot in sources]
+                          alike, _notes(named, doubts.confounded))  # fmt: skip
+    reasons = [_entry(doubts.untested, s.effect.name, slot) for s, slot in sources]
+    considered = [_entry(doubts.candidates, s.effect.name, slot) for s, slot in sources]
     chances = [float(e["probability"]) for e in considered if e is not None and e.get("probability") is not None]
     if all(reason is not None for reason in reasons):
         why = next(str(reason["why"]) for reason in reasons if reason is not None)
@@ -191,10 +205,22 @@ def _slot(source: Source, at: ActuatorValues, robot: Robot) -> str | None:
     return next((name for name in names.get(source.effect.target, (at.joint,)) if name in slots), None)
 
 
-def _notes(named: Sequence[tuple[Source, Mapping[str, Any]]]) -> tuple[str, ...]:
+def _notes(
+    named: Sequence[tuple[Source, Mapping[str, Any]]], confounded: Sequence[Sequence[Any]]
+) -> tuple[str, ...]:
     notes = [e["parameters"][s.parameter].get("note") or e.get("note") for s, e in named]
-    differing = [f"differs by run ({s.effect.name})" for s, e in named if e.get("by_run")]
-    return (*(str(note) for note in notes if note), *differing)
+    differing = ["differs from run to run" for _, e in named if e.get("by_run")]
+    rivals = dict.fromkeys(rival for s, e in named for rival in _rivals(e, confounded))
+    doubts = [f"or {rival.replace('_', ' ')}" for rival in rivals]
+    return (*(str(note) for note in notes if note), *differing, *doubts)
+
+
+def _rivals(entry: Mapping[str, Any], confounded: Sequence[Sequence[Any]]) -> Iterator[str]:
+    """Single effects that these runs cannot tell from this one."""
+    for group in confounded:
+        members = [m for m in group if isinstance(m, Mapping)]
+        if any(m["effect"] == entry["effect"] and m.get("target") == entry.get("target") for m in members):
+            yield from (str(m["effect"]) for m in members if m["effect"] != entry["effect"])
 
 
 def _without_intervals(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

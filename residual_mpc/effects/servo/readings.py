@@ -21,7 +21,8 @@ class Driven:
     """What the nominal model says of one actuator, at its joint.
 
     actuator: its name. motor: its constants. stiffness: N m/rad of a position servo, else 0. gear: torque at the joint
-    per unit of the actuator's. damping: N m s/rad, of servo and joint together.
+    per unit of the actuator's. damping: N m s/rad, of servo and joint together; corrected: the same with a gain of the
+    servo that is named, which scales the servo's part of it.
     """
 
     actuator: str
@@ -29,6 +30,7 @@ class Driven:
     stiffness: float
     gear: float = 1.0
     damping: float = 0.0
+    corrected: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,8 @@ def _saturation(p: Mapping[str, Across], d: Driven) -> list[Reading]:
 
 
 def _viscous(p: Mapping[str, Across], d: Driven) -> list[Reading]:
-    """Friction beside what the model damps already, for comparison with what the back-EMF gives, kt^2 / R."""
-    value = mapped(lambda c: d.damping + c, p["coefficient"])
+    """Friction beside what damps already, for comparison with what the back-EMF gives, kt^2 / R."""
+    value = mapped(lambda c: d.corrected + c, p["coefficient"])
     return [_reading(d, "back_emf_damping", value, "N m s/rad", d.damping, None, d.motor.damping)]
 
 

@@ -1,13 +1,13 @@
 """The servos: a row each with the numbers that the diagnosis changes, and which numbers these runs do not show."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from residual_mpc.effects.servo.numbers import BY_NAME, NUMBERS
-from residual_mpc.models.servo_table import NOT_TESTABLE
+from residual_mpc.models.servo_table import NOT_TESTABLE, RETUNED
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.sections.section import Document, Section, render
-from residual_mpc.report.words.numbers import listed
+from residual_mpc.report.words.numbers import listed, percent
 from residual_mpc.report.words.servo import CHANGED, nominal_text, value_text
 
 Servo = Mapping[str, Any]
@@ -28,6 +28,7 @@ def servos(document: Document, evidence: Evidence) -> Section | None:
             for row, v in zip(rows, values, strict=True)
         ],
         alike=any(v["alike"] for row in rows for v in row["values"]),
+        doubts=any(note.startswith("or ") for row in rows for v in row["values"] for note in v["notes"]),
         unnamed=_unnamed(rows, [n.name for n in columns]),
         untested=_reasons(rows),
     )
@@ -43,10 +44,18 @@ def _cell(value: Mapping[str, Any] | None) -> dict[str, Any]:
         "text": value_text(value),
         "changed": True,
         "model": nominal_text(value),
-        "probability": value["probability"],
-        "alike": value["alike"],
-        "retuned": value["status"] == "retuned",
+        "remarks": [*_remarks(value)],
     }
+
+
+def _remarks(value: Mapping[str, Any]) -> Iterator[str]:
+    if value["probability"] is not None:
+        yield percent(value["probability"])
+    if value["alike"]:
+        yield "alike"
+    if value["status"] == RETUNED:
+        yield RETUNED
+    yield from value["notes"]
 
 
 def _unnamed(rows: Sequence[Servo], shown: Sequence[str]) -> str:
