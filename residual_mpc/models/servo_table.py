@@ -133,7 +133,12 @@ def _value(
 ) -> ServoValue:  # fmt: skip
     nominal, base = (getattr(v, number.field) if number.field else number.absent for v in (at, now))
     unit = SLIDING.get(number.unit, number.unit) if at.joint in optional.sliding(robot) else number.unit
-    named = [(s, entry) for s, slot in sources if (entry := _entry(entries, s.effect.name, slot)) is not None]
+    named = [
+        (s, entry)
+        for s, slot in sources
+        if (entry := _entry(entries, s.effect.name, slot)) is not None
+        if entry["parameters"].get(s.parameter, {}).get("value") is not None  # null: without a bound
+    ]
     if named:
         value, interval = _combined(base, named, abs(at.gear))
         sure = [e["probability"] for _, e in named if e.get("probability") is not None]

@@ -92,6 +92,13 @@ def test_what_the_runs_do_not_show_is_said(tmp_path: Path) -> None:
     assert [value(found[s], "backlash").status for s in ("s1", "s2")] == ["not named", "not testable"]
 
 
+def test_a_number_without_a_bound_is_the_models(tmp_path: Path) -> None:
+    line = entry("torque_speed_limit", None, stall_torque=(2.0, 1.9, 2.1))
+    line["parameters"]["no_load_speed"] = {"value": None, "ci95": [None, None], "unit": "rad/s"}
+    found = rows(tmp_path, [line])
+    assert value(found["s1"], "torque_limit").value == 2.0 and value(found["s1"], "no_load_speed").value is None
+
+
 def test_a_retuned_number_is_told_from_the_models(tmp_path: Path) -> None:
     tuned = {"effect": "tune", "target": None, "parameter": "joint.j1.damping", "value": 0.3}
     found = rows(tmp_path, [], model={"values": [tuned]})

@@ -63,7 +63,7 @@ def readings_of(effect: Mapping[str, Any], driven: Sequence[Driven]) -> tuple[Re
     Actuators for which a reading is the same share it. Effects that say nothing of a motor have none.
     """
     law = LAWS.get(effect["effect"])
-    if law is None:
+    if law is None or any(p["value"] is None for p in effect["parameters"].values()):  # null: without a bound
         return ()
     shared: dict[tuple[Any, ...], list[str]] = {}
     for one in driven:

@@ -53,7 +53,7 @@ def changes(document: Mapping[str, Any], registers: Mapping[str, Mapping[str, st
     out: dict[tuple[str, ...], dict[str, Any]] = {}
     servos = [s for s in document.get("servos") or [] if s["kind"] == "position" or s["motor"]]
     for effect in document["explanation"]:
-        numbers = {k: p["value"] for k, p in (effect.get("parameters") or {}).items()}
+        numbers = {k: p["value"] for k, p in (effect.get("parameters") or {}).items() if p["value"] is not None}
         for servo in servos:
             if not _concerns(effect, servo, document["explanation"]):
                 continue
