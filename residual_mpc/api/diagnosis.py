@@ -88,6 +88,19 @@ class Diagnosis:
         ]
         return pd.DataFrame(rows, columns=columns)
 
+    def servos(self) -> "DataFrame":
+        """One row a number of a servo of an arm: the model's, and corrected with its 95 % interval (low, high)."""
+        import pandas as pd
+
+        columns = ["actuator", "joint", "number", "unit", "nominal", "value", "low", "high", "probability", "status"]
+        rows = [
+            (s["actuator"], s["joint"], v["name"], v["unit"], v["nominal"], v["value"], *(v["ci95"] or (None, None)),
+             v["probability"], v["status"])
+            for s in self.document["servos"]
+            for v in s["values"]
+        ]  # fmt: skip
+        return pd.DataFrame(rows, columns=columns)
+
     def save(self, folder: str | Path) -> Path:
         """Write diagnosis.json, model.json, report.html and, where one was planned, the next experiment's commands.
 

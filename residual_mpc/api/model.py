@@ -1,6 +1,6 @@
 """The augmented model: nominal robot, diagnosed effects and learned network as one step x+ = f(x, u, p)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import entry_points
@@ -24,7 +24,7 @@ from residual_mpc.export.write import TARGETS, write_mjcf, write_model
 from residual_mpc.files import write_json
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models import optional
-from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_content, model_in
+from residual_mpc.models.model_file import MODEL_SCHEMA, Written, diagnosis_in, model_content, model_in
 from residual_mpc.models.settings import TUNE
 
 if TYPE_CHECKING:
@@ -100,7 +100,10 @@ class AugmentedModel:
         _, a, b = self._compiled.stage(x, u, self.p)
         return np.array(a), np.array(b)
 
-    def export(self, to: str, folder: str | Path, seed: int = 0, physics_dt: float | None = None) -> dict[str, Any]:
+    def export(
+        self, to: str, folder: str | Path, seed: int = 0, physics_dt: float | None = None,
+        beside: Sequence[Source] = (),
+    ) -> dict[str, Any]:  # fmt: skip
         """Write the model for others; what `export --json` prints.
 
         Args:
@@ -108,6 +111,7 @@ class AugmentedModel:
                 "actuators" or "servo-table".
             seed: of the points at which the files are compared with their source.
             physics_dt: s, step of the simulation that "actuators" are for; by default the model's own.
+            beside: other diagnoses of this robot, from other motions, that "servo-table" pools.
 
         Raises:
             BadInput: a target that this model cannot have.
@@ -122,12 +126,19 @@ class AugmentedModel:
         elif to == "actuators":
             document = write_actuators(self.source, self.explanation, self.robot.model, physics_dt, where)
         elif to == "servo-table":
-            document = write_servo_table(self.source, self.found, self.robot.model, self.robot.file, where)
+            document = self._servo_table(where, beside)
         elif to in TARGETS:
             document = write_model(self.augmented, to, where, np.random.default_rng(seed))
         else:
             raise BadInput(f"unknown export format {to!r}", "--to", f"give one of {', '.join((*TARGETS, *MODELS))}")
         return {**document, "folder": str(where)}
+
+    def _servo_table(self, where: Path, beside: Sequence[Source]) -> dict[str, Any]:
+        others = [written(source) for source in beside]
+        for other in others:
+            _check_robot(other, self.robot)
+        contents = [diagnosis_in(other) for other in others]
+        return write_servo_table(self.source, self.found, self.robot.model, self.robot.file, where, contents)
 
     def mpc(self, horizon: int = 20, settings: Any = None) -> Any:
         """A model predictive controller (controllers.mpc.Mpc).

@@ -77,3 +77,33 @@ def test_a_robot_without_servos_is_refused(tmp_path: Path, capsys: pytest.Captur
               "--out", str(tmp_path / "out")])  # fmt: skip
     assert end.value.code == 2 and "has no table of actuators" in capsys.readouterr().err
     assert not (tmp_path / "out" / "servos.csv").exists()
+
+
+def test_other_choices_of_motions_widen_what_they_disagree_on(tmp_path: Path) -> None:
+    exported(tmp_path, "diagnosis.json")
+    others = []
+    for k, gain in enumerate((0.7, 0.9)):
+        found = json.loads((tmp_path / "diagnosis.json").read_text())
+        found["explanation"] = found["explanation"][:1]  # the friction is not named
+        found["explanation"][0]["parameters"]["gain"] |= {"value": gain, "ci95": [gain - 0.01, gain + 0.01]}
+        others.append(tmp_path / f"other{k}.json")
+        others[-1].write_text(json.dumps(found))
+    out, code = exported(tmp_path, "diagnosis.json", "--beside", *map(str, others))
+    first = table(out / "servos.csv", "actuator")["s1"]
+    half = 4.302653 * 3.0 / 3**0.5  # Student's t with 2 degrees of freedom, for 24, 21 and 27 N m/rad
+    pooled = [float(first[f"stiffness_across{k}"]) for k in ("", "_low", "_high")]
+    assert code == 0 and pooled == pytest.approx([24.0, 24.0 - half, 24.0 + half], rel=1e-6)
+    assert first["stiffness_named_in"] == "3 of 3" and first["dry_friction_named_in"] == "1 of 3"
+    assert first["dry_friction_across"] == "" and first["dry_friction"] == "0.1"
+
+
+def test_only_the_table_takes_other_diagnoses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    exported(tmp_path, "diagnosis.json")
+    with pytest.raises(SystemExit) as end:
+        main(["export", str(tmp_path / "diagnosis.json"), "--to", "mjcf", "--beside", str(tmp_path / "diagnosis.json")])
+    assert end.value.code == 2 and "only --to servo-table takes --beside" in capsys.readouterr().err
+
+
+def test_a_model_beside_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, code = exported(tmp_path, "diagnosis.json", "--beside", str(tmp_path / "model.json"))
+    assert code == 2 and "schema must be" in capsys.readouterr().err
