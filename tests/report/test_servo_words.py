@@ -103,8 +103,17 @@ def test_the_page_has_the_table_and_the_settings(tmp_path: Path) -> None:
     assert table.count('<th scope="row">') == 2 and "not shown" in table and "alike" in table
     assert "Not shown by these runs:" in table and "backlash" in table
     assert "What you can change on the servo" in page
-    lines = diagnosis_lines(found)
-    assert any(line.startswith("  servo s1: stiffness 30 N m/rad -> 24.6 N m/rad (24.0 to 25.2)") for line in lines)
+
+
+def test_a_terminal_says_once_what_is_alike(tmp_path: Path) -> None:
+    found = told(tmp_path, [GAIN, effect("coulomb_friction", "j1", "N m", torque=(0.1, 0.05, 0.15))])
+    servos = [line.strip() for line in diagnosis_lines(found) if line.startswith(("  servo ", "  all servos"))]
+    assert servos == [
+        "all servos alike: stiffness 30 N m/rad -> 24.6 N m/rad (24.0 to 25.2)",
+        "servo s1: servo damping 1.5 N m s/rad -> 1.230 N m s/rad (1.200 to 1.260), dry friction 0 N m -> 0.10 N m "
+        "(0.05 to 0.15)",
+        "servo s2: servo damping 0.8 N m s/rad -> 0.656 N m s/rad (0.640 to 0.672)",
+    ]
 
 
 def test_the_page_leaves_out_what_concerns_no_servo() -> None:

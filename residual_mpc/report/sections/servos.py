@@ -22,9 +22,9 @@ def servos(document: Document, evidence: Evidence) -> Section | None:
         return None
     body = render(
         "sections/servos.html.jinja",
-        columns=[n.text for n in columns],
+        columns=[(n.text, _unit(n.name, values)) for n in columns],
         rows=[
-            (row["actuator"], row["joint"], [_cell(v.get(n.name)) for n in columns])
+            (row["actuator"], row["joint"], [_cell(v.get(n.name), _unit(n.name, values)) for n in columns])
             for row, v in zip(rows, values, strict=True)
         ],
         alike=any(v["alike"] for row in rows for v in row["values"]),
@@ -35,16 +35,24 @@ def servos(document: Document, evidence: Evidence) -> Section | None:
     return Section("servos", "Servos", body)
 
 
-def _cell(value: Mapping[str, Any] | None) -> dict[str, Any]:
+def _unit(name: str, values: Sequence[Mapping[str, Mapping[str, Any]]]) -> str:
+    """Of a whole column; empty where joints turn and slide, so that each cell has its own."""
+    units = {str(v[name]["unit"]) for v in values if name in v}
+    return units.pop() if len(units) == 1 else ""
+
+
+def _cell(value: Mapping[str, Any] | None, unit: str) -> dict[str, Any]:
+    """unit: of the column, which the cell then leaves out."""
     if value is None:
-        return {"text": "", "changed": False}
+        return {"text": [], "changed": False}
+    written = "1" if unit else None
     if value["status"] not in CHANGED:
-        return {"text": "not shown", "changed": False, "model": nominal_text(value)}
+        return {"text": ["not shown"], "changed": False, "model": nominal_text(value, written)}
     return {
-        "text": value_text(value),
+        "text": value_text(value, written).replace(" (", "\n(", 1).split("\n"),
         "changed": True,
-        "model": nominal_text(value),
-        "remarks": [*_remarks(value)],
+        "model": nominal_text(value, written),
+        "remarks": [", ".join(_remarks(value)), *value["notes"]],
     }
 
 
@@ -55,7 +63,6 @@ def _remarks(value: Mapping[str, Any]) -> Iterator[str]:
         yield "alike"
     if value["status"] == RETUNED:
         yield RETUNED
-    yield from value["notes"]
 
 
 def _unnamed(rows: Sequence[Servo], shown: Sequence[str]) -> str:

@@ -5,7 +5,7 @@ from typing import Any
 
 from residual_mpc.effects.servo.changes import advice_on
 from residual_mpc.effects.servo.numbers import BY_NAME
-from residual_mpc.report.words.numbers import listed, measure, measure_interval, number, percent
+from residual_mpc.report.words.numbers import ARROW, listed, measure, measure_interval, number, percent
 
 Reading = Mapping[str, Any]  # an entry of "motor" of an effect in diagnosis.json
 CHANGED = ("corrected", "retuned")
@@ -72,25 +72,36 @@ def changes(document: Mapping[str, Any], registers: Mapping[str, Mapping[str, st
     return list(out.values())
 
 
-def value_text(value: Mapping[str, Any]) -> str:
-    """A number of a servo with its interval; "none" for a limit or a play of the gear that is not there."""
+def value_text(value: Mapping[str, Any], unit: str | None = None) -> str:
+    """A number of a servo with its interval; "none" for a limit that is not there. unit: in place of its own, "1" where
+    it stands elsewhere."""
     if value["value"] is None:
         return "none"
-    return measure_interval(value["value"], value["ci95"], value["unit"])
+    return measure_interval(value["value"], value["ci95"], unit or value["unit"])
 
 
-def nominal_text(value: Mapping[str, Any]) -> str:
-    return "none" if value["nominal"] is None else measure(value["nominal"], value["unit"])
+def nominal_text(value: Mapping[str, Any], unit: str | None = None) -> str:
+    """The model's own value of it."""
+    return "none" if value["nominal"] is None else measure(value["nominal"], unit or value["unit"])
 
 
 def servo_lines(document: Mapping[str, Any]) -> list[str]:
-    """A line a servo for a terminal: the numbers that the diagnosis changes, each beside the model's."""
-    lines = []
-    for servo in document.get("servos") or []:
-        changed = [v for v in servo["values"] if v["status"] in CHANGED]
-        said = [f"{BY_NAME[v['name']].text} {nominal_text(v)} -> {value_text(v)}" for v in changed]
-        if said:
-            lines.append(f"servo {servo['actuator']}: {', '.join(said)}")
+    """A line a servo for a terminal: the numbers that the diagnosis changes, each beside the model's. What is the same
+    for several servos, all of them, is said once."""
+    said = {
+        servo["actuator"]: [
+            f"{BY_NAME[v['name']].text} {nominal_text(v)} {ARROW} {value_text(v)}"
+            for v in servo["values"]
+            if v["status"] in CHANGED
+        ]
+        for servo in document.get("servos") or []
+    }
+    several = len(said) > 1
+    shared = [text for text in next(iter(said.values()), []) if several and all(text in own for own in said.values())]
+    lines = [f"all servos alike: {', '.join(shared)}"] if shared else []
+    for actuator, own in said.items():
+        rest = [text for text in own if text not in shared]
+        lines += [f"servo {actuator}: {', '.join(rest)}"] if rest else []
     return lines
 
 
@@ -142,7 +153,8 @@ def _duty(r: Reading) -> str:
 
 def _back_emf(r: Reading) -> str:
     model, back_emf = measure(r["nominal"], r["unit"]), measure(r["by_constants"], r["unit"])
-    damped = f"the joint is damped by {_measured(r)} in all"
+    joint = "the joint" if len(r["actuators"]) == 1 else "each joint"
+    damped = f"{joint} is damped by {_measured(r)} in all"
     return f"{damped}, where the model has {model} and the motor's back-EMF alone gives {back_emf}"
 
 
