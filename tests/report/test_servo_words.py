@@ -52,6 +52,15 @@ def test_a_gain_is_said_as_a_supply_or_a_resistance(tmp_path: Path) -> None:
     assert "(as if the supply were 6.07 V rather than 7.4 V, for example)" in plain(sentence(found))
 
 
+def test_a_line_of_torque_over_speed_is_a_supply_and_a_resistance(tmp_path: Path) -> None:
+    line = effect("torque_speed_limit", stall_torque=(0.5, 0.45, 0.55), no_load_speed=(15.0, 14.5, 15.5))
+    line["parameters"]["stall_torque"]["unit"], line["parameters"]["no_load_speed"]["unit"] = "N m", "rad/s"
+    found = told(tmp_path, [line])
+    said = "as if the supply were 6 V rather than 7.4 V and as if the motor's resistance were 4.8 ohm rather than 4 ohm"
+    assert said in plain(sentence(found))
+    assert plain(readings_sentence(found["explanation"][0]["motor"])).startswith("As if the supply were 6.00 V (5.80 ")
+
+
 def test_every_reading_stands_in_the_document_with_its_sentence(tmp_path: Path) -> None:
     found = json.loads(json.dumps(told(tmp_path, [GAIN])))
     supply = found["explanation"][0]["motor"][0]

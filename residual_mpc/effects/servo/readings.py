@@ -5,7 +5,7 @@ them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from residual_mpc.effects.actuator import ACTUATOR_GAIN, SATURATION, TORQUE_SPEED_LIMIT, VOLTAGE_SAG
@@ -45,6 +45,7 @@ class Reading:
         nominal: what it is in comparison to: the constant that the robot file states, or the model's own value.
         p_gain: of the servo's register, where the reading is about it.
         by_constants: the same quantity as the motor's constants alone give it, where they do.
+        jointly: it holds together with the other readings of the effect, where others are alternatives to each other.
     """
 
     actuators: tuple[str, ...]
@@ -55,6 +56,7 @@ class Reading:
     nominal: float
     p_gain: float | None = None
     by_constants: float | None = None
+    jointly: bool = False
 
 
 def readings_of(effect: Mapping[str, Any], driven: Sequence[Driven]) -> tuple[Reading, ...]:
@@ -65,13 +67,11 @@ def readings_of(effect: Mapping[str, Any], driven: Sequence[Driven]) -> tuple[Re
     law = LAWS.get(effect["effect"])
     if law is None or any(p["value"] is None for p in effect["parameters"].values()):  # null: without a bound
         return ()
-    shared: dict[tuple[Any, ...], list[str]] = {}
+    shared: dict[Reading, list[str]] = {}
     for one in driven:
         for reading in law(_parameters(effect), one):
-            key = (reading.quantity, reading.value, reading.ci95, reading.unit, reading.nominal, reading.p_gain,
-                   reading.by_constants)  # fmt: skip
-            shared.setdefault(key, []).append(one.actuator)
-    return tuple(Reading(tuple(actuators), *key) for key, actuators in shared.items())
+            shared.setdefault(replace(reading, actuators=()), []).append(one.actuator)
+    return tuple(replace(reading, actuators=tuple(actuators)) for reading, actuators in shared.items())
 
 
 def _gain(p: Mapping[str, Across], d: Driven) -> list[Reading]:
@@ -103,10 +103,11 @@ def _line(p: Mapping[str, Across], d: Driven) -> list[Reading]:
     kt, gear = d.motor.torque_constant, abs(d.gear)
     volts = mapped(lambda w: w / gear * kt, p["no_load_speed"])
     ohms = mapped(lambda stall, w: kt * kt * (w / gear) / (stall * gear), p["stall_torque"], p["no_load_speed"])
-    return [
+    both = [
         _reading(d, "supply_voltage", volts, "V", d.motor.voltage),
         _reading(d, "resistance", ohms, "ohm", d.motor.resistance),
     ]
+    return [replace(reading, jointly=True) for reading in both]
 
 
 def _saturation(p: Mapping[str, Across], d: Driven) -> list[Reading]:

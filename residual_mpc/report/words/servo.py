@@ -27,7 +27,7 @@ def readings_sentence(readings: Sequence[Reading]) -> str:
         causes = [r for r in group if r["quantity"] in CAUSES]
         others = [r for r in group if r["quantity"] not in CAUSES]
         where = "" if len(groups) == 1 else f"{listed(actuators)}: "
-        joint = "; or " if len(causes) > 1 else "; "
+        joint = " and " if any(r["jointly"] for r in causes) else "; or "
         clauses = [joint.join(reading_clause(r) for r in causes)] if causes else []
         clauses += [reading_clause(r) for r in others]
         said.append(where + "; ".join(clauses))
@@ -41,8 +41,10 @@ def short_reading(readings: Sequence[Reading]) -> str:
     said = causes or [r for r in readings if r["quantity"] == "stiffness"]
     if not said or len({tuple(r["actuators"]) for r in readings}) > 1:
         return ""
-    first, rest = said[0], len(causes) > 1
-    return reading_clause({**first, "ci95": None}) + (", for example" if rest else "")
+    clauses = [reading_clause({**r, "ci95": None}) for r in said]
+    if all(r["jointly"] for r in said):
+        return " and ".join(clauses)
+    return clauses[0] + (", for example" if len(causes) > 1 else "")
 
 
 def changes(document: Mapping[str, Any], registers: Mapping[str, Mapping[str, str]]) -> list[dict[str, Any]]:
