@@ -47,7 +47,8 @@ def write_servo_table(
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / TABLE, _wide(rows, together))
     write_atomically(folder / NUMBERS_FILE, _long(rows, together))
-    variants = f"; the variants' own models are ignored: these are values of {file.model}" if file.variants else ""
+    main = "the main model" if file.model is None else file.model.name
+    variants = f" (values of {main}: the variants in the robot file are ignored)" if file.variants else ""
     document = {
         "to": "servo-table",
         "robot": robot.name,
