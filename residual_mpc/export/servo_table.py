@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from residual_mpc.effects.servo.numbers import NUMBERS
+from residual_mpc.effects.servo.numbers import BY_NAME, NUMBERS
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.export.servo_choices import Across, across
@@ -72,6 +72,7 @@ def _wide(rows: Sequence[ServoRow], together: Together) -> str:
     head = ["actuator", "joint", "kind", "servo", *CONSTANTS]
     for name in names:
         head += [f"{name}_nominal", name, f"{name}_low", f"{name}_high", f"{name}_probability", f"{name}_shown"]
+        head += [f"{name}_by_constants"] if BY_NAME[name].constant else []
         head += [f"{name}_{text}" for text in ACROSS] if together else []
     body = []
     for row in rows:
@@ -80,6 +81,7 @@ def _wide(rows: Sequence[ServoRow], together: Together) -> str:
         values = {v.name: v for v in row.values}
         for name in names:
             line += _cells(values[name]) if name in values else [None] * 6
+            line += [values[name].by_constants if name in values else None] if BY_NAME[name].constant else []
             line += _together(together.get((row.actuator, name))) if together else []
         body.append(line)
     return _csv(head, body)
@@ -87,10 +89,10 @@ def _wide(rows: Sequence[ServoRow], together: Together) -> str:
 
 def _long(rows: Sequence[ServoRow], together: Together) -> str:
     head = ["actuator", "joint", "number", "unit", "nominal", "value", "low", "high", "probability", "shown", "effects",
-            "alike", "notes", *(ACROSS if together else ())]  # fmt: skip
+            "alike", "notes", "by_constants", *(ACROSS if together else ())]  # fmt: skip
     body = [
         [row.actuator, row.joint, v.name, v.unit, *_cells(v), " ".join(v.effects), int(v.alike), "; ".join(v.notes),
-         *(_together(together.get((row.actuator, v.name))) if together else ())]
+         v.by_constants, *(_together(together.get((row.actuator, v.name))) if together else ())]
         for row in rows
         for v in row.values
     ]

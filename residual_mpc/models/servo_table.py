@@ -1,7 +1,7 @@
 """The servos of a robot, a row each: what the model says of each, and what a diagnosis found."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import hypot
 from typing import Any, NamedTuple
 
@@ -36,6 +36,7 @@ class ServoValue:
             `not testable`, with `why`.
         effects: the named ones. alike: they were found for all joints alike.
         notes: what the diagnosis says of the value besides.
+        by_constants: what the motor's constants give; None where they do not, or are not stated.
     """
 
     name: str
@@ -49,6 +50,7 @@ class ServoValue:
     effects: tuple[str, ...] = ()
     alike: bool = False
     notes: tuple[str, ...] = ()
+    by_constants: float | None = None
 
 
 class _Doubts(NamedTuple):
@@ -92,9 +94,9 @@ def servo_rows(found: Mapping[str, Any], robot: Robot, file: RobotFile) -> tuple
     retuned = robot.actuator_values(assemble([tuned], {}))
     return tuple(
         ServoRow(
-            at.actuator, at.joint, at.kind, motor_of(file.motors, at.actuator),
+            at.actuator, at.joint, at.kind, (motor := _motor(at, robot, file)),
             tuple(
-                _value(number, sources, at, now, entries, doubts, robot)
+                replace(_value(number, sources, at, now, entries, doubts, robot), by_constants=_given(number, motor))
                 for number in NUMBERS
                 if not number.kinds or at.kind in number.kinds
                 if not _no_factor_of(number, at)
@@ -119,7 +121,7 @@ def driven_by(
         motor = row.motor
         mine = {name for name in (v.actuator, v.joint) if name in robot.slots(effect)}
         acted = target in mine if target is not None else mine and not mine & set(but)
-        if motor is not None and acted and v.joint not in optional.sliding(robot):
+        if motor is not None and acted:
             servo = next((x.value for x in row.values if x.name == SERVO_DAMPING), None)
             joint = v.viscous_friction
             damped = v.damping + joint, (v.damping if servo is None else servo) + joint
@@ -196,6 +198,16 @@ def _entry(entries: Sequence[Mapping[str, Any]], effect: str, slot: str) -> Mapp
     """Of the slot itself, else of all slots alike."""
     mine = [e for e in entries if e["effect"] == effect and e.get("target") in (slot, None)]
     return max(mine, key=lambda e: e.get("target") is not None, default=None)
+
+
+def _motor(at: ActuatorValues, robot: Robot, file: RobotFile) -> Motor | None:
+    """Of a joint that turns: the constants are in N m/A."""
+    return None if at.joint in optional.sliding(robot) else motor_of(file.motors, at.actuator)
+
+
+def _given(number: ServoNumber, motor: Motor | None) -> float | None:
+    """By the motor's constants."""
+    return None if motor is None or not number.constant else getattr(motor, number.constant)
 
 
 def _no_factor_of(number: ServoNumber, at: ActuatorValues) -> bool:

@@ -99,6 +99,16 @@ def test_a_number_without_a_bound_is_the_models(tmp_path: Path) -> None:
     assert value(found["s1"], "torque_limit").value == 2.0 and value(found["s1"], "no_load_speed").value is None
 
 
+def test_the_motors_constants_stand_beside_the_models_numbers(tmp_path: Path) -> None:
+    first = rows(tmp_path, [])["s1"]
+    assert first.motor is not None
+    given = {v.name: v.by_constants for v in first.values if v.by_constants is not None}
+    assert given == {
+        "damping": first.motor.damping, "torque_limit": first.motor.stall_torque,
+        "no_load_speed": first.motor.no_load_speed,
+    }  # without its P register the stiffness is not known  # fmt: skip
+
+
 def test_a_retuned_number_is_told_from_the_models(tmp_path: Path) -> None:
     tuned = {"effect": "tune", "target": None, "parameter": "joint.j1.damping", "value": 0.3}
     found = rows(tmp_path, [], model={"values": [tuned]})

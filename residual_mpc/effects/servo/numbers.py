@@ -50,6 +50,7 @@ class ServoNumber:
         absent: the value of a model that has none; None: no limit, rigid.
         sources: the effects that change it; those named act together.
         kinds: of actuators that have it; empty: all.
+        constant: of `Motor`, which gives the same quantity; empty where none does.
     """
 
     name: str
@@ -59,13 +60,14 @@ class ServoNumber:
     absent: float | None
     sources: tuple[Source, ...]
     kinds: tuple[str, ...] = ()
+    constant: str = ""
 
 
 NUMBERS: tuple[ServoNumber, ...] = (
     ServoNumber("stiffness", "stiffness", "N m/rad", "stiffness", 0.0, (Source(ACTUATOR_GAIN, "gain", "times"),),
-                ("position",)),
+                ("position",), "stiffness"),
     ServoNumber("damping", "servo damping", "N m s/rad", "damping", 0.0, (Source(ACTUATOR_GAIN, "gain", "times"),),
-                ("position", "velocity")),
+                ("position", "velocity"), "damping"),
     ServoNumber("gain", "gain", "1", "", 1.0, (Source(ACTUATOR_GAIN, "gain", "times"),), ("torque",)),
     ServoNumber("gain_loss", "loss of gain", "1/s", "", 0.0, (Source(VOLTAGE_SAG, "rate", "is"),)),
     ServoNumber("integral_gain", "integral gain", "1/s", "", 0.0, (Source(SERVO_INTEGRAL, "gain", "is"),),
@@ -87,9 +89,10 @@ NUMBERS: tuple[ServoNumber, ...] = (
                 (Source(JOINT_COMPLIANCE, "stiffness", "is"),)),
     ServoNumber("rotor_inertia", "rotor inertia", "kg m^2", "armature", 0.0, (Source(ARMATURE, "inertia", "plus"),)),
     ServoNumber("torque_limit", "torque limit", "N m", "effort_limit", None,
-                (Source(SATURATION, "limit", "at most", 1), Source(TORQUE_SPEED_LIMIT, "stall_torque", "at most", 1))),
+                (Source(SATURATION, "limit", "at most", 1), Source(TORQUE_SPEED_LIMIT, "stall_torque", "at most", 1)),
+                (), "stall_torque"),
     ServoNumber("no_load_speed", "no-load speed", "rad/s", "", None,
-                (Source(TORQUE_SPEED_LIMIT, "no_load_speed", "is", -1),)),
+                (Source(TORQUE_SPEED_LIMIT, "no_load_speed", "is", -1),), (), "no_load_speed"),
     ServoNumber("setpoint_rate", "setpoint rate", "rad/s", "", None, (Source(RATE_LIMIT, "rate", "is", -1),),
                 ("position",)),
     ServoNumber("dead_band", "dead band", "rad", "", 0.0, (Source(DEAD_ZONE, "width", "is", -1),), ("position",)),

@@ -7,7 +7,7 @@ from residual_mpc.effects.servo.numbers import BY_NAME, NUMBERS
 from residual_mpc.models.servo_table import NOT_TESTABLE, RETUNED
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.sections.section import Document, Section, render
-from residual_mpc.report.words.numbers import listed, percent
+from residual_mpc.report.words.numbers import listed, measure, percent
 from residual_mpc.report.words.servo import CHANGED, nominal_text, value_text
 
 Servo = Mapping[str, Any]
@@ -28,6 +28,7 @@ def servos(document: Document, evidence: Evidence) -> Section | None:
             for row, v in zip(rows, values, strict=True)
         ],
         alike=any(v["alike"] for row in rows for v in row["values"]),
+        motors=any(row["motor"] for row in rows),
         doubts=any(note.startswith("or ") for row in rows for v in row["values"] for note in v["notes"]),
         unnamed=_unnamed(rows, [n.name for n in columns]),
         untested=_reasons(rows),
@@ -52,6 +53,7 @@ def _cell(value: Mapping[str, Any] | None, unit: str) -> dict[str, Any]:
         "text": value_text(value, written).replace(" (", "\n(", 1).split("\n"),
         "changed": True,
         "model": nominal_text(value, written),
+        "motor": "" if value["by_constants"] is None else measure(value["by_constants"], written or value["unit"]),
         "remarks": [", ".join(_remarks(value)), *value["notes"]],
     }
 
