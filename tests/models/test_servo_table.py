@@ -76,7 +76,8 @@ def test_effects_on_one_number_add_up(tmp_path: Path) -> None:
     ])  # fmt: skip
     dry = value(found["s1"], "dry_friction")
     assert dry.value == pytest.approx(0.3) and dry.ci95 == pytest.approx((0.25, 0.35))  # 0.03 and 0.04, independent
-    assert dry.probability == 0.7 and value(found["s1"], "breakaway_friction").value == 0.3
+    assert dry.probability == 0.7
+    assert value(found["s1"], "breakaway_friction").value == pytest.approx(0.4)  # 0.1 of the one, 0.3 of the other
 
 
 def test_what_the_runs_do_not_show_is_said(tmp_path: Path) -> None:

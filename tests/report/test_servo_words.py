@@ -114,6 +114,15 @@ def test_the_page_has_the_table_and_the_settings(tmp_path: Path) -> None:
     assert "What you can change on the servo" in page
 
 
+def test_breaking_away_is_said_where_it_differs_from_sliding(tmp_path: Path) -> None:
+    law = effect("stribeck_friction", "j1", "N m", static=(0.3, 0.2, 0.4), kinetic=(0.2, 0.1, 0.3))
+    law["parameters"]["velocity"] = {"value": 0.1, "ci95": [0.0, 0.2], "unit": "rad/s"}
+    both = told(tmp_path, [effect("coulomb_friction", None, "N m", torque=(0.1, 0.05, 0.15)), law])
+    lines = diagnosis_lines(both)
+    assert any("servo s1: " in line and "breakaway friction" in line for line in lines)
+    assert not any("servo s2: " in line and "breakaway friction" in line for line in lines)
+
+
 def test_a_terminal_says_once_what_is_alike(tmp_path: Path) -> None:
     found = told(tmp_path, [GAIN, effect("coulomb_friction", "j1", "N m", torque=(0.1, 0.05, 0.15))])
     servos = [line.strip() for line in diagnosis_lines(found) if line.startswith(("  servo ", "  all servos"))]

@@ -51,6 +51,7 @@ class ServoNumber:
         sources: the effects that change it; those named act together.
         kinds: of actuators that have it; empty: all.
         constant: of `Motor`, which gives the same quantity; empty where none does.
+        same_as: name of another number, beside which it says nothing where both are equal.
     """
 
     name: str
@@ -61,6 +62,7 @@ class ServoNumber:
     sources: tuple[Source, ...]
     kinds: tuple[str, ...] = ()
     constant: str = ""
+    same_as: str = ""
 
 
 NUMBERS: tuple[ServoNumber, ...] = (
@@ -75,7 +77,7 @@ NUMBERS: tuple[ServoNumber, ...] = (
     ServoNumber("dry_friction", "dry friction", "N m", "friction", 0.0,
                 (Source(COULOMB, "torque", "plus"), Source(STRIBECK, "kinetic", "plus"))),
     ServoNumber("breakaway_friction", "breakaway friction", "N m", "friction", 0.0,
-                (Source(STRIBECK, "static", "plus"),)),
+                (Source(COULOMB, "torque", "plus"), Source(STRIBECK, "static", "plus")), same_as="dry_friction"),
     ServoNumber("viscous_friction", "viscous friction", "N m s/rad", "viscous_friction", 0.0,
                 (Source(VISCOUS, "coefficient", "plus"),)),
     ServoNumber("load_friction", "load-dependent friction", "1", "", 0.0,

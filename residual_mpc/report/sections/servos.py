@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from residual_mpc.effects.servo.numbers import BY_NAME, NUMBERS
-from residual_mpc.models.servo_table import NOT_TESTABLE, RETUNED
+from residual_mpc.models.servo_table import NOT_NAMED, NOT_TESTABLE, RETUNED
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.numbers import listed, measure, percent
-from residual_mpc.report.words.servo import CHANGED, nominal_text, value_text
+from residual_mpc.report.words.servo import CHANGED, is_changed, nominal_text, value_text
 
 Servo = Mapping[str, Any]
 
@@ -17,7 +17,8 @@ def servos(document: Document, evidence: Evidence) -> Section | None:
     """There where a number of a servo is changed."""
     rows: Sequence[Servo] = document.get("servos") or []
     values = [{v["name"]: v for v in row["values"]} for row in rows]
-    columns = [n for n in NUMBERS if any(v.get(n.name, {}).get("status") in CHANGED for v in values)]
+    changed = {v["name"] for row in rows for v in row["values"] if is_changed(v, row)}
+    columns = [n for n in NUMBERS if n.name in changed]
     if not columns:
         return None
     body = render(
@@ -69,7 +70,7 @@ def _remarks(value: Mapping[str, Any]) -> Iterator[str]:
 
 def _unnamed(rows: Sequence[Servo], shown: Sequence[str]) -> str:
     """The numbers in which no servo differs from its model."""
-    left = [v for row in rows for v in row["values"] if v["name"] not in shown and v["status"] != NOT_TESTABLE]
+    left = [v for row in rows for v in row["values"] if v["name"] not in shown and v["status"] == NOT_NAMED]
     names = [n.text for n in NUMBERS if n.name in {v["name"] for v in left}]
     return listed(names) if names else ""
 

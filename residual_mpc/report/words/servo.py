@@ -87,6 +87,13 @@ def nominal_text(value: Mapping[str, Any], unit: str | None = None) -> str:
     return "none" if value["nominal"] is None else measure(value["nominal"], unit or value["unit"])
 
 
+def is_changed(value: Mapping[str, Any], servo: Mapping[str, Any]) -> bool:
+    """Whether a number of a servo differs from the model's, and says more than the others."""
+    other = BY_NAME[value["name"]].same_as
+    same = any(v["name"] == other and v["value"] == value["value"] for v in servo["values"])
+    return value["status"] in CHANGED and not same
+
+
 def servo_lines(document: Mapping[str, Any]) -> list[str]:
     """A line a servo for a terminal: the numbers that the diagnosis changes, each beside the model's. What is the same
     for several servos, all of them, is said once."""
@@ -94,7 +101,7 @@ def servo_lines(document: Mapping[str, Any]) -> list[str]:
         servo["actuator"]: [
             f"{BY_NAME[v['name']].text} {nominal_text(v)} {ARROW} {value_text(v)}"
             for v in servo["values"]
-            if v["status"] in CHANGED
+            if is_changed(v, servo)
         ]
         for servo in document.get("servos") or []
     }
