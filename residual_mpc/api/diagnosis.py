@@ -17,6 +17,7 @@ from residual_mpc.api.early_answers import SO_FAR, EarlyAnswers
 from residual_mpc.api.resume import checkpoint_in, key_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
+from residual_mpc.api.servos import with_servos
 from residual_mpc.api.written import Source, name_robot_file, written
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
@@ -85,6 +86,19 @@ class Diagnosis:
             for e in self.explanation
             for name, p in e["parameters"].items()
         ]
+        return pd.DataFrame(rows, columns=columns)
+
+    def servos(self) -> "DataFrame":
+        """One row a number of a servo of an arm: the model's, and corrected with its 95 % interval (low, high)."""
+        import pandas as pd
+
+        columns = ["actuator", "joint", "number", "unit", "nominal", "value", "low", "high", "probability", "status"]
+        rows = [
+            (s["actuator"], s["joint"], v["name"], v["unit"], v["nominal"], v["value"], *(v["ci95"] or (None, None)),
+             v["probability"], v["status"])
+            for s in self.document["servos"]
+            for v in s["values"]
+        ]  # fmt: skip
         return pd.DataFrame(rows, columns=columns)
 
     def save(self, folder: str | Path) -> Path:
@@ -185,14 +199,14 @@ def diagnose(
 
     def answered(record: Record) -> None:
         if folder is not None:
-            write_answer(_placed(_document(record, runs, said), robot, runs.paths, folder), folder)
+            write_answer(_placed(_document(record, robot, runs, said), robot, runs.paths, folder), folder)
 
     made = run_diagnosis(
         runs.runs, runs.models, runs.noise, robot.file.tunable, options, np.random.default_rng(seed), progress,
         LEARNERS, answered, checkpoint, unheard if say is None else EarlyAnswers(robot, folder, say),
     )  # fmt: skip
     progress("planning the next experiment", 0.96)
-    document = _document(made.diagnosis, runs, said)
+    document = _document(made.diagnosis, robot, runs, said)
     logged = {c for r in runs for c in (*r.columns, *r.extra_columns)}
     proposal = propose(document, robot.model, _excite(robot, Path()), seed, logged)
     document["next_experiment"] = proposal.next_experiment
@@ -204,9 +218,9 @@ def diagnose(
     return found
 
 
-def _document(record: Record, runs: Runs, command: str) -> dict[str, Any]:
+def _document(record: Record, robot: NominalRobot, runs: Runs, command: str) -> dict[str, Any]:
     """diagnosis.json, but for the next experiment made concrete and the places of files."""
-    document = to_document(record)
+    document = with_servos(to_document(record), robot)
     document["audit"] = [asdict(finding) for finding in runs.findings]
     document["command"] = command
     document["verdict_sentence"] = sentence(document)

@@ -1,6 +1,6 @@
 """The augmented model: nominal robot, diagnosed effects and learned network as one step x+ = f(x, u, p)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import entry_points
@@ -17,26 +17,27 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.actuators import write_actuators
 from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
+from residual_mpc.export.servo_table import write_servo_table
 from residual_mpc.export.sysid import write_sysid
 from residual_mpc.export.urdf import write_urdf
 from residual_mpc.export.write import TARGETS, write_mjcf, write_model
 from residual_mpc.files import write_json
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models import optional
-from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_content, model_in
+from residual_mpc.models.model_file import MODEL_SCHEMA, Written, diagnosis_in, model_content, model_in
 from residual_mpc.models.settings import TUNE
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-MODELS = ("mjcf", "urdf", "sysid", "actuators")  # targets that are models of other tools
+MODELS = ("mjcf", "urdf", "sysid", "actuators", "servo-table")  # targets that are models or tables for other tools
 CONTROLLERS = "residual_mpc.controllers"  # entry points: "mpc" and "lqr"
 
 
 @dataclass(frozen=True, eq=False)
 class AugmentedModel:
     """A nominal robot with effects and a network. source: the content of model.json; build: how its step is made;
-    explanation: of the diagnosis that it was made of, with intervals.
+    explanation: of the diagnosis that it was made of, with intervals; found: that diagnosis, None without one.
 
     The step is made when it is first needed. What needs it raises BadInput for a robot that has no symbolic step.
     """
@@ -45,6 +46,7 @@ class AugmentedModel:
     source: Written
     build: Build
     explanation: tuple[Mapping[str, Any], ...] = ()
+    found: Mapping[str, Any] | None = None
 
     @cached_property
     def augmented(self) -> Augmented:
@@ -98,13 +100,18 @@ class AugmentedModel:
         _, a, b = self._compiled.stage(x, u, self.p)
         return np.array(a), np.array(b)
 
-    def export(self, to: str, folder: str | Path, seed: int = 0, physics_dt: float | None = None) -> dict[str, Any]:
+    def export(
+        self, to: str, folder: str | Path, seed: int = 0, physics_dt: float | None = None,
+        beside: Sequence[Source] = (),
+    ) -> dict[str, Any]:  # fmt: skip
         """Write the model for others; what `export --json` prints.
 
         Args:
-            to: "casadi", "c", "jax", "onnx" (the network alone), "mjcf", "urdf", "sysid" or "actuators".
+            to: "casadi", "c", "jax", "onnx" (the network alone), "mjcf", "urdf", "sysid",
+                "actuators" or "servo-table".
             seed: of the points at which the files are compared with their source.
             physics_dt: s, step of the simulation that "actuators" are for; by default the model's own.
+            beside: other diagnoses of this robot, from other motions, that "servo-table" pools.
 
         Raises:
             BadInput: a target that this model cannot have.
@@ -118,11 +125,20 @@ class AugmentedModel:
             document = write_sysid(self.source, self.explanation, self.robot.model, where)
         elif to == "actuators":
             document = write_actuators(self.source, self.explanation, self.robot.model, physics_dt, where)
+        elif to == "servo-table":
+            document = self._servo_table(where, beside)
         elif to in TARGETS:
             document = write_model(self.augmented, to, where, np.random.default_rng(seed))
         else:
             raise BadInput(f"unknown export format {to!r}", "--to", f"give one of {', '.join((*TARGETS, *MODELS))}")
         return {**document, "folder": str(where)}
+
+    def _servo_table(self, where: Path, beside: Sequence[Source]) -> dict[str, Any]:
+        others = [written(source) for source in beside]
+        for other in others:
+            _check_robot(other, self.robot)
+        contents = [diagnosis_in(other) for other in others]
+        return write_servo_table(self.source, self.found, self.robot.model, self.robot.file, where, contents)
 
     def mpc(self, horizon: int = 20, settings: Any = None) -> Any:
         """A model predictive controller (controllers.mpc.Mpc).
@@ -232,7 +248,8 @@ def augment(
     source = _source(robot, given)
     settings_from(source, robot.model)  # refuses what is of another robot
     explanation = () if below is None else tuple(below.content.get("explanation", ()))
-    return AugmentedModel(robot, source, Build(dt or usual, smooth, disturbances), explanation)
+    found = below.content if below is not None and "explanation" in below.content else None
+    return AugmentedModel(robot, source, Build(dt or usual, smooth, disturbances), explanation, found)
 
 
 def _check_robot(source: Written | None, robot: NominalRobot) -> None:

@@ -9,7 +9,7 @@ from residual_mpc.cli.common import ROBOT, a_number, emit, json_option, read, se
 from residual_mpc.cli.many import TakingMany
 from residual_mpc.errors import BadInput
 
-MODELS = ("casadi", "c", "jax", "onnx", "mjcf", "urdf", "sysid", "actuators")
+MODELS = ("casadi", "c", "jax", "onnx", "mjcf", "urdf", "sysid", "actuators", "servo-table")
 RECORDINGS = {"rerun": ".rrd", "mcap": ".mcap"}
 
 
@@ -38,28 +38,36 @@ RECORDINGS = {"rerun": ".rrd", "mcap": ".mcap"}
     "--horizon", type=click.FloatRange(0.05, 60.0), callback=a_number,
     help="For `rerun` and `mcap`: prediction horizon in seconds; defaults to the diagnosis', else 1.",
 )  # fmt: skip
+@click.option(
+    "--beside", multiple=True, metavar="DIAGNOSIS...",
+    help="For `servo-table`: other diagnosis.json files of this robot, from other motions, to pool.",
+)  # fmt: skip
 @json_option
 @seed_option
 def export(
     file: Path, to: str, robot: str | None, out: Path | None, dt: float | None, smooth: float, runs: tuple[str, ...],
-    horizon: float | None, as_json: bool, seed: int,
+    horizon: float | None, beside: tuple[str, ...], as_json: bool, seed: int,
 ) -> None:  # fmt: skip
     """Export the augmented model in FILE (model.json or diagnosis.json) and report its difference from the source.
 
+    `servo-table` writes a CSV with a row for each servo: the model's values and the corrected ones, with intervals.
     `rerun` and `mcap` write runs instead: measured, nominal and corrected signals, gap and robot over time.
     """
+    if beside and to != "servo-table":
+        raise BadInput(f"only --to servo-table takes --beside, got --to {to}", "--beside", "omit --beside")
     if to in RECORDINGS:
         _recordings(file, to, robot, out, runs, horizon, as_json, seed)
         return
     for option, given in (("--runs", runs), ("--horizon", horizon)):
         if given:
             raise BadInput(f"only --to rerun and --to mcap take {option}, got --to {to}", option, f"omit {option}")
-    _model(file, to, robot, out, dt, smooth, as_json, seed)
+    _model(file, to, robot, out, dt, smooth, beside, as_json, seed)
 
 
 def _model(
-    file: Path, to: str, robot: str | None, out: Path | None, dt: float | None, smooth: float, as_json: bool, seed: int
-) -> None:
+    file: Path, to: str, robot: str | None, out: Path | None, dt: float | None, smooth: float, beside: tuple[str, ...],
+    as_json: bool, seed: int,
+) -> None:  # fmt: skip
     from residual_mpc.api.model import augment
     from residual_mpc.api.robot import load_robot
     from residual_mpc.export.source import robot_beside
@@ -71,7 +79,7 @@ def _model(
     writable_folder(where)
     nominal = load_robot(robot or robot_beside(source.content, file))
     learned = file if residual_in(source) is not None else None
-    result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed, dt)
+    result = augment(nominal, file, learned, dt=dt, smooth=smooth).export(to, where, seed, dt, beside)
     if to in ("mjcf", "urdf") and nominal.file.variants:
         click.echo(f"note: the model is {nominal.file.model}; the variants in the robot file are ignored", err=True)
     if _said(result, as_json) or "largest_difference" not in result:

@@ -9,6 +9,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from residual_mpc.errors import BadInput
+from residual_mpc.models.motors.tables import check_names
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile
 
@@ -19,7 +20,8 @@ REQUIRED = tuple(name for name in vars(Robot) if not name.startswith("_"))
 def load_robot(robot: RobotFile) -> Robot:
     """Build the nominal model that the file names.
 
-    Raises BadInput for a plant that does not exist, whose module does not import, or whose factory fails.
+    Raises BadInput for a plant that does not exist, whose module does not import, or whose factory fails, and for a
+    motor of an actuator that the model does not have.
     """
     factory = _factory(robot)
     try:
@@ -35,6 +37,7 @@ def load_robot(robot: RobotFile) -> Robot:
             robot.source,
             "return an object with the members of residual_mpc.models.protocol.Robot",
         )
+    check_names(robot.motors, model.actuators, robot.source)
     return model
 
 

@@ -13,11 +13,12 @@ from typing import cast
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import group, is_measured, member, within_topic
 from residual_mpc.models.actuators import Actuator
+from residual_mpc.models.motors.tables import Entries, check_motors
 from residual_mpc.models.robot_keys import Side, fields_of, text_of, wrong_value
 
 MODELS = (".xml", ".mjcf", ".urdf", ".xacro")  # given in place of a robot file; a xacro is refused with a remedy
 WHEELS = ("wheel_radius", "track_width")  # parameters of a robot that the velocity of its body can drive
-MERGED = ("parameters", "noise", "log", "actuators")  # a variant overrides single entries of these
+MERGED = ("parameters", "noise", "log", "actuators", "motors")  # a variant overrides single entries of these
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class RobotFile:
         servo_feedback: side of the gear that closes a position loop.
         position_sensor: side of the gear that `position.*` reports.
         actuators: by joint, for a model that has none of its own, such as a URDF.
+        motors: constants of the motors, see `residual_mpc.models.motors.tables.motor_of`.
         held: joints or actuators that nobody commands: they stay where each window starts.
         tunable: glob patterns of nominal parameters that are free in every hypothesis.
         variants: other settings; see `for_run`.
@@ -68,6 +70,7 @@ class RobotFile:
     servo_feedback: Side = "motor"
     position_sensor: Side = "link"
     actuators: Mapping[str, Actuator] = field(default_factory=dict)
+    motors: Entries = field(default_factory=dict)
     held: tuple[str, ...] = ()
     tunable: tuple[str, ...] = ()
     variants: tuple[Variant, ...] = ()
@@ -125,14 +128,17 @@ def read_robot_file(path_or_name: str | Path) -> RobotFile:
             'add a line such as plant = "diff_drive" or plant = "mujoco" above the first [table]',
         )
     values.setdefault("name", path.stem)
-    return RobotFile(folder=path.parent, variants=variants, source=where, **values)  # type: ignore[arg-type]
+    robot = RobotFile(folder=path.parent, variants=variants, source=where, **values)  # type: ignore[arg-type]
+    for motors in (robot.motors, *({**robot.motors, **_motors_in(v)} for v in variants)):
+        check_motors(motors, where)
+    return robot
 
 
 def for_run(robot: RobotFile, run_name: str) -> RobotFile:
     """The robot as it was in one run: the first variant whose pattern matches the run's name is applied.
 
-    Entries of `parameters`, `noise`, `log` and `actuators` are overridden one by one, any other key as a whole. A run
-    name that was made unique by a prefix ("table/run") also matches by what follows its last slash.
+    Entries of `parameters`, `noise`, `log`, `actuators` and `motors` are overridden one by one, any other key as a
+    whole. A run name that was made unique by a prefix ("table/run") also matches by what follows its last slash.
     """
     names = (run_name, run_name.rpartition("/")[2])
     for variant in robot.variants:
@@ -159,6 +165,10 @@ def measured_over(robot: RobotFile, run_names: Sequence[str]) -> tuple[str, ...]
     """The actuators whose command is a measured column in every run, see `RobotFile.measured_commands`."""
     each = [set(for_run(robot, name).measured_commands) for name in run_names]
     return tuple(a for a in robot.measured_commands if all(a in measured for measured in each))
+
+
+def _motors_in(variant: Variant) -> Entries:
+    return cast(Entries, variant.overrides.get("motors", {}))
 
 
 def _named(text: str, path: Path) -> RobotFile:

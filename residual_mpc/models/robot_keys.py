@@ -9,6 +9,7 @@ from typing import Literal, cast, get_args
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.columns import GROUPS, PLANAR, SPECIAL, did_you_mean, group, is_measured
 from residual_mpc.models.actuators import Actuator, read_actuators
+from residual_mpc.models.motors.tables import read_motors
 
 Side = Literal["motor", "link"]
 
@@ -117,6 +118,12 @@ def _actuators(value: object, key: str, where: str, _: Path) -> dict[str, Actuat
     return read_actuators(value, where)
 
 
+def _motors(value: object, key: str, where: str, _: Path) -> dict[tuple[str, str], float | str]:
+    if not isinstance(value, dict):
+        raise wrong_value(value, "a table [motor] or [motor.<actuator>]", key, where)
+    return read_motors(value, where)
+
+
 def _log(value: object, key: str, where: str, folder: Path) -> dict[str, str]:
     columns: dict[str, str] = {}
     for name, item in _entries(value, key, where).items():
@@ -153,7 +160,8 @@ READERS: Mapping[str, Callable[[object, str, str, Path], object]] = {
     "servo_feedback": _side,
     "position_sensor": _side,
     "actuator": _actuators,
+    "motor": _motors,
     "held": _texts,
     "tunable": _texts,
 }
-FIELD = {"actuator": "actuators"}  # of `RobotFile`, where its name is not the key's
+FIELD = {"actuator": "actuators", "motor": "motors"}  # of `RobotFile`, where its name is not the key's

@@ -15,13 +15,15 @@ from residual_mpc.report.sections.motion import motion
 from residual_mpc.report.sections.next import next_experiment
 from residual_mpc.report.sections.not_testable import not_testable
 from residual_mpc.report.sections.section import Document, Maker, Section, render
+from residual_mpc.report.sections.servo_changes import servo_changes
+from residual_mpc.report.sections.servos import servos
 from residual_mpc.report.sections.traces import traces
 from residual_mpc.report.sections.verdict import verdict
 from residual_mpc.report.sections.where import where
 
 SECTIONS: tuple[Maker, ...] = (
-    verdict, motion, gap, traces, explore, where, causes, confounded, next_experiment, not_testable, left, audit,
-    definitions,
+    verdict, motion, gap, traces, explore, where, causes, servos, servo_changes, confounded, next_experiment,
+    not_testable, left, audit, definitions,
 )  # fmt: skip
 
 NAME = "report.html"

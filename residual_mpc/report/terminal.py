@@ -8,6 +8,7 @@ from residual_mpc.report.words.gaps import few_windows, horizon_line, horizons_o
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
 from residual_mpc.report.words.rest import rest_sentence
+from residual_mpc.report.words.servo import readings_sentence, servo_lines
 from residual_mpc.report.words.summary import sentence, surest_first, unseen
 
 Document = Mapping[str, Any]
@@ -22,7 +23,8 @@ def diagnosis_lines(document: Document) -> list[str]:
         *_reference(gap),
         *_doubts(gap, explained),
         *_shrink(document),
-        *(_cause(effect) for effect in surest_first(document["explanation"])),
+        *(line for effect in surest_first(document["explanation"]) for line in (_cause(effect), *_motor(effect))),
+        *servo_lines(document),
         *(group_sentence(group) for group in document.get("confounded") or []),
     ]
     if document.get("remainder"):
@@ -78,6 +80,11 @@ def _cause(effect: Document) -> str:
     sure = effect.get("probability")
     parts = [*numbers, *([] if sure is None else [f"probability {sure:.2f}"])]
     return f"{named}: {', '.join(parts)}{_remark(effect)}"
+
+
+def _motor(effect: Document) -> list[str]:
+    text = readings_sentence(effect.get("motor") or [])
+    return [f"  {text.removesuffix('.')}"] if text else []
 
 
 def _remark(entry: Document) -> str:

@@ -50,6 +50,7 @@ def environment() -> "Environment":
         "effect_numbers": effects.numbers_of,
         "effect_sentence": effects.sentence_of,
         "effect_stage": effects.stage,
+        "unit_text": numbers.spelled,
         "capital": lambda text: text[:1].upper() + text[1:],
         "listed": numbers.listed,
         "count": numbers.count,

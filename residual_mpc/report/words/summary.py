@@ -6,6 +6,7 @@ from typing import Any
 from residual_mpc.report.words.effects import name, sentence_of
 from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, size
 from residual_mpc.report.words.numbers import listed, number, percent
+from residual_mpc.report.words.servo import short_reading
 
 NAMED = 3  # causes named in the sentence; the rest are counted
 SURE = 0.5  # probability below which an effect is a possibility
@@ -65,14 +66,20 @@ def _causes(document: Mapping[str, Any]) -> str:
     """The surest causes first; those below an even chance after the word "possibly"."""
     effects = surest_first(document["explanation"])
     said = effects if len(effects) <= NAMED + 1 else effects[:NAMED]  # "1 more" is no shorter than the effect
-    sure = [sentence_of(effect) for effect in said if _probability(effect) >= SURE]
-    maybe = [f"possibly {sentence_of(effect)}" for effect in said if _probability(effect) < SURE]
+    sure = [_clause(effect) for effect in said if _probability(effect) >= SURE]
+    maybe = [f"possibly {_clause(effect)}" for effect in said if _probability(effect) < SURE]
     hidden = effects[len(said) :]
     if hidden:
         doubted = "possibly " if all(_probability(effect) < SURE for effect in hidden) else ""
         (maybe if maybe else sure).append(f"{doubted}{len(hidden)} more effects contribute")
     text = listed([*sure, *maybe])
     return text[:1].upper() + text[1:]
+
+
+def _clause(effect: Mapping[str, Any]) -> str:
+    """With what it would be on a motor whose constants are known."""
+    motor = short_reading(effect.get("motor") or [])
+    return f"{sentence_of(effect)} ({motor})" if motor else sentence_of(effect)
 
 
 def _adding(document: Mapping[str, Any]) -> str:
