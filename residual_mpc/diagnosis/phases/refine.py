@@ -25,6 +25,7 @@ from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.shrink import Shrink, expected_shrink
+from residual_mpc.diagnosis.search.optional_numbers import least_shown, without_number
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
@@ -123,9 +124,12 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
 
 
 def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
-    """The fit without the effects that cannot be told from none on all windows, and those."""
+    """The fit without the optional numbers and the effects that cannot be told from none on all windows, and those
+    effects."""
     settings = options.settings
     blocks, gone = blocks_of(problem.data, settings=settings.fit), list[Term]()
+    while (number := least_shown(polished.fit, blocks, settings=settings.fit)) is not None:
+        polished = _again(problem, polished, without_number(polished.fit.values, number), options)
     while (term := least_sure(polished.fit, blocks, settings=settings.fit)) is not None:
         gone.append(term)
         polished = _again(problem, polished, without(polished.fit.values, term), options)

@@ -1,0 +1,130 @@
+"""Numbers that stay at their null value unless the runs show another, such as where a payload sits beside its site.
+
+No probe looks at them, and a set is searched without them. Once the effect that they belong to is in a set, one
+derivative each says by how much freeing them would lower the cost (a score test: Rao, Linear Statistical Inference,
+1973, section 6e.3), for every choice among them; what may pass for beyond doubt is fitted, and has to be convincing
+like an effect that is added.
+"""
+
+from collections.abc import Sequence
+from itertools import chain, combinations
+
+import numpy as np
+from scipy.special import chdtri
+
+from residual_mpc.diagnosis.fit.evidence import covariance
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.search.screen import absorbed
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
+
+Makeup = frozenset[Term | Knob]  # the effects of a set, and which of their optional numbers are free
+
+
+def freed(values: Values) -> tuple[Knob, ...]:
+    """The optional numbers among the values."""
+    return tuple(k for k in values if k.effect != TUNE and BY_NAME[k.effect].parameter(k.parameter).optional)
+
+
+def makeup(values: Values) -> Makeup:
+    """What two sets have to share to be the same."""
+    return frozenset(k.term for k in values if k.effect != TUNE) | frozenset(freed(values))
+
+
+def without_number(values: Values, knob: Knob) -> dict[Knob, float]:
+    """The values with an optional number at its null value."""
+    return {k: v for k, v in values.items() if k != knob}
+
+
+def may_be_shown(problem: Problem, fit: Fit) -> tuple[Knob, ...]:
+    """The optional numbers that are not free in a fit, of the effects that are new in it where it is told which are."""
+    new = {k.term for k in fit.knobs if k.effect != TUNE and (fit.fresh is None or k in fit.fresh)}
+    return tuple(k for t in fit.terms if t in new for k in problem.space.optional(t) if k not in fit.values)
+
+
+def with_shown(
+    problem: Problem, fits: Sequence[Fit], phi: float, weight: float, settings: SearchSettings
+) -> list[Fit | None]:
+    """Of each fit, the same with those optional numbers free that promise to be beyond doubt, fitted roughly; None
+    where none do. phi: dispersion of the residuals; weight: of this problem's cost, see `smaller`."""
+    starts = _promising(problem, fits, phi / weight, settings)
+    begun = [(fit, start) for fit, start in zip(fits, starts, strict=True) if start is not None]
+    fresh = [(f.fresh or frozenset()) | frozenset(freed(s)) for f, s in begun]
+    ends = iter(
+        fit_all(
+            problem,
+            [s for _, s in begun],
+            settings.additions.rough,
+            rough=True,
+            near=[f for f, _ in begun],
+            fresh=fresh,
+            settings=settings.fit,
+        )
+    )
+    found = [None if start is None else next(ends) for start in starts]
+    return [end if end is not None and end.cost < fit.cost else None for fit, end in zip(fits, found, strict=True)]
+
+
+def least_shown(fit: Fit, blocks: np.ndarray, settings: FitSettings) -> Knob | None:
+    """The optional number that is nearest to its null value, in standard deviations, among those whose 95 % interval
+    holds it; None where every one is shown."""
+    mine = freed(fit.values)
+    if not mine:
+        return None
+    spread = np.diag(covariance(fit, blocks))
+    away = {k: fit.values[k] - BY_NAME[k.effect].parameter(k.parameter).null for k in mine}
+    distance = {k: away[k] ** 2 / max(float(spread[fit.knobs.index(k)]), 1e-300) for k in mine}
+    distance |= {k: np.inf for k, held in zip(fit.knobs, fit.held.tolist(), strict=True) if held and k in distance}
+    nearest = min(distance, key=lambda k: distance[k])
+    return nearest if distance[nearest] < float(chdtri(1, settings.evidence.doubt)) else None
+
+
+def _promising(
+    problem: Problem, fits: Sequence[Fit], phi: float, settings: SearchSettings
+) -> list[dict[Knob, float] | None]:
+    """Where the fits with optional numbers begin; None for those in which none is worth it."""
+    left = [may_be_shown(problem, fit) for fit in fits]
+    tuned = settings.fit.least_squares
+    step = tuned.rough_step if problem.space.rough else tuned.step
+    moves = [{k: problem.space.null(k) + step * problem.space.scale(k)} for knobs in left for k in knobs]
+    owners = [fit for fit, knobs in zip(fits, left, strict=True) for _ in knobs]
+    if not moves:
+        return [None] * len(fits)
+    moved = problem.residuals([{**fit.values, **move} for fit, move in zip(owners, moves, strict=True)])
+    out: list[dict[Knob, float] | None] = []
+    at = 0
+    for fit, knobs in zip(fits, left, strict=True):
+        columns = (moved[at : at + len(knobs)] - fit.r).reshape(len(knobs), fit.r.size).T / step
+        at += len(knobs)
+        chosen = _best(problem, fit, knobs, columns, phi, settings)
+        out.append(None if chosen is None else {**fit.values, **chosen})
+    return out
+
+
+def _best(
+    problem: Problem, fit: Fit, knobs: Sequence[Knob], columns: np.ndarray, phi: float, settings: SearchSettings
+) -> dict[Knob, float] | None:
+    """The choice of numbers with the largest likelihood ratio after what each of them has to be worth, at the ends of
+    the linear steps to them within their bounds; None where none reaches the least that is ever asked for.
+
+    columns (n, K): derivatives of the residual by the numbers, in their scales.
+    """
+    basis, r = absorbed(fit), fit.r.ravel()
+    columns = columns - basis @ (basis.T @ columns)
+    left = r - basis @ (basis.T @ r)
+    best, found = settings.beyond_doubt_most, None
+    every = chain.from_iterable(combinations(range(len(knobs)), n + 1) for n in range(len(knobs)))
+    for some in map(list, every):
+        scales = np.array([problem.space.scale(knobs[i]) for i in some])
+        nulls = np.array([problem.space.null(knobs[i]) for i in some])
+        low, high = np.array([problem.space.bounds(knobs[i]) for i in some]).T
+        x = np.linalg.lstsq(columns[:, some], -left, rcond=1e-9)[0]
+        x = np.clip(nulls + x * scales, low, high)
+        after = left + columns[:, some] @ ((x - nulls) / scales)
+        worth = float(left @ left - after @ after) / phi - settings.per_knob * len(some)
+        if worth > best:
+            best, found = worth, {knobs[i]: float(v) for i, v in zip(some, x, strict=True)}
+    return found
