@@ -25,7 +25,7 @@ from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.shrink import Shrink, expected_shrink
-from residual_mpc.diagnosis.search.optional_numbers import least_shown, without_number
+from residual_mpc.diagnosis.search.optional_numbers import freed, unshown, with_all_free, without_numbers
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
@@ -51,6 +51,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     starts = [rivalry.fit.values, found.base.values]
     polished, base = polish(problem, starts, options.final_steps, searched.scales, settings=settings.fit)
     polished, vetoed = _heed_encoders(problem, polished, options)
+    polished = _choose_numbers(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit
     with_outliers = _outliers_count(prepared, prepared.space.settings([final.values]), rng)
@@ -123,13 +124,22 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
     return _again(problem, polished, left, options), vetoed
 
 
+def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> Polished:
+    """The fit with the optional numbers that all windows show: the search chose among them on few."""
+    space, settings = problem.space, options.settings.fit
+    if not freed(polished.fit.values):
+        return polished
+    every = with_all_free(space, polished.fit.values)
+    whole = _again(problem, polished, every, options)
+    gone = unshown(space, whole.fit, blocks_of(problem.data, settings=settings), settings)
+    kept = without_numbers(whole.fit.values, *gone)
+    return polished if kept.keys() == polished.fit.values.keys() else _again(problem, polished, kept, options)
+
+
 def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:
-    """The fit without the optional numbers and the effects that cannot be told from none on all windows, and those
-    effects."""
+    """The fit without the effects that cannot be told from none on all windows, and those."""
     settings = options.settings
     blocks, gone = blocks_of(problem.data, settings=settings.fit), list[Term]()
-    while (number := least_shown(polished.fit, blocks, settings=settings.fit)) is not None:
-        polished = _again(problem, polished, without_number(polished.fit.values, number), options)
     while (term := least_sure(polished.fit, blocks, settings=settings.fit)) is not None:
         gone.append(term)
         polished = _again(problem, polished, without(polished.fit.values, term), options)

@@ -16,6 +16,7 @@ from residual_mpc.diagnosis.fit.evidence import covariance
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.search.screen import absorbed
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.effects.library import BY_NAME
@@ -34,9 +35,15 @@ def makeup(values: Values) -> Makeup:
     return frozenset(k.term for k in values if k.effect != TUNE) | frozenset(freed(values))
 
 
-def without_number(values: Values, knob: Knob) -> dict[Knob, float]:
-    """The values with an optional number at its null value."""
-    return {k: v for k, v in values.items() if k != knob}
+def without_numbers(values: Values, *knobs: Knob) -> dict[Knob, float]:
+    """The values with some optional numbers at their null values."""
+    return {k: v for k, v in values.items() if k not in knobs}
+
+
+def with_all_free(space: Space, values: Values) -> dict[Knob, float]:
+    """The values, and the other optional numbers of the effects of which one is free, at their null values."""
+    every = [k for term in dict.fromkeys(k.term for k in freed(values)) for k in space.optional(term)]
+    return {**dict(values), **{k: space.null(k) for k in every if k not in values}}
 
 
 def may_be_shown(problem: Problem, fit: Fit) -> tuple[Knob, ...]:
@@ -68,18 +75,26 @@ def with_shown(
     return [end if end is not None and end.cost < fit.cost else None for fit, end in zip(fits, found, strict=True)]
 
 
-def least_shown(fit: Fit, blocks: np.ndarray, settings: FitSettings) -> Knob | None:
-    """The optional number that is nearest to its null value, in standard deviations, among those whose 95 % interval
-    holds it; None where every one is shown."""
-    mine = freed(fit.values)
-    if not mine:
-        return None
-    spread = np.diag(covariance(fit, blocks))
-    away = {k: fit.values[k] - BY_NAME[k.effect].parameter(k.parameter).null for k in mine}
-    distance = {k: away[k] ** 2 / max(float(spread[fit.knobs.index(k)]), 1e-300) for k in mine}
-    distance |= {k: np.inf for k, held in zip(fit.knobs, fit.held.tolist(), strict=True) if held and k in distance}
-    nearest = min(distance, key=lambda k: distance[k])
-    return nearest if distance[nearest] < float(chdtri(1, settings.evidence.doubt)) else None
+def unshown(space: Space, fit: Fit, blocks: np.ndarray, settings: FitSettings) -> tuple[Knob, ...]:
+    """The optional numbers that a fit with all of them free does not tell from their null values: as many as a 95 %
+    region holds together (Wald's test, with the sandwich covariance); of as many, those with which the likeliest rest
+    remains, which lies within its bounds with three standard deviations."""
+    knobs = [k for k, held in zip(fit.knobs, fit.held.tolist(), strict=True) if k in freed(fit.values) and not held]
+    at = [fit.knobs.index(k) for k in knobs]
+    spread = covariance(fit, blocks)[np.ix_(at, at)]
+    away = np.array([fit.values[k] - space.null(k) for k in knobs])
+    bound = np.array([max(map(abs, space.bounds(k))) for k in knobs])
+    for count in range(len(knobs), 0, -1):
+        allowed = float(chdtri(count, settings.evidence.doubt))
+        found: dict[tuple[int, ...], float] = {}
+        for some in map(list, combinations(range(len(knobs)), count)):
+            back = np.linalg.pinv(spread[np.ix_(some, some)]) @ away[some]
+            if (distance := float(away[some] @ back)) < allowed:
+                rest = (away - spread[:, some] @ back) / bound
+                found[tuple(some)] = distance + float(np.sum(np.delete(3.0 * rest, some) ** 2))
+        if found:
+            return tuple(knobs[i] for i in min(found, key=lambda some: found[some]))
+    return ()
 
 
 def _promising(

@@ -14,7 +14,7 @@ from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.additions import NONE, additions, distinct
-from residual_mpc.diagnosis.search.optional_numbers import Makeup, freed, makeup, without_number
+from residual_mpc.diagnosis.search.optional_numbers import Makeup, freed, makeup, without_numbers
 from residual_mpc.diagnosis.search.pairs import pairs
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
@@ -269,7 +269,7 @@ def prune(
         here = judge(problem, current, noise, ruler.scales, settings=settings)
         full = refit(here, [current], settings=settings)[0]
         race = Race(settings.additions.hopeless * dispersion(full, blocks))
-        starts = [without_number(full.values, k) for k in freed(full.values)]
+        starts = [without_numbers(full.values, k) for k in freed(full.values)]
         starts += [without(full.values, t) for t in full.terms] if len(full.terms) > 1 else []
         near, known = [full] * len(starts), [NONE] * len(starts)
         if thorough:
