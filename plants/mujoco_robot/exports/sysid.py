@@ -131,7 +131,7 @@ def _edits(
         return [("actuator", name, "forcerange", k, 0.0, sign) for name in slots for k, sign in ((0, -1.0), (1, 1.0))]
     if parameter.quantity in ("tool mass", "link mass"):
         tool = parameter.quantity == "tool mass"
-        where = tool_places(robot, _settings(robot, fixed).effects, 1)[0] if tool else None
+        where = tool_places(robot, _settings(robot, {**fixed, knob: value}).effects, 1)[0] if tool else None
         return [("body", _loaded(spec, robot, knob.effect, slot, where), "mass", None, 0.0, 1.0) for slot in slots]
     before = corrected_constants(robot, _settings(robot, fixed))
     after = corrected_constants(robot, _settings(robot, {**fixed, knob: value}))

@@ -25,6 +25,7 @@ from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.shrink import Shrink, expected_shrink
+from residual_mpc.diagnosis.results.step_shift import finely_stepped
 from residual_mpc.diagnosis.search.optional_numbers import freed, unshown, with_all_free, without_numbers
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
@@ -125,13 +126,15 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
 
 
 def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> Polished:
-    """The fit with the optional numbers that all windows show: the search chose among them on few."""
+    """The fit with those optional numbers that all windows show, no more than the search did on few."""
     space, settings = problem.space, options.settings.fit
-    if not freed(polished.fit.values):
+    most = len(freed(polished.fit.values))
+    if not most:
         return polished
     every = with_all_free(space, polished.fit.values)
     whole = _again(problem, polished, every, options)
-    gone = unshown(space, whole.fit, blocks_of(problem.data, settings=settings), settings)
+    finer, blocks = finely_stepped(problem, whole.fit), blocks_of(problem.data, settings=settings)
+    gone = unshown(space, whole.fit, finer, most, blocks, settings)
     kept = without_numbers(whole.fit.values, *gone)
     return polished if kept.keys() == polished.fit.values.keys() else _again(problem, polished, kept, options)
 

@@ -75,26 +75,39 @@ def with_shown(
     return [end if end is not None and end.cost < fit.cost else None for fit, end in zip(fits, found, strict=True)]
 
 
-def unshown(space: Space, fit: Fit, blocks: np.ndarray, settings: FitSettings) -> tuple[Knob, ...]:
-    """The optional numbers that a fit with all of them free does not tell from their null values: as many as a 95 %
-    region holds together (Wald's test, with the sandwich covariance); of as many, those with which the likeliest rest
-    remains, which lies within its bounds with three standard deviations."""
+def unshown(
+    space: Space, fit: Fit, finer: Values, most: int, blocks: np.ndarray, settings: FitSettings
+) -> tuple[Knob, ...]:
+    """The optional numbers to leave out of a fit with all of them free, so that at most so many stay: as many as a 95 %
+    region does not tell from their null values together (Wald's test, with the sandwich covariance); of as many, those
+    with which the likeliest rest remains, which lies within its bounds with three standard deviations. finer: the
+    numbers of the same fit with a finer time step, where it has one: they have to be told apart with any step."""
     knobs = [k for k, held in zip(fit.knobs, fit.held.tolist(), strict=True) if k in freed(fit.values) and not held]
     at = [fit.knobs.index(k) for k in knobs]
     spread = covariance(fit, blocks)[np.ix_(at, at)]
-    away = np.array([fit.values[k] - space.null(k) for k in knobs])
+    nulls = np.array([space.null(k) for k in knobs])
+    away = np.array([fit.values[k] for k in knobs]) - nulls
+    shift = np.array([finer.get(k, fit.values[k]) for k in knobs]) - nulls - away
     bound = np.array([max(map(abs, space.bounds(k))) for k in knobs])
-    for count in range(len(knobs), 0, -1):
-        allowed = float(chdtri(count, settings.evidence.doubt))
+    least = max(len(knobs) - most, 0)
+    for count in range(len(knobs), max(least, 1) - 1, -1):
+        allowed = np.inf if count == least else float(chdtri(count, settings.evidence.doubt))
         found: dict[tuple[int, ...], float] = {}
         for some in map(list, combinations(range(len(knobs)), count)):
-            back = np.linalg.pinv(spread[np.ix_(some, some)]) @ away[some]
-            if (distance := float(away[some] @ back)) < allowed:
-                rest = (away - spread[:, some] @ back) / bound
+            inverse = np.linalg.pinv(spread[np.ix_(some, some)])
+            nearest = away[some] + _towards_null(away[some], shift[some], inverse) * shift[some]
+            if (distance := float(nearest @ inverse @ nearest)) < allowed:
+                rest = (away - spread[:, some] @ inverse @ away[some]) / bound
                 found[tuple(some)] = distance + float(np.sum(np.delete(3.0 * rest, some) ** 2))
         if found:
             return tuple(knobs[i] for i in min(found, key=lambda some: found[some]))
     return ()
+
+
+def _towards_null(away: np.ndarray, shift: np.ndarray, inverse: np.ndarray) -> float:
+    """The share of a shift (0 to 1) that brings numbers nearest to their null values."""
+    size = float(shift @ inverse @ shift)
+    return float(np.clip(-(away @ inverse @ shift) / size, 0.0, 1.0)) if size > 0.0 else 0.0
 
 
 def _promising(
