@@ -74,7 +74,9 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     phi = dispersion(beam[0], blocks)
     small, weight = smaller(problem, beam[0], settings=settings)
     widened = _widened(small, beam[0], phi, weight, settings)
-    if tuned.generous * promised < settings.beyond_doubt and not widened:
+    if tuned.generous * promised < settings.beyond_doubt:
+        starts = []
+    if not starts and not widened:
         return []
     margin = tuned.hopeless * phi
     parents = {id(parent): on_problem(small, parent, settings=settings.fit) for parent in beam}

@@ -55,8 +55,8 @@ def may_be_shown(problem: Problem, fit: Fit) -> tuple[Knob, ...]:
 def with_shown(
     problem: Problem, fits: Sequence[Fit], phi: float, weight: float, settings: SearchSettings
 ) -> list[Fit | None]:
-    """Of each fit, the same with those optional numbers free that promise to be beyond doubt, fitted roughly; None
-    where none do. phi: dispersion of the residuals; weight: of this problem's cost, see `smaller`."""
+    """Of each fit, the same with those optional numbers free that may be beyond doubt, fitted roughly; None where none
+    are. phi: dispersion of the residuals; weight: of this problem's cost, see `smaller`."""
     starts = _promising(problem, fits, phi / weight, settings)
     begun = [(fit, start) for fit, start in zip(fits, starts, strict=True) if start is not None]
     fresh = [(f.fresh or frozenset()) | frozenset(freed(s)) for f, s in begun]
@@ -72,7 +72,10 @@ def with_shown(
         )
     )
     found = [None if start is None else next(ends) for start in starts]
-    return [end if end is not None and end.cost < fit.cost else None for fit, end in zip(fits, found, strict=True)]
+    return [
+        end if end is not None and _worth(fit, end, phi / weight, settings) > settings.beyond_doubt_most else None
+        for fit, end in zip(fits, found, strict=True)
+    ]
 
 
 def unshown(
@@ -108,6 +111,11 @@ def _towards_null(away: np.ndarray, shift: np.ndarray, inverse: np.ndarray) -> f
     """The share of a shift (0 to 1) that brings numbers nearest to their null values."""
     size = float(shift @ inverse @ shift)
     return float(np.clip(-(away @ inverse @ shift) / size, 0.0, 1.0)) if size > 0.0 else 0.0
+
+
+def _worth(fit: Fit, freer: Fit, phi: float, settings: SearchSettings) -> float:
+    """The likelihood ratio of a fit with more numbers free, less what each of them has to be worth."""
+    return (fit.cost - freer.cost) / phi - settings.per_knob * (len(freer.knobs) - len(fit.knobs))
 
 
 def _promising(
