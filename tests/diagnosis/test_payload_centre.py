@@ -54,9 +54,11 @@ def loaded_run(xml: str, mass: float, offset: tuple[float, float, float]) -> Run
     return Run("run", T, columns | {c: seen[:, i] for i, c in enumerate(NOISE)})
 
 
-def diagnosed(folder: Path, xml: str, mass: float, offset: tuple[float, float, float]) -> dict[str, Any]:
-    """diagnosis.json."""
-    robot, options = robot_of(folder, xml, payload_site="tool"), Options(only=("payload", "link_mass"))
+def diagnosed(
+    folder: Path, xml: str, mass: float, offset: tuple[float, float, float], other: str = "link_mass"
+) -> dict[str, Any]:
+    """diagnosis.json, of a payload and one other effect."""
+    robot, options = robot_of(folder, xml, payload_site="tool"), Options(only=("payload", other))
     made = diagnose([loaded_run(xml, mass, offset)], [robot], NOISE, (), options, np.random.default_rng(0))
     return to_document(made.diagnosis)
 
@@ -88,7 +90,8 @@ def test_two_coordinates_are_found_where_a_third_looks_alike(tmp_path: Path) -> 
 @pytest.mark.slow
 def test_a_coordinate_along_parallel_axes_stays_0(tmp_path: Path) -> None:
     fine = PLANAR.replace('timestep="0.002"', 'timestep="0.001"')
-    assert_found(diagnosed(tmp_path, fine, 0.3, (0.06, 0.05, 0.0)), {"mass": 0.3, "x": 0.06})
+    found = diagnosed(tmp_path, fine, 0.3, (0.06, 0.05, 0.0), "viscous_friction")
+    assert_found(found, {"mass": 0.3, "x": 0.06})
 
 
 def test_no_first_look_is_taken_at_the_coordinates(tmp_path: Path) -> None:
