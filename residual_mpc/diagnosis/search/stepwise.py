@@ -14,7 +14,7 @@ from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.additions import NONE, additions, distinct
-from residual_mpc.diagnosis.search.optional_numbers import Makeup, freed, makeup, without_numbers
+from residual_mpc.diagnosis.search.optional_numbers import Makeup, freed, makeup, with_shown, without_numbers
 from residual_mpc.diagnosis.search.pairs import pairs
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
@@ -294,7 +294,10 @@ def prune(
                 fresh=known,
                 settings=settings.fit,
             )
-        weakest = min(fewer, key=lambda f: f.cost)
+        # an effect that stands for where another acts is needless once that is free
+        anew = [replace(f, fresh=None) for f in fewer if len(f.terms) < len(full.terms)]
+        shown = with_shown(here, anew, dispersion(full, blocks), 1.0, settings)
+        weakest = min([*fewer, *(f for f in shown if f is not None)], key=lambda f: f.cost)
         if convincing(problem, ruler, weakest, full, base, blocks, settings):
             return full
         current = weakest
