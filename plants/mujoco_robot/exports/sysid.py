@@ -166,9 +166,7 @@ def _place(robot: CompiledRobot, field: str, place: list[int]) -> tuple[str, str
     return kind, name, attribute, rest[0]
 
 
-def _loaded(
-    spec: "mujoco.MjSpec", robot: CompiledRobot, effect: str, slot: str, tool: np.ndarray | None
-) -> str:
+def _loaded(spec: "mujoco.MjSpec", robot: CompiledRobot, effect: str, slot: str, tool: np.ndarray | None) -> str:
     """The name of a point mass that is added to a body: where the tool is (3,) m, or at the body's own centre."""
     body = robot.links.index(slot) + 1 if tool is None else robot.payload[0]
     pos = robot.model.body_ipos[body] if tool is None else tool
