@@ -10,10 +10,10 @@ Named = dict[tuple[str, str | None, str], float]  # (effect, target, parameter) 
 
 
 def named(*sizes: tuple[Effect, float]) -> Named:
-    """Effects of one parameter at all their targets alike, those left out that do nothing."""
+    """Effects of one parameter that is not optional, at all their targets alike, those left out that do nothing."""
     out: Named = {}
     for effect, size in sizes:
-        (parameter,) = effect.parameters
+        (parameter,) = (p for p in effect.parameters if not p.optional)
         if size != parameter.null:
             out[effect.name, None, parameter.name] = size
     return out

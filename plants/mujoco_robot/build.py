@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plants.mujoco_log import collected_warnings
+from plants.mujoco_robot.edits.masses import quat_to_matrix
 from plants.mujoco_robot.loading.compile import compile_model, refuse_unsupported, say
 from plants.mujoco_robot.robot import SteppingMujoco
 from plants.mujoco_robot.structure.base import Base, find_base, free_bodies
@@ -40,12 +41,12 @@ def build(robot: RobotFile) -> SteppingMujoco:
         _say_unmeasured(model, base, path)
         _refuse_undriven(model, path)
         refuse_unsupported(model, path)
-        site = _payload_site(model, robot)
+        site, axes = _payload_site(model, robot)
         loops = find_loops(model, path)
     for warning in warnings:
         say(path, f"MuJoCo warns: {warning}")
     sides = robot.servo_feedback, robot.position_sensor
-    return SteppingMujoco(robot.name, model, site, *sides, base, loops, spec, held=held)
+    return SteppingMujoco(robot.name, model, site, *sides, base, loops, spec, held=held, payload_axes=axes)
 
 
 def _say_unmeasured(model: "mujoco.MjModel", base: Base | None, path: str) -> None:
@@ -65,9 +66,9 @@ def _refuse_undriven(model: "mujoco.MjModel", path: str) -> None:
         )
 
 
-def _payload_site(model: "mujoco.MjModel", robot: RobotFile) -> tuple[int, np.ndarray]:
-    """(body, position in its frame (3,) m) of the payload: the named site, else the last body's last site, else its
-    centre of mass."""
+def _payload_site(model: "mujoco.MjModel", robot: RobotFile) -> tuple[tuple[int, np.ndarray], np.ndarray]:
+    """(body, position in its frame (3,) m) and axes there (3, 3) of the payload: the named site, else the last body's
+    last site, else its centre of mass with the body's own axes."""
     import mujoco
 
     if robot.payload_site is not None:
@@ -77,7 +78,12 @@ def _payload_site(model: "mujoco.MjModel", robot: RobotFile) -> tuple[int, np.nd
             raise BadInput(
                 f"payload_site {robot.payload_site!r} is not a site of the model", robot.name, f"its sites are: {known}"
             )
-        return int(model.site_bodyid[site]), model.site_pos[site].copy()
+        return _at_site(model, site)
     body = model.nbody - 1
     sites = [i for i in range(model.nsite) if int(model.site_bodyid[i]) == body]
-    return body, (model.site_pos[sites[-1]] if sites else model.body_ipos[body]).copy()
+    return _at_site(model, sites[-1]) if sites else ((body, model.body_ipos[body].copy()), np.eye(3))
+
+
+def _at_site(model: "mujoco.MjModel", site: int) -> tuple[tuple[int, np.ndarray], np.ndarray]:
+    place = int(model.site_bodyid[site]), model.site_pos[site].copy()
+    return place, quat_to_matrix(model.site_quat[site])

@@ -12,6 +12,7 @@ from plants.scaler_arm.kinematics.forward import chain
 from plants.scaler_arm.kinematics.geometry import MOTORS, SCALER, Arm
 from plants.scaler_arm.kinematics.skeleton import skeleton
 from plants.scaler_arm.robot import with_servo
+from residual_mpc.effects.body import TOOL_AXES
 from residual_mpc.effects.chain import command_chain, on_errors, scaled
 from residual_mpc.effects.library import BY_NAME, Effects, Sites, changes, present, slots_of
 from residual_mpc.effects.ops import NUMPY
@@ -20,6 +21,8 @@ from residual_mpc.models.protocol import Drive, State
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Settings
 from residual_mpc.models.stepping import StepOptions, Stepped
+
+FARTHEST_TOOL = 0.15  # m: half of the arm's reach
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,10 @@ class ServoArm:
             "dry friction": 0.0,
             "tool mass": -0.9 * self.arm.gripper_body.mass,
         }
-        return least.get(BY_NAME[effect].parameter(parameter).quantity, -np.inf), np.inf
+        quantity = BY_NAME[effect].parameter(parameter).quantity
+        if quantity in TOOL_AXES.values():
+            return -FARTHEST_TOOL, FARTHEST_TOOL
+        return least.get(quantity, -np.inf), np.inf
 
     def reference(self, kind: str, slot: str | None) -> float:
         return {"mass": 0.1, "inertia": self.arm.servo.armature, "length": 0.1}.get(kind, 1.0)
@@ -102,7 +108,9 @@ class ServoArm:
         ]
         tool = changes(effects, "tool mass")
         bodies = {n: number[f"body.{n}.mass"] for n in masses(self.arm)}
-        load = Load(bodies, 0.0 if tool is None else tool[:, 0], {}, {})
+        offset = [changes(effects, quantity) for quantity in TOOL_AXES.values()]
+        beside = [x[:, 0] for x in offset if x is not None] if any(x is not None and x.any() for x in offset) else None
+        load = Load(bodies, 0.0 if tool is None else tool[:, 0], {}, {}, beside)
         errors = on_errors(effects, np.ones(len(MOTORS), dtype=bool))
         q = np.stack([start[f"position.{m}"] for m in MOTORS], axis=-1).astype(np.float64)
         nodes = np.empty((settings.rows, drive.steps + 1, len(MOTORS)))

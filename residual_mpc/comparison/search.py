@@ -75,7 +75,7 @@ def with_change(problem: Problem, values: Values, lead: Contrast) -> Values:
     """Where the fit of a lead begins: its probe, scaled as the units tell, as a change and, where doing nothing is a
     number, on both sets, so that the model's own error in it is none of the change."""
     out = dict(values)
-    both = not any(p.shape for p in BY_NAME[lead.term.effect].parameters)
+    both = not any(BY_NAME[k.effect].parameter(k.parameter).shape for k in lead.probe)
     for knob, value in lead.probe.items():
         p = BY_NAME[knob.effect].parameter(knob.parameter)
         scaled = not p.shape and np.isfinite(p.null) and not p.threshold

@@ -1,8 +1,9 @@
 """Effects of the moving bodies: frictions (a torque against the motion) and what changes the masses."""
 
 import math
+from collections.abc import Mapping
 
-from residual_mpc.effects.effect import Effect, Parameter, Values
+from residual_mpc.effects.effect import Effect, Parameter, Quantity, Values
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
@@ -130,6 +131,14 @@ LOAD_FRICTION = Effect(
     not_in_mjcf="MuJoCo's dry friction does not depend on the load",
 )
 
+TOOL_AXES: Mapping[str, Quantity] = {"x": "tool x", "y": "tool y", "z": "tool z"}  # parameter -> what it changes
+
+
+def _offset(name: str, quantity: Quantity) -> Parameter:
+    """One coordinate of the payload, from its site along the site's axes."""
+    return Parameter(name, "m", 0.0, -math.inf, math.inf, (0.0,), shape=True, quantity=quantity, optional=True)
+
+
 PAYLOAD = Effect(
     name="payload",
     stage="body",
@@ -137,11 +146,12 @@ PAYLOAD = Effect(
     target="robot",
     parameters=(
         Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.1, 0.4), "mass", tolerance=0.05, quantity="tool mass"),
+        *(_offset(name, quantity) for name, quantity in TOOL_AXES.items()),
     ),
-    summary="a mass at the payload site",
+    summary="a mass at the payload site, or beside it",
     site="tool",
     imitates=frozenset({"position"}),
-    phrase=Phrase("the robot carries {mass} more than modelled"),
+    phrase=Phrase("the robot carries {mass} more than modelled", located=", {where} from the payload site"),
     nouns={"mass": Noun("payload", "excess")},
 )
 

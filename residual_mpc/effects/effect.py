@@ -61,6 +61,7 @@ Quantity = Literal[
     "viscous damping",  # N m s/rad
     "rotor inertia",  # kg m^2
     "tool mass", "link mass",  # kg
+    "tool x", "tool y", "tool z",  # m, where that mass is, from the payload site along its axes
     "link centre", "link length",  # m
     "gear stiffness",  # N m/rad
     "gear damping",  # of critical
@@ -104,6 +105,7 @@ class Parameter:
     # largest value worth a fit, in units of the largest reference of its targets; as far below a null with values below
     most: float = float("inf")
     within: Reference | None = None  # the robot's own size that this number stays within, on both sides
+    optional: bool = False  # stays at its null value unless the runs show that it has another
     cover: float = 0.0  # of a number of cycles a turn: the cycles that a joint has to turn through, to show them
 
     def __post_init__(self) -> None:

@@ -86,6 +86,13 @@ def test_a_parameter_moves_the_model_as_its_effect_does(tmp_path: Path, key: tup
         np.testing.assert_allclose(getattr(mine, name), getattr(theirs, name), rtol=1e-6, atol=1e-12, err_msg=name)
 
 
+def test_a_payloads_mass_is_a_parameter_where_its_centre_was_found(tmp_path: Path) -> None:
+    beside = {("payload", None, k): v for k, v in (("x", (0.06, 0.05, 0.07)), ("z", (-0.02, -0.03, -0.01)))}
+    document = exported(tmp_path, "sysid", {("payload", None, "mass"): (0.25, 0.2, 0.3), **beside})
+    assert document["largest_difference"]["from_all_effects"] < 2e-6 and document["left_out"] == []
+    assert [p["name"] for p in document["parameters"]] == ["payload.mass"]
+
+
 def test_all_parameters_together_in_the_toolbox(tmp_path: Path) -> None:
     document = exported(tmp_path, "sysid", HIDDEN | {("backlash", "j1", "gap"): (0.03, 0.02, 0.04)})
     assert document["largest_difference"]["largest"] < 2e-6 < 1e-3 < document["largest_difference"]["from_all_effects"]

@@ -27,7 +27,7 @@ CONSTANT = {  # what MuJoCo itself can hold
     "coulomb_friction": {"torque": 0.15},
     "viscous_friction": {"coefficient": 0.05},
     "armature": {"inertia": 0.004},
-    "payload": {"mass": 0.3},
+    "payload": {"mass": 0.3, "x": 0.06, "z": -0.03},
     "link_mass": {"mass": 0.1, "com": 0.02},
 }
 CHANGING = {

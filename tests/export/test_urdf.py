@@ -104,6 +104,12 @@ def test_each_thing_that_it_says_moves_like_the_diagnosed_robot(
     assert before["left_out"] == [] and plain.replace("../../meshes", "meshes") == URDF
 
 
+def test_a_payload_beside_its_site_moves_like_the_diagnosed_robot(folder: Path) -> None:
+    values = {("payload", None, k): v for k, v in {"mass": 0.25, "x": 0.05, "y": -0.02, "z": 0.04}.items()}
+    document = exported(folder, values)
+    assert document["left_out"] == [] and document["largest_difference"]["from_all_effects"] < 1e-6
+
+
 def test_all_together_and_what_it_cannot_say(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = exported(folder, SAID | UNSAID)
     assert document["largest_difference"]["largest"] < 5e-4 < 1e-3 < document["largest_difference"]["from_all_effects"]

@@ -11,6 +11,7 @@ from oracles.arms import CHANNELS, arm_xml, literal, random_drive, random_start,
 
 from plants.mujoco_robot.edits.batch import link_direction
 from plants.mujoco_robot.edits.masses import add_point_mass, parallel_axis, principal, quat_to_matrix
+from plants.mujoco_robot.simulation.constants import corrected_constants
 
 SMALL = 1e-4  # m: radius of a geom that stands for a point mass
 
@@ -45,6 +46,74 @@ def test_a_payload_is_a_ball_at_the_site(tmp_path: Path, mass: float) -> None:
 def test_a_payload_sits_at_the_site_that_the_file_names(tmp_path: Path) -> None:
     model = with_ball(0.5, site="middle")
     compare(model, tmp_path, {("payload", None, "mass"): 0.5}, payload_site="middle")
+
+
+OFFSET = (0.08, -0.03, 0.05)  # m, along the axes of the site
+BESIDE = {("payload", None, axis): value for axis, value in zip("xyz", OFFSET, strict=True)}
+TURNED = arm_xml().replace('name="tool"', 'name="tool" euler="20 -40 70"')
+
+
+def with_body_beside(xml: str, mass: float, offset: tuple[float, float, float]) -> mujoco.MjModel:
+    """The arm with a body of that mass fixed beside its tool site, in a frame that has the site's pose."""
+    spec = mujoco.MjSpec.from_string(xml)
+    site, compiled = next(s for s in spec.sites if s.name == "tool"), spec.compile()
+    mount = spec.body("lower").add_body(pos=site.pos, quat=compiled.site("tool").quat)
+    ball = mount.add_body(pos=offset)
+    ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[SMALL, 0, 0], mass=mass, contype=0, conaffinity=0)
+    return spec.compile()
+
+
+@pytest.mark.parametrize("xml", [arm_xml(), TURNED], ids=["straight", "turned"])
+def test_a_payload_beside_the_site_is_a_body_there(tmp_path: Path, xml: str) -> None:
+    robot = robot_of(tmp_path, xml)
+    drive, start = random_drive(robot, 2, 200), random_start(robot, 2)
+    hypothesis = {("payload", None, "mass"): 0.5, **BESIDE}
+    came = robot.replay(start, drive, settings_of(robot, hypothesis, {}), CHANNELS)
+    q, v, _ = literal(with_body_beside(xml, 0.5, OFFSET), start, drive.command[0, drive.lead :], 0)
+    for j, joint in enumerate(("j1", "j2")):
+        np.testing.assert_allclose(came[f"position.{joint}"][0], q[:, j], rtol=0, atol=3e-7)
+        np.testing.assert_allclose(came[f"velocity.{joint}"][0], v[:, j], rtol=0, atol=1.5e-5)
+
+
+def test_the_constants_of_a_payload_beside_the_site_give_the_torques_of_a_body_there(tmp_path: Path) -> None:
+    """By inverse dynamics at random states, joint torques without servos and friction."""
+    robot = robot_of(tmp_path, TURNED)
+    new = corrected_constants(robot, settings_of(robot, {("payload", None, "mass"): 0.5, **BESIDE}))
+    model, oracle = mujoco.MjModel.from_xml_string(TURNED), with_body_beside(TURNED, 0.5, OFFSET)
+    for field in ("body_mass", "body_ipos", "body_inertia", "body_iquat"):
+        getattr(model, field)[:] = new[field]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        state = rng.uniform(-1.5, 1.5, (3, 2))
+        torques = []
+        for m in (model, oracle):
+            data = mujoco.MjData(m)
+            data.qpos[:], data.qvel[:], data.qacc[:] = state
+            mujoco.mj_inverse(m, data)
+            torques.append(data.qfrc_inverse.copy())
+        np.testing.assert_allclose(*torques, rtol=0, atol=1e-7)
+
+
+def test_coordinates_of_a_payload_without_mass_change_nothing(tmp_path: Path) -> None:
+    """Nor do coordinates of 0 change what its mass does, bit for bit."""
+    robot = robot_of(tmp_path, TURNED)
+    drive, start = random_drive(robot, 3, 50), random_start(robot, 3)
+    none, mass = dict.fromkeys(BESIDE, 0.0), {("payload", None, "mass"): 0.5}
+    whole = settings_of(robot, {**mass, **BESIDE}, {("payload", None, "mass"): 0.0, **BESIDE}, {**mass, **none})
+    came = robot.replay(start, drive, whole, CHANNELS)
+    for row, alone in ((1, {}), (2, mass)):
+        wanted = robot.replay(start, drive, settings_of(robot, *[alone] * 3), CHANNELS)
+        for channel in CHANNELS:
+            np.testing.assert_array_equal(came[channel][row], wanted[channel][row])
+
+
+def test_a_payload_is_not_far_from_its_site(tmp_path: Path) -> None:
+    """At most half of the reach: 0.304 m to the second joint, and 0.202 m on to the site."""
+    robot = robot_of(tmp_path, arm_xml())
+    for axis in "xyz":
+        low, high = robot.bounds("payload", axis, None)
+        assert -low == high == pytest.approx(0.253, abs=1e-3)
 
 
 def test_mass_added_to_a_link_is_a_ball_at_its_centre(tmp_path: Path) -> None:

@@ -8,12 +8,15 @@ import casadi as ca
 import mujoco
 import numpy as np
 import pytest
-from oracles.arms import FILTERED, MIXED, arm_xml, robot_of
+from oracles.arms import FILTERED, MIXED, arm_xml, robot_of, settings_of
 from oracles.own_arms import CROOKED, UR5E, panda
 from published.robots import panda_mjcf
 
+from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.symbolic.description import Changes, describe
 from plants.mujoco_robot.symbolic.implicit import factorised, solved
+from plants.mujoco_robot.symbolic.motion import changed
+from plants.mujoco_robot.symbolic.numbers import parameters
 from plants.mujoco_robot.symbolic.rigid_body import mass_and_bias, tool_place
 from residual_mpc.errors import BadInput
 from residual_mpc.export import Augmented, Build, augment
@@ -51,6 +54,29 @@ def test_mass_matrix_bias_force_and_tool_are_the_engines(tmp_path: Path, name: s
         np.testing.assert_allclose(bias.ravel(), data.qfrc_bias, atol=1e-11)
         there = data.xpos[held] + data.xmat[held].reshape(3, 3) @ at
         np.testing.assert_allclose(tool.ravel(), there, atol=1e-13)
+
+
+def test_a_payload_beside_a_turned_site_is_the_engines(tmp_path: Path) -> None:
+    """Mass matrix and bias force of the step's bodies, against the engine's with the corrected constants."""
+    robot = robot_of(tmp_path, UR5E.replace('<site name="tool"', '<site name="tool" euler="0.4 -0.7 1.1"'))
+    values = {("payload", None, k): v for k, v in {"mass": 0.8, "x": 0.05, "z": -0.08}.items()}
+    settings = settings_of(robot, values)
+    known = parameters(robot, settings)
+    assert [(n.effect, n.parameter) for n in known.numbers if n.effect == "payload"] == [*[k[::2] for k in values]]
+    n, model = len(robot.joints), robot.model
+    q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
+    body = describe(robot, changed(robot, known, known.now))
+    ours = ca.Function("f", [q, v], mass_and_bias(body, model.opt.gravity, q, v))
+    for name, value in corrected_constants(robot, settings).items():
+        getattr(model, name)[:] = value
+    data, rng, whole = mujoco.MjData(model), np.random.default_rng(0), np.zeros((n, n))
+    for _ in range(10):
+        data.qpos[:], data.qvel[:] = rng.uniform(-2, 2, n), rng.normal(0, 2, n)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, whole)
+        mass, bias = (np.array(x) for x in ours(data.qpos, data.qvel))
+        np.testing.assert_allclose(mass, whole - np.diag(model.dof_armature), atol=1e-9)
+        np.testing.assert_allclose(bias.ravel(), data.qfrc_bias, atol=1e-8)
 
 
 def test_the_factors_solve() -> None:
@@ -97,6 +123,7 @@ EFFECTS = [
     {("stribeck_friction", "elbow", "static"): 8.0, ("stribeck_friction", "elbow", "kinetic"): 4.0},
     {("load_dependent_friction", None, "coefficient"): 0.2},
     {("payload", None, "mass"): 0.8},
+    {("payload", None, k): v for k, v in {"mass": 0.8, "x": 0.05, "y": 0.1, "z": -0.08}.items()},
     {("link_mass", "forearm", "mass"): 2.0, ("link_mass", "forearm", "com"): 0.05},
     {("armature", None, "inertia"): 0.5},
     {("link_length", "upper_arm", "offset"): 0.1},

@@ -284,3 +284,15 @@ def test_a_slow_effect_is_quoted_over_the_horizon_that_shows_it() -> None:
     assert "removes 8 % of the gap on held-out runs over 1 s, and 90 % over 30 s" in said
     slow["shrink"]["value"] = 0.6
     assert "over 30 s" not in sentence(slow)
+
+
+def test_a_payload_beside_its_site_is_said_with_its_place() -> None:
+    def metres(value: float) -> dict[str, object]:
+        return {"value": value, "ci95": [value - 0.01, value + 0.01], "unit": "m"}
+
+    mass = {"value": 0.5, "ci95": [0.4, 0.6], "unit": "kg"}
+    at_site = {"effect": "payload", "target": None, "parameters": {"mass": mass}}
+    assert plain(sentence_of(at_site)) == "the robot carries 0.5 kg more than modelled"
+    beside = {**at_site, "parameters": {"mass": mass, "x": metres(0.08), "z": metres(-0.02)}}
+    wanted = "the robot carries 0.5 kg more than modelled, 80 mm along x and -20 mm along z from the payload site"
+    assert plain(sentence_of(beside)) == wanted

@@ -13,6 +13,7 @@ from plants.mujoco_robot.edits.wheel_sizes import edit_wheels
 from plants.mujoco_robot.structure.base import hinges_and_slides
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.structure.lengths import Lengths
+from residual_mpc.effects.body import TOOL_AXES
 from residual_mpc.effects.library import Effects, changes
 from residual_mpc.models.settings import Settings
 
@@ -41,7 +42,7 @@ def edit_batch(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
         changed = True
     if damping is not None:
         _add(batch.expand("dof_damping"), dofs, damping)
-    changed |= _edit_masses(batch, model, effects, robot.payload)
+    changed |= _edit_masses(batch, robot, effects)
     if changed:
         batch.set_const()
     edit_surroundings(batch, robot, effects)  # after the constants, which MuJoCo derives from the rest positions too
@@ -60,10 +61,9 @@ def _move_joints(batch: Any, lengths: Lengths, offset: np.ndarray) -> None:
         place[rows, lengths.next[link]] += offset[rows, slot, None] * line
 
 
-def _edit_masses(
-    batch: Any, model: "mujoco.MjModel", effects: Effects, payload: tuple[int, np.ndarray]
-) -> bool:
+def _edit_masses(batch: Any, robot: CompiledRobot, effects: Effects) -> bool:
     """Write the masses of the links and of the tool; whether any effect changes them."""
+    model = robot.model
     links, centres, tool = (changes(effects, q) for q in ("link mass", "link centre", "tool mass"))
     if links is None and centres is None and tool is None:
         return False
@@ -89,8 +89,18 @@ def _edit_masses(
         com[rows, body] += moved[rows, slot, None] * link_direction(model, body)
     if tool is not None:
         rows = np.flatnonzero(tool[:, 0])
-        rewrite(rows, payload[0], tool[rows, 0], np.broadcast_to(payload[1], (len(rows), 3)))
+        rewrite(rows, robot.payload[0], tool[rows, 0], tool_places(robot, effects, len(mass))[rows])
     return True
+
+
+def tool_places(robot: CompiledRobot, effects: Effects, rows: int) -> np.ndarray:
+    """(rows, 3) m: where the added mass of the tool is, in its body's frame."""
+    offset = np.zeros((rows, 3))
+    for axis, quantity in enumerate(TOOL_AXES.values()):
+        moved = changes(effects, quantity)
+        if moved is not None:
+            offset[:, axis] = moved[:, 0]
+    return np.asarray(robot.payload[1] + offset @ robot.payload_axes.T)
 
 
 def link_direction(model: "mujoco.MjModel", body: int) -> np.ndarray:

@@ -21,6 +21,8 @@ MOST_ROTOR = 3.0  # of what a joint carries: more would be felt as nothing but r
 MOST_ON_SMALLEST = 10.0  # of what the smallest driven joint carries, whose rotor is often the larger part
 QUICK = 100.0  # rad/s^2 (m/s^2) that robots' motors commonly give their own rotors at full torque, or more
 SLUGGISH = 5.0  # rad/s^2 (m/s^2) below which no motor would be built into an arm
+FARTHEST_TOOL = 0.5  # of the reach: a load that is centred farther from its site is no tool
+SHORTEST = 0.1  # m of reach, of a body whose site is at its joint
 KEPT = 0.1  # of a mass, at least, where mass is taken away
 KEPT_ROTOR = 0.05
 
@@ -56,6 +58,9 @@ class PhysicalBounds:
                 return (KEPT_ROTOR - 1.0) * m.dof_armature[dof], self._rotors()
             case "tool mass":
                 return (KEPT - 1.0) * m.body_mass[[robot.payload[0]]], np.full(1, _moving_mass(m))
+            case "tool x" | "tool y" | "tool z":
+                far = np.full(1, FARTHEST_TOOL * _reach(m, *robot.payload))
+                return -far, far
             case "link mass":
                 return (KEPT - 1.0) * m.body_mass[1:], np.full(m.nbody - 1, _moving_mass(m))
             case "gear play":
@@ -112,3 +117,12 @@ def bounds_of_all(
 def _moving_mass(model: "mujoco.MjModel") -> float:
     """kg of all bodies that a joint moves."""
     return float(model.body_mass[model.body_weldid != 0].sum())
+
+
+def _reach(model: "mujoco.MjModel", body: int, place: np.ndarray) -> float:
+    """m along the bodies from the first that a joint carries to a place (3,) on one of them."""
+    reach = float(np.linalg.norm(place))
+    while model.body_parentid[body] != 0:
+        reach += float(np.linalg.norm(model.body_pos[body]))
+        body = int(model.body_parentid[body])
+    return max(reach, SHORTEST)

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from plants.mujoco_robot.edits.batch import tool_places
 from plants.mujoco_robot.mjcf import apart, not_held, write_memory, write_numbers
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.effects.body import TOOL_AXES
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
@@ -93,6 +95,8 @@ def _sorted(
             left_out.append(f"{effect.name}: {not_held(effect)}")
         elif effect is not None and _line(effect) == knob.parameter and knob in intervals:
             free.append(knob)
+        elif effect is not None and effect.parameter(knob.parameter).quantity in TOOL_AXES.values():
+            fixed[knob] = value
         elif effect is not None and any(k.term == knob.term for k in free):
             if value != 0.0:
                 left_out.append(f"{knob.effect}.{knob.parameter}: only its {_line(effect)} is a parameter")
@@ -127,7 +131,8 @@ def _edits(
         return [("actuator", name, "forcerange", k, 0.0, sign) for name in slots for k, sign in ((0, -1.0), (1, 1.0))]
     if parameter.quantity in ("tool mass", "link mass"):
         tool = parameter.quantity == "tool mass"
-        return [("body", _loaded(spec, robot, knob.effect, slot, tool), "mass", None, 0.0, 1.0) for slot in slots]
+        where = tool_places(robot, _settings(robot, {**fixed, knob: value}).effects, 1)[0] if tool else None
+        return [("body", _loaded(spec, robot, knob.effect, slot, where), "mass", None, 0.0, 1.0) for slot in slots]
     before = corrected_constants(robot, _settings(robot, fixed))
     after = corrected_constants(robot, _settings(robot, {**fixed, knob: value}))
     null = parameter.null
@@ -161,13 +166,10 @@ def _place(robot: CompiledRobot, field: str, place: list[int]) -> tuple[str, str
     return kind, name, attribute, rest[0]
 
 
-def _loaded(spec: "mujoco.MjSpec", robot: CompiledRobot, effect: str, slot: str, tool: bool) -> str:
-    """The name of a point mass that is added to a body: where a tool is, or at the body's own centre."""
-    if tool:
-        body, pos = robot.payload
-    else:
-        body = robot.links.index(slot) + 1
-        pos = robot.model.body_ipos[body]
+def _loaded(spec: "mujoco.MjSpec", robot: CompiledRobot, effect: str, slot: str, tool: np.ndarray | None) -> str:
+    """The name of a point mass that is added to a body: where the tool is (3,) m, or at the body's own centre."""
+    body = robot.links.index(slot) + 1 if tool is None else robot.payload[0]
+    pos = robot.model.body_ipos[body] if tool is None else tool
     load = spec.body(robot.model.body(body).name).add_body(name=f"{effect}.{slot}", pos=pos)
     load.explicitinertial, load.mass, load.ipos, load.inertia = True, 1.0, (0, 0, 0), (0, 0, 0)
     return str(load.name)

@@ -20,7 +20,8 @@ from residual_mpc.models.settings import Settings
 from residual_mpc.models.simulating import Exported
 
 SAYS = {  # quantities of effects that a URDF has a place for
-    "viscous damping", "dry friction", "tool mass", "link mass", "link centre", "link length",
+    "viscous damping", "dry friction", "tool mass", "tool x", "tool y", "tool z", "link mass", "link centre",
+    "link length",
 }  # fmt: skip
 TUNED = {"damping", "frictionloss", "mass"}  # ends of the names of nominal parameters that it has a place for
 LACKS = {  # site of an effect -> why a URDF does not say it

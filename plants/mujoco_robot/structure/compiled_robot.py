@@ -1,7 +1,7 @@
 """The record of a compiled robot: what its model consists of, where it is in the model's arrays, and its names."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -41,6 +41,8 @@ class CompiledRobot:
     own: "CompiledRobot | None" = None  # of a robot with a longer step: the same with the step of the model file
     longer: int = 1  # steps of the model file in one of the robot's
     held: tuple[str, ...] = ()  # actuators of the model file that act on no joint and are not commanded
+    # (3, 3) the payload site's axes in its body's frame
+    payload_axes: np.ndarray = field(default_factory=lambda: np.eye(3), kw_only=True)
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:

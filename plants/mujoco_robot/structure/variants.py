@@ -30,6 +30,7 @@ def merge(robots: Sequence[R]) -> R | None:
             and other.passive == first.passive
             and other.payload[0] == first.payload[0]
             and np.array_equal(other.payload[1], first.payload[1])
+            and np.array_equal(other.payload_axes, first.payload_axes)
             and other.step == first.step
         )
         if not same:

@@ -4,7 +4,7 @@ adam reads MuJoCo models itself, but drops joints attached to the world and trea
 moving body, with all bodies welded to it, is one link, whose frame is at the anchor of its joint.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,7 @@ class Changes:
 
     masses: kg, in place of the body's own; its inertia scales with it. added: kg at the body's own centre of mass.
     shifts: m, of the centre of mass towards the next joint. offsets: m, by which the link is longer up to the next
-    joint. tool: kg at the payload site.
+    joint. tool: kg at the payload site, or tool_offset m from it along the site's axes.
     """
 
     masses: Mapping[int, Any] = field(default_factory=dict)
@@ -36,6 +36,7 @@ class Changes:
     shifts: Mapping[int, Any] = field(default_factory=dict)
     offsets: Mapping[int, Any] = field(default_factory=dict)
     tool: Any = 0.0
+    tool_offset: Sequence[Any] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +102,16 @@ def describe(robot: CompiledRobot, changes: Changes) -> Description:
     body, place = robot.payload
     held = frames[body]
     tool = held.place + ca.mtimes(ca.DM(held.turn), ca.DM(place))
-    inertias[held.link] = inertias[held.link] + _spatial(ca.DM.zeros(3, 3), changes.tool, tool)
+    mass_at = tool if changes.tool_offset is None else tool + _turned(robot, held, changes.tool_offset)
+    inertias[held.link] = inertias[held.link] + _spatial(ca.DM.zeros(3, 3), changes.tool, mass_at)
     return Description(tuple(joints[j] for j in robot.joints), inertias, frames, held.link, tool)
+
+
+def _turned(robot: CompiledRobot, held: Frame, offset: Sequence[Any]) -> Any:
+    """A vector along the payload site's axes, in the frame of the link that holds it, m."""
+    import casadi as ca
+
+    return ca.mtimes(ca.DM(_rounded(held.turn @ robot.payload_axes)), ca.vertcat(*offset))
 
 
 def _in_parent(robot: CompiledRobot, b: int, parent: Frame, changes: Changes) -> Frame:

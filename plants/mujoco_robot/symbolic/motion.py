@@ -17,6 +17,7 @@ from plants.mujoco_robot.symbolic.implicit import linear_step, velocities
 from plants.mujoco_robot.symbolic.numbers import Parameters
 from plants.mujoco_robot.symbolic.rigid_body import mass_and_bias, tool_place
 from plants.mujoco_robot.symbolic.torques import JointTorques, casadi_clip
+from residual_mpc.effects.body import TOOL_AXES
 from residual_mpc.effects.chain import Chain
 from residual_mpc.effects.library import changes
 from residual_mpc.effects.ops import Kinks
@@ -90,8 +91,11 @@ def changed(robot: CompiledRobot, parameters: Parameters, p: Sequence[Any]) -> C
         longer = changes(parameters.at(link, p, "length"), "link length")
         if longer is not None and robot.lengths is not None and b in robot.lengths.lines:
             offsets[b] = longer
-    carried = changes(parameters.at(robot.name, p, "tool"), "tool mass")
-    return Changes(masses, added, shifts, offsets, 0.0 if carried is None else carried)
+    here = parameters.at(robot.name, p, "tool")
+    carried = changes(here, "tool mass")
+    axes = tuple(TOOL_AXES.values())
+    beside = [changes(here, quantity) for quantity in axes] if parameters.change(*axes) else None
+    return Changes(masses, added, shifts, offsets, 0.0 if carried is None else carried, beside)
 
 
 def _gravity(robot: CompiledRobot, parameters: Parameters, p: Sequence[Any], kinks: Kinks) -> tuple[Any, Any, Any]:

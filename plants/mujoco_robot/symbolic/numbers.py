@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from plants.mujoco_robot.edits.batch import tunable_values
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
-from residual_mpc.effects.effect import Site
+from residual_mpc.effects.effect import Quantity, Site
 from residual_mpc.effects.library import BY_NAME, ORDER, present
 from residual_mpc.effects.ops import Array
 from residual_mpc.models.settings import TUNE, Settings, is_null
@@ -46,6 +46,10 @@ class Parameters:
         """The present values of p."""
         return tuple(n.value for n in self.numbers)
 
+    def change(self, *quantities: Quantity) -> bool:
+        """Whether an argument changes one of these quantities of the model."""
+        return any(e != TUNE and BY_NAME[e].parameter(name).quantity in quantities for e, _, name in self.index)
+
     def own(self, name: str, p: Sequence[Array]) -> Array:
         """A nominal number such as "joint.j1.damping"; one that is not an argument has its compiled value."""
         at = self.index.get((TUNE, "", name))
@@ -78,6 +82,8 @@ def parameters(robot: CompiledRobot, settings: Settings) -> Parameters:
                 zip(robot.slots(effect), settings.effects[effect][q.name][0], strict=True)
             ):
                 if BY_NAME[effect].place in LENGTHENS and null[effect][i]:
+                    continue
+                if q.optional and value == q.null:
                     continue
                 numbers.append(Number(effect, "" if slot == robot.name else slot, q.name, float(value), q.unit))
     index = {(n.effect, n.slot, n.parameter): i for i, n in enumerate(numbers)}

@@ -6,7 +6,7 @@ joint angles alone are the state, as in the paper's task-space model. Over a ste
 follows its exponential exactly.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from plants.scaler_arm.dynamics.gravity import BODIES, GRAVITY, centres, rises
@@ -14,17 +14,20 @@ from plants.scaler_arm.kinematics.forward import Angles, Chain
 from plants.scaler_arm.kinematics.geometry import Arm, Triple
 from residual_mpc.effects.ops import Array, Ops, clip
 
+CORNERS: tuple[Triple, ...] = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # of a frame
+
 
 @dataclass(frozen=True)
 class Load:
     """What hangs on the arm: masses kg by body, shifts m of some bodies' centres along the unit vectors `along`,
-    payload kg at the tool.
+    payload kg at the tool, or `beside` m from it along the gripper's axes.
     """
 
     masses: Mapping[str, Array]
     payload: Array
     shifts: Mapping[str, Array]
     along: Mapping[str, Triple]
+    beside: Sequence[Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -42,13 +45,17 @@ class Servo:
 def weights(ops: Ops, arm: Arm, links: Chain, q: Angles, load: Load) -> tuple[Array, ...]:
     """Six torques, N m, that hold the arm up at q."""
     points = {n: [centre] for n, centre in centres(arm).items()}
-    points["gripper"].append(arm.tool)
+    points["gripper"] += [arm.tool, *(() if load.beside is None else CORNERS)]
     found = rises(ops, links, q, points)
     far = {n: [(0.0, 0.0, 0.0), load.along[n]] for n in load.shifts}
     shifted = rises(ops, links, q, far) if far else {}
     out = []
     for i in range(len(q)):
-        total = load.payload * found["gripper"][1][i]
+        _, tool, *corners = found["gripper"]
+        lever = tool[i]
+        for far, tip in zip(load.beside or (), corners[1:], strict=True):
+            lever = lever + far * (tip[i] - corners[0][i])
+        total = load.payload * lever
         for n in BODIES:
             total = total + load.masses[n] * found[n][0][i]
         for n, shift in load.shifts.items():

@@ -18,6 +18,7 @@ from plants.scaler_arm.dynamics.servo import Load, Servo, advance, torque, weigh
 from plants.scaler_arm.kinematics.forward import chain, forward_kinematics, posture
 from plants.scaler_arm.kinematics.geometry import HOME, MOTORS, Arm, Triple
 from plants.scaler_arm.kinematics.rotation import Vector, cross
+from residual_mpc.effects.body import TOOL_AXES
 from residual_mpc.effects.chain import Chain, chain_of, scaled
 from residual_mpc.effects.effect import Site
 from residual_mpc.effects.library import BY_NAME, ORDER, changes, present
@@ -176,9 +177,12 @@ class ArmStep:
                 mass[n] = mass[n] + added
             if moved is not None:
                 shifts[n] = moved
-        tool = changes({e: self._values(e, "", p) for e in self.effects if BY_NAME[e].place == "tool"}, "tool mass")
+        carried = {e: self._values(e, "", p) for e in self.effects if BY_NAME[e].place == "tool"}
+        tool = changes(carried, "tool mass")
         payload = 0.0 if tool is None else tool
-        return Load(mass, payload, shifts, self.along)
+        known = any((e, "", axis) in self.index for e in carried for axis in TOOL_AXES)
+        beside = [changes(carried, quantity) for quantity in TOOL_AXES.values()] if known else None
+        return Load(mass, payload, shifts, self.along, beside)
 
 
 @lru_cache(maxsize=8)
@@ -235,6 +239,8 @@ def arm_step(
                 if place in ON_MOTORS and slot not in MOTORS:
                     if v != q.null and not q.shape:
                         left_out.append(f"{effect} [{slot}]: a passive joint follows the others")
+                    continue
+                if q.optional and v == q.null:
                     continue
                 numbers.append(Number(effect, "" if slot == name else slot, q.name, float(v), q.unit))
     effects = {e: settings.effects[e] for e in hosted}

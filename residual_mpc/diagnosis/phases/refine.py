@@ -25,6 +25,8 @@ from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.shrink import Shrink, expected_shrink
+from residual_mpc.diagnosis.results.step_shift import finely_stepped
+from residual_mpc.diagnosis.search.optional_numbers import freed, unshown, with_all_free, without_numbers
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
@@ -50,6 +52,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     starts = [rivalry.fit.values, found.base.values]
     polished, base = polish(problem, starts, options.final_steps, searched.scales, settings=settings.fit)
     polished, vetoed = _heed_encoders(problem, polished, options)
+    polished = _choose_numbers(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit
     with_outliers = _outliers_count(prepared, prepared.space.settings([final.values]), rng)
@@ -120,6 +123,20 @@ def _heed_encoders(problem: Problem, polished: Polished, options: Options) -> tu
     for t in vetoed:
         left = without(left, t)
     return _again(problem, polished, left, options), vetoed
+
+
+def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> Polished:
+    """The fit with those optional numbers that all windows show, no more than the search did on few."""
+    space, settings = problem.space, options.settings.fit
+    most = len(freed(polished.fit.values))
+    if not most:
+        return polished
+    every = with_all_free(space, polished.fit.values)
+    whole = _again(problem, polished, every, options)
+    finer, blocks = finely_stepped(problem, whole.fit), blocks_of(problem.data, settings=settings)
+    gone = unshown(space, whole.fit, finer, most, blocks, settings)
+    kept = without_numbers(whole.fit.values, *gone)
+    return polished if kept.keys() == polished.fit.values.keys() else _again(problem, polished, kept, options)
 
 
 def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> tuple[Polished, tuple[Term, ...]]:

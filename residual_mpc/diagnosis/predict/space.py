@@ -43,9 +43,15 @@ class Space:
     suggested: Mapping[Term, tuple[Values, ...]] = field(default_factory=dict, kw_only=True)
 
     def knobs(self, term: Term) -> tuple[Knob, ...]:
-        """The free numbers of a term."""
-        every = (Knob(term.effect, term.target, p.name) for p in BY_NAME[term.effect].parameters)
+        """The free numbers of a term, less those that stay at their null value unless the runs show them."""
+        every = (Knob(term.effect, term.target, p.name) for p in BY_NAME[term.effect].parameters if not p.optional)
         return tuple(k for k in every if k not in self.fixed)
+
+    def optional(self, term: Term) -> tuple[Knob, ...]:
+        """The numbers of a term that stay at their null value unless the runs show them."""
+        return tuple(
+            Knob(term.effect, term.target, p.name, term.changed) for p in BY_NAME[term.effect].parameters if p.optional
+        )
 
     def whole(self, values: Values) -> Values:
         """The values with the fixed numbers of the laws among them."""
@@ -123,7 +129,7 @@ class Space:
         """Doses that an effect may well have."""
         effect = BY_NAME[term.effect]
         columns = []
-        for p in effect.parameters:
+        for p in (p for p in effect.parameters if not p.optional):
             knob = Knob(term.effect, term.target, p.name)
             low, high = self.bounds(knob)
             columns.append([float(np.clip(self._probe(knob, x), low, high)) for x in p.probes])

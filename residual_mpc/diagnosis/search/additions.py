@@ -10,6 +10,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_prob
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.search.optional_numbers import may_be_shown, with_shown
 from residual_mpc.diagnosis.search.screen import (
     compared_mask,
     gap_weights,
@@ -70,10 +71,14 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
         chosen = varied(ranked, settings=settings)[: settings.shortlist // (1 + place)]
         starts += [(parent, {**parent.values, **lead.start}) for lead in chosen]
         promised = max([promised, *(lead.gain / dispersion(parent, blocks) for lead in leads)])
-    if tuned.generous * promised < settings.beyond_doubt:
-        return []
+    phi = dispersion(beam[0], blocks)
     small, weight = smaller(problem, beam[0], settings=settings)
-    margin = tuned.hopeless * dispersion(beam[0], blocks)
+    widened = _widened(small, beam[0], phi, weight, settings)
+    if tuned.generous * promised < settings.beyond_doubt:
+        starts = []
+    if not starts and not widened:
+        return []
+    margin = tuned.hopeless * phi
     parents = {id(parent): on_problem(small, parent, settings=settings.fit) for parent in beam}
     begin = [parents[id(p)] for p, _ in starts]
     new = [frozenset(s).difference(p.knobs) for p, s in starts]
@@ -90,6 +95,8 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
         fresh=[f.fresh for f in first],
         settings=settings.fit,
     )
+    shown = with_shown(small, rough, phi, weight, settings)
+    rough = [f if s is None else s for f, s in zip(rough, shown, strict=True)] + widened
     finalists = distinct(in_turn(small, rough))[: settings.finalists + (2 if len(beam) > 1 else 0)]
     fits = closer(
         problem,
@@ -101,6 +108,15 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     )
     children = distinct(sorted((f for f in fits if possible(f.values)), key=lambda f: f.cost))
     return [on_problem(problem, children[0], settings=settings.fit), *children[1:]] if children else []
+
+
+def _widened(small: Problem, parent: Fit, phi: float, weight: float, settings: SearchSettings) -> list[Fit]:
+    """The set itself with optional numbers free that the runs may show; empty for most sets."""
+    if not may_be_shown(small, parent):
+        return []
+    here = on_problem(small, parent, settings=settings.fit)
+    (found,) = with_shown(small, [here], phi, weight, settings)
+    return [] if found is None else [found]
 
 
 def closer(

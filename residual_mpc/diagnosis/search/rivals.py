@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.additions import NONE, closer
 from residual_mpc.diagnosis.search.close_rivals import Rival, too_close, without_small_differences
+from residual_mpc.diagnosis.search.optional_numbers import with_shown
 from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
@@ -160,6 +161,8 @@ def _fits(
         fresh=new,
         settings=settings.fit,
     )
+    shown = with_shown(small, rough, phi, weight, settings)
+    rough = [r if s is None else s for r, s in zip(rough, shown, strict=True)]
     near = [weight * (r.cost - chosen) < additions.early * tuned.far * phi for r in rough]
     on_part = Race(additions.early * tuned.far * phi / weight, chosen)
     on_all = Race(tuned.far * phi, fit.cost, additions.early)

@@ -111,7 +111,7 @@ def _by_quarter(
 
 
 def _leads(problem: Problem, current: Fit, probes: Sequence[tuple[Term, Values]], weight: float) -> list[ScreenedTerm]:
-    basis = _absorbed(current)
+    basis = absorbed(current)
     leads: list[ScreenedTerm] = []
     for a in range(0, len(probes), ROWS):
         part = probes[a : a + ROWS]
@@ -191,7 +191,7 @@ def drawn(cost: np.ndarray, most: int, power: float = 0.5) -> np.ndarray:
     return np.where(expected >= 1.0, 1.0, times / expected)  # what is sure to be drawn stands for itself alone
 
 
-def _absorbed(current: Fit) -> np.ndarray:
+def absorbed(current: Fit) -> np.ndarray:
     """(n, P) orthonormal basis of what the free parameters of the current fit can follow."""
     if not current.knobs:
         return np.zeros((current.r.size, 0))

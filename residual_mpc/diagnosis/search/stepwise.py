@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.additions import NONE, additions, distinct
+from residual_mpc.diagnosis.search.optional_numbers import Makeup, freed, makeup, with_shown, without_numbers
 from residual_mpc.diagnosis.search.pairs import pairs
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
@@ -160,7 +161,7 @@ class Forward:
     def go_on(self, beam: list[Fit], steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
         """Further steps until none is convincing; the beam at the end, the steps taken so far, and the sets that the
         last two steps came across, those of the last step first, each cheapest first."""
-        steps, seen, met = list(steps), {frozenset(beam[0].terms)}, list[Fit]()
+        steps, seen, met = list(steps), {makeup(beam[0].values)}, list[Fit]()
         base, blocks, settings = self.base, self.blocks, self.settings
         while len(beam[0].terms) < settings.largest:
             problem = self.at(beam[0])
@@ -182,9 +183,9 @@ class Forward:
             if chosen is None:
                 break
             best = prune(problem, ruler, chosen, base, self.noise, blocks, settings)
-            if frozenset(best.terms) in seen:  # what was added is dropped again: it would go on for ever
+            if makeup(best.values) in seen:  # what was added is dropped again: it would go on for ever
                 break
-            seen.add(frozenset(best.terms))
+            seen.add(makeup(best.values))
             self.accepted(ruler, base, best)
             steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
             beam = [best, *others(ruler, base, best, children, settings)]
@@ -197,7 +198,7 @@ def refit(problem: Problem, fits: list[Fit], most: int = 6, *, settings: SearchS
 
 
 def trimmed(
-    problem: Problem, children: list[Fit], blocks: np.ndarray, seen: set[frozenset[Term]], settings: SearchSettings
+    problem: Problem, children: list[Fit], blocks: np.ndarray, seen: set[Makeup], settings: SearchSettings
 ) -> list[Fit]:
     """Cheapest first; of the first few that the data do not tell apart, sets that grew from different ones of the beam,
     without a term that the others have made needless. seen: sets that the search has been at."""
@@ -208,7 +209,7 @@ def trimmed(
     near = [c for c in children[: tuned.trimmed] if len(c.terms) > 1 and c.cost <= children[0].cost + tuned.alike * phi]
     if len(near) < 2:
         return children
-    pairs = [(c, t) for c in near for t in c.terms if frozenset(c.terms) - {t} not in seen]
+    pairs = [(c, t) for c in near for t in c.terms if makeup(without(c.values, t)) not in seen]
     fewer = fit_all(
         problem,
         [without(c.values, t) for c, t in pairs],
@@ -262,13 +263,14 @@ def prune(
     settings: SearchSettings,
     thorough: bool = False,
 ) -> Fit:
-    """Drop terms that the others have made needless; thorough: the others are fitted to the end, and once more from
-    elsewhere, since a term that was found first may have kept them from where they belong."""
-    while len(current.terms) > 1:
+    """Drop terms and optional numbers that the others have made needless; thorough: the others are fitted to the end,
+    and once more from elsewhere, since a term that was found first may have kept them from where they belong."""
+    while len(current.terms) > 1 or freed(current.values):
         here = judge(problem, current, noise, ruler.scales, settings=settings)
         full = refit(here, [current], settings=settings)[0]
         race = Race(settings.additions.hopeless * dispersion(full, blocks))
-        starts = [without(full.values, t) for t in full.terms]
+        starts = [without_numbers(full.values, k) for k in freed(full.values)]
+        starts += [without(full.values, t) for t in full.terms] if len(full.terms) > 1 else []
         near, known = [full] * len(starts), [NONE] * len(starts)
         if thorough:
             more = [other for s in starts if (other := elsewhere(here, s, settings=settings.fit)) is not None]
@@ -292,7 +294,10 @@ def prune(
                 fresh=known,
                 settings=settings.fit,
             )
-        weakest = min(fewer, key=lambda f: f.cost)
+        # an effect that stands for where another acts is needless once that is free
+        anew = [replace(f, fresh=None) for f in fewer if len(f.terms) < len(full.terms)]
+        shown = with_shown(here, anew, dispersion(full, blocks), 1.0, settings)
+        weakest = min([*fewer, *(f for f in shown if f is not None)], key=lambda f: f.cost)
         if convincing(problem, ruler, weakest, full, base, blocks, settings):
             return full
         current = weakest
