@@ -4,10 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from recorded_robots import GEOMETRY, rover_log
 
+from residual_mpc.api.robot import load_robot
+from residual_mpc.blind.recorded.half import Half, Setting
+from residual_mpc.blind.recorded.kinds.drive import TRACK
 from residual_mpc.blind.recorded.kinds.kind import Kind
 from residual_mpc.blind.recorded.recipe import Recipe, draw
-from residual_mpc.blind.recorded.sizing import FAINTEST, Sized
+from residual_mpc.blind.recorded.sizing import FAINTEST, Sized, UntouchedHalves
 from residual_mpc.blind.recorded.visibility import WindowErrors, visibility
 from residual_mpc.errors import BadInput
 
@@ -50,6 +54,27 @@ def test_windows_that_a_change_removes_are_left_out():
     fewer = WindowErrors(one.key[1:], one.later[1:], one.start[1:], one.errors[1:] + 0.1)
     whole = visibility(one, replace(one, errors=one.errors + 0.1))
     assert visibility(one, fewer) == pytest.approx(whole, rel=0.1)
+
+
+def test_a_tenth_more_of_a_model_that_turns_four_times_too_far_is_no_more_visible(tmp_path):
+    """The dose of a factor is that of the change around the number that fits the runs."""
+    rng, logs, tracks, found = np.random.default_rng(0), [], [], []
+    for k in range(16):  # how far the robot turns differs from run to run
+        log, turned = rover_log(k, f"run{k}", 4.0), rng.uniform(0.9, 1.1)
+        logs.append(log.with_values(["pose.theta"], lambda y, turned=turned: turned * y))
+    for track in (GEOMETRY["track_width"], GEOMETRY["track_width"] / 4.0):
+        geometry = {**GEOMETRY, "track_width": track}
+        numbers = "\n".join(f"{name} = {value}" for name, value in geometry.items())
+        (tmp_path / "robot.toml").write_text(f'name = "rover"\nplant = "diff_drive"\n[parameters]\n{numbers}\n')
+        settings = (Setting("*", "", geometry),)
+        before, after = (Half("rover", "diff_drive", tuple(part), settings) for part in (logs[:8], logs[8:]))
+        untouched = UntouchedHalves.of(load_robot(tmp_path / "robot.toml").file, before, after)
+        fitted = untouched._fitted(TRACK, None, "scale")
+        tracks.append(track / fitted)
+        base, changed = (untouched._with(TRACK, None, {"scale": fitted * x}) for x in (1.0, 1.1))
+        found.append(visibility(base, changed))
+    assert tracks[0] > GEOMETRY["track_width"]  # as if it were wider, since the model has no limit of speed
+    assert tracks[1] == pytest.approx(tracks[0], rel=0.05) and found[1] == pytest.approx(found[0], rel=0.2)
 
 
 def kind(effect: str) -> Kind:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target
@@ -17,6 +18,9 @@ FAINTEST = 3.0  # visibility of the smallest change: a test at z = 2 that knows 
 CLEAREST = 30.0  # visibility of the largest change
 TRIES = 4  # bisections of the strength towards a visibility
 NEAR = 1.15  # factor within which a visibility counts as reached
+FACTORS = 4.0 ** np.arange(-4, 3)  # of the nominal value, around which the one that fits the runs is sought
+FINE = 0.07  # of a logarithm, to which that factor is found
+DIVERGED = 1e12  # error of a model that predicts fewer samples than the nominal one
 
 
 @dataclass(frozen=True)
@@ -32,12 +36,14 @@ Sizer = Callable[[Kind, Target, float, np.random.Generator], Sized | None]
 
 @dataclass(frozen=True, eq=False)
 class UntouchedHalves:
-    """Both halves before any change, and the errors of the nominal model in them."""
+    """Both halves before any change, and the errors of the nominal model in them; fitted: by kind and target, what
+    `_fitted` found."""
 
     robot: RobotFile
     before: Half
     after: Half
     untouched: WindowErrors
+    fitted: dict[tuple[str, str, Target], float] = field(default_factory=dict)
 
     @staticmethod
     def of(robot: RobotFile, before: Half, after: Half) -> UntouchedHalves:
@@ -72,13 +78,47 @@ class UntouchedHalves:
         """The change at one strength of the kind's range; None if it cannot be put into these runs."""
         sizes = kind.size(self.after, target, strength, np.random.default_rng(seed))
         try:
-            before, after = (
-                kind.apply(half, target, sizes, np.random.default_rng(seed)) for half in (self.before, self.after)
-            )
-            changed = window_errors(self.robot, before, after)
+            if not kind.factor:
+                return Sized(sizes, visibility(self.untouched, self._with(kind, target, sizes, seed)))
+            (name,) = sizes
+            best = self._fitted(kind, target, name)
+            both = [self._with(kind, target, {name: best * x}, seed) for x in (1.0, sizes[name])]
         except BadInput:
             return None
-        return Sized(sizes, visibility(self.untouched, changed))
+        return Sized(sizes, visibility(*both))
+
+    def _with(self, kind: Kind, target: Target, sizes: Sizes, seed: int = 0) -> WindowErrors:
+        """The errors with a change in both halves."""
+        before, after = (
+            kind.apply(half, target, sizes, np.random.default_rng(seed)) for half in (self.before, self.after)
+        )
+        return window_errors(self.robot, before, after)
+
+    def _fitted(self, kind: Kind, target: Target, name: str) -> float:
+        """The factor with which the median window errs least.
+
+        Where a model turns ten times as far as the robot, a tenth more of that is ten times the change that the robot
+        would show; what a comparison has to see is the change of the factor that fits.
+        """
+        key = (kind.effect, kind.place, target)
+        if key not in self.fitted:
+
+            wanted = np.isfinite(self.untouched.errors).sum()
+
+            def missed(logarithm: float) -> float:
+                e = self._with(kind, target, {name: float(np.exp(logarithm))}).errors
+                there = np.isfinite(e)
+                if there.sum() < 0.99 * wanted:
+                    return DIVERGED
+                squares = np.where(there, e, 0.0) ** 2
+                return float(np.median(squares.sum(axis=(1, 2)) / np.maximum(there.sum(axis=(1, 2)), 1)))
+
+            grid = np.log(FACTORS)
+            near, apart = float(grid[int(np.argmin([missed(x) for x in grid]))]), float(grid[1] - grid[0])
+            found = minimize_scalar(missed, bounds=(near - apart, near + apart), method="bounded",
+                                    options={"xatol": FINE})  # fmt: skip
+            self.fitted[key] = float(np.exp(found.x))
+        return self.fitted[key]
 
 
 def _apart(sized: Sized, wanted: float) -> float:

@@ -118,24 +118,24 @@ def _fill_zone(half: Half, target: Target, sizes: Sizes, rng: np.random.Generato
 RADIUS = Kind(
     WHEEL_RADIUS.name, "model",
     "The model is given wheels that are smaller by the scale, so the same robot has wheels larger by it.",
-    "wheels", _radius_targets, _radius, _change_radius,
+    "wheels", _radius_targets, _radius, _change_radius, factor=True,
 )  # fmt: skip
 TRACK = Kind(
     TRACK_WIDTH.name, "model",
     "The model is given a track that is narrower by the scale, so the same robot has one wider by it.",
-    "wheels", _track_targets, _track, _change_track,
+    "wheels", _track_targets, _track, _change_track, factor=True,
 )  # fmt: skip
 MISMATCH = Kind(
     WHEEL_RADIUS_MISMATCH.name, "log",
     "A right wheel larger by the ratio covers the logged ground at a speed smaller by it. The measured speeds drive "
     "the model, so no motor has to answer differently.",
-    "wheels", _mismatch_targets, _mismatch, _change_right,
+    "wheels", _mismatch_targets, _mismatch, _change_right, factor=True,
 )  # fmt: skip
 WHEEL_GAIN = Kind(
     ACTUATOR_GAIN.name, "log",
     "The wheel answered the logged command. Where a command smaller by the gain stands in the log, the wheel gives the "
     "gain more for it, up to the same limit of speed.",
-    "gain", _gain_targets, _gain, _change_gain,
+    "gain", _gain_targets, _gain, _change_gain, factor=True,
 )  # fmt: skip
 ZONE = Kind(
     DEAD_ZONE.name, "log",

@@ -174,10 +174,10 @@ FORCE = Kind(
     ACTUATOR_GAIN.name, "model",
     "Everything that the actuator's force is proportional to is divided by the gain in the model; its limit stays, as "
     "in the library's law.",
-    "gain", _gain_targets, _gain, _change_gain,
+    "gain", _gain_targets, _gain, _change_gain, factor=True,
 )  # fmt: skip
 STIFFNESS = Kind(
     SERVO_STIFFNESS, "model",
     "The servo's position gain alone is divided by the ratio in the model; its damping and its limit stay.",
-    "gain", _stiffness_targets, _gain, _change_stiffness,
+    "gain", _stiffness_targets, _gain, _change_stiffness, factor=True,
 )  # fmt: skip

@@ -30,6 +30,7 @@ class Kind:
         rank: changes of a lower rank are put in first.
         directed: whether it shifts measurements or predictions in one direction, so that it has a visibility;
             outliers do not.
+        factor: whether it multiplies a number of the model, of which the nominal value may be far from the robot's.
     """
 
     effect: str
@@ -41,6 +42,7 @@ class Kind:
     apply: Callable[[Half, Target, Sizes, np.random.Generator], Half]
     rank: int = 0
     directed: bool = True
+    factor: bool = False
 
 
 def refuse(effect: str, why: str, remedy: str = "choose another kind") -> BadInput:
