@@ -14,7 +14,8 @@ from residual_mpc.experiment.sensors import sensors_for
 from residual_mpc.models.protocol import Robot
 
 FILE = "next.csv"
-# numbers in the start state: a plan for a rover or one joint costs a second, one for an arm a minute, left to `excite`
+# numbers in the start state: a plan for a robot of equations and of this size costs a second; for a larger robot, or one
+# that a physics engine simulates, it costs minutes and is left to `excite`
 AT_ONCE = 3
 LISTED = 4  # sensors in the sentence
 TIMES = 6.0  # the shortest run that shows an effect, in a plan that is to show it
@@ -38,7 +39,7 @@ def propose(
         return Proposal(None, None)
     wanted = () if said["parts"] else sensors_for(document["remainder"], robot.actuators, logged)
     said = {**said, "what": said["what"] + _besides(wanted), "sensors": list(wanted), "excite": excite}
-    if sum(1 if s.velocity is None else 2 for s in robot.states) > AT_ONCE:
+    if robot.step is not None or sum(1 if s.velocity is None else 2 for s in robot.states) > AT_ONCE:
         return Proposal(said, None)
     try:
         seconds = _seconds(said["parts"])

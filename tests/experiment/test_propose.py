@@ -15,14 +15,16 @@ class Planned(Exception):
     """The planner was called."""
 
 
-@pytest.mark.parametrize(("joints", "at_once"), [(1, True), (2, False), (3, False), (6, False)])
-def test_arms_of_more_than_one_joint_are_left_to_excite(joints, at_once, monkeypatch):
+@pytest.mark.parametrize(
+    ("joints", "step", "at_once"), [(1, None, True), (1, 0.001, False), (2, None, False), (6, 0.002, False)]
+)
+def test_arms_of_more_than_one_joint_and_physics_engines_are_left_to_excite(joints, step, at_once, monkeypatch):
     def plan(*_):
         raise Planned
 
     monkeypatch.setattr(module, "plan_next", plan)
     states = tuple(State(f"position.j{k}", f"velocity.j{k}") for k in range(joints))
-    robot = SimpleNamespace(actuators=("j0",), states=states)
+    robot = SimpleNamespace(actuators=("j0",), states=states, step=step)
     if at_once:
         with pytest.raises(Planned):
             module.propose(OPEN, robot, "residual-mpc excite", 0)
@@ -62,7 +64,7 @@ def test_a_gap_that_nothing_explains_asks_for_the_sensor_that_would_show_why(rem
 
 def test_the_sensor_stands_in_the_proposal():
     states = tuple(State(f"position.j{k}", f"velocity.j{k}") for k in range(2))
-    robot = SimpleNamespace(actuators=("j0", "j1"), states=states)
+    robot = SimpleNamespace(actuators=("j0", "j1"), states=states, step=None)
     said = {"parts": [], "what": "drive it twice", "commands": None}
     made = module.propose({"next_experiment": said, "remainder": depends("work")}, robot, "residual-mpc excite", 0)
     assert made.next_experiment["sensors"] == list(HOT)
