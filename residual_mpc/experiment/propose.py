@@ -14,7 +14,7 @@ from residual_mpc.experiment.sensors import sensors_for
 from residual_mpc.models.protocol import Robot
 
 FILE = "next.csv"
-# numbers in the start state: a plan for a robot of equations and of this size costs a second; for a larger robot, or one
+# numbers in the start state: a plan for a robot of equations and of this size costs a second; for a larger one, or one
 # that a physics engine simulates, it costs minutes and is left to `excite`
 AT_ONCE = 3
 LISTED = 4  # sensors in the sentence
