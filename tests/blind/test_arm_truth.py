@@ -159,6 +159,15 @@ def test_a_longer_link_holds_the_next_joint_farther_out():
     np.testing.assert_array_equal(longer.body_inertia, plain.body_inertia)
 
 
+def test_a_long_tool_weighs_on_the_joints_beyond_its_site():
+    arm = draw_arm(np.random.default_rng(4))
+    short, long = (compiled(replace(ideal(arm), payload=0.4, ahead=x), arm) for x in (0.0, 0.1))
+    bare = compiled(ideal(arm), arm)
+    moments = [m.body_mass[-1] * m.body_ipos[-1, 0] for m in (bare, short, long)]
+    assert moments[1] - moments[0] == pytest.approx(0.4 * arm.length[-1], rel=1e-6)
+    assert moments[2] - moments[1] == pytest.approx(0.4 * 0.1, rel=1e-6)
+
+
 def test_a_ripple_is_a_flattened_wave_with_the_stated_first_harmonic():
     beside = Surroundings(ripple=0.3 * np.ones(1), cycles=7.5 * np.ones(1), phase=0.4 * np.ones(1))
     q = np.linspace(0.0, 2 * 2 * np.pi / 7.5, 4001)[:-1, None]

@@ -173,7 +173,7 @@ def compiled(truth: ArmTruth, arm: Arm) -> mujoco.MjModel:
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
             size=[0.015, 0, 0],
-            pos=[arm.length[-1], 0, 0],
+            pos=[arm.length[-1] + truth.ahead, 0, 0],
             mass=truth.payload,
         )
     built_in(spec, truth.flaws, inertia_at(arm, arm.home))

@@ -10,7 +10,7 @@ import numpy as np
 from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint, one_joint
 from plants.blind_families.planting import Planting, Plantings, by_name
 from residual_mpc.effects.actuator import RATE_LIMIT, SERVO_INTEGRAL, TORQUE_SPEED_LIMIT
-from residual_mpc.effects.body import GEAR_EFFICIENCY
+from residual_mpc.effects.body import GEAR_EFFICIENCY, PAYLOAD
 from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 
 Made = tuple[ArmRobot, dict[str, float]]
@@ -95,6 +95,13 @@ def _tilt(robot: ArmRobot, draw: Draw, s: float) -> Made:
     return replace(robot, truth=truth), {"roll": roll, "pitch": pitch}
 
 
+def _long_tool(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    """A load that is centred 30 to 80 % of the last link's length beyond the tool."""
+    mass = float(s * robot.truth.arm.mass.sum())
+    ahead = float(robot.truth.arm.length[-1] * (0.3 + 0.5 * draw.shape))
+    return replace(robot, truth=replace(robot.truth, payload=mass, ahead=ahead)), {"mass": mass, "x": ahead}
+
+
 SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(RATE_LIMIT, _rate, one_joint, typical=0.6),
     Planting(TORQUE_SPEED_LIMIT, _line, one_joint, typical=0.5),
@@ -105,4 +112,5 @@ SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(TORQUE_RIPPLE, _ripple, one_joint, typical=0.2),
     Planting(END_STOP, _stop, one_joint, typical=0.4),
     Planting(BASE_TILT, _tilt, every_joint, typical=0.3),
+    Planting(PAYLOAD, _long_tool, every_joint, typical=0.1),
 )

@@ -136,6 +136,7 @@ class ArmTruth:
     gusts: Array  # (m, n + 2): from s, to s, torques N m
     flaws: ArmFlaws = ArmFlaws()  # the rest of them, and what is wrong with the model
     beside: Surroundings = Surroundings()  # servos, springs, stops and the mounting
+    ahead: float = 0.0  # m, how much farther than the tool the payload is along the last link
 
 
 def ideal(arm: NominalArm) -> ArmTruth:
