@@ -150,6 +150,10 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
     met = (found.rivals[0].fit,)  # a set that the search came across serves as well as a rival
     alone = replace(found, fit=lost, rivals=())
     assert holds_elsewhere(alone, met, replays, ruler, settings=settings) is met[0]
+    idle = Knob("actuator_gain", "left", "gain")
+    larger = replace(met[0], knobs=(*met[0].knobs, idle), values={**met[0].values, idle: 1.0 + 1e-4})
+    both = (larger, met[0])  # of sets that do as well, the one with the fewest numbers
+    assert holds_elsewhere(alone, both, replays, ruler, settings=settings) is met[0]
     assert holds_elsewhere(alone, (), replays, ruler, settings=settings) is None
     unseen = replace(ruler, floor=1.0)  # what is left is within the noise
     assert holds_elsewhere(alone, met, replays, unseen, settings=settings) is None

@@ -86,7 +86,9 @@ def holds_elsewhere(
     y = replays.data.y
     squares = [per_window(replays.data, ruler.scales, y - p) for p in replays([f.values for f in fits])]
     gaps = np.array([np.mean(np.minimum(np.nan_to_num(s, nan=tuned.lost), tuned.lost)) for s in squares])
-    best = int(np.argmin(gaps))
+    least = float(gaps.min())
+    near = np.flatnonzero(gaps <= least + max(tuned.visible * ruler.floor, tuned.share * least))
+    best = min(near.tolist(), key=lambda i: (len(fits[i].knobs), gaps[i]))  # the simplest of those that do as well
     much = gaps[0] > ruler.much
     return fits[best] if much and gaps[best] < tuned.far_smaller * gaps[0] else None
 

@@ -95,8 +95,8 @@ def stepwise_search(
     here = judge(carrying(problem, last.values, settings=settings.fit), last, noise, scales, settings=settings)
     current, base = refit(here, [last, base], settings=settings)
     sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
-    chosen = frozenset(current.terms)
-    others_met = tuple(f for f in met if frozenset(f.terms) != chosen)[: settings.steps.met]
+    chosen = makeup(current.values)
+    others_met = tuple(f for f in met if makeup(f.values) != chosen)[: settings.steps.met]
     return Found(here, current, base, dispersion(current, blocks), ruler, tuple(steps), others_met, sigma)
 
 
