@@ -77,10 +77,34 @@ def compare(
             units = _units(problem.data, sets, given, settings)
             found = search_changes(problem, account, units, settings, found)
         assert found is not None and problem is not None and units is not None
+        found, problem, units = _on_all_windows(given, sets, windows[0], account, (found, problem, units), settings)
         progress("comparing with alternative changes", 0.7)
         rivals = find_change_rivals(problem, found, units, settings)
         progress("fitting on all windows", 0.8)
         return _judged(given, sets, windows[0], space, problem, rivals, rng, settings)
+
+
+def _on_all_windows(
+    given: ComparisonInput,
+    sets: TwoSets,
+    windows: tuple[Dataset, Scales],
+    account: Values,
+    searched: tuple[FoundChanges, Problem, Units],
+    settings: ComparisonSettings,
+) -> tuple[FoundChanges, Problem, Units]:
+    """What the search finds, and on which problem, when it goes on with all windows that fits may see: it has seen some
+    of them, and the verdict is about all."""
+    found, problem, _ = searched
+    if found.changes and len(found.changes) >= settings.search.most:
+        return searched
+    space = problem.space
+    assert isinstance(space, ChangeSpace)
+    whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
+    if whole.data.cost <= problem.data.cost:
+        return searched
+    units = _units(whole.data, sets, given, settings)
+    further = search_changes(whole, account, units, settings, found)
+    return searched if further.changes == found.changes else (further, whole, units)
 
 
 def _cut(given: ComparisonInput, settings: ComparisonSettings) -> TwoSets:

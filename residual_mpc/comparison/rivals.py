@@ -32,7 +32,7 @@ def find_change_rivals(
     shares: dict[Term, float] = {}
     for change in found.changes:
         fits = _in_place_of(problem, found, change, units, settings)
-        ratios = {term: _ratio(found.fit, fit, units, found.phi) for term, fit in fits.items()}
+        ratios = {term: _ratio(dropped, fits[change.term][1], units, found.phi) for term, (_, dropped) in fits.items()}
         weights = {term: float(np.exp(-0.5 * np.clip(ratio, 0.0, 200.0))) for term, ratio in ratios.items()}
         total = sum(weights.values())
         for term, weight in weights.items():
@@ -46,11 +46,12 @@ def find_change_rivals(
     return ChangeRivals(found, tuple(groups), shares)
 
 
-def _ratio(chosen: Fit, other: Fit, units: Units, phi: float) -> float:
-    """How much worse a fit is, as a likelihood ratio: the geometric mean of the drop in cost over the dispersion, which
-    is cautious where residuals are coloured, and of the squared statistic of a test that pairs the units (Vuong 1989,
-    eq. 5.6), which is bold where both fits miss the same. Negative where it is better."""
-    difference = units.summed(other.per_window - chosen.per_window)
+def _ratio(other: np.ndarray, chosen: np.ndarray, units: Units, phi: float) -> float:
+    """How much less another change explains than the chosen one, as a likelihood ratio, from the drops of the cost that
+    either makes, (W,) each: the geometric mean of their difference over the dispersion, which is cautious where
+    residuals are coloured, and of the squared statistic of a test that pairs the units (Vuong 1989, eq. 5.6), which is
+    bold where both miss the same. Negative where it explains more."""
+    difference = units.summed(chosen - other)
     spread = float(np.sqrt(units.count * np.var(difference, ddof=1)))
     total = float(difference.sum())
     paired = total / max(spread, 1e-12)
@@ -59,17 +60,17 @@ def _ratio(chosen: Fit, other: Fit, units: Units, phi: float) -> float:
 
 def _in_place_of(
     problem: Problem, found: FoundChanges, change: FoundChange, units: Units, settings: ComparisonSettings
-) -> dict[Term, Fit]:
-    """The fit with each change that explains much of the difference in place of one that was found, that one
-    included."""
+) -> dict[Term, tuple[Fit, np.ndarray]]:
+    """The fit with each change that explains much of the difference in place of one that was found, that one included;
+    and (W,) by how much the change alone lowers each window's cost."""
     start = without_change(found.fit.values, change.term)
     rest = fit_all(problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit)[0]
     told = [c for c in told_apart(problem, rest, units, settings).told if c.term != change.term]
-    out = {change.term: found.fit}
+    out = {change.term: (found.fit, rest.per_window - found.fit.per_window)}
     least = settings.search.resembles * (rest.cost - found.fit.cost)
-    for lead, fit in fitted_leads(problem, rest, sorted(told, key=lambda c: -c.drop), settings):
-        if rest.cost - fit.cost >= least:
-            out.setdefault(lead.term, fit)
+    for one in fitted_leads(problem, rest, sorted(told, key=lambda c: -c.drop), settings):
+        if one.drop >= least:
+            out.setdefault(one.lead.term, (one.fit, one.common.per_window - one.fit.per_window))
     return out
 
 
@@ -78,12 +79,12 @@ def _preferring(
     found: FoundChanges,
     change: FoundChange,
     first: Term,
-    fits: dict[Term, Fit],
+    fits: dict[Term, tuple[Fit, np.ndarray]],
     settings: ComparisonSettings,
 ) -> FoundChanges:
     """The changes with the first of a group, by the contract's table, in place of the one that was found."""
     if first == change.term:
         return found
-    fit = on_problem(problem, fits[first], settings=settings.results.fit)
+    fit = on_problem(problem, fits[first][0], settings=settings.results.fit)
     changes = tuple(FoundChange(first, c.p) if c.term == change.term else c for c in found.changes)
     return replace(found, fit=fit, changes=changes)

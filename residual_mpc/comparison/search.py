@@ -36,6 +36,21 @@ class FoundChanges:
     phi: float
 
 
+@dataclass(frozen=True, eq=False)
+class FittedLead:
+    """A lead, fitted with everything else; common: the same with the effect on both sets alike in place of the change,
+    or without it where that fits better: the model's own error in the effect speaks for no change."""
+
+    lead: Contrast
+    fit: Fit
+    common: Fit
+
+    @property
+    def drop(self) -> float:
+        """By which the change alone lowers the cost."""
+        return self.common.cost - self.fit.cost
+
+
 def search_changes(
     problem: Problem, account: Values, units: Units, settings: ComparisonSettings, start: FoundChanges | None = None
 ) -> FoundChanges:
@@ -95,10 +110,20 @@ def without_change(values: Values, term: Term) -> Values:
     return {k: v for k, v in values.items() if k.effect == TUNE or k.term != term}
 
 
+def _on_both_alike(values: Values, term: Term) -> dict[Knob, float]:
+    """The values without a change, where both sets have none of the effect with it on both."""
+    out = dict(without_change(values, term))
+    for knob in (k for k in values if k.effect != TUNE and k.term == term):
+        own = knob._replace(changed=False)
+        if own not in out and own._replace(target=None) not in out:
+            out[own] = values[knob]
+    return out
+
+
 def fitted_leads(
     problem: Problem, current: Fit, leads: list[Contrast], settings: ComparisonSettings
-) -> list[tuple[Contrast, Fit]]:
-    """The first few leads fitted with everything else, cheapest first, each term once."""
+) -> list[FittedLead]:
+    """The first few leads fitted with everything else, the change that lowers the cost most first, each term once."""
     tuned, fits = settings.search, settings.results.fit
     chosen = varied(leads, settings=settings.results.search)[: tuned.shortlist]
     starts = [with_change(problem, current.values, c) for c in chosen]
@@ -112,7 +137,18 @@ def fitted_leads(
     finalists = list(seen.values())[: tuned.finalists]
     ends = fit_all(problem, [rough[i].values for i in finalists], fresh=[new[i] for i in finalists], settings=fits)
     pairs = [(chosen[i], f) for i, f in zip(finalists, ends, strict=True) if possible(f.values)]
-    return sorted(pairs, key=lambda pair: pair[1].cost)
+    alike = [_on_both_alike(f.values, lead.term) for lead, f in pairs]
+    more = [i for i, values in enumerate(alike) if values.keys() - current.values.keys()]
+    fitted = fit_all(
+        problem,
+        [alike[i] for i in more],
+        near=[pairs[i][1] for i in more],
+        fresh=[frozenset(alike[i].keys() - pairs[i][1].values.keys()) for i in more],
+        settings=fits,
+    )
+    common = {i: min(current, fit, key=lambda f: f.cost) for i, fit in zip(more, fitted, strict=True)}
+    out = [FittedLead(lead, fit, common.get(i, current)) for i, (lead, fit) in enumerate(pairs)]
+    return sorted(out, key=lambda one: -one.drop)
 
 
 def _best(
@@ -123,10 +159,9 @@ def _best(
     beyond = [c for c in told if c.alone <= settings.contrast.level]
     leads = mixed(sorted(beyond, key=lambda c: -c.drop), sorted(beyond, key=lambda c: -abs(c.z)))
     p = {term: min(c.p for c in beyond if c.term == term) for term in {c.term for c in beyond}}
-    for lead, fit in fitted_leads(problem, current, leads, settings):
-        worth = (current.cost - fit.cost) / dispersion(fit, units.number)
-        if worth >= settings.search.needed:
-            return fit, FoundChange(lead.term, p[lead.term])
+    for one in fitted_leads(problem, current, leads, settings):
+        if one.drop / dispersion(one.fit, units.number) >= settings.search.needed:
+            return one.fit, FoundChange(one.lead.term, p[one.lead.term])
     return None
 
 
