@@ -18,7 +18,7 @@ from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.document import to_document
-from residual_mpc.diagnosis.search.optional_numbers import makeup, unshown, with_all_free, without_numbers
+from residual_mpc.diagnosis.search.optional_numbers import at_bounds, makeup, unshown, with_all_free, without_numbers
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Term
 
@@ -109,6 +109,17 @@ def test_sets_with_other_numbers_free_are_other_sets() -> None:
     at_site, ahead = {MASS: 0.3}, {MASS: 0.3, X: 0.05}
     assert makeup(at_site) == makeup({MASS: 0.1}) != makeup(ahead)
     assert without_numbers(ahead, X) == at_site
+
+
+def test_a_coordinate_at_its_bound_is_found_out(tmp_path: Path) -> None:
+    """A light load far out feigns a rotor: the largest distance is no place where a tool is found."""
+    run = loaded_run(PLANAR, 0.0, (0.0, 0.0, 0.0))
+    data = build_dataset([run], [robot_of(tmp_path, PLANAR)], NOISE, 1.0)
+    space = build_space(data, (), ("payload",))
+    low, high = space.bounds(X)
+    for x, found in ((0.5 * high, ()), (0.995 * high, (X,)), (low, (X,))):
+        fit: Any = SimpleNamespace(values={MASS: 0.1, X: x, Z: 0.01})
+        assert at_bounds(space, fit) == found
 
 
 def linear_fit(values: tuple[float, ...], hessian: np.ndarray) -> tuple[Fit, np.ndarray]:

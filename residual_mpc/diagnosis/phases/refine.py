@@ -26,7 +26,13 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation,
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.shrink import Shrink, expected_shrink
 from residual_mpc.diagnosis.results.step_shift import finely_stepped
-from residual_mpc.diagnosis.search.optional_numbers import freed, unshown, with_all_free, without_numbers
+from residual_mpc.diagnosis.search.optional_numbers import (
+    at_bounds,
+    freed,
+    unshown,
+    with_all_free,
+    without_numbers,
+)
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
@@ -134,7 +140,7 @@ def _choose_numbers(problem: Problem, polished: Polished, options: Options) -> P
     every = with_all_free(space, polished.fit.values)
     whole = _again(problem, polished, every, options)
     finer, blocks = finely_stepped(problem, whole.fit), blocks_of(problem.data, settings=settings)
-    gone = unshown(space, whole.fit, finer, most, blocks, settings)
+    gone = (*at_bounds(space, whole.fit), *unshown(space, whole.fit, finer, most, blocks, settings))
     kept = without_numbers(whole.fit.values, *gone)
     return polished if kept.keys() == polished.fit.values.keys() else _again(problem, polished, kept, options)
 

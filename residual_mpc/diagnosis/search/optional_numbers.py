@@ -22,6 +22,7 @@ from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
+AT_BOUND = 0.01  # of the range between the bounds, within which a number counts as at one
 Makeup = frozenset[Term | Knob]  # the effects of a set, and which of their optional numbers are free
 
 
@@ -73,9 +74,20 @@ def with_shown(
     )
     found = [None if start is None else next(ends) for start in starts]
     return [
-        end if end is not None and _worth(fit, end, phi / weight, settings) > settings.beyond_doubt_most else None
+        end
+        if end is not None
+        and _worth(fit, end, phi / weight, settings) > settings.beyond_doubt_most
+        and not at_bounds(problem.space, end)
+        else None
         for fit, end in zip(fits, found, strict=True)
     ]
+
+
+def at_bounds(space: Space, fit: Fit) -> tuple[Knob, ...]:
+    """The optional numbers that are at a bound, or nearly: something else is the cause."""
+    ends = {k: space.bounds(k) for k in freed(fit.values)}
+    near = {k: AT_BOUND * (high - low) for k, (low, high) in ends.items()}
+    return tuple(k for k, (a, b) in ends.items() if not a + near[k] < fit.values[k] < b - near[k])
 
 
 def unshown(
