@@ -137,18 +137,25 @@ def fitted_leads(
     finalists = list(seen.values())[: tuned.finalists]
     ends = fit_all(problem, [rough[i].values for i in finalists], fresh=[new[i] for i in finalists], settings=fits)
     pairs = [(chosen[i], f) for i, f in zip(finalists, ends, strict=True) if possible(f.values)]
-    alike = [_on_both_alike(f.values, lead.term) for lead, f in pairs]
+    out = _beside_both_alike(problem, current, pairs, settings)
+    return sorted(out, key=lambda one: -one.drop)
+
+
+def _beside_both_alike(
+    problem: Problem, current: Fit, pairs: Sequence[tuple[Contrast, Fit]], settings: ComparisonSettings
+) -> list[FittedLead]:
+    """Each fitted lead with the fit that it is measured against."""
+    alike = [_on_both_alike(fit.values, lead.term) for lead, fit in pairs]
     more = [i for i, values in enumerate(alike) if values.keys() - current.values.keys()]
     fitted = fit_all(
         problem,
         [alike[i] for i in more],
         near=[pairs[i][1] for i in more],
         fresh=[frozenset(alike[i].keys() - pairs[i][1].values.keys()) for i in more],
-        settings=fits,
+        settings=settings.results.fit,
     )
     common = {i: min(current, fit, key=lambda f: f.cost) for i, fit in zip(more, fitted, strict=True)}
-    out = [FittedLead(lead, fit, common.get(i, current)) for i, (lead, fit) in enumerate(pairs)]
-    return sorted(out, key=lambda one: -one.drop)
+    return [FittedLead(lead, fit, common.get(i, current)) for i, (lead, fit) in enumerate(pairs)]
 
 
 def _best(
