@@ -95,7 +95,7 @@ def _on_all_windows(
     """What the search finds, and on which problem, when it goes on with all windows that fits may see: it has seen some
     of them, and the verdict is about all."""
     found, problem, _ = searched
-    if found.changes and len(found.changes) >= settings.search.most:
+    if len(found.changes) >= settings.search.most:
         return searched
     space = problem.space
     assert isinstance(space, ChangeSpace)

@@ -148,7 +148,7 @@ PAYLOAD = Effect(
         Parameter("mass", "kg", 0.0, -math.inf, math.inf, (0.1, 0.4), "mass", tolerance=0.05, quantity="tool mass"),
         *(_offset(name, quantity) for name, quantity in TOOL_AXES.items()),
     ),
-    summary="a mass at the payload site, or beside it",
+    summary="a mass at or near the payload site",
     site="tool",
     imitates=frozenset({"position"}),
     phrase=Phrase("the robot carries {mass} more than modelled", located=", {where} from the payload site"),

@@ -53,8 +53,8 @@ def weights(ops: Ops, arm: Arm, links: Chain, q: Angles, load: Load) -> tuple[Ar
     for i in range(len(q)):
         _, tool, *corners = found["gripper"]
         lever = tool[i]
-        for far, tip in zip(load.beside or (), corners[1:], strict=True):
-            lever = lever + far * (tip[i] - corners[0][i])
+        for offset, tip in zip(load.beside or (), corners[1:], strict=True):
+            lever = lever + offset * (tip[i] - corners[0][i])
         total = load.payload * lever
         for n in BODIES:
             total = total + load.masses[n] * found[n][0][i]

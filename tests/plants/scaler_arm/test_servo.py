@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -59,3 +61,14 @@ def test_parameters_are_those_of_the_arm():
     assert build(RobotFile("stiff", "scaler_arm_servo", parameters={"stiffness": 600.0})).arm.servo.stiffness == 600.0
     with pytest.raises(BadInput, match="unknown parameter"):
         build(RobotFile("stiff", "scaler_arm_servo", parameters={"stifness": 600.0}))
+
+
+def test_a_load_beside_the_tool_weighs_as_one_at_a_tool_that_is_there() -> None:
+    offset = (0.03, -0.02, 0.05)
+    moved = replace(SCALER, tool=tuple(a + b for a, b in zip(SCALER.tool, offset, strict=True)))
+    for q in anywhere(5):
+        beside = weights(NUMPY, SCALER, chain(SCALER), [*q], Load(masses(SCALER), 0.4, {}, {}, offset))
+        there = weights(NUMPY, moved, chain(moved), [*q], Load(masses(moved), 0.4, {}, {}))
+        at_tool = weights(NUMPY, SCALER, chain(SCALER), [*q], Load(masses(SCALER), 0.4, {}, {}))
+        np.testing.assert_allclose(beside, there, atol=1e-9)
+        assert np.abs(np.subtract(beside, at_tool)).max() > 0.01
