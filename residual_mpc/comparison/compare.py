@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.comparison.account import account_of
 from residual_mpc.comparison.conditions import balanced, conditions_of, driving_of
 from residual_mpc.comparison.gaps import compared_gap
-from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison
+from residual_mpc.comparison.records import Change, ChangeCandidate, ComparedGap, Comparison
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
 from residual_mpc.comparison.sets import TwoSets, cut, units_of, windows_of
@@ -206,7 +206,7 @@ def _judged(
     left = told_apart(whole, fit, units, settings)
     spread = jackknife(fit, units)
     gap = compared_gap(sets, whole, fit, rng, settings)
-    unexplained = _unexplained(gap.before, gap.after, gap.after_explained)
+    unexplained = _unexplained(gap)
     verdict = _verdict(found, left.p, unexplained, settings)
     sure = settings.sure if verdict == "changed" else settings.sure_partial
     changes = _named(whole, fit, rivals, spread, sure, settings)
@@ -268,10 +268,13 @@ def _verdict(found: FoundChanges, p_left: float, unexplained: float, settings: C
     return "changed" if p_left > settings.contrast.left and unexplained <= settings.unexplained else "partial"
 
 
-def _unexplained(before: float, after: float, explained: float) -> float:
-    """Share of what the squared gap rose by that is still there with the changes."""
-    risen = after**2 - before**2
-    return float(np.clip((explained**2 - before**2) / risen, 0.0, 1.0)) if risen > 0.0 else 0.0
+def _unexplained(gap: ComparedGap) -> float:
+    """Share of what the squared gap rose by that is still there with the changes; 0 where what is left is within two
+    standard errors."""
+    risen, left = gap.after**2 - gap.before**2, gap.after_explained**2 - gap.before**2
+    if risen <= 0.0 or left <= 2.0 * gap.left_error:
+        return 0.0
+    return min(left / risen, 1.0)
 
 
 def _plain(term: Term) -> Term:

@@ -1,13 +1,12 @@
 """The gaps of a comparison, on windows that no fit has seen."""
 
-
 import numpy as np
 
 from residual_mpc.comparison.records import ComparedGap
-from residual_mpc.comparison.sets import TwoSets
+from residual_mpc.comparison.sets import TwoSets, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import gap_of
+from residual_mpc.diagnosis.data.gap import gap_from_squares, gap_of, window_squares
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
@@ -36,6 +35,11 @@ def compared_gap(
     def total(error: np.ndarray, windows: np.ndarray) -> float:
         return float(gap_of(data, sets.scales, error, windows).total)
 
+    number = units_of(data, sets.later, settings.contrast)
+
+    def spread(error: np.ndarray, windows: np.ndarray) -> float:
+        return squared_gap_error(*window_squares(data, sets.scales, error), number, windows)
+
     channels = {}
     parts = {
         "before": gap_of(data, sets.scales, errors[1], ~later).channels,
@@ -53,11 +57,23 @@ def compared_gap(
         total(errors[1], ~later),
         total(errors[1], later),
         total(errors[2], later),
+        float(np.hypot(spread(errors[1], ~later), spread(errors[2], later))),
         floor.total,
         data.horizon,
         (int((~later).sum()), int(later.sum())),
         channels,
     )
+
+
+def squared_gap_error(total: np.ndarray, count: np.ndarray, unit: np.ndarray, windows: np.ndarray) -> float:
+    """Standard error of the squared gap of these windows (W,) bool, from the jackknife over their units (W,) (Efron and
+    Stein 1981); 0 for a single unit. total, count (W, C): see `window_squares`."""
+    units = np.unique(unit[windows])
+    if len(units) < 2:
+        return 0.0
+    kept = windows[None, :] & (unit[None, :] != units[:, None])
+    squares = gap_from_squares(total, count, kept.astype(float)) ** 2
+    return float(np.sqrt((len(units) - 1) / len(units) * np.sum((squares - squares.mean()) ** 2)))
 
 
 def _tested(sets: TwoSets) -> np.ndarray:

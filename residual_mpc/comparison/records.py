@@ -57,13 +57,15 @@ class VisibleChange:
 @dataclass(frozen=True)
 class ComparedGap:
     """Gaps of the model fitted to the runs before, on windows that no fit has seen, unitless: on the runs before, on
-    those after, and on those after with the changes; channels: the same by channel."""
+    those after, and on those after with the changes; left_error: standard error of what the changes leave of the
+    rise of the squared gap; channels: the gaps by channel."""
 
     nominal_before: float
     nominal_after: float
     before: float
     after: float
     after_explained: float
+    left_error: float
     noise_floor: float
     horizon: float
     windows: tuple[int, int]

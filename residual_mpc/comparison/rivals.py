@@ -4,12 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.comparison.likelihood import Explanation, likelihood_ratios
 from residual_mpc.comparison.search import FoundChange, FoundChanges, fitted_leads, told_apart, without_change
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.units import Units
-from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
+from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.search.additions import mixed
 from residual_mpc.diagnosis.search.rivals import place
 from residual_mpc.models.settings import Knob, Term
 
@@ -32,7 +34,9 @@ def find_change_rivals(
     shares: dict[Term, float] = {}
     for change in found.changes:
         fits = _in_place_of(problem, found, change, units, settings)
-        ratios = {term: _ratio(dropped, fits[change.term][1], units, found.phi) for term, (_, dropped) in fits.items()}
+        explained = list(fits.values())
+        beyond = likelihood_ratios(problem, explained, units, found.phi, settings.contrast)[0]
+        ratios = {one.term: float(ratio) for one, ratio in zip(explained, beyond, strict=True)}
         weights = {term: float(np.exp(-0.5 * np.clip(ratio, 0.0, 200.0))) for term, ratio in ratios.items()}
         total = sum(weights.values())
         for term, weight in weights.items():
@@ -46,31 +50,19 @@ def find_change_rivals(
     return ChangeRivals(found, tuple(groups), shares)
 
 
-def _ratio(other: np.ndarray, chosen: np.ndarray, units: Units, phi: float) -> float:
-    """How much less another change explains than the chosen one, as a likelihood ratio, from the drops of the cost that
-    either makes, (W,) each: the geometric mean of their difference over the dispersion, which is cautious where
-    residuals are coloured, and of the squared statistic of a test that pairs the units (Vuong 1989, eq. 5.6), which is
-    bold where both miss the same. Negative where it explains more."""
-    difference = units.summed(chosen - other)
-    spread = float(np.sqrt(units.count * np.var(difference, ddof=1)))
-    total = float(difference.sum())
-    paired = total / max(spread, 1e-12)
-    return float(np.sign(total) * np.sqrt(abs(total) / phi) * abs(paired))
-
-
 def _in_place_of(
     problem: Problem, found: FoundChanges, change: FoundChange, units: Units, settings: ComparisonSettings
-) -> dict[Term, tuple[Fit, np.ndarray]]:
-    """The fit with each change that explains much of the difference in place of one that was found, that one included;
-    and (W,) by how much the change alone lowers each window's cost."""
+) -> dict[Term, Explanation]:
+    """The changes that explain much of the difference in place of one that was found, after that one."""
     start = without_change(found.fit.values, change.term)
     rest = fit_all(problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit)[0]
     told = [c for c in told_apart(problem, rest, units, settings).told if c.term != change.term]
-    out = {change.term: (found.fit, rest.per_window - found.fit.per_window)}
+    leads = mixed(sorted(told, key=lambda c: -abs(c.z)), sorted(told, key=lambda c: -c.drop))
+    out = {change.term: Explanation(change.term, found.fit, rest.per_window - found.fit.per_window)}
     least = settings.search.resembles * (rest.cost - found.fit.cost)
-    for one in fitted_leads(problem, rest, sorted(told, key=lambda c: -c.drop), settings):
+    for one in fitted_leads(problem, rest, leads, settings):
         if one.drop >= least:
-            out.setdefault(one.lead.term, (one.fit, one.common.per_window - one.fit.per_window))
+            out.setdefault(one.lead.term, one.explanation)
     return out
 
 
@@ -79,12 +71,12 @@ def _preferring(
     found: FoundChanges,
     change: FoundChange,
     first: Term,
-    fits: dict[Term, tuple[Fit, np.ndarray]],
+    fits: dict[Term, Explanation],
     settings: ComparisonSettings,
 ) -> FoundChanges:
     """The changes with the first of a group, by the contract's table, in place of the one that was found."""
     if first == change.term:
         return found
-    fit = on_problem(problem, fits[first][0], settings=settings.results.fit)
+    fit = on_problem(problem, fits[first].fit, settings=settings.results.fit)
     changes = tuple(FoundChange(first, c.p) if c.term == change.term else c for c in found.changes)
     return replace(found, fit=fit, changes=changes)

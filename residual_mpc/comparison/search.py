@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.comparison.contrast import Contrast, Contrasts, contrasts
+from residual_mpc.comparison.likelihood import Explanation, likelihood_ratios
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.evidence import dispersion
@@ -49,6 +50,11 @@ class FittedLead:
     def drop(self) -> float:
         """By which the change alone lowers the cost."""
         return self.common.cost - self.fit.cost
+
+    @property
+    def explanation(self) -> Explanation:
+        """What the change alone explains."""
+        return Explanation(self.lead.term, self.fit, self.common.per_window - self.fit.per_window)
 
 
 def search_changes(
@@ -161,28 +167,43 @@ def _beside_both_alike(
 def _best(
     problem: Problem, current: Fit, units: Units, told: Sequence[Contrast], settings: ComparisonSettings
 ) -> tuple[Fit, FoundChange] | None:
-    """The change that lowers the cost most, of those that are significant by themselves, since something differs beyond
-    doubt; None where none is worth its likelihood ratio."""
+    """Of the changes that are significant by themselves, since something differs beyond doubt, the one that explains
+    more than each of the others; None where none qualifies."""
     beyond = [c for c in told if c.alone <= settings.contrast.level]
-    leads = mixed(sorted(beyond, key=lambda c: -c.drop), sorted(beyond, key=lambda c: -abs(c.z)))
+    leads = mixed(sorted(beyond, key=lambda c: -abs(c.z)), sorted(beyond, key=lambda c: -c.drop))
     p = {term: min(c.p for c in beyond if c.term == term) for term in {c.term for c in beyond}}
-    for one in fitted_leads(problem, current, leads, settings):
-        if one.drop / dispersion(one.fit, units.number) >= settings.search.needed:
-            return one.fit, FoundChange(one.lead.term, p[one.lead.term])
-    return None
+    fitted = [
+        one
+        for one in fitted_leads(problem, current, leads, settings)
+        if one.drop > 0.0
+        and (
+            p[one.lead.term] <= settings.contrast.level
+            or one.drop / dispersion(one.fit, units.number) >= settings.search.needed
+        )
+    ]
+    if not fitted:
+        return None
+    explanations = [one.explanation for one in fitted]
+    phi = dispersion(min((one.fit for one in fitted), key=lambda fit: fit.cost), units.number)
+    ratios = likelihood_ratios(problem, explanations, units, phi, settings.contrast)
+    best = fitted[int(np.argmax(ratios.min(axis=1)))]
+    return best.fit, FoundChange(best.lead.term, p[best.lead.term])
 
 
 def _pruned(
     problem: Problem, current: Fit, changes: list[FoundChange], units: Units, settings: ComparisonSettings
 ) -> tuple[Fit, list[FoundChange]]:
     """Without the changes that later ones have made needless."""
+    needed = settings.search.needed
     while len(changes) > 1:
         phi = dispersion(current, units.number)
         starts = [without_change(current.values, c.term) for c in changes[:-1]]
         fewer = fit_all(problem, starts, settings.search.rough, near=[current] * len(starts),
                         fresh=[frozenset[Knob]()] * len(starts), settings=settings.results.fit)  # fmt: skip
         least = int(np.argmin([f.cost for f in fewer]))
-        if (fewer[least].cost - current.cost) / phi > settings.search.needed:
+        probes = [(changes[least].term, p) for p in problem.space.probes(changes[least].term)]
+        z = max(abs(c.z) for c in contrasts(problem, fewer[least], units, probes, settings.contrast).told)
+        if max(z**2, (fewer[least].cost - current.cost) / phi) > needed:
             break
         current = on_problem(problem, fewer[least], settings=settings.results.fit)
         changes = [c for i, c in enumerate(changes) if i != least]

@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_robots import GEOMETRY, rover_log
+from scipy import stats
 
 from residual_mpc.api.robot import load_robot
 from residual_mpc.blind.recorded.half import Half, Setting
 from residual_mpc.blind.recorded.kinds.drive import TRACK
 from residual_mpc.blind.recorded.kinds.kind import Kind
 from residual_mpc.blind.recorded.recipe import Recipe, draw
-from residual_mpc.blind.recorded.sizing import FAINTEST, Sized, UntouchedHalves
-from residual_mpc.blind.recorded.visibility import WindowErrors, visibility
+from residual_mpc.blind.recorded.sizing import Sized, UntouchedHalves
+from residual_mpc.blind.recorded.visibility import WindowErrors, faintest, visibility
 from residual_mpc.errors import BadInput
 
 
@@ -47,6 +48,16 @@ def test_what_runs_scatter_by_counts_and_what_they_share_does_not():
 def test_a_change_that_no_window_shows_has_none():
     one = errors(np.random.default_rng(2), 12)
     assert visibility(one, one) == 0.0
+
+
+@pytest.mark.parametrize("runs", [12, 40])
+def test_four_in_five_of_the_faintest_changes_are_detected_among_forty(runs):
+    """By a t test of the units at a level of 2 %, divided by the number of changes that it chooses from."""
+    rng = np.random.default_rng(4)
+    z = faintest(errors(rng, runs))
+    shifted = rng.normal(size=(4000, runs)) + np.where(np.arange(runs) >= runs // 2, z * np.sqrt(4.0 / runs), 0.0)
+    p = stats.ttest_ind(shifted[:, runs // 2 :], shifted[:, : runs // 2], axis=1).pvalue
+    assert np.mean(p < 0.02 / 40) == pytest.approx(0.8, abs=0.08)
 
 
 def test_windows_that_a_change_removes_are_left_out():
@@ -88,10 +99,10 @@ def test_a_change_that_the_runs_cannot_show_is_not_drawn():
     carried = ((kind("a"), (None,)), (kind("b"), (None,)))
 
     def size(of: Kind, *_: object) -> Sized | None:
-        return None if of.effect == "a" else Sized({"x": 2.0}, FAINTEST)
+        return None if of.effect == "a" else Sized({"x": 2.0}, 4.0)
 
     (change,) = draw(carried, RECIPE, np.random.default_rng(0), size)
-    assert (change.kind.effect, change.sizes, change.visibility) == ("b", {"x": 2.0}, FAINTEST)
+    assert (change.kind.effect, change.sizes, change.visibility) == ("b", {"x": 2.0}, 4.0)
 
 
 def test_runs_that_show_no_kind_are_refused():

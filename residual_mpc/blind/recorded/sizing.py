@@ -10,12 +10,11 @@ from scipy.optimize import minimize_scalar
 
 from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.kinds.kind import Kind, Sizes, Target
-from residual_mpc.blind.recorded.visibility import WindowErrors, visibility, window_errors
+from residual_mpc.blind.recorded.visibility import WindowErrors, faintest, visibility, window_errors
 from residual_mpc.errors import BadInput
 from residual_mpc.models.robot_file import RobotFile
 
-FAINTEST = 3.0  # visibility of the smallest change: a test at z = 2 that knows the change misses one in six
-CLEAREST = 30.0  # visibility of the largest change
+CLEAREST = 10.0  # visibility of the largest change, as a multiple of that of the smallest
 TRIES = 4  # bisections of the strength towards a visibility
 NEAR = 1.15  # factor within which a visibility counts as reached
 FACTORS = 4.0 ** np.arange(-4, 3)  # of the nominal value, around which the one that fits the runs is sought
@@ -57,9 +56,10 @@ class UntouchedHalves:
         if not kind.directed:
             return Sized(kind.size(self.after, target, strength, np.random.default_rng(seed)), float("nan"))
         largest = self._at(kind, target, 1.0, seed)
-        if largest is None or largest.visibility < FAINTEST:
+        least = faintest(self.untouched)
+        if largest is None or largest.visibility < least:
             return None
-        wanted = FAINTEST * (min(largest.visibility, CLEAREST) / FAINTEST) ** strength
+        wanted = least * min(largest.visibility / least, CLEAREST) ** strength
         low, high, best = 0.0, 1.0, largest
         for _ in range(TRIES):
             if max(best.visibility, wanted) < NEAR * min(best.visibility, wanted):

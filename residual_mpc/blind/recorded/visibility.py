@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from residual_mpc.blind.recorded.case_files import HALVES, write_case
 from residual_mpc.blind.recorded.half import Half
@@ -23,6 +24,9 @@ STRETCH = 3.0  # s, length of a unit if there are few runs
 FEW_RUNS = 6  # runs in a half, below which stretches of runs are the units
 BINS = 10  # of a window
 MAD = 1.4826  # standard deviations in a median absolute deviation of a normal distribution
+ALTERNATIVES = 40  # changes that a comparison chooses from: about as many as the library has effects
+FALSE_ALARM = 0.02  # probability of a false change, over all of them together, as in `compare`
+POWER = 0.8  # probability with which a barely visible change is detected
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +94,14 @@ def visibility(untouched: WindowErrors, changed: WindowErrors) -> float:
     spread = MAD * float(np.median(np.sqrt(weight) * np.abs(centred)))
     sets = (weight[later].sum(), weight[~later].sum())
     return 1.0 / (spread * float(np.sqrt(1.0 / sets[0] + 1.0 / sets[1])) + 1e-9)
+
+
+def faintest(untouched: WindowErrors) -> float:
+    """The visibility of a barely visible change: a test of ALTERNATIVES changes, with Bonferroni's correction, detects
+    it with a probability of POWER."""
+    _, later = _units(untouched, np.arange(len(untouched.key)))
+    critical = stdtrit(max(len(later) - 2, 1), 1.0 - 0.5 * FALSE_ALARM / ALTERNATIVES)
+    return float(critical + ndtri(POWER))
 
 
 def _binned(part: np.ndarray, errors: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ def _radius(half: Half, target: Target, strength: float, rng: np.random.Generato
 
 
 def _track(half: Half, target: Target, strength: float, rng: np.random.Generator) -> Sizes:
-    return {"scale": factor(0.02, 0.4, strength, rng)}
+    return {"scale": factor(0.02, 0.7, strength, rng)}
 
 
 def _change_radius(half: Half, target: Target, sizes: Sizes, rng: np.random.Generator) -> Half:
@@ -77,7 +77,7 @@ def _gain_targets(half: Half) -> tuple[Target, ...]:
 
 
 def _gain(half: Half, target: Target, strength: float, rng: np.random.Generator) -> Sizes:
-    return {"gain": factor(0.015, 0.4, strength, rng)}
+    return {"gain": factor(0.015, 0.7, strength, rng)}
 
 
 def _change_gain(half: Half, target: Target, sizes: Sizes, rng: np.random.Generator) -> Half:

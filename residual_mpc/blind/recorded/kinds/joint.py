@@ -112,7 +112,7 @@ def _gain_targets(half: Half) -> tuple[Target, ...]:
 
 
 def _gain(half: Half, target: Target, strength: float, rng: np.random.Generator) -> Sizes:
-    return {"gain": factor(0.015, 0.5, strength, rng)}
+    return {"gain": factor(0.015, 0.7, strength, rng)}
 
 
 def _change_gain(half: Half, target: Target, sizes: Sizes, rng: np.random.Generator) -> Half:
