@@ -26,6 +26,9 @@ BINS = 10  # of a window
 MAD = 1.4826  # standard deviations in a median absolute deviation of a normal distribution
 ALTERNATIVES = 40  # changes that a comparison chooses from: about as many as the library has effects
 FALSE_ALARM = 0.02  # probability of a false change, over all of them together, as in `compare`
+CLIP = 1.5  # standard deviations at which Huber's estimate limits a unit
+CLIPPED = 0.7784  # mean square of a standard normal variable that is clipped there
+STEPS = 30  # of the iteration to that estimate
 POWER = 0.8  # probability with which a barely visible change is detected
 
 
@@ -90,10 +93,31 @@ def visibility(untouched: WindowErrors, changed: WindowErrors) -> float:
         return 0.0
     estimate, later = score[seen] / size[seen], later[seen]
     weight = size[seen] / (size[seen] + np.median(size[seen]))  # as in the test of `compare`
-    centred = estimate - np.array([np.median(estimate[later == side]) for side in later])
-    spread = MAD * float(np.median(np.sqrt(weight) * np.abs(centred)))
-    sets = (weight[later].sum(), weight[~later].sum())
-    return 1.0 / (spread * float(np.sqrt(1.0 / sets[0] + 1.0 / sets[1])) + 1e-9)
+    return 1.0 / (_standard_error(estimate, weight, later) + 1e-9)
+
+
+def _standard_error(y: np.ndarray, weight: np.ndarray, later: np.ndarray) -> float:
+    """Of the difference between two sets in Huber's estimate of location (Huber 1981, sections 3.2 and 6.3): y, weight
+    (U,), later (U,) bool. A spread from medians alone would be too small where more than half of the units agree by
+    chance, or where runs come in groups."""
+    root = np.sqrt(weight)
+    at = np.where(later, np.median(y[later]), np.median(y[~later]))
+    scale = MAD * float(np.median(root * np.abs(y - at))) + 1e-12
+    for _ in range(STEPS):
+        inside = np.minimum(1.0, CLIP / np.maximum(root * np.abs(y - at) / scale, 1e-12))
+        means = [np.average(y[side], weights=(weight * inside)[side]) for side in (~later, later)]
+        at = np.where(later, means[1], means[0])
+        residual = root * (y - at)
+        clipped = np.clip(residual / scale, -CLIP, CLIP)
+        scale = max(float(np.sqrt(np.mean(clipped**2) / CLIPPED)) * scale, 1e-12)
+    clipped = np.clip(residual / scale, -CLIP, CLIP)
+    free = np.abs(residual) < CLIP * scale
+    variance = 0.0
+    for side in (~later, later):
+        n = int(np.count_nonzero(side))
+        slope = max(float(np.sum((weight * free)[side])), 0.5 * float(weight[side].min()))
+        variance += n / (n - 1) * scale**2 * float(np.sum((weight * clipped**2)[side])) / slope**2
+    return float(np.sqrt(variance))
 
 
 def faintest(untouched: WindowErrors) -> float:
