@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.comparison.account import account_of
 from residual_mpc.comparison.conditions import balanced, conditions_of, driving_of
 from residual_mpc.comparison.gaps import compared_gap
+from residual_mpc.comparison.outliers import changed_outliers
 from residual_mpc.comparison.records import Change, ChangeCandidate, ComparedGap, Comparison
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
@@ -30,6 +31,7 @@ from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.search.testable import not_testable
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
@@ -205,11 +207,12 @@ def _judged(
         (fit,) = fit_all(whole, [found.fit.values], 4, settings=fits)
     left = told_apart(whole, fit, units, settings)
     spread = jackknife(fit, units)
-    gap = compared_gap(sets, whole, fit, rng, settings)
+    jumping = _outliers(given, sets, settings)
+    gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
     unexplained = _unexplained(gap)
-    verdict = _verdict(found, left.p, unexplained, settings)
+    verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, settings)
     sure = settings.sure if verdict == "changed" else settings.sure_partial
-    changes = _named(whole, fit, rivals, spread, sure, settings)
+    changes = (*_named(whole, fit, rivals, spread, sure, settings), *jumping)
     groups = tuple(tuple(tuple(_plain(t) for t in m) for m in g) for g in rivals.groups)
     by_noise = reweigh(problem, problem.data.sigma)
     base = on_problem(by_noise, found.account, settings=fits)
@@ -236,6 +239,15 @@ def _judged(
     )
 
 
+def _outliers(given: ComparisonInput, sets: TwoSets, settings: ComparisonSettings) -> tuple[Change, ...]:
+    """The change of the share of outliers, where there is one that may be named."""
+    only, without = given.options.only, given.options.without
+    if (only and SENSOR_OUTLIERS.name not in only) or SENSOR_OUTLIERS.name in without:
+        return ()
+    change = changed_outliers(sets, settings.sure, settings.contrast)
+    return () if change is None else (change,)
+
+
 def _named(
     problem: Problem, fit: Fit, rivals: ChangeRivals, spread: Spread, sure: float, settings: ComparisonSettings
 ) -> tuple[Change, ...]:
@@ -260,10 +272,10 @@ def _others(rivals: ChangeRivals, sure: float) -> list[ChangeCandidate]:
     return [ChangeCandidate(_plain(t), sure * share, told.get(t, 1.0)) for t, share in shares if t not in named]
 
 
-def _verdict(found: FoundChanges, p_left: float, unexplained: float, settings: ComparisonSettings) -> str:
+def _verdict(named: bool, p_left: float, unexplained: float, settings: ComparisonSettings) -> str:
     """`same`: nothing beyond what units of one set differ; `changed`: nothing beyond that is left, nor much of the rise
     of the gap."""
-    if not found.changes:
+    if not named:
         return "same" if p_left > settings.contrast.left else "unknown"
     return "changed" if p_left > settings.contrast.left and unexplained <= settings.unexplained else "partial"
 

@@ -11,14 +11,15 @@ from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
-from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
 from residual_mpc.models.settings import Values
 
 
 def compared_gap(
-    sets: TwoSets, problem: Problem, fit: Fit, rng: np.random.Generator, settings: ComparisonSettings
+    sets: TwoSets, problem: Problem, fit: Fit, jumping: bool, rng: np.random.Generator, settings: ComparisonSettings
 ) -> ComparedGap:
-    """Of the nominal model, and of the model fitted to the runs before, without and with the changes of `fit`."""
+    """Of the nominal model, and of the model fitted to the runs before, without and with the changes of `fit`; jumping:
+    whether outliers are one of the changes, which are then left out."""
     results = settings.results
     space = problem.space
     before = _fitted_before(sets, problem, fit, settings)
@@ -29,6 +30,9 @@ def compared_gap(
     nominal = {k: space.null(k) for k in space.tunables}
     rows = [nominal, before, {**before, **changed}]
     errors = [data.y - p for p in predict(data, space.settings(rows))]
+    if jumping:
+        flagged = np.isfinite(data.y) & np.isnan(with_outliers_removed(data, sets.outliers.flagged).y)
+        errors[2] = np.where(flagged, np.nan, errors[2])
     later = sets.side(data)
     floor = floor_of(data, sets.scales, space.settings([before]), rng, settings=results.predict)
 

@@ -9,7 +9,7 @@ from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, joined, window_starts
 from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
-from residual_mpc.diagnosis.data.outliers import find_outliers
+from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.predict.horizons import free_starts, held_spans
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
@@ -22,7 +22,8 @@ from residual_mpc.models.settings import Settings
 @dataclass(frozen=True, eq=False)
 class TwoSets:
     """raw: all W windows of both sets; clean: the same without outliers; later (R,) bool: which runs belong to the
-    later set; kept, held (W,) bool: the data held out from all fits."""
+    later set; kept, held (W,) bool: the data held out from all fits; outliers: flagged in `raw`, velocities
+    included."""
 
     raw: Dataset
     clean: Dataset
@@ -30,6 +31,7 @@ class TwoSets:
     later: np.ndarray
     kept: tuple[KeptBack, ...]
     held: np.ndarray
+    outliers: Outliers
 
     @property
     def fitting(self) -> Dataset:
@@ -64,7 +66,7 @@ def cut(
     for mine in (~later[raw.run], later[raw.run]):
         kept += choose_held_out(raw.take(mine), missed[mine], settings=settings)
     held = held_out_mask(raw, kept) if kept else np.zeros(raw.count, dtype=bool)
-    return TwoSets(raw, clean, scales, later, tuple(kept), held)
+    return TwoSets(raw, clean, scales, later, tuple(kept), held, find_outliers(raw, settings=settings, velocities=True))
 
 
 def windows(

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -25,8 +22,7 @@ from residual_mpc.comparison.settings import ComparisonSettings
     ],
 )
 def test_verdict(named: bool, p_left: float, unexplained: float, verdict: str) -> None:
-    found: Any = SimpleNamespace(changes=("a change",) if named else ())
-    assert _verdict(found, p_left, unexplained, ComparisonSettings()) == verdict
+    assert _verdict(named, p_left, unexplained, ComparisonSettings()) == verdict
 
 
 def gap(before: float, after: float, explained: float, left_error: float = 0.0) -> ComparedGap:

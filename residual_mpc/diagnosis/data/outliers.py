@@ -26,11 +26,12 @@ class Outliers:
     frequent: bool
 
 
-def find_outliers(data: Dataset, *, settings: DataSettings = DataSettings()) -> Outliers:
-    """Flag the samples that jump away, channel by channel."""
+def find_outliers(data: Dataset, *, settings: DataSettings = DataSettings(), velocities: bool = False) -> Outliers:
+    """Flag the samples that jump away, channel by channel. velocities: of these as well, in which a rough ground jumps
+    like an outlier, so that only a difference between their shares tells anything."""
     flagged, hits, sizes = {}, dict.fromkeys(data.channels, 0), dict.fromkeys(data.channels, 0)
     for (i, c), s in data.signals.items():
-        if c.split(".")[0] not in POSITION_LIKE or len(s.y) < 8:
+        if not (velocities or c.split(".")[0] in POSITION_LIKE) or len(s.y) < 8:
             continue
         mask = spikes(s.t, s.y, float(data.sigma[data.channels.index(c)]))
         flagged[i, c] = mask
