@@ -9,7 +9,7 @@ from residual_mpc.comparison.search import FoundChange, FoundChanges, fitted_lea
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
-from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed
 from residual_mpc.diagnosis.search.rivals import place
@@ -18,7 +18,7 @@ from residual_mpc.models.settings import Knob, Term
 
 @dataclass(frozen=True)
 class ChangeRivals:
-    """found: the changes, where a group is at hand its first member; groups: changes that the runs do not tell apart;
+    """found: the changes, of a group the member that explains most; groups: changes that the runs do not tell apart;
     shares: of the likelihood, of each change and of what could stand in its place."""
 
     found: FoundChanges
@@ -36,17 +36,16 @@ def find_change_rivals(
         fits = _in_place_of(problem, found, change, units, settings)
         explained = list(fits.values())
         beyond = likelihood_ratios(problem, explained, units, found.phi, settings.contrast)[0]
-        ratios = {one.term: float(ratio) for one, ratio in zip(explained, beyond, strict=True)}
-        weights = {term: float(np.exp(-0.5 * np.clip(ratio, 0.0, 200.0))) for term, ratio in ratios.items()}
+        ratios = {one.term: float(ratio - beyond.min()) for one, ratio in zip(explained, beyond, strict=True)}
+        weights = {term: float(np.exp(-0.5 * min(ratio, 200.0))) for term, ratio in ratios.items()}
         total = sum(weights.values())
         for term, weight in weights.items():
             shares[term] = max(shares.get(term, 0.0), weight / total)
-        alike: list[EffectSet] = [(term,) for term, ratio in ratios.items() if ratio < settings.search.alike]
+        alike = sorted((t for t, ratio in ratios.items() if ratio < settings.search.alike), key=lambda t: place((t,)))
         if len(alike) > 1:
-            group = tuple(sorted(alike, key=place))
-            groups.append(group)
-            nearest = [term for (term,) in group if ratios[term] < settings.search.equal]
-            found = _preferring(problem, found, change, nearest[0], fits, settings)
+            groups.append(tuple((term,) for term in alike))
+        first = next(term for term in alike if ratios[term] < settings.search.equal)
+        found = _preferring(problem, found, change, first, fits, settings)
     return ChangeRivals(found, tuple(groups), shares)
 
 
@@ -74,7 +73,8 @@ def _preferring(
     fits: dict[Term, Explanation],
     settings: ComparisonSettings,
 ) -> FoundChanges:
-    """The changes with the first of a group, by the contract's table, in place of the one that was found."""
+    """The changes with the first of those that explain most, by the contract's table, in place of the one that was
+    found."""
     if first == change.term:
         return found
     fit = on_problem(problem, fits[first].fit, settings=settings.results.fit)

@@ -1,15 +1,20 @@
 """A change is judged by what it explains alone, and not by what the effect explains on both sets."""
 
+from dataclasses import replace
+
+import numpy as np
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.comparison.contrast import Contrast
-from residual_mpc.comparison.search import fitted_leads
-from residual_mpc.comparison.sets import cut
+from residual_mpc.comparison.likelihood import left_beside, likelihood_ratios
+from residual_mpc.comparison.search import FittedLead, fitted_leads
+from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import change_space
+from residual_mpc.comparison.units import Units, build_units
 from residual_mpc.diagnosis.fit.least_squares import fit_all
-from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.models.settings import Knob, Term
 
@@ -17,18 +22,28 @@ ROVER = DiffDrive("rover", 0.033, 0.16)
 DELAY, LIMIT = (Term(effect, None, True) for effect in ("command_delay", "saturation"))
 
 
-def drops(before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]) -> dict[Term, float]:
-    """By how much a delay and a limit lower the cost as changes, each in an account that lacks both."""
+def fitted(
+    before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]
+) -> tuple[Problem, Units, dict[Term, FittedLead]]:
+    """A delay and a limit as changes, each fitted in an account that lacks both, with the stretches of the runs."""
     sets = [[rover_run(f"{name}{k}", effects, 12.0, seed=10 * i + k) for k in range(3)]
             for i, (name, effects) in enumerate((("before", before), ("after", after)))]  # fmt: skip
     settings = ComparisonSettings()
     two = cut(sets[0], sets[1], [ROVER] * 6, SIGMA, 1.0, settings.results.data)
-    space = change_space(build_space(two.fitting, (), ("command_delay", "saturation")))
-    problem = build_problem(two.fitting, space, two.fitting.sigma, two.scales.motion)
+    data = two.fitting
+    space = change_space(build_space(data, (), ("command_delay", "saturation")))
+    problem = build_problem(data, space, data.sigma, two.scales.motion)
     current = fit_all(problem, [{}], settings=settings.results.fit)[0]
     probes = {DELAY: {Knob(*DELAY[:2], "delay", True): 0.05}, LIMIT: {Knob(*LIMIT[:2], "limit", True): 5.0}}
     leads = [Contrast(term, probe, 1.0, 1.0, 1.0, 5.0, 1e-3, 0.1) for term, probe in probes.items()]
-    return {one.lead.term: one.drop for one in fitted_leads(problem, current, leads, settings)}
+    found = {one.lead.term: one for one in fitted_leads(problem, current, leads, settings)}
+    number = units_of(data, two.later, settings.contrast)
+    return problem, build_units(number, two.side(data), data.run, np.zeros((data.count, 1))), found
+
+
+def drops(before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]) -> dict[Term, float]:
+    """By how much either change lowers the cost."""
+    return {term: one.drop for term, one in fitted(before, after)[2].items()}
 
 
 def test_what_both_sets_have_is_no_change() -> None:
@@ -41,3 +56,31 @@ def test_what_both_sets_have_is_no_change() -> None:
 def test_what_one_set_has_is_one() -> None:
     found = drops({}, {"saturation": {"limit": 4.0}})
     assert found[LIMIT] > 1000.0 and found[LIMIT] > 3.0 * found[DELAY]
+
+
+def test_the_likelihood_ratio_is_in_favour_of_what_changed() -> None:
+    problem, units, found = fitted({}, {"saturation": {"limit": 4.0}})
+    ratios = likelihood_ratios(
+        problem, [found[t].explanation for t in (LIMIT, DELAY)], units, 1.0, ComparisonSettings().contrast
+    )
+    assert ratios[0, 1] > 20.0
+    np.testing.assert_allclose(ratios, -ratios.T)
+
+
+def test_a_change_that_is_there_leaves_its_imitation_less_than_it_leaves_the_change() -> None:
+    problem, units, found = fitted({}, {"command_delay": {"delay": 0.12}})
+    explained = [found[t].explanation for t in (DELAY, LIMIT)]
+    left = left_beside(problem, explained, units, ComparisonSettings().contrast)
+    assert left[0, 1] < left[1, 0] and left[1, 0] > 2.0
+    assert (np.diag(left) == 0.0).all()
+
+
+def test_stretches_with_large_errors_do_not_decide_between_changes() -> None:
+    """The drops of the cost are made equal by two stretches with large errors; the test still tells the delay."""
+    problem, units, found = fitted({}, {"command_delay": {"delay": 0.12}})
+    delay, limit = (found[t].explanation for t in (DELAY, LIMIT))
+    worst = np.isin(units.number, np.flatnonzero(units.later)[:2])
+    lacking = float((delay.dropped - limit.dropped).sum())
+    limit = replace(limit, dropped=limit.dropped + np.where(worst, lacking / worst.sum(), 0.0))
+    ratios = likelihood_ratios(problem, [delay, limit], units, 1e3, ComparisonSettings().contrast)
+    assert ratios[0, 1] > 4.0
