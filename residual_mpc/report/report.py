@@ -8,12 +8,13 @@ from residual_mpc.report.sections.audit import audit
 from residual_mpc.report.sections.causes import causes
 from residual_mpc.report.sections.confounded import confounded
 from residual_mpc.report.sections.definitions import definitions
-from residual_mpc.report.sections.explore import ANCHOR, allowed, explore
+from residual_mpc.report.sections.explore import explore
 from residual_mpc.report.sections.gap import gap
 from residual_mpc.report.sections.left import left
 from residual_mpc.report.sections.motion import motion
 from residual_mpc.report.sections.next import next_experiment
 from residual_mpc.report.sections.not_testable import not_testable
+from residual_mpc.report.sections.program import allowed, program
 from residual_mpc.report.sections.section import Document, Maker, Section, render
 from residual_mpc.report.sections.servo_changes import servo_changes
 from residual_mpc.report.sections.servos import servos
@@ -22,8 +23,8 @@ from residual_mpc.report.sections.verdict import verdict
 from residual_mpc.report.sections.where import where
 
 SECTIONS: tuple[Maker, ...] = (
-    verdict, motion, gap, traces, explore, where, causes, servos, servo_changes, confounded, next_experiment,
-    not_testable, left, audit, definitions,
+    verdict, motion, causes, servos, servo_changes, confounded, next_experiment, not_testable, left,
+    traces, explore, gap, where, audit, definitions,
 )  # fmt: skip
 
 NAME = "report.html"
@@ -41,7 +42,10 @@ def write_report(document: Document, evidence: Evidence, folder: Path) -> Path:
 
 def compose(document: Document, evidence: Evidence, makers: tuple[Maker, ...] = SECTIONS) -> str:
     """The page as text: the sections that have something to say, one after the other."""
+    from markupsafe import Markup
+
     made = (maker(document, evidence) for maker in makers)
     sections: list[Section] = [section for section in made if section is not None]
-    scripts = allowed() if any(section.anchor == ANCHOR for section in sections) else ""
-    return str(render("report.html.jinja", robot=document["robot"], sections=sections, scripts=scripts)) + "\n"
+    script = program(sections)
+    shown = {"sections": sections, "script": Markup(script), "scripts": allowed(script)}
+    return str(render("report.html.jinja", robot=document["robot"], **shown)) + "\n"

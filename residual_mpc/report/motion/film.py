@@ -8,14 +8,16 @@ from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.models.drawing import NoRenderer, Size, outline, shade, skeleton
 from residual_mpc.models.protocol import Robot
 from residual_mpc.report.evidence.evidence import Clip
-from residual_mpc.report.motion.choose import chosen_windows, window_gaps
-from residual_mpc.report.motion.ghosts import Ghosts, block_of, ghosts
+from residual_mpc.report.motion.choose import best_window, chosen_windows, window_gaps
+from residual_mpc.report.motion.ghosts import FRAMES, Ghosts, block_of, ghosts
 from residual_mpc.report.motion.ink import INKS, PAPER
+from residual_mpc.report.motion.long_windows import over_longest
 from residual_mpc.report.motion.overlay import overlay
 from residual_mpc.report.motion.side_view import limbs, side_view
 from residual_mpc.report.motion.top_view import ground, path, shapes, top_view
 
 SIZE = (560, 400)  # px, without the legend
+LONG_FRAMES = 61
 ABOVE = "Seen from above."
 UNMEASURED = "No position of the robot was logged, so its motion cannot be drawn."
 SHAPELESS = "This robot's model says nothing of its shape, so its motion cannot be drawn."
@@ -38,22 +40,37 @@ def _film(made: DiagnosisResult) -> tuple[tuple[Clip, ...], str]:
     windows = chosen_windows(made)
     if not windows:
         return (), UNMEASURED
-    before, after = window_gaps(made)
     clips: list[Clip] = []
     how = ""
-    for window, shows in windows.items():
-        motions = ghosts(made, window)
-        drawn = draw(block_of(made.data, window).robot, motions)
+    for of, window, shows, frames in [*_long(made), *((made, w, shows, FRAMES) for w, shows in windows.items())]:
+        motions = ghosts(of, window, frames)
+        drawn = draw(block_of(of.data, window).robot, motions)
         if drawn is None:
             return (), SHAPELESS
-        frames, still, how = drawn
-        run = made.data.runs[made.data.run[window]].name
-        removed = float(after[window]) if made.diagnosis.causes else None
+        pictures, still, how = drawn
+        before, after = window_gaps(of)
+        run = of.data.runs[of.data.run[window]].name
+        removed = float(after[window]) if of.diagnosis.causes else None
         clips.append(
-            Clip(shows, run, float(made.data.start[window]), float(before[window]), removed, frames, still,
+            Clip(shows, run, float(of.data.start[window]), float(before[window]), removed, pictures, still,
                  motions.seconds, motions.assumed)
         )  # fmt: skip
     return tuple(clips), how
+
+
+def _long(made: DiagnosisResult) -> list[tuple[DiagnosisResult, int, tuple[str, ...], int]]:
+    """Of a robot that drives: the window of the longest horizon in which the named effects do most, if there is one."""
+    whole = over_longest(made) if drives(block_of(made.data, 0).robot) else None
+    window = None if whole is None else best_window(whole)
+    if whole is None or window is None:
+        return []
+    look = max(made.diagnosis.gap.horizons, key=lambda h: h.horizon)
+    title = f"{look.horizon:g} s from one start" + ("" if look.held_out else " (not held out)")
+    return [(whole, window, (title,), LONG_FRAMES)]
+
+
+def drives(robot: Robot) -> bool:
+    return {"pose.x", "pose.y", "pose.theta"} <= {s.position for s in robot.states}
 
 
 def draw(robot: Robot, motions: Ghosts, size: Size = SIZE) -> Drawn | None:
