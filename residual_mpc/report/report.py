@@ -4,6 +4,7 @@ from pathlib import Path
 
 from residual_mpc.files import write_atomically
 from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.page import Frame, page
 from residual_mpc.report.sections.audit import audit
 from residual_mpc.report.sections.causes import causes
 from residual_mpc.report.sections.confounded import confounded
@@ -14,8 +15,7 @@ from residual_mpc.report.sections.left import left
 from residual_mpc.report.sections.motion import motion
 from residual_mpc.report.sections.next import next_experiment
 from residual_mpc.report.sections.not_testable import not_testable
-from residual_mpc.report.sections.program import allowed, program
-from residual_mpc.report.sections.section import Document, Maker, Section, render
+from residual_mpc.report.sections.section import Document, Maker
 from residual_mpc.report.sections.servo_changes import servo_changes
 from residual_mpc.report.sections.servos import servos
 from residual_mpc.report.sections.traces import traces
@@ -41,11 +41,8 @@ def write_report(document: Document, evidence: Evidence, folder: Path) -> Path:
 
 
 def compose(document: Document, evidence: Evidence, makers: tuple[Maker, ...] = SECTIONS) -> str:
-    """The page as text: the sections that have something to say, one after the other."""
-    from markupsafe import Markup
-
-    made = (maker(document, evidence) for maker in makers)
-    sections: list[Section] = [section for section in made if section is not None]
-    script = program(sections)
-    shown = {"sections": sections, "script": Markup(script), "scripts": allowed(script)}
-    return str(render("report.html.jinja", robot=document["robot"], **shown)) + "\n"
+    """The page as text."""
+    frame = Frame(
+        document["robot"], "the gap between model and robot", "The gap between model and robot", "diagnosis.json"
+    )
+    return page(frame, (maker(document, evidence) for maker in makers))

@@ -1,6 +1,6 @@
 """From a finished diagnosis to its clips: the windows that are worth it, drawn as the robot allows."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.report.evidence.evidence import Clip
 from residual_mpc.report.motion.choose import best_window, chosen_windows, window_gaps
 from residual_mpc.report.motion.ghosts import FRAMES, Ghosts, block_of, ghosts
-from residual_mpc.report.motion.ink import INKS, PAPER
+from residual_mpc.report.motion.ink import INKS, PAPER, Ink
 from residual_mpc.report.motion.long_windows import over_longest
 from residual_mpc.report.motion.overlay import overlay
 from residual_mpc.report.motion.side_view import limbs, side_view
@@ -18,6 +18,7 @@ from residual_mpc.report.motion.top_view import ground, path, shapes, top_view
 
 SIZE = (560, 400)  # px, without the legend
 LONG_FRAMES = 61
+PLANAR = ("pose.x", "pose.y", "pose.theta")
 ABOVE = "Seen from above."
 UNMEASURED = "No position of the robot was logged, so its motion cannot be drawn."
 SHAPELESS = "This robot's model says nothing of its shape, so its motion cannot be drawn."
@@ -70,25 +71,25 @@ def _long(made: DiagnosisResult) -> list[tuple[DiagnosisResult, int, tuple[str, 
 
 
 def drives(robot: Robot) -> bool:
-    return {"pose.x", "pose.y", "pose.theta"} <= {s.position for s in robot.states}
+    return set(PLANAR) <= {s.position for s in robot.states}
 
 
-def draw(robot: Robot, motions: Ghosts, size: Size = SIZE) -> Drawn | None:
+def draw(robot: Robot, motions: Ghosts, size: Size = SIZE, inks: Sequence[Ink] = INKS) -> Drawn | None:
     """The motions over each other; None of a robot that has neither a pose nor a skeleton."""
-    how: Callable[[Robot, Ghosts, Size], Drawn | None]
-    how = _from_above if {"pose.x", "pose.y", "pose.theta"} <= set(motions.measured) else _from_the_side
-    return how(robot, motions, size)
+    how: Callable[[Robot, Ghosts, Size, Sequence[Ink]], Drawn | None]
+    how = _from_above if set(PLANAR) <= set(motions.measured) else _from_the_side
+    return how(robot, motions, size, inks)
 
 
-def _from_above(robot: Robot, motions: Ghosts, size: Size) -> Drawn:
+def _from_above(robot: Robot, motions: Ghosts, size: Size, inks: Sequence[Ink]) -> Drawn:
     some, body = motions.motions, outline(robot)
     view = top_view(some, body, size)
     trails = np.stack([view.place(path(m)) for m in some])
-    frames = overlay(ground(view), shapes(some, body, view), trails, motions.seconds, INKS[: len(some)])
+    frames = overlay(ground(view), shapes(some, body, view), trails, motions.seconds, inks[: len(some)])
     return frames, _farthest(trails), ABOVE
 
 
-def _from_the_side(robot: Robot, motions: Ghosts, size: Size) -> Drawn | None:
+def _from_the_side(robot: Robot, motions: Ghosts, size: Size, inks: Sequence[Ink]) -> Drawn | None:
     from PIL import Image
 
     some = motions.motions
@@ -104,7 +105,7 @@ def _from_the_side(robot: Robot, motions: Ghosts, size: Size) -> Drawn | None:
         shades, how = limbs(skeletons, camera, size), f"Drawn as a skeleton: {none}."
     trails = camera.project(skeletons[:, :, -1, 1], size)
     background = Image.new("RGB", size, PAPER)
-    return overlay(background, shades, trails, motions.seconds, INKS[: len(some)]), _farthest(trails), how
+    return overlay(background, shades, trails, motions.seconds, inks[: len(some)]), _farthest(trails), how
 
 
 def _farthest(trails: np.ndarray) -> int:
