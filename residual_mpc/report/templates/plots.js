@@ -1,7 +1,7 @@
 /* Linked plots over time, one a channel: one zoom, one cursor and one read-out for all of them. */
 function linkedPlots(place, series) {
   "use strict";
-  var W = 480, H = 210, L = 58, R = 8, T = 8, B = 30, NS = "http" + "://www.w3.org/2000/svg", count = 0;
+  var W = 480, H = 210, L = 58, R = 16, T = 8, B = 30, NS = "http" + "://www.w3.org/2000/svg", count = 0;
   var state = { from: 0, to: 1, cursor: null }, all = [0, 1], drawn = [], name = "";
   linkedPlots.made = (linkedPlots.made || 0) + 1;
   var prefix = "plots" + linkedPlots.made + "-";
