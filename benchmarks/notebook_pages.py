@@ -17,7 +17,7 @@ SOURCE, PAGES = ROOT / "notebooks", ROOT / "docs" / "notebooks"
 TIMEOUT = 900  # s a cell
 WIDTH = 900  # px, at most
 QUALITY = 82  # of a WebP
-LINES = 40  # of a cell's output that are shown
+LINES, LETTERS = 40, 200  # of a cell's output that are shown: lines, and letters of each
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 
@@ -37,8 +37,12 @@ def _cell(cell: Any, name: str, images: Path | None) -> Iterator[str]:
     text = "".join(_text(o) for o in cell.get("outputs", []))
     lines = [line.rstrip().split("\r")[-1] for line in ANSI.sub("", text).splitlines()]
     if lines:
-        shown = lines[:LINES] + [f"... {len(lines) - LINES} more lines"] * (len(lines) > LINES)
+        short = [line if len(line) <= LETTERS else f"{line[:LETTERS]} ..." for line in lines]
+        shown = short[:LINES] + [f"... {len(lines) - LINES} more lines"] * (len(lines) > LINES)
         yield "```text\n" + "\n".join(shown).strip("\n") + "\n```"
+    for data in (o.data for o in cell.get("outputs", []) if "text/html" in o.get("data", {})):
+        html = re.sub(r'<style.*?</style>| border="\d"| class="dataframe"', "", data["text/html"], flags=re.S)
+        yield re.sub(r"\n\s*\n", "\n", html).strip()
     pictures = [o.data["image/png"] for o in cell.get("outputs", []) if "image/png" in o.get("data", {})]
     for k, data in enumerate(pictures):
         file = f"{name}-{k}.webp"
@@ -51,7 +55,8 @@ def _text(output: Any) -> str:
     if output.output_type == "stream":
         return str(output.text) if output.name == "stdout" else ""
     data = output.get("data", {})
-    return "" if "image/png" in data or "text/plain" not in data else f"{data['text/plain']}\n"
+    shown_otherwise = "image/png" in data or "text/html" in data
+    return "" if shown_otherwise or "text/plain" not in data else f"{data['text/plain']}\n"
 
 
 def _save(data: str, path: Path) -> None:
