@@ -34,7 +34,7 @@ function linkedPlots(place, series) {
     }
     var own = range(look.values[0], [Infinity, -Infinity]);
     (look.frame || [look.values[2]]).forEach(function (v) { range(v, own); });
-    var wild = range(look.values[1], [Infinity, -Infinity]), reach = 2 * (own[1] - own[0]);
+    var wild = range(look.values[1], [Infinity, -Infinity]), reach = 25 * (own[1] - own[0]);
     var low = Math.min(own[0], Math.max(wild[0], own[0] - reach)), high = Math.max(own[1], Math.min(wild[1], own[1] + reach));
     if (low > high) return [0, 1];
     var room = 0.06 * (high - low) || 1e-6;

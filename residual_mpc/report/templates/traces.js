@@ -38,7 +38,7 @@
   function show(index) {
     var r = data.runs[index];
     run = { t: Array.prototype.slice.call(new Float32Array(bytes(r.t))), first: r.first, gaps: r.gaps };
-    pick.textContent = ""; option(pick, -1, "whole run");
+    pick.textContent = ""; option(pick, "", "as zoomed"); pick.options[0].disabled = true; option(pick, -1, "whole run");
     r.labels.forEach(function (text, k) { option(pick, k, text); });
     overview();
     plots.show(r.channels.map(function (c) {
