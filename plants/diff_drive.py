@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plants.diff_drive_step import RATES, drive_step
-from plants.outline import box_with_nose
+from plants.outline import two_wheels
 from residual_mpc.effects.chain import OUTPUT, speed_chain
 from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.library import Effects, Sites, present, slots_of
@@ -71,9 +71,8 @@ class DiffDrive:
 
     @property
     def outline(self) -> np.ndarray:
-        """See residual_mpc.models.drawing.Outlined: as wide and as long as its track."""
-        half = 0.5 * self.track_width
-        return box_with_nose((-half, -half), (half, half))
+        """See residual_mpc.models.drawing.Outlined: its wheels where they are, its body guessed."""
+        return two_wheels(self.track_width, self.wheel_radius)
 
     def outputs_from(self, value: Mapping[str, float], rate: Mapping[str, float]) -> Mapping[str, float]:
         """Wheel speeds, rad/s, that move the pose at this rate: the inverse of the paper's wheel_prop."""

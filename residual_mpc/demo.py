@@ -75,7 +75,8 @@ class DemoRobot(Protocol):
 @click.option("--level", default="double", show_default=True, help="With --family, what is hidden: single, hard, ...")
 @click.option("--seed", type=int, default=None, help="Of the robot and what it hides  [default: random]")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="[default: demo-SEED]")
-def demo(family: str | None, level: str, seed: int | None, out: Path | None) -> None:
+@click.option("--show/--no-show", default=True, help="Open the page of results in a browser, if there is a screen.")
+def demo(family: str | None, level: str, seed: int | None, out: Path | None, show: bool) -> None:
     """Draw a robot that differs from its model, diagnose it, open what was hidden, and drive with what was found."""
     import numpy as np
 
@@ -103,12 +104,33 @@ def demo(family: str | None, level: str, seed: int | None, out: Path | None) -> 
         for line in drive(robot, case, found.with_name("model.json"), place / "drive"):
             click.echo(f"  {line}")
     click.echo("\nTo look at:")
-    shown = {"report": found.with_name("report.html"), "motion": found.with_name("motion.webp"),
-             "tracking": place / "drive" / "tracking.png"}  # fmt: skip
+    shown = {"all of it": write_index(place), "report": found.with_name("report.html"),
+             "motion": found.with_name("motion.webp"), "drive": place / "drive" / "drive.html"}  # fmt: skip
     for name, path in shown.items():
         if path.is_file():
             click.echo(f"  {name + ':':<10} {path}")
     click.echo(f"That took {monotonic() - begun:.0f} s.")
+    if show:
+        open_page(shown["all of it"])
+
+
+def write_index(place: Path) -> Path:
+    """One page with the diagnosis and the drive: what was found, how the robot moves, and where the reports are."""
+    from residual_mpc.files import write_atomically
+    from residual_mpc.report.index import entries_in, index_page
+
+    page = place / "index.html"
+    write_atomically(page, index_page(place.name, entries_in(place)))
+    return page
+
+
+def open_page(page: Path) -> None:
+    """In a browser, where somebody sits before a screen."""
+    import webbrowser
+
+    screen = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if screen and sys.stdout.isatty():
+        webbrowser.open(page.resolve().as_uri())
 
 
 def draw_demo_robot(seed: int, out: Path | None) -> tuple[DemoRobot, Case]:

@@ -101,7 +101,7 @@ def test_wheel_holds_every_file_of_the_packages(tmp_path):
         if path.is_file() and "__pycache__" not in path.parts
     }
     assert not wanted - packed
-    assert "residual_mpc/report/templates/report.html.jinja" in packed
+    assert "residual_mpc/report/templates/page.html.jinja" in packed
     assert {name.split("/")[0] for name in packed if ".dist-info/" not in name} == set(PACKAGES)
 
 

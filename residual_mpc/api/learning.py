@@ -23,10 +23,12 @@ from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_in
 from residual_mpc.models.settings import Values
+from residual_mpc.report.learned import learned_page
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+CURVE = 200  # points of the learning's course that are kept
 CASES = ("sim-to-dyn", "real-to-dyn", "real-to-sim")
 NOTE = (
     "A memoryless network cannot learn effects that depend on more than the current motion and command: dead time, "
@@ -60,11 +62,12 @@ class LearnedModel:
         return pd.DataFrame(rows, columns=["channel", "before", "after"])
 
     def save(self, folder: str | Path) -> Path:
-        """Write model.json and learn.json."""
+        """Write model.json, learn.json and report.html."""
         out = Path(folder)
         model = name_robot_file(self.model, self.robot.file.source, out)
         write_atomically(out / "model.json", json.dumps(model, allow_nan=False) + "\n")
         write_json(out / "learn.json", self.document)
+        write_atomically(out / "report.html", learned_page(self.document, self.robot.name))
         return out
 
     def as_written(self) -> Written:
@@ -122,8 +125,14 @@ def learn(
         hidden=tuple(hidden), passes=passes, step=step, method=method, costs=tuple((weights or {}).items())
     )
     folder = None if out is None else Path(out)
-    made = train(task, settings, np.random.default_rng(seed), report, folder)
-    learned = LearnedModel(robot, _document(made, task), _model(made, task, robot.name))
+    history: list[tuple[float, float]] = []
+
+    def heard(update: int, of: int, seconds: float, h2: float) -> None:
+        history.append((seconds, h2))
+        report(update, of, seconds, h2)
+
+    made = train(task, settings, np.random.default_rng(seed), heard, folder)
+    learned = LearnedModel(robot, _document(made, task, history), _model(made, task, robot.name))
     if folder is not None:
         learned.save(folder)
         checkpoint.clear(folder / "checkpoint.npz")
@@ -151,8 +160,8 @@ def _task(
     return Task(runs.runs, runs.models, runs.noise, case, values, leaves_out, held, earlier, earlier_file, form)
 
 
-def _document(made: TrainingResult, task: Task) -> dict[str, Any]:
-    """The `learn` object of the contract and more."""
+def _document(made: TrainingResult, task: Task, history: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    """The `learn` object of the contract and more. history: (s of data, H2 norm) of every update of this call."""
     ms = made.update_ms
     channels = {
         c: {"before": float(b), "after": float(a)}
@@ -198,8 +207,14 @@ def _document(made: TrainingResult, task: Task) -> dict[str, Any]:
             "kept": made.kept_earlier,
         },
         "seconds": made.seconds,
+        "history": [[float(f"{x:.4g}") for x in history[k]] for k in _few(len(history))],
         "note": NOTE,
     }
+
+
+def _few(count: int) -> list[int]:
+    """At most CURVE of so many indices, the last among them."""
+    return sorted({round(k) for k in np.linspace(0, count - 1, min(count, CURVE)).tolist()})
 
 
 def _model(made: TrainingResult, task: Task, name: str) -> dict[str, Any]:

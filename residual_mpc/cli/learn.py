@@ -22,7 +22,7 @@ from residual_mpc.errors import BadInput
 @click.command()
 @robot_option
 @runs_argument
-@out_option("model.json, learn.json and the checkpoint")
+@out_option("model.json, learn.json, report.html and the checkpoint")
 @click.option(
     "--case",
     type=click.Choice(["sim-to-dyn", "real-to-dyn", "real-to-sim"]),
@@ -96,7 +96,7 @@ def learn(
     if as_json:
         emit(learned.document)
         return
-    for line in (*learned.lines(), f"  model: {out / 'model.json'}"):
+    for line in (*learned.lines(), f"  model: {out / 'model.json'}", f"  report: {out / 'report.html'}"):
         click.echo(line)
 
 

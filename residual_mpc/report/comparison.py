@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.page import Frame, page
 from residual_mpc.report.sections.audit import audit
 from residual_mpc.report.sections.section import Section, render
 from residual_mpc.report.words.changes import (
@@ -61,8 +62,8 @@ def comparison_page(document: Document) -> str:
         _verdict(document), _changes(document), _gap(document), _groups(document), _visible(document),
         _unseen(document), audit(document, Evidence()), _definitions(document),
     ]  # fmt: skip
-    there = [s for s in sections if s is not None]
-    return str(render("comparison.html.jinja", robot=document["robot"], sections=there)) + "\n"
+    frame = Frame(document["robot"], "what changed", "What changed between two sets of runs", "comparison.json")
+    return page(frame, sections)
 
 
 def _verdict(document: Document) -> Section:

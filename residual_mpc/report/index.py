@@ -11,13 +11,20 @@ from typing import Any
 from urllib.parse import quote
 
 from residual_mpc.report.comparison import BADGES, TITLES, comparison_sentence
+from residual_mpc.report.drive import NAME as DRIVE
+from residual_mpc.report.drive import better, drive_sentence
+from residual_mpc.report.learned import TITLES as LEARNED
+from residual_mpc.report.learned import helps as learned_helps
 from residual_mpc.report.sections.section import render
 from residual_mpc.report.sections.verdict import TITLES as VERDICTS
 from residual_mpc.report.words.numbers import number, percent
 from residual_mpc.report.words.summary import sentence
 
 Document = Mapping[str, Any]
-SHOWN = ("report.html", "tracking.png", "drive.gif", "motion.webp", "model.json", "next.csv")  # files that are linked
+MOTION = "motion.webp"
+SHOWN = ("tracking.png", "drive.gif", MOTION, "model.json", "next.csv")  # files that are linked
+PAGE = "report.html"  # of a result, before the others; a closed loop has a page of another name
+CLOSED_LOOP = "closed loop"
 DEEP = 6  # folders below the one that is indexed
 
 
@@ -37,7 +44,7 @@ class Bar:
 @dataclass(frozen=True)
 class Entry:
     """One result. folder: relative to the index; robot: empty where the result names none; badge: class of the
-    stylesheet; links: (text, address)."""
+    stylesheet; links: (text, address); picture: address of an animation, empty where there is none."""
 
     folder: str
     kind: str
@@ -47,6 +54,7 @@ class Entry:
     sentence: str
     bar: Bar | None
     links: tuple[tuple[str, str], ...]
+    picture: str
     written: float
 
     def document(self) -> dict[str, Any]:
@@ -78,10 +86,14 @@ def _entry(file: Path, top: Path) -> Entry | None:
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
     folder = file.parent.relative_to(top)
-    names = [n for n in SHOWN if (file.parent / n).is_file()] + [file.name]
+    page = DRIVE if kind == CLOSED_LOOP else PAGE
+    names = [n for n in (page, *SHOWN) if (file.parent / n).is_file()] + [file.name]
     links = tuple((n, quote((folder / n).as_posix())) for n in names)
     shown = "." if folder == Path() else folder.as_posix()
-    return Entry(shown, kind, str(document.get("robot", "")), badge, name, says, bar, links, file.stat().st_mtime)
+    film = folder / MOTION if (file.parent / MOTION).is_file() else None
+    picture = "" if film is None else quote(film.as_posix())
+    robot = str(document.get("robot", ""))
+    return Entry(shown, kind, robot, badge, name, says, bar, links, picture, file.stat().st_mtime)
 
 
 Read = tuple[str, str, str, str, Bar | None]
@@ -105,21 +117,22 @@ def _comparison(d: Document) -> Read:
 def _learned(d: Document) -> Read:
     gap = d["gap"]
     before, after = gap["before"], gap["after"]
-    helps = after is not None and before is not None and after < before
     says = f"The learned residual ({d['case']}) takes the gap from {number(before)} to {number(after)}."
-    badge = "effects" if helps else "unknown"
-    return "learned residual", badge, "Learned", says, _bar("gap before", "after", before, after)
+    helps = learned_helps(d)
+    bar = _bar("gap before", "after", before, after)
+    return "learned residual", "effects" if helps else "unknown", LEARNED[helps], says, bar
 
 
 def _run(d: Document) -> Read:
     d = d.get("run", d)
     of = {name: c["tracking_rmse"] for name, c in d["controllers"].items()}
     nominal, other = of["nominal"], of.get("augmented")
-    helps = other is not None and (nominal is None or other < nominal)
-    shown = ", ".join(f"{name} {'diverged' if v is None else number(1e3 * v)}" for name, v in of.items())
-    says = f"Tracking errors in {d['scenario']}, m{d.get('unit', 'm')}: {shown}."
-    bar = _bar("tracking error, nominal", "augmented", nominal, other)
-    return "closed loop", "effects" if helps else "unknown", "Better" if helps else "Not better", says, bar
+    helps = better(d)
+    unit = f"m{d.get('unit', 'm')}"
+    small = [None if e is None else 1e3 * e for e in (nominal, other)]
+    bar = _bar(f"tracking error in {unit}, nominal", "corrected", *small)
+    badge = "effects" if helps else "unknown"
+    return CLOSED_LOOP, badge, "Better" if helps else "Not better", f"{d['scenario']}: {drive_sentence(d)}", bar
 
 
 _READERS: dict[str, Callable[[Document], Read]] = {

@@ -4,17 +4,18 @@ from pathlib import Path
 
 from residual_mpc.files import write_atomically
 from residual_mpc.report.evidence.evidence import Evidence
+from residual_mpc.report.page import Frame, page
 from residual_mpc.report.sections.audit import audit
 from residual_mpc.report.sections.causes import causes
 from residual_mpc.report.sections.confounded import confounded
 from residual_mpc.report.sections.definitions import definitions
-from residual_mpc.report.sections.explore import ANCHOR, allowed, explore
+from residual_mpc.report.sections.explore import explore
 from residual_mpc.report.sections.gap import gap
 from residual_mpc.report.sections.left import left
 from residual_mpc.report.sections.motion import motion
 from residual_mpc.report.sections.next import next_experiment
 from residual_mpc.report.sections.not_testable import not_testable
-from residual_mpc.report.sections.section import Document, Maker, Section, render
+from residual_mpc.report.sections.section import Document, Maker
 from residual_mpc.report.sections.servo_changes import servo_changes
 from residual_mpc.report.sections.servos import servos
 from residual_mpc.report.sections.traces import traces
@@ -22,8 +23,8 @@ from residual_mpc.report.sections.verdict import verdict
 from residual_mpc.report.sections.where import where
 
 SECTIONS: tuple[Maker, ...] = (
-    verdict, motion, gap, traces, explore, where, causes, servos, servo_changes, confounded, next_experiment,
-    not_testable, left, audit, definitions,
+    verdict, motion, causes, servos, servo_changes, confounded, next_experiment, not_testable, left,
+    traces, explore, gap, where, audit, definitions,
 )  # fmt: skip
 
 NAME = "report.html"
@@ -40,8 +41,8 @@ def write_report(document: Document, evidence: Evidence, folder: Path) -> Path:
 
 
 def compose(document: Document, evidence: Evidence, makers: tuple[Maker, ...] = SECTIONS) -> str:
-    """The page as text: the sections that have something to say, one after the other."""
-    made = (maker(document, evidence) for maker in makers)
-    sections: list[Section] = [section for section in made if section is not None]
-    scripts = allowed() if any(section.anchor == ANCHOR for section in sections) else ""
-    return str(render("report.html.jinja", robot=document["robot"], sections=sections, scripts=scripts)) + "\n"
+    """The page as text."""
+    frame = Frame(
+        document["robot"], "the gap between model and robot", "The gap between model and robot", "diagnosis.json"
+    )
+    return page(frame, (maker(document, evidence) for maker in makers))

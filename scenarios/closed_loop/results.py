@@ -10,6 +10,8 @@ from residual_mpc.closed_loop.compare import Comparison
 from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.diagnosis.results.document import to_document
 from residual_mpc.files import write_atomically
+from residual_mpc.models.protocol import Robot
+from scenarios.closed_loop.page import write_page
 from scenarios.closed_loop.task import ClosedLoopTask
 from scenarios.closed_loop.training_runs import TrainingOutcome
 
@@ -35,15 +37,17 @@ def write_episodes(out: Path, comparison: Comparison) -> list[str]:
 
 
 def write(
-    out: Path, task: ClosedLoopTask, comparison: Comparison, learned: TrainingOutcome, result: dict[str, Any]
-) -> list[str]:
+    out: Path, task: ClosedLoopTask, robot: Robot, comparison: Comparison, learned: TrainingOutcome,
+    result: dict[str, Any],
+) -> list[str]:  # fmt: skip
     """Fill the folder; returns the names of the files."""
     names = write_episodes(out, comparison)
     write_atomically(out / "diagnosis.json", json.dumps(to_document(learned.made.diagnosis), indent=2))
     write_atomically(out / "result.json", json.dumps(result, indent=2))
     _picture(out / "tracking.png", task, comparison)
     _animation(out / "drive.gif", task, comparison)
-    return [*names, "diagnosis.json", "result.json", "tracking.png", "drive.gif"]
+    pages = write_page(out, robot, comparison, result)
+    return [*names, "diagnosis.json", "result.json", "tracking.png", "drive.gif", *pages]
 
 
 def _animation(path: Path, task: ClosedLoopTask, comparison: Comparison) -> None:

@@ -52,5 +52,5 @@ class ClosedLoop:
         result["closed_loop_gap"] = closed_loop_gap(comparison.episodes["effects"], learned, setup)
         if options.out is not None:
             progress("writing episodes and figures", 0.97)
-            result["files"] = write(options.out, task, comparison, learned, result)
+            result["files"] = write(options.out, task, setup.robot, comparison, learned, result)
         return result

@@ -13,6 +13,7 @@ from residual_mpc.closed_loop.episode import Episode
 from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.files import write_atomically
 from residual_mpc.models.protocol import Robot
+from scenarios.closed_loop.page import write_page
 from scenarios.closed_loop.results import COLOURS, write_episodes
 
 FRAME, RATE = 0.1, 20  # s of motion per frame, frames per second: at twice the real speed
@@ -24,7 +25,7 @@ def write(out: Path, robot: Robot, comparison: Comparison, result: dict[str, Any
     names = write_episodes(out, comparison)
     write_atomically(out / "result.json", json.dumps(result, indent=2))
     _picture(out / "tracking.png", comparison, result["unit"])
-    names += ["result.json", "tracking.png"]
+    names += ["result.json", "tracking.png", *write_page(out, robot, comparison, result)]
     if isinstance(robot, CompiledRobot) and all(f"position.{j}" in _first(comparison).measured for j in robot.joints):
         _animation(out / "drive.gif", robot, comparison)
         names.append("drive.gif")

@@ -80,6 +80,7 @@ class OwnScenario:
         label = self.reference if isinstance(self.reference, str) else "reference"
         plant = "own plant" if self.plant else "mujoco"
         result = document(comparison, Path(label).stem if label else "", plant, np.random.default_rng(options.seed))
+        result["robot"] = self.robot.name
         result["controller"] = options.controller
         result["tracked"] = list(names)
         result["unit"] = "m" if is_of_the_tool(names) or "pose.x" in names else "rad"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import runpy
 import shutil
 from collections.abc import Iterator
 from operator import attrgetter
@@ -21,7 +23,7 @@ HOUSE = Path(__file__).resolve().parents[2]
 DOCS = HOUSE / "docs"
 GUIDE = DOCS / "guide"
 PAGES = [HOUSE / "README.md", HOUSE / "CONTRIBUTING.md", HOUSE / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
-PARTS = ("guide", "reference", "results")
+PARTS = ("tutorials", "howto", "guide", "notebooks", "reference", "results")
 
 
 def text(page: Path) -> str:
@@ -132,6 +134,39 @@ def test_own_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert space["info"].outcome == "solved" and space["careful"].settings.limits.rate == 1.0
 
 
+def test_policy_transfer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The situations' own robots, with a diagnosis as their how-to page has it."""
+    situations = runpy.run_path(str(DOCS / "examples" / "situations.py"))
+    assert situations["main"]("policy", tmp_path) == {"delay": 0.04, "friction": 0.5}
+    late = {"effect": "command_delay", "target": None}
+    written = {
+        "schema": "residual-mpc/model/1", "robot": "policy", "robot_file": "../robot.toml",
+        "explanation": [{**late, "parameters": {"delay": {"ci95": [0.0396, 0.0414], "unit": "s"}}}],
+        "values": [{**late, "parameter": "delay", "value": 0.04}],
+    }  # fmt: skip
+    (tmp_path / "out").mkdir()
+    for name in ("model.json", "diagnosis.json"):
+        (tmp_path / "out" / name).write_text(json.dumps(written))
+    monkeypatch.chdir(tmp_path)
+    space = run("policy-transfer.md", DOCS / "howto")
+    assert "command_delay None delay randomise from 0.0396 0.0414 s" in capsys.readouterr().out
+    assert {len(v) for v in space["seen"].values()} == {64}
+
+
+@pytest.mark.parametrize(("situation", "columns"), [("servo", 3), ("payload", 7), ("drift", 6)])
+def test_a_situation_writes_a_robot_and_logs_that_fit(situation: str, columns: int, tmp_path: Path) -> None:
+    import residual_mpc as rm
+
+    runpy.run_path(str(DOCS / "examples" / "situations.py"))["main"](situation, tmp_path)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    runs = rm.read_runs(robot, [tmp_path / f"run{k}.csv" for k in (1, 2, 3)])
+    assert len(runs.names) == 3 and not [f for f in runs.findings if f.severity == "error"]
+    assert len((tmp_path / "run1.csv").read_text().partition("\n")[0].split(",")) == columns
+    assert rm.measure_gap(robot, runs).document["nominal"] > 1.5 * rm.measure_gap(robot, runs).document["noise_floor"]
+
+
 def test_own_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copy(HOUSE / "tests" / "contracts" / "cart_plant.py", tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -173,10 +208,46 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert not broken
 
 
-def test_a_page_is_a_guide_a_reference_or_a_result_and_in_the_menu() -> None:
+def test_a_page_belongs_to_one_part_and_is_in_the_menu() -> None:
     pages = {p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md")}
-    assert {p.split("/")[0] for p in pages - {"index.md"}} == set(PARTS)
+    assert {p.split("/")[0] for p in pages - {"index.md", "gallery.md"}} == set(PARTS)
     assert pages == set(re.findall(r": (\S+\.md)$", text(HOUSE / "mkdocs.yml"), flags=re.M))
+
+
+def test_a_page_of_a_notebook_has_its_cells() -> None:
+    """A stale page: make it again with `python -m benchmarks.notebook_pages`."""
+    from benchmarks.notebook_pages import PAGES as RENDERED
+    from benchmarks.notebook_pages import SOURCE, page_of
+
+    nbformat = pytest.importorskip("nbformat", reason="needs the extra `test`")
+    notebooks = sorted(SOURCE.glob("*.ipynb"))
+    assert {p.stem for p in notebooks} == {p.stem for p in RENDERED.glob("*.md")}
+    for path in notebooks:
+        page, at = text(RENDERED / f"{path.stem}.md"), 0
+        for part in page_of(nbformat.read(path, as_version=4), path.stem, None).strip().split("\n\n"):
+            at = page.find(part, at)
+            assert at >= 0, f"{path.stem}: {part}"
+
+
+def test_the_gallery_shows_every_exhibit() -> None:
+    from benchmarks.gallery import EXHIBITS
+
+    page = text(DOCS / "gallery.md")
+    assert set(re.findall(r"\{report: (\w+)\}", page)) == set(EXHIBITS)
+    assert set(re.findall(r"\(gallery/(\w+)\.webp\)", page)) == set(EXHIBITS)
+
+
+def test_a_whole_report_is_linked_only_where_it_was_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DOCS))
+    import hooks
+
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "rover.html").write_text("whole")
+    monkeypatch.setattr(hooks, "MADE", tmp_path / "made")
+    shown = hooks.on_page_markdown("{report: rover} and {report: husky}")
+    assert 'href="gallery/rover.html"' in shown and "husky" not in shown
+    hooks.on_post_build({"site_dir": str(tmp_path / "site")})
+    assert [p.read_text() for p in (tmp_path / "site" / "gallery").iterdir()] == ["whole"]
 
 
 def test_messages_and_comments_name_pages_that_exist() -> None:

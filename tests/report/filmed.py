@@ -15,13 +15,14 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
 
 
-def filmed(run: Run, robot: Robot, values: Values) -> DiagnosisResult:
-    """`values`: those of the corrected model; empty where nothing is named."""
+def filmed(run: Run, robot: Robot, values: Values, horizons: tuple[float, ...] = (1.0,)) -> DiagnosisResult:
+    """`values`: those of the corrected model; empty where nothing is named; horizons: s, over which a gap is known."""
     data = build_dataset([run], [robot], {}, 1.0)
     slots = {e.name: robot.slots(e.name) for e in LIBRARY}
     before = data.y - predict(data, Settings(1))[0]
     after = data.y - predict(data, assemble([values], slots))[0] if values else before
-    diagnosis: Any = SimpleNamespace(causes=tuple(values), values=values)
+    looks = tuple(SimpleNamespace(horizon=h, held_out=h == 1.0) for h in horizons)
+    diagnosis: Any = SimpleNamespace(causes=tuple(values), values=values, gap=SimpleNamespace(horizons=looks))
     held = np.zeros(data.count, dtype=bool)
     held[data.count // 2 :] = True
     return DiagnosisResult(diagnosis, data, measure_scales(data), before, after, held, {})

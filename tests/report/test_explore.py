@@ -22,6 +22,7 @@ from residual_mpc.effects.library import LIBRARY
 from residual_mpc.models.settings import Knob, Term, assemble
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.evidence.explore import VALUES, explore, slider_values
+from residual_mpc.report.report import compose
 from residual_mpc.report.sections import explore as section
 
 KNOB = Knob("track_width", None, "scale")
@@ -77,12 +78,13 @@ def test_nothing_to_explore_where_nothing_is_named(made: DiagnosisResult) -> Non
 
 
 def test_the_page_allows_its_own_script_alone(made: DiagnosisResult) -> None:
-    body = section.explore({"gap": {"horizon": 1.0}}, Evidence(exploration=explore(made)))
-    assert body is not None
-    text = str(body.body)
+    evidence = Evidence(exploration=explore(made))
+    text = compose({"robot": "rover", "gap": {"horizon": 1.0}, "explanation": []}, evidence, (section.explore,))
     (script,) = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    assert section.allowed() == f"script-src 'sha256-{digest}'"
+    (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', text)
+    assert policy.split("; ")[-1] == f"script-src 'sha256-{digest}'" and policy.startswith("default-src 'none'")
+    assert "explore-data" in script and "traces-data" not in script  # the parts that this page needs
     assert "http:" not in text and "https:" not in text and "innerHTML" not in text
     (data,) = re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', text, re.DOTALL)
     drawn = json.loads(data)

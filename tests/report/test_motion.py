@@ -66,6 +66,16 @@ def test_the_motions_begin_at_one_place_and_the_corrected_one_stays_with_the_mea
     assert apart[:, 0].max() < 0.01 and apart[2, -1] < 0.25 * apart[1, -1]
 
 
+def test_a_robot_that_drives_is_shown_over_its_longest_horizon_first():
+    made = filmed(rover_run("wide", {"track_width": {"scale": 1.6}}, 8.0, seed=3), ROVER, TRACK, (1.0, 4.0))
+    (first, *others), _ = film(made)
+    assert first.seconds == pytest.approx(4.0, abs=0.1) and len(first.frames) > FRAMES
+    assert first.shows == ("4 s from one start (not held out)",)
+    assert [clip.seconds for clip in others] == [pytest.approx(1.0, abs=0.1)] * len(others) and len(others) == 2
+    assert first.before > 0.3 > 10 * first.after  # of the motion over 4 s, not over 1 s
+    assert len(film(filmed(rover_run("wide", {}, 8.0, seed=3), ROVER, {}, (1.0,)))[0]) == 2
+
+
 def test_an_outline_is_drawn_where_the_robot_is():
     motion = {"pose.x": np.array([0.0, 1.0]), "pose.y": np.array([0.0, 0.5]), "pose.theta": np.array([0.0, np.pi / 2])}
     square = 0.1 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])

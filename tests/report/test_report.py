@@ -257,7 +257,7 @@ def test_a_forecast_off_the_scale_is_said():
 
 def test_the_first_screen_has_at_most_three_numbers_to_change_the_surest_first():
     page = compose(document("partial"), evidence("partial"))
-    first = page[page.index('<section id="verdict"') : page.index('<section id="gap"')]
+    first = page[page.index('<section id="verdict"') : page.index('<section id="causes"')]
     names = re.findall(r"<dt>([^<]*)</dt>", first)
     assert names == ["Coulomb friction of elbow", "Backlash of shoulder_lift", "Sensor bias of position.elbow"]
     assert "very likely (93 %)" in first.replace("\N{NO-BREAK SPACE}", " ") and "1 more number under" in first

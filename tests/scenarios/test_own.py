@@ -59,7 +59,7 @@ def test_the_diagnosed_effects_pay_in_joint_space(tmp_path: Path, controller: An
     assert result["unit"] == "rad" and result["tracked"] == ["position.j1", "position.j2"]
     assert {c["failures"] for c in result["controllers"].values()} == {0}
     assert {p.name for p in (tmp_path / "out").iterdir()} == set(result["files"])
-    assert {"tracking.png", "drive.gif", "result.json", "nominal_0.csv"} <= set(result["files"])
+    assert {"tracking.png", "drive.gif", "drive.html", "result.json", "nominal_0.csv"} <= set(result["files"])
 
 
 def test_the_tool_follows_a_path(tmp_path: Path) -> None:

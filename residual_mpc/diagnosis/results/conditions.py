@@ -64,11 +64,11 @@ def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSetting
     if not of.held.any():
         said.append("The runs are too short to hold out windows: all figures are on windows used in the fit.")
     if of.raw.skipped:
-        said.append(
-            f"{of.raw.skipped} windows were skipped: a measured channel has no sample within 0.25 s of their start."
-        )
+        some = "1 window was" if of.raw.skipped == 1 else f"{of.raw.skipped} windows were"
+        said.append(f"{some} skipped: a measured channel has no sample within 0.25 s of the start.")
     if of.outliers.count and not of.with_outliers:
-        said.append(f"{of.outliers.count} samples are outliers; they are excluded from the fit but not from the gap.")
+        some = "1 sample is an outlier" if of.outliers.count == 1 else f"{of.outliers.count} samples are outliers"
+        said.append(f"{some}, excluded from the fit but not from the gap.")
     for knob, rests in zip(of.final.knobs, of.final.held, strict=True):
         if rests and (knob.effect == TUNE or knob.term in of.final.terms):
             what = knob.parameter if knob.effect == TUNE else f"{knob.parameter} of {knob.term}"

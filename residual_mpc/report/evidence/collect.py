@@ -7,6 +7,7 @@ from residual_mpc.diagnosis.data.gap import gap_from_squares, window_squares
 from residual_mpc.diagnosis.results.records import DiagnosisResult
 from residual_mpc.report.evidence.evidence import Evidence, Panel, Windows
 from residual_mpc.report.evidence.explore import explore
+from residual_mpc.report.evidence.run_traces import run_traces
 from residual_mpc.report.motion.film import film
 
 PANELS = 6
@@ -18,15 +19,15 @@ def collect(made: DiagnosisResult) -> Evidence:
     """The channels with the largest gap, around the held-out window that shows it best, the gap of every window, and
     the robot in the windows that show most."""
     eye = np.eye(made.data.count)
-    before = gap_from_squares(*window_squares(made.data, made.scales, made.before), eye)
-    after = gap_from_squares(*window_squares(made.data, made.scales, made.after), eye)
+    before = np.asarray(gap_from_squares(*window_squares(made.data, made.scales, made.before), eye))
+    after = np.asarray(gap_from_squares(*window_squares(made.data, made.scales, made.after), eye))
     names = [made.data.runs[i].name for i in made.data.run]
     order = np.lexsort((made.data.start, made.data.run))
     windows = Windows(
-        [names[i] for i in order], made.data.start[order], np.asarray(before)[order], np.asarray(after)[order]
+        [names[i] for i in order], made.data.start[order], before[order], after[order]
     )
     starts = {run.name: float(run.t[0]) for run in made.data.runs}
-    return Evidence(_panels(made, before), windows, starts, *film(made), explore(made))
+    return Evidence(_panels(made, before), windows, starts, *film(made), explore(made), run_traces(made, before, after))
 
 
 def _panels(made: DiagnosisResult, per_window: np.ndarray) -> tuple[Panel, ...]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from residual_mpc.report.evidence.explore import Exploration
+    from residual_mpc.report.evidence.run_traces import RunTraces
 
 Array = NDArray[np.float64]
 
@@ -79,6 +80,7 @@ class Evidence:
     clips: tuple[Clip, ...] = ()
     drawing: str = ""  # how the clips were drawn, or why there are none
     exploration: "Exploration | None" = None  # replays with other values of the named parameters
+    traces: "tuple[RunTraces, ...]" = ()  # every run's signals, fewer samples of them than in the panels
 
 
 def _one_length(record: object, *names: str) -> int:

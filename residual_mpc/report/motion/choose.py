@@ -34,6 +34,16 @@ def chosen_windows(made: DiagnosisResult) -> Mapping[int, tuple[str, ...]]:
     return out
 
 
+def best_window(made: DiagnosisResult) -> int | None:
+    """Of all windows the one in which the named effects remove most of the gap, or with the largest gap where none is
+    named; None where nothing can be drawn."""
+    before, after = window_gaps(made)
+    usable = np.isfinite(before) & np.array([_drawable(made, w) for w in range(made.data.count)])
+    if not usable.any():
+        return None
+    return int(np.argmax(np.where(usable, before - after if made.diagnosis.causes else before, -np.inf)))
+
+
 def window_gaps(made: DiagnosisResult) -> tuple[np.ndarray, np.ndarray]:
     """(W,) the windows' gaps before and after, unitless; NaN where nothing is compared."""
     before, after = (np.sqrt(per_window(made.data, made.scales, e)) for e in (made.before, made.after))

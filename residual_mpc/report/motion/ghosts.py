@@ -39,13 +39,13 @@ def measured_channels(data: Dataset, window: int) -> tuple[str, ...]:
     return tuple(c for c, n in zip(data.channels, count.tolist(), strict=True) if c in wanted and n > 1)
 
 
-def ghosts(made: DiagnosisResult, window: int) -> Ghosts:
-    """The motions of a window of `made.data`, at FRAMES instants."""
+def ghosts(made: DiagnosisResult, window: int, frames: int = FRAMES) -> Ghosts:
+    """The motions of a window of `made.data`, at so many instants."""
     data = made.data
     wanted = tuple(s.position for s in block_of(data, window).robot.states)
     seen = measured_channels(data, window)
     t = data.t[window]
-    instants = np.linspace(0.0, float(np.nanmax(t)), FRAMES)
+    instants = np.linspace(0.0, float(np.nanmax(t)), frames)
 
     def measured(channel: str) -> np.ndarray:
         return _at(instants, t, data.y[window, :, data.channels.index(channel)])

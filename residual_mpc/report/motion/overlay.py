@@ -44,7 +44,7 @@ def _shapes(base: np.ndarray, shades: np.ndarray, inks: Sequence[Ink]) -> np.nda
         lit = np.clip(np.array(ink.colour) * light + 30.0 * (light - 0.75), 0, 255)
         out += ink.fill * alpha * (lit - out)
     for shade, ink in zip(shades, inks, strict=False):
-        if ink is not MEASURED:
+        if ink.fill != MEASURED.fill:
             out[_outline(shade >= EDGE // 2, ink)] = ink.colour
     return out
 

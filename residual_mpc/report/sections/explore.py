@@ -1,9 +1,6 @@
 """Sliders for the parameters of the named effects: what the model would predict with other values of them."""
 
-import base64
-import hashlib
 import json
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,11 +9,10 @@ from residual_mpc.report.evidence.clock import since_start
 from residual_mpc.report.evidence.collect import UNITS
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.evidence.explore import Exploration, Slider
-from residual_mpc.report.sections.section import Document, Section, environment, render
+from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.effects import name_at
 from residual_mpc.report.words.numbers import measure, number, spelled
 
-ANCHOR = "explore"
 DIGITS = 5  # of a drawn value
 
 
@@ -30,23 +26,10 @@ def explore(document: Document, evidence: Evidence) -> Section | None:
     sliders = [_slider(k, s, found) for k, s in enumerate(found.sliders)]
     data = json.dumps(_drawn(found, evidence, sliders), separators=(",", ":"), allow_nan=False)
     body = render(
-        "sections/explore.html.jinja", sliders=sliders, judged=found.judged, script=Markup(script()),
+        "sections/explore.html.jinja", sliders=sliders, judged=found.judged,
         data=Markup(data.replace("<", "\\u003c")), horizon=document["gap"]["horizon"],
     )  # fmt: skip
-    return Section(ANCHOR, "What other values would predict", body)
-
-
-@cache
-def script() -> str:
-    """The program of the section, which draws and listens, and asks for nothing."""
-    loader = environment().loader
-    assert loader is not None
-    return loader.get_source(environment(), "explore.js")[0].strip()
-
-
-def allowed() -> str:
-    """What the page's content security policy has to say so that this script runs, and no other."""
-    return f"script-src 'sha256-{base64.b64encode(hashlib.sha256(script().encode()).digest()).decode()}'"
+    return Section("explore", "What other values would predict", body, "explore.js")
 
 
 def _slider(index: int, s: Slider, found: Exploration) -> dict[str, Any]:

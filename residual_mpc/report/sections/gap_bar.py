@@ -1,6 +1,7 @@
 """The gap before and after as one bar, beside what gives its length a meaning: the noise floor, a tenth of the motion,
 and a forecast that knows no model."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,14 +50,18 @@ class GapBar:
 def gap_bar(document: Document) -> GapBar:
     """The bar of a diagnosis."""
     gap = document["gap"]
-    gaps = _gaps(document)
-    longest = max(value for _, _, value in gaps)
-    largest = scale(gap, max(longest, TENTH))
+    return bar_of(_gaps(document), gap["noise_floor"], gap.get("constant_velocity"))
+
+
+def bar_of(gaps: Sequence[tuple[str, str, float]], noise_floor: float | None, forecast: float | None) -> GapBar:
+    """gaps: (kind, label, gap); forecast: the gap at constant velocity, None where it is not known."""
+    known = {} if forecast is None else {"constant_velocity": forecast}
+    largest = scale(known, max(*(value for _, _, value in gaps), TENTH))
     marks = [Mark("a tenth of the motion", 100.0 * TENTH / largest)]
-    if gap["noise_floor"] is not None:
-        floor = f"noise floor: {percent(gap['noise_floor'])}"
-        marks.append(Mark(floor, 100.0 * min(gap["noise_floor"] / largest, 1.0)))
-    constant, beyond = reference(gap, largest), ""
+    if noise_floor is not None:
+        floor = f"noise floor: {percent(noise_floor)}"
+        marks.append(Mark(floor, 100.0 * min(noise_floor / largest, 1.0)))
+    constant, beyond = reference(known, largest), ""
     if constant is not None:
         text = f"constant velocity: {percent(constant['value'])}"
         if constant["at"] is None:

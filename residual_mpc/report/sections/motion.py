@@ -13,7 +13,7 @@ def motion(document: Document, evidence: Evidence) -> Section | None:
     """There where clips were drawn, or where it is known why they were not."""
     if not evidence.clips and not evidence.drawing:
         return None
-    clips, drawing = _encoded(evidence)
+    clips, drawing = encoded(evidence)
     assumed = {c for clip in evidence.clips for c in clip.assumed} if clips else set()
     body = render(
         "sections/motion.html.jinja",
@@ -26,7 +26,7 @@ def motion(document: Document, evidence: Evidence) -> Section | None:
     return Section("motion", "The robot's motion", body)
 
 
-def _encoded(evidence: Evidence) -> tuple[list[Document], str]:
+def encoded(evidence: Evidence) -> tuple[list[Document], str]:
     """The clips as the template shows them, and how they were drawn; none, and why, where Pillow cannot write them: a
     report is not lost with its pictures."""
     try:

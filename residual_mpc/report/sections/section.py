@@ -17,11 +17,13 @@ Document = Mapping[str, Any]  # diagnosis.json as read: its keys are an interfac
 
 @dataclass(frozen=True)
 class Section:
-    """`anchor` is the id that the table of contents points at; `body` is HTML that is safe to show."""
+    """`anchor` is the id that the table of contents points at; `body` is HTML that is safe to show; `script` names the
+    template of the script that it needs, if any."""
 
     anchor: str
     title: str
     body: "Markup"
+    script: str = ""
 
 
 # A maker returns None where the document gives it nothing to say.
@@ -32,6 +34,7 @@ Maker = Callable[[Document, Evidence], Section | None]
 def environment() -> "Environment":
     """The templates, which escape all that comes from a document and fail on a name that they do not know."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 
     jinja = Environment(
         loader=PackageLoader("residual_mpc.report", "templates"),
@@ -55,6 +58,8 @@ def environment() -> "Environment":
         "listed": numbers.listed,
         "count": numbers.count,
     }
+    # a table that is wider than the page scrolls on its own, also by the keyboard
+    jinja.globals["scroll"] = Markup('class="scroll" tabindex="0" role="group" aria-label="Table"')
     return jinja
 
 

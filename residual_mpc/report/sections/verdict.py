@@ -1,5 +1,6 @@
 """The first screen: the verdict in one sentence, the gap as one bar, and the numbers to change in the model."""
 
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.sections.gap_bar import gap_bar
 from residual_mpc.report.sections.section import Document, Section, render
@@ -7,7 +8,7 @@ from residual_mpc.report.words.confidence import likelihood
 from residual_mpc.report.words.effects import name_at, numbers_of
 from residual_mpc.report.words.gaps import warnings
 from residual_mpc.report.words.groups import group_sentence
-from residual_mpc.report.words.numbers import interval_in
+from residual_mpc.report.words.numbers import interval_in, measure
 from residual_mpc.report.words.rest import rest_sentence
 from residual_mpc.report.words.summary import sentence, surest_first, unseen
 
@@ -18,6 +19,7 @@ TITLES = {
     "unknown": "Unknown",
 }
 LONG = 180  # characters, above which the sentence is set smaller
+TIMES = "\N{MULTIPLICATION SIGN}\N{NO-BREAK SPACE}"
 NUMBERS = 3  # numbers to change in the model; the section of the causes has all
 
 
@@ -58,12 +60,18 @@ def _changes(document: Document) -> tuple[list[Document], int]:
         {
             "effect": name_at(effect),
             "parameter": name.replace("_", " ") if len(numbers_of(effect)) > 1 else "",
-            "value": parameter["value"],
+            "value": (TIMES if _multiplies(effect["effect"], name) else "")
+            + measure(parameter["value"], parameter.get("unit", "1")),
             "interval": interval_in(parameter.get("ci95") or (None, None), parameter.get("unit", "1")),
-            "unit": parameter.get("unit", "1"),
             "probability": effect.get("probability"),
             "likelihood": "" if effect.get("probability") is None else likelihood(effect["probability"]),
         }
         for _, _, effect, name, parameter in rows[:NUMBERS]
     ]
     return shown, max(0, len(rows) - NUMBERS)
+
+
+def _multiplies(effect: str, parameter: str) -> bool:
+    """Whether the parameter is a factor on a number of the model."""
+    known = BY_NAME[effect].parameters if effect in BY_NAME else ()
+    return any(p.name == parameter and p.unit == "1" and p.null == 1.0 for p in known)

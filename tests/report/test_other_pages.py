@@ -1,0 +1,128 @@
+"""The pages of a learned residual and of a closed-loop run: complete, self-contained, and true to their documents."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_report import Page
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.report.drive import Driven, better, drive_page, drive_sentence
+from residual_mpc.report.learned import helps, learned_page, learned_sentence
+from residual_mpc.report.motion.drive_film import FRAMES, film_drive
+
+LEARNED = {
+    "case": "real-to-dyn", "updates": 90, "parameters": 203, "form": "body", "step": 0.05, "seconds": 120.0,
+    "h2_norm": {"first": 0.3, "last": 0.05, "held_out_before": 0.31, "held_out_after": 0.06},
+    "converged_after": 40.0, "update_ms": {"median": 0.9, "p99": 1.4},
+    "gap": {"before": 0.2, "after": 0.05, "on": "held_out", "without_spikes": None,
+            "channels": {"pose.x": {"before": 0.1, "after": 0.04}, "pose.theta": {"before": 0.3, "after": 0.06}}},
+    "held_out": ["run <3>", {"run": "run1", "from": 2.0, "to": 5.0}],
+    "inputs": ["command.left"], "outputs": ["body.yaw"],
+    "chosen_pass": 2, "left_alone": [], "worse_on_held_out": ["body.forward"], "condition": None,
+    "history": [[1.0, 0.3], [50.0, 0.1], [120.0, 0.05]], "note": "A memoryless network cannot learn dead time.",
+}  # fmt: skip
+
+
+def controller(error, **more):
+    errors = {"tracking_rmse": error, "tracking_max": 0.02, "h2_norm": 0.1}
+    return {**errors, "solve_ms": {"median": 0.3, "p99": 0.9}, "failures": 1, "late": 2, **more}
+
+
+RUN = {
+    "scenario": "eight <2>", "plant": "mujoco", "seeds": 2, "controller": "mpc", "unit": "m", "robot": "rover",
+    "controllers": {"nominal": controller(0.013), "augmented": controller(0.001), "oracle": controller(0.0009),
+                    "online": controller(0.002, h2_norm={"first": 0.3, "last": 0.1})},
+    "recovered": {"augmented": {"value": 0.99, "ci95": [0.97, 1.0]}, "online": None},
+}  # fmt: skip
+
+
+def driven(name, channels=("pose.x", "pose.y", "pose.theta")):
+    t = np.linspace(0.0, 12.0, 121)
+    wanted = np.stack([np.sin(t + k) for k in range(len(channels))], axis=1)
+    off = 0.01 if name == "nominal" else 0.001
+    return Driven(name, channels, t, wanted, wanted + off, np.full(len(t), off))
+
+
+def pages():
+    some = [driven("nominal"), driven("augmented")]
+    joints = [driven(n, ("position.j1", "position.j2")) for n in ("nominal", "oracle")]
+    return {
+        "learned": learned_page(LEARNED, "rover <1>"),
+        "useless": learned_page({**LEARNED, "gap": {**LEARNED["gap"], "after": 0.2}, "history": []}, "rover"),
+        "drive": drive_page(RUN, some, None),
+        "joints": drive_page({**RUN, "unit": "rad", "controllers": {"nominal": controller(None)}}, joints, None),
+    }
+
+
+@pytest.fixture(scope="module", params=["learned", "useless", "drive", "joints"])
+def page(request):
+    return Page(pages()[request.param])
+
+
+def test_pages_are_whole_and_need_nothing_else(page):
+    ids = [attributes["id"] for _, attributes in page.elements if attributes.get("id")]
+    assert len(ids) == len(set(ids)) and len(page.all("h1")) == 1
+    assert all(a["href"].removeprefix("#") in ids for a in page.all("a"))
+    assert not page.all("script") and not page.all("link") and not page.all("iframe")
+    assert any("default-src 'none'" in str(meta.get("content")) for meta in page.all("meta"))
+    assert len(page.all("caption")) == len(page.all("table"))
+    assert not re.search(r"\b(None|nan|undefined|inf)\b", page.text)
+
+
+def test_a_network_that_helps_says_by_how_much():
+    assert helps(LEARNED)
+    assert learned_sentence(LEARNED).replace("\N{NO-BREAK SPACE}", " ") == (
+        "A network with 203 weights, trained on 120 s of data, removes 75 % of the gap on held-out data."
+    )
+    text = Page(pages()["learned"]).text
+    assert "worse on held-out data: body.forward" in text and "run <3>" in text and "rover <1>" in text
+
+
+def test_a_network_that_does_not_help_is_not_recommended():
+    same = {**LEARNED, "gap": {**LEARNED["gap"], "after": 0.2}}
+    assert not helps(same) and "better without it" in learned_sentence(same)
+
+
+def test_the_course_is_drawn_only_where_it_was_kept():
+    assert 'id="course"' in pages()["learned"] and 'id="course"' not in pages()["useless"]
+
+
+@pytest.mark.parametrize(
+    ("nominal", "augmented", "said", "helps_"),
+    [(0.013, 0.001, "1 mm off its path (RMS), 92 % less than the 13 mm with the nominal model", True),
+     (0.010, 0.012, "12 mm off its path (RMS), 20 % more than the 10 mm", False),
+     (0.010, 0.0101, "follows the path equally well with both models", False),
+     (None, 0.001, "With the nominal model the MPC lost the path", True),
+     (0.010, None, "With the corrected model the MPC lost the path", False)],
+)  # fmt: skip
+def test_a_drive_in_a_sentence(nominal, augmented, said, helps_):
+    run = {**RUN, "controllers": {"nominal": controller(nominal), "augmented": controller(augmented)}}
+    assert said in drive_sentence(run).replace("\N{NO-BREAK SPACE}", " ")
+    assert better(run) is helps_
+
+
+def test_a_drive_shows_every_controller_and_what_was_recovered():
+    text = Page(pages()["drive"]).text.replace("\N{NO-BREAK SPACE}", " ")
+    for words in ("nominal model", "corrected model", "true model", "network that learns while driving"):
+        assert words in text
+    assert "recovers 99 %" in text and "0.3 → 0.1" in text and "rover: eight <2>" in text
+
+
+def test_the_film_of_a_drive_has_the_reference_and_both_robots():
+    robot, t = DiffDrive("rover", 0.033, 0.16), np.linspace(0.0, 10.0, 101)
+    path = {"pose.x": 0.1 * t, "pose.y": np.sin(0.5 * t), "pose.theta": np.arctan(5 * np.cos(0.5 * t))}
+    clip = film_drive(robot, t, path, {**path, "pose.x": 0.12 * t}, path)
+    assert clip is not None and clip.frames.shape[0] == FRAMES and clip.seconds == 10.0
+    assert clip.still == FRAMES - 1  # the nominal robot is farthest away at the end
+    shown = drive_page(RUN, [driven("nominal")], replace(clip, frames=clip.frames[:3], still=2))
+    assert [image["alt"] for image in Page(shown).all("img")] == [
+        "The robot driven with the nominal and with the corrected model, over its reference."
+    ] * 2
+
+
+def test_a_reference_that_leaves_the_robot_open_is_not_filmed():
+    t = np.linspace(0.0, 1.0, 11)
+    tool = {"tool.x": t}
+    assert film_drive(DiffDrive("rover", 0.033, 0.16), t, tool, tool, tool) is None
