@@ -29,7 +29,7 @@ class OneStep:
 
     @cached_property
     def _state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Live positions (B, nq), velocities (B, nv) and controls (B, nu): to bind them takes as long as to use them."""
+        """Live positions (B, nq), velocities (B, nv), controls (B, nu): to bind them takes as long as to use them."""
         return self.batch.bind("qpos"), self.batch.bind("qvel"), self.batch.bind("ctrl")
 
     def __call__(self, k: int, u: np.ndarray, force: np.ndarray) -> None:
