@@ -239,11 +239,8 @@ def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> Loca
     """A channel near the windows of a block, `shift` (H, W) s after their starts."""
     value, slope, curvature = (np.full(shift.shape, np.nan) for _ in range(3))
     run, start = data.run[block.where], data.start[block.where]
-    if (shift == shift[:1]).all():  # as for most batches: nothing to sort
-        distinct, back = shift[:1], np.zeros(len(shift), dtype=int)
-    else:
-        distinct, back = np.unique(shift, axis=0, return_inverse=True)
-        back = back.ravel()
+    distinct, back = np.unique(shift, axis=0, return_inverse=True)
+    back = back.ravel()
     for i in np.unique(run):
         signal = data.signals.get((int(i), channel))
         if signal is None:
