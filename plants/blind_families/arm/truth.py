@@ -22,6 +22,7 @@ from plants.blind_families.arm.flaws import ArmFlaws
 from plants.blind_families.arm.gear import GearLaw, Rotors
 from plants.blind_families.arm.surroundings import Surroundings
 from plants.mujoco_log import silence_mujoco
+from plants.mujoco_timers import stop_mujoco_timers
 
 Array = NDArray[np.float64]
 STEP = 0.0005  # s
@@ -183,6 +184,7 @@ class Stepper:
         rigid = truth.arm.rigid(truth)
         self.motors = rigid.motors
         silence_mujoco()
+        stop_mujoco_timers()
         self.batch = mujoco.batch.Batch(rigid.model, s, nthread=1)
         if any(truth.beside.tilt):
             self.batch.expand("opt.gravity")[:] = truth.beside.gravity(rigid.model.opt.gravity)

@@ -18,6 +18,7 @@ from plants.mujoco_robot.simulation.one_step import OneStep
 from plants.mujoco_robot.simulation.servo_integral import begin_integrals
 from plants.mujoco_robot.structure.base import unwrapped
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_timers import stop_mujoco_timers
 from residual_mpc.effects.chain import command_chain, on_errors
 from residual_mpc.effects.library import present
 from residual_mpc.models.protocol import Drive
@@ -109,6 +110,7 @@ def _replay(
     from mujoco.batch import Batch
 
     silence_mujoco()
+    stop_mujoco_timers()
     model = robot.model
     batch = Batch(model, settings.rows, nthread=threads_for(settings.rows * model.nv))
     if robot.differing and drive.setting is not None:

@@ -16,6 +16,7 @@ from plants.mujoco_robot.simulation.gear_start import begin
 from plants.mujoco_robot.simulation.one_step import OneStep
 from plants.mujoco_robot.simulation.servo_integral import begin_integrals
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_timers import stop_mujoco_timers
 from residual_mpc.effects.chain import joined, on_command, on_errors
 from residual_mpc.effects.library import changes
 from residual_mpc.effects.ops import NUMPY
@@ -46,6 +47,7 @@ class CorrectedMujoco:
         from mujoco.batch import Batch
 
         silence_mujoco()
+        stop_mujoco_timers()
         if settings.rows != 1 or rows < 1:
             raise ValueError(f"settings must have one row and rows must be >= 1, got {settings.rows} and {rows}")
         whole = round(period / robot.step)
