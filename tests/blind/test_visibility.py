@@ -13,7 +13,7 @@ from residual_mpc.blind.recorded.kinds.drive import TRACK
 from residual_mpc.blind.recorded.kinds.kind import Kind
 from residual_mpc.blind.recorded.recipe import Recipe, draw
 from residual_mpc.blind.recorded.sizing import Sized, UntouchedHalves
-from residual_mpc.blind.recorded.visibility import WindowErrors, faintest, visibility
+from residual_mpc.blind.recorded.visibility import WindowErrors, _standard_error, faintest, visibility
 from residual_mpc.errors import BadInput
 
 
@@ -108,3 +108,12 @@ def test_a_change_that_the_runs_cannot_show_is_not_drawn():
 def test_runs_that_show_no_kind_are_refused():
     with pytest.raises(BadInput, match="even the largest change of every kind is invisible"):
         draw(((kind("a"), (None,)),), RECIPE, np.random.default_rng(0), lambda *_: None)
+
+
+def test_runs_that_come_in_groups_scatter_by_their_groups():
+    """Two groups that are far apart, as runs on two grounds, with more than half of the runs close together: a spread
+    from medians alone would see the close ones only."""
+    rng, later = np.random.default_rng(5), np.arange(16) % 2 == 0
+    y = np.where(np.arange(16) < 10, 0.0, 5.0) + 0.1 * rng.normal(size=16)
+    error = _standard_error(y, np.full(16, 0.5), later)
+    assert error > 0.5 * np.hypot(*(np.std(y[side], ddof=1) / np.sqrt(8) for side in (later, ~later)))
