@@ -101,9 +101,10 @@ def _on_all_windows(
         return searched
     space = problem.space
     assert isinstance(space, ChangeSpace)
-    whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
-    if whole.data.cost <= problem.data.cost:
+    exact = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
+    if exact.data.count <= problem.data.count:
         return searched
+    whole = on_longer_steps(exact, windows[1], found.fit.values, settings=settings.results.predict)
     units = _units(whole.data, sets, given, settings)
     further = search_changes(whole, account, units, settings, found)
     return searched if further.changes == found.changes else (further, whole, units)
@@ -258,8 +259,8 @@ def _named(
         only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint") else None
         probability = sure * rivals.shares.get(c.term, 1.0) * (1.0 - c.p)
         numbers = changed_numbers(problem, fit, c.term, spread)
-        if any(n.note for n in numbers):
-            probability = min(probability, settings.sure_at_bound)
+        if any(n.note for n in numbers) or rivals.parts.get(c.term, 1.0) < settings.faint:
+            probability = min(probability, settings.doubtful)
         out.append(Change(_plain(c.term), probability, c.p, numbers, effect.summary, only))
     return tuple(out)
 

@@ -15,7 +15,8 @@ from residual_mpc.models.settings import Term
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """fit: the model with the change `term`; dropped (W,): by how much the change lowers each window's cost."""
+    """fit: the model with the change `term`; dropped (W,): by how much the change lowers each window's cost, beside the
+    same effect on both sets alike."""
 
     term: Term
     fit: Fit
@@ -28,12 +29,12 @@ def likelihood_ratios(
     """(n, n) by how much the i-th change explains more than the j-th, negative where it explains less. phi: dispersion
     of the residuals.
 
-    Of two estimates the larger one counts: the drops of the cost decide where few stretches agree well, and what each
-    change leaves of the other where a few stretches with large errors dominate the cost.
+    Of two estimates the larger one counts: the cost decides where few stretches agree well, and what each change leaves
+    of the other where a few stretches with large errors dominate the cost.
     """
     left = left_beside(problem, of, units, settings) ** 2
     by_test = left.T - left
-    by_cost = np.array([[_by_cost(one.dropped, other.dropped, units, phi) for other in of] for one in of])
+    by_cost = np.array([[_by_cost(one, other, units, phi) for other in of] for one in of])
     return np.where(np.abs(by_test) > np.abs(by_cost), by_test, by_cost)
 
 
@@ -52,12 +53,22 @@ def left_beside(problem: Problem, of: Sequence[Explanation], units: Units, setti
     return out
 
 
-def _by_cost(chosen: np.ndarray, other: np.ndarray, units: Units, phi: float) -> float:
-    """From the drops of the cost (W,) each: the geometric mean of their difference over the dispersion, which is
-    cautious where residuals are coloured, and of the squared statistic of a test that pairs the units (Vuong 1989, eq.
-    5.6), which is bold where both miss the same."""
-    difference = units.summed(chosen - other)
-    spread = float(np.sqrt(units.count * np.var(difference, ddof=1)))
-    total = float(difference.sum())
+def _by_cost(one: Explanation, other: Explanation, units: Units, phi: float) -> float:
+    """From the cost, in two ways: by what each change explains, and by what each model leaves. Each model has a common
+    error of its own beside the change, so neither difference is the likelihood ratio of the changes: the smaller one
+    counts, and 0 where they contradict each other."""
+    more = (len(one.fit.knobs) - len(other.fit.knobs)) * float(np.log(units.count))
+    explained, left = one.dropped - other.dropped, other.fit.per_window - one.fit.per_window
+    ratios = [_paired(units.summed(difference), phi, more) for difference in (explained, left)]
+    return 0.0 if ratios[0] * ratios[1] <= 0.0 else min(ratios, key=abs)
+
+
+def _paired(difference: np.ndarray, phi: float, more: float) -> float:
+    """From differences of the cost (U,) by unit: the geometric mean of their sum over the dispersion, which is cautious
+    where residuals are coloured, and of the squared statistic of a test that pairs the units, which is bold where both
+    miss the same. more: what the sum has to exceed for further parameters (Vuong 1989, eq. 5.6, with the correction of
+    Schwarz)."""
+    total = float(difference.sum()) - phi * more
+    spread = float(np.sqrt(len(difference) * np.var(difference, ddof=1)))
     paired = total / max(spread, 1e-12)
     return float(np.sign(total) * np.sqrt(abs(total) / phi) * abs(paired))

@@ -19,11 +19,13 @@ from residual_mpc.models.settings import Knob, Term
 @dataclass(frozen=True)
 class ChangeRivals:
     """found: the changes, of a group the member that explains most; groups: changes that the runs do not tell apart;
-    shares: of the likelihood, of each change and of what could stand in its place."""
+    shares: of the likelihood, of each change and of what could stand in its place; parts: of what all changes explain,
+    that which only this one does."""
 
     found: FoundChanges
     groups: tuple[ConfoundedGroup, ...]
     shares: dict[Term, float]
+    parts: dict[Term, float]
 
 
 def find_change_rivals(
@@ -32,6 +34,8 @@ def find_change_rivals(
     """Each change in turn is taken out, and what explains the difference instead is fitted in its place."""
     groups: list[ConfoundedGroup] = []
     shares: dict[Term, float] = {}
+    parts: dict[Term, float] = {}
+    together = max(found.account.cost - found.fit.cost, 1e-12)
     for change in found.changes:
         fits = _in_place_of(problem, found, change, units, settings)
         explained = list(fits.values())
@@ -45,8 +49,9 @@ def find_change_rivals(
         if len(alike) > 1:
             groups.append(tuple((term,) for term in alike))
         first = next(term for term in alike if ratios[term] < settings.search.equal)
+        parts[first] = float(fits[change.term].dropped.sum()) / together
         found = _preferring(problem, found, change, first, fits, settings)
-    return ChangeRivals(found, tuple(groups), shares)
+    return ChangeRivals(found, tuple(groups), shares, parts)
 
 
 def _in_place_of(

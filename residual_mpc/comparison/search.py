@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, possible
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import compatible, mixed, varied
+from residual_mpc.diagnosis.search.rivals import place
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
@@ -168,7 +169,8 @@ def _best(
     problem: Problem, current: Fit, units: Units, told: Sequence[Contrast], settings: ComparisonSettings
 ) -> tuple[Fit, FoundChange] | None:
     """Of the changes that are significant by themselves, since something differs beyond doubt, the one that explains
-    more than each of the others; None where none qualifies."""
+    more than each of the others, and of those that explain as much the first in the contract's table; None where none
+    qualifies."""
     beyond = [c for c in told if c.alone <= settings.contrast.level]
     leads = mixed(sorted(beyond, key=lambda c: -abs(c.z)), sorted(beyond, key=lambda c: -c.drop))
     p = {term: min(c.p for c in beyond if c.term == term) for term in {c.term for c in beyond}}
@@ -186,7 +188,9 @@ def _best(
     explanations = [one.explanation for one in fitted]
     phi = dispersion(min((one.fit for one in fitted), key=lambda fit: fit.cost), units.number)
     ratios = likelihood_ratios(problem, explanations, units, phi, settings.contrast)
-    best = fitted[int(np.argmax(ratios.min(axis=1)))]
+    worst = ratios.min(axis=1)
+    equal = [one for one, ratio in zip(fitted, worst, strict=True) if worst.max() - ratio < settings.search.equal]
+    best = min(equal, key=lambda one: place((one.lead.term,)))
     return best.fit, FoundChange(best.lead.term, p[best.lead.term])
 
 

@@ -80,12 +80,14 @@ class ChangeSearchSettings:
 @dataclass(frozen=True)
 class ComparisonSettings:
     """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes;
-    sure_at_bound: of a change with a number at a bound. unexplained: share of the rise of the squared gap that may be
-    left where the changes are to explain it."""
+    doubtful: of a change with a number at a bound, or one that explains less than the share `faint` of what all changes
+    explain: the model predicts no large change better than that. unexplained: share of the rise of the squared gap that
+    may be left where the changes are to explain it."""
 
     sure: float = 0.97
     sure_partial: float = 0.8
-    sure_at_bound: float = 0.45
+    doubtful: float = 0.45
+    faint: float = 0.05
     unexplained: float = 0.3
     account: AccountSettings = field(default_factory=AccountSettings)
     contrast: ContrastSettings = field(default_factory=ContrastSettings)
@@ -93,4 +95,4 @@ class ComparisonSettings:
     results: ResultSettings = field(default_factory=ResultSettings)
 
     def __post_init__(self) -> None:
-        check_share(self, "sure", "sure_partial", "sure_at_bound", "unexplained")
+        check_share(self, "sure", "sure_partial", "doubtful", "faint", "unexplained")

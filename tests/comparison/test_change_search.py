@@ -84,3 +84,26 @@ def test_stretches_with_large_errors_do_not_decide_between_changes() -> None:
     limit = replace(limit, dropped=limit.dropped + np.where(worst, lacking / worst.sum(), 0.0))
     ratios = likelihood_ratios(problem, [delay, limit], units, 1e3, ComparisonSettings().contrast)
     assert ratios[0, 1] > 4.0
+
+
+def test_a_change_with_more_parameters_has_to_explain_more() -> None:
+    """The same fit with one parameter more, which does nothing, loses by the correction of Schwarz."""
+    problem, units, found = fitted({}, {"saturation": {"limit": 4.0}})
+    limit, delay = (found[t].explanation for t in (LIMIT, DELAY))
+    knobs = (*limit.fit.knobs, Knob("payload", None, "mass", True))
+    idle = np.concatenate([limit.fit.jacobian, np.zeros_like(limit.fit.jacobian[..., :1])], axis=-1)
+    more = replace(limit, fit=replace(limit.fit, knobs=knobs, jacobian=idle))
+    contrast = ComparisonSettings().contrast
+    fewer, padded = (likelihood_ratios(problem, [x, delay], units, 100.0, contrast)[0, 1] for x in (limit, more))
+    assert 0.0 < padded < fewer
+
+
+def test_costs_that_contradict_each_other_decide_nothing() -> None:
+    """One change leaves less, the other explains more beyond its effect on both sets: the test alone decides."""
+    problem, units, found = fitted({}, {"saturation": {"limit": 4.0}})
+    limit, delay = (found[t].explanation for t in (LIMIT, DELAY))
+    boasting = replace(delay, dropped=10.0 * limit.dropped)
+    contrast = ComparisonSettings().contrast
+    left = left_beside(problem, [limit, boasting], units, contrast) ** 2
+    ratios = likelihood_ratios(problem, [limit, boasting], units, 1.0, contrast)
+    np.testing.assert_allclose(ratios, left.T - left)
