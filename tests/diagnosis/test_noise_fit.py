@@ -39,10 +39,21 @@ def wandering(run: Run, sigma: dict[str, float], rho: float, seed: int) -> Run:
     return replace(run, columns=columns)
 
 
-def data_of(faults: dict[str, dict[str, float]], sigma: dict[str, float], white: float, horizon: float) -> Dataset:
+def rounded(run: Run, steps: dict[str, float]) -> Run:
+    """The run with its pose logged in steps."""
+    return replace(run, columns=run.columns | {c: np.round(run.columns[c] / step) * step for c, step in steps.items()})
+
+
+def data_of(
+    faults: dict[str, dict[str, float]],
+    sigma: dict[str, float],
+    white: float,
+    horizon: float,
+    steps: dict[str, float] | None = None,
+) -> Dataset:
     rho = float(np.exp(-0.05 / TIME))
     runs = [wandering(rover_run(f"r{k}", faults, 30.0, seed=k, noise=white), sigma, rho, 50 + k) for k in range(RUNS)]
-    return build_dataset(runs, [ROVER] * RUNS, {}, horizon)
+    return build_dataset([rounded(run, steps or {}) for run in runs], [ROVER] * RUNS, {}, horizon)
 
 
 def fitted(data: Dataset) -> tuple[ChannelNoise, ...]:
@@ -71,6 +82,17 @@ def test_the_floor_of_a_perfect_rover_with_coloured_noise_is_its_gap(horizon: fl
     assert times_floor(data_of({}, {c: 6.0 * s for c, s in SIGMA.items()}, 0.2, horizon)) == pytest.approx(
         np.ones(3), abs=0.25
     )
+
+
+@pytest.mark.parametrize("horizon", [1.0, 5.0])
+def test_so_is_that_of_one_whose_pose_is_rounded_to_steps_of_its_noise(horizon: float) -> None:
+    sigma = {c: 3.0 * s for c, s in SIGMA.items()}
+    assert times_floor(data_of({}, sigma, 0.2, horizon, sigma)) == pytest.approx(np.ones(3), abs=0.25)
+
+
+@pytest.mark.parametrize("faults", [{"wheel_radius_mismatch": {"ratio": 1.08}}, {"track_width": {"scale": 1.15}}])
+def test_an_effect_does_not_hide_in_a_rounded_pose(faults: dict[str, dict[str, float]]) -> None:
+    assert times_floor(data_of(faults, {}, 0.5, 5.0, {c: 3.0 * s for c, s in SIGMA.items()})).max() > 3.0
 
 
 def test_white_noise_stays_white() -> None:

@@ -106,7 +106,8 @@ def fit_noise(
                     )
     bounds = difference_bounds(data, problem.weight, [0.0, *times], period, settings=settings)
     rounded = data.sigma <= tuned.rounded * data.steps / np.sqrt(12.0)
-    parts[:, :, rounded, 1:] = 0.0  # steps of the sensor that last several samples look coloured
+    encoders = np.array([not channel.startswith(LOCALISED) for channel in data.channels])
+    parts[:, :, rounded & encoders, 1:] = 0.0  # steps of an encoder that last several samples look coloured
     if data.count * data.horizon < tuned.least_seconds:
         parts[..., 1:] = 0.0
     size = fit_envelope(

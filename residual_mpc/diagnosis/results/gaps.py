@@ -141,9 +141,11 @@ def measure_gaps(
     everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count, settings=settings.predict)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, settings=settings)]
     # beyond the noise on all windows, and on the very windows that the figures are printed for
-    anywhere = beyond(gap_of(raw, scales, errors["before"]), everywhere, settings=settings.predict) and _lucky(looks[0])
+    jumps = of.with_outliers and helps  # samples that jump away are a gap only where they are named
+    whole = gap_of(raw, scales, errors["before"]) if jumps else _nominal_gap(of.clean, scales, rows)
+    anywhere = beyond(whole, everywhere, settings=settings.predict) and _lucky(looks[0])
     for look in longer:
-        more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, settings=settings)
+        more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, jumps, settings=settings)
         if all_floor.total < FORETOLD:
             looks.append(more)
             anywhere = anywhere or beyond(all_before, all_floor, settings=settings.predict)
@@ -254,9 +256,11 @@ def _longer(
     row: Settings,
     noise: tuple[ChannelNoise, ...],
     rng: np.random.Generator,
+    jumps: bool,
     settings: ResultSettings,
 ) -> tuple[HorizonGaps, Gap, NoiseFloor]:
-    """The gaps over a longer horizon on the windows that are judged, and gap and floor of the model on all of them."""
+    """The gaps over a longer horizon on the windows that are judged, and gap and floor of the model on all of them;
+    jumps: with the samples that jump away."""
     raw = replace(look.raw, noise=noise)
     seen = replace(look.clean, noise=noise) if of.with_outliers else raw
     nominal, before, _ = predict(raw, rows)
@@ -266,7 +270,13 @@ def _longer(
         floor if look.test.all() else floor_of(seen.take(look.test), look.scales, row, rng, settings=settings.predict)
     )
     here = _look(raw, look.scales, errors, look.test, bool(look.held.any()), judged, settings=settings)
-    return here, gap_of(raw, look.scales, errors["before"]), floor
+    whole = gap_of(raw, look.scales, errors["before"]) if jumps else _nominal_gap(look.clean, look.scales, rows)
+    return here, whole, floor
+
+
+def _nominal_gap(data: Dataset, scales: Scales, rows: Settings) -> Gap:
+    """The gap of the model with its tunable numbers fitted, the second of `rows`, on all windows."""
+    return gap_of(data, scales, data.y - predict(data, rows.take(np.array([1])))[0])
 
 
 def quantiles(square: np.ndarray) -> dict[str, float]:
