@@ -13,7 +13,7 @@ from residual_mpc.blind.recorded.kinds.drive import TRACK
 from residual_mpc.blind.recorded.kinds.kind import Kind
 from residual_mpc.blind.recorded.recipe import Recipe, draw
 from residual_mpc.blind.recorded.sizing import Sized, UntouchedHalves
-from residual_mpc.blind.recorded.visibility import WindowErrors, _standard_error, faintest, visibility
+from residual_mpc.blind.recorded.visibility import WindowErrors, _standard_error, faintest, visibility, window_errors
 from residual_mpc.errors import BadInput
 
 
@@ -86,6 +86,16 @@ def test_a_tenth_more_of_a_model_that_turns_four_times_too_far_is_no_more_visibl
         found.append(visibility(base, changed))
     assert tracks[0] > GEOMETRY["track_width"]  # as if it were wider, since the model has no limit of speed
     assert tracks[1] == pytest.approx(tracks[0], rel=0.05) and found[1] == pytest.approx(found[0], rel=0.2)
+
+
+def test_all_windows_of_short_runs_of_a_few_equations_are_used(tmp_path):
+    (tmp_path / "robot.toml").write_text('name = "rover"\nplant = "diff_drive"\n')
+    logs = [rover_log(k, f"run{k}", 10.0) for k in range(20)]
+    halves = (
+        Half("rover", "diff_drive", tuple(part), (Setting("*", "", GEOMETRY),)) for part in (logs[:10], logs[10:])
+    )
+    errors = window_errors(load_robot(tmp_path / "robot.toml").file, *halves)
+    assert len(errors.key) >= 20 * 9
 
 
 def kind(effect: str) -> Kind:

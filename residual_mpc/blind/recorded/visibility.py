@@ -28,7 +28,7 @@ ALTERNATIVES = 40  # changes that a comparison chooses from: about as many as th
 FALSE_ALARM = 0.02  # probability of a false change, over all of them together, as in `compare`
 CLIP = 1.5  # standard deviations at which Huber's estimate limits a unit
 CLIPPED = 0.7784  # mean square of a standard normal variable that is clipped there
-STEPS = 30  # of the iteration to that estimate
+ROUNDS = 30  # of the iteration to that estimate
 POWER = 0.8  # probability with which a barely visible change is detected
 
 
@@ -103,7 +103,7 @@ def _standard_error(y: np.ndarray, weight: np.ndarray, later: np.ndarray) -> flo
     root = np.sqrt(weight)
     at = np.where(later, np.median(y[later]), np.median(y[~later]))
     scale = MAD * float(np.median(root * np.abs(y - at))) + 1e-12
-    for _ in range(STEPS):
+    for _ in range(ROUNDS):
         inside = np.minimum(1.0, CLIP / np.maximum(root * np.abs(y - at) / scale, 1e-12))
         means = [np.average(y[side], weights=(weight * inside)[side]) for side in (~later, later)]
         at = np.where(later, means[1], means[0])

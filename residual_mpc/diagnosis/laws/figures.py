@@ -13,7 +13,6 @@ from residual_mpc.models.settings import Knob, Term, Values
 T95 = 1.96
 NEAR = 1e-6  # of a typical size, for difference quotients
 CHOSEN = ("cycles", "at", "from", "to")
-CHOSEN = ("cycles", "at", "from", "to")
 RATE_UNITS = {"forward": "m/s", "sideways": "m/s", "yaw": "rad/s"}
 
 
