@@ -16,15 +16,16 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.results.causes import causes_of
 from residual_mpc.diagnosis.results.records import Estimate
-from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.results.settings import CauseSettings, ResultSettings
 from residual_mpc.diagnosis.results.support import Support
 from residual_mpc.models.settings import Knob
 
-TUNED = ResultSettings()
+TUNED = ResultSettings(causes=CauseSettings(law=0.0, order=0.0))  # what the data say by themselves
 
 DRAWS = 40
 TRUTH = {SCALE: 1.2, GAIN: 0.9}
 LAG = Knob("actuator_lag", None, "time_constant")
+DELAY = Knob("command_delay", None, "delay")
 NOTHING: Mapping[Knob, tuple[float, ...]] = MappingProxyType({})
 DATA = windows(2, 30.0)
 SPACE = space_of(DATA)
@@ -32,12 +33,15 @@ COLUMNS = dict(zip(TRUTH, 3.0 * np.random.default_rng(5).standard_normal((2, DAT
 
 
 def estimates(
-    of: Any, unexplained: float = 0.0, lacking: Mapping[Knob, tuple[float, ...]] = NOTHING
+    of: Any,
+    unexplained: float = 0.0,
+    lacking: Mapping[Knob, tuple[float, ...]] = NOTHING,
+    settings: ResultSettings = TUNED,
 ) -> dict[str, Estimate]:
     """Each parameter of the explanation, by name."""
     terms = of.final.terms
     supports, doubt = dict.fromkeys(terms, Support((), 1.0)), dict.fromkeys(terms, 1.0)
-    causes = causes_of(of, unexplained, 1.0, supports, doubt, lacking, TUNED)
+    causes = causes_of(of, unexplained, 1.0, supports, doubt, lacking, settings)
     return {e.name: e for cause in causes for e in cause.parameters}
 
 
@@ -117,6 +121,32 @@ def test_what_is_left_unexplained_may_pull_a_number_by_its_share_of_the_effect()
     plain, pulled = estimates(known())["scale"], estimates(known(), unexplained=0.25)["scale"]
     pull = TUNED.causes.form * np.sqrt(0.25) * abs(plain.value - 1.0)
     assert half_width(pulled) == pytest.approx(np.hypot(half_width(plain), pull), rel=1e-6)
+
+
+def test_no_size_is_known_better_than_its_law() -> None:
+    """However little the noise, half of an interval is at least 3 % of the effect."""
+    plain = estimates(known())["scale"]
+    found = estimates(known(), settings=ResultSettings())["scale"]
+    law = 0.03 * abs(plain.value - 1.0)
+    assert half_width(found) == pytest.approx(np.hypot(half_width(plain), law), rel=1e-6)
+
+
+def test_a_dead_time_and_a_lag_that_are_both_named_may_take_from_each_other() -> None:
+    """Each by 12 % of the lag; either of them alone by nothing."""
+    settings = ResultSettings(causes=CauseSettings(law=0.0))
+    columns = dict(zip((DELAY, LAG), COLUMNS.values(), strict=True))
+    truth = {DELAY: 0.1, LAG: 0.2}
+
+    def halves(of: tuple[Knob, ...], settings: ResultSettings) -> np.ndarray:
+        some = {k: columns[k] for k in of}
+        problem = Linear(DATA, SPACE, some, {k: truth[k] for k in of}, white(DATA, np.random.default_rng(6)))
+        found = estimates(explained(problem, fitted(problem, {k: truth[k] for k in of})), settings=settings)
+        return np.array([half_width(found[k.parameter]) for k in of])
+
+    both = (DELAY, LAG)
+    np.testing.assert_allclose(halves(both, settings), np.hypot(halves(both, TUNED), 0.12 * 0.2), rtol=0.05)
+    for alone in both:
+        assert halves((alone,), settings) == halves((alone,), TUNED)
 
 
 def test_an_interval_holds_other_ends_of_the_fit_and_fits_without_a_doubtful_effect() -> None:

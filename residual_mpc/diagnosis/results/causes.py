@@ -27,6 +27,8 @@ from residual_mpc.models.settings import TUNE, Knob, Term
 T95 = 1.96
 ANGLES = ("heading", "phase")  # numbers that come round after a turn
 AT_BOUND = "at the bound of its search range"
+# dead times and the lags that they trade with: a motor or filter of second order is neither
+LATE = {"command_delay": "actuator_lag", "sensor_delay": "sensor_lag"}
 
 
 def causes_of(
@@ -128,13 +130,24 @@ def _estimate(
     ends = of.ends.get(knob, (value,))
     if knob.parameter in ANGLES:
         value, low, high, ends, aside = float((value + np.pi) % (2 * np.pi) - np.pi), -np.inf, np.inf, (), ()
-    half = float(np.hypot(T95 * sigma, settings.causes.form * np.sqrt(unexplained) * _dose(space, knob, value)))
-    apart = max([value + half, *ends]) - min([value - half, *ends]) > settings.causes.apart * half
+    dose, tuned = _dose(space, knob, value), settings.causes
+    pulled = tuned.form * np.sqrt(unexplained) * dose
+    half = float(np.linalg.norm([T95 * sigma, pulled, tuned.law * dose, _order(final, knob, settings)]))
+    apart = max([value + half, *ends]) - min([value - half, *ends]) > tuned.apart * half
     interval = (
         float(max(min([value - half, *ends, *aside]), min(low, value))),
         float(min(max([value + half, *ends, *aside]), max(high, value))),
     )
     return Estimate(knob.parameter, value, interval, unit, _note(bool(final.held[i]), apart))
+
+
+def _order(final: Fit, knob: Knob, settings: ResultSettings) -> float:
+    """What a dead time and a lag that are both named may take from each other, s: a second-order system is fitted as
+    well by less of one and more of the other."""
+    lag = LATE.get(knob.effect, knob.effect)
+    dead = [k for k in final.knobs if LATE.get(k.effect) == lag]
+    slow = [final.values[k] for k in final.knobs if k.effect == lag and k.parameter == "time_constant"]
+    return settings.causes.order * max(slow) if dead and slow else 0.0
 
 
 def _note(held: bool, apart: bool) -> str:

@@ -13,7 +13,9 @@ from residual_mpc.diagnosis.search.settings import SearchSettings
 
 @dataclass(frozen=True)
 class CauseSettings:
-    """form: of the relative size of what the named effects leave, which may lie along an effect and pull its number.
+    """form: of the relative size of what the named effects leave, which may lie along an effect and pull its number;
+    law: half of a 95 % interval at least, relative to the size of the effect, since no robot obeys a law to the letter;
+    order: of a lag, by which it and a dead time that is named beside it may be wrong: real motors are of second order.
     most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor where something is
     left that these sensors can tell; shadow: of the probability that is lost for each factor e by which more is left
     than they can tell, down to the factor least_sure. coarse: the most where the model's time step may be the
@@ -22,6 +24,8 @@ class CauseSettings:
     interval is that wide since two fits end apart."""
 
     form: float = 0.5
+    law: float = 0.03
+    order: float = 0.12
     most_sure: float = 0.97
     most_partial: float = 0.87
     shadow: float = 0.15
@@ -32,7 +36,8 @@ class CauseSettings:
     apart: float = 2.5
 
     def __post_init__(self) -> None:
-        check_share(self, "form", "most_sure", "most_partial", "shadow", "least_sure", "coarse", "resting", "doubtful")
+        check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "coarse",
+                    "resting", "doubtful")  # fmt: skip
         check_positive(self, "apart")
 
 
