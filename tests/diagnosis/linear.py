@@ -65,7 +65,7 @@ def coloured(data: Dataset, column: np.ndarray, size: float, rng: np.random.Gene
 
 def explained(problem: Any, fit: Fit, **others: Any) -> Any:
     """A fit as the explanation that `causes_of` describes."""
-    rivalry = SimpleNamespace(shares={})
+    rivalry = SimpleNamespace(shares={}, rivals=())
     usual = {"tolerated": None, "ends": {}, "rivalry": rivalry, "with_outliers": False, "space": problem.space}
     return SimpleNamespace(problem=problem, final=fit, **{**usual, **others})
 

@@ -157,6 +157,16 @@ def test_an_interval_holds_other_ends_of_the_fit_and_fits_without_a_doubtful_eff
     assert lacked.ci95 == pytest.approx((0.8, plain.ci95[1])) and not lacked.note
 
 
+def test_an_interval_holds_the_values_beside_another_member_of_a_confounded_group() -> None:
+    """With an interval as wide as that beside the named member; a rival that the runs rule out does not count."""
+    of = known()
+    plain = estimates(of)["scale"]
+    beside = [SimpleNamespace(alike=alike, fit=SimpleNamespace(values={SCALE: value}))
+              for alike, value in ((True, 1.6), (False, 2.0))]  # fmt: skip
+    found = estimates(known(rivalry=SimpleNamespace(shares={}, rivals=beside)))["scale"]
+    assert found.ci95 == pytest.approx((plain.ci95[0], 1.6 + half_width(plain))) and found.value == plain.value
+
+
 def test_an_interval_holds_that_of_the_fit_with_small_differences_elsewhere() -> None:
     """Four times the noise, so four times the interval, about that fit's own value."""
     of = known()

@@ -47,6 +47,7 @@ def causes_of(
     aside = _aside(of, settings=settings)
     finer = finely_stepped(problem, final)
     within = {k: (*aside.get(k, ()), *lacking.get(k, ()), *([finer[k]] if k in finer else [])) for k in final.knobs}
+    others = _beside_others(of)
     causes = []
     for term in final.terms:
         if is_law(term.effect):
@@ -57,7 +58,7 @@ def causes_of(
             )
             continue
         estimates = [
-            _estimate(of, i, float(sigma[i]), unexplained, within[k], settings=settings)
+            _estimate(of, i, float(sigma[i]), unexplained, within[k], others[k], settings=settings)
             for i, k in enumerate(final.knobs)
             if k.effect != TUNE and k.term == term
         ]
@@ -109,6 +110,13 @@ def without_doubtful(
     return {k: tuple(f.values[k] for f in fits if k in f.values) for k in of.final.knobs}
 
 
+def _beside_others(of: FittedExplanation) -> dict[Knob, tuple[float, ...]]:
+    """Each number's values in the fits with another member of a confounded group in place of a named effect: which of
+    the members is there, these runs do not tell."""
+    alike = [r.fit.values for r in of.rivalry.rivals if r.alike]
+    return {k: tuple(values[k] for values in alike if k in values) for k in of.final.knobs}
+
+
 def _aside(of: FittedExplanation, settings: ResultSettings) -> dict[Knob, tuple[float, float]]:
     """The interval of each number, limits included, from the fit in which small differences are marginalised."""
     if of.tolerated is None:
@@ -119,24 +127,38 @@ def _aside(of: FittedExplanation, settings: ResultSettings) -> dict[Knob, tuple[
 
 
 def _estimate(
-    of: FittedExplanation, i: int, sigma: float, unexplained: float, aside: tuple[float, ...], settings: ResultSettings
+    of: FittedExplanation,
+    i: int,
+    sigma: float,
+    unexplained: float,
+    aside: tuple[float, ...],
+    others: tuple[float, ...],
+    settings: ResultSettings,
 ) -> Estimate:
     """aside: limits of the interval with small differences elsewhere, values without a doubtful effect and with a finer
-    time step, which the stated interval includes."""
+    time step, which the stated interval includes; others: values in sets that explain as much, which it includes with
+    an interval of the same width."""
     knob, final, space = of.final.knobs[i], of.final, of.problem.space
     value = final.values[knob]
     unit = unit_of(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)
     low, high = space.bounds(knob)
     ends = of.ends.get(knob, (value,))
     if knob.parameter in ANGLES:
-        value, low, high, ends, aside = float((value + np.pi) % (2 * np.pi) - np.pi), -np.inf, np.inf, (), ()
+        value, low, high, ends, aside, others = (
+            float((value + np.pi) % (2 * np.pi) - np.pi),
+            -np.inf,
+            np.inf,
+            (),
+            (),
+            (),
+        )
     dose, tuned = _dose(space, knob, value), settings.causes
     pulled = tuned.form * np.sqrt(unexplained) * dose
     half = float(np.linalg.norm([T95 * sigma, pulled, tuned.law * dose, _order(final, knob, settings)]))
     apart = max([value + half, *ends]) - min([value - half, *ends]) > tuned.apart * half
     interval = (
-        float(max(min([value - half, *ends, *aside]), min(low, value))),
-        float(min(max([value + half, *ends, *aside]), max(high, value))),
+        float(max(min([min([value, *others]) - half, *ends, *aside]), min(low, value))),
+        float(min(max([max([value, *others]) + half, *ends, *aside]), max(high, value))),
     )
     return Estimate(knob.parameter, value, interval, unit, _note(bool(final.held[i]), apart))
 
