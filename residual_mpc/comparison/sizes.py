@@ -51,8 +51,8 @@ def jackknife(fit: Fit, units: Units) -> Spread:
     return Spread(sigma, dof)
 
 
-def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread) -> tuple[ChangedNumber, ...]:
-    """The numbers of one change."""
+def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law: float) -> tuple[ChangedNumber, ...]:
+    """The numbers of one change; law: half of an interval at least, relative to the change."""
     space = problem.space
     assert isinstance(space, ChangeSpace)
     after = space.later(fit.values)
@@ -70,9 +70,11 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread) -> t
         # a number that has come to its bound is as uncertain as it was before
         known = next((fit.knobs.index(k) for k in (own, general) if held and k in fit.knobs), i)
         half = float(stdtrit(spread.freedom[known], 0.975) * spread.sigma[known])
-        if not np.isfinite(p.null) and np.isfinite(was):
-            half /= was  # a ratio
-        unit = unit_of(space.robot, term, "1" if p.null == 1.0 or (np.isinf(p.null) and np.isfinite(was)) else p.unit)
+        ratio = p.null == 1.0 or (not np.isfinite(p.null) and np.isfinite(was))
+        if ratio and p.null != 1.0:
+            half /= was
+        half = float(np.hypot(half, law * abs(value - float(ratio))))
+        unit = unit_of(space.robot, term, "1" if ratio else p.unit)
         out.append(
             ChangedNumber(
                 p.name,

@@ -68,7 +68,7 @@ def test_an_interval_covers_the_change_as_often_as_it_says() -> None:
     for _ in range(60):
         problem = linear(rng)
         fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0, CHANGED: 1.0})
-        (number,) = changed_numbers(problem, fit, CHANGED.term, jackknife(fit, UNITS))
+        (number,) = changed_numbers(problem, fit, CHANGED.term, jackknife(fit, UNITS), 0.0)
         low, high = number.ci95
         inside.append(low <= 1.1 <= high)
         halves.append(0.5 * (high - low))
@@ -80,9 +80,18 @@ def test_an_interval_covers_the_change_as_often_as_it_says() -> None:
 def test_a_change_states_what_was_what_is_and_the_ratio() -> None:
     problem = linear(np.random.default_rng(2), own=0.0)
     fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0, CHANGED: 1.0})
-    (number,) = changed_numbers(problem, fit, CHANGED.term, jackknife(fit, UNITS))
+    (number,) = changed_numbers(problem, fit, CHANGED.term, jackknife(fit, UNITS), 0.0)
     assert number.name == "scale" and number.unit == "1" and number.note == ""
     assert number.before == pytest.approx(1.2, abs=0.05)
     assert number.after == pytest.approx(number.before * number.change)
     assert number.change == pytest.approx(fit.values[CHANGED])
-    assert changed_numbers(problem, fit, HEADING._replace(changed=True).term, jackknife(fit, UNITS)) == ()
+    assert changed_numbers(problem, fit, HEADING._replace(changed=True).term, jackknife(fit, UNITS), 0.0) == ()
+
+
+def test_no_change_is_known_better_than_its_law() -> None:
+    problem = linear(np.random.default_rng(3))
+    fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0, CHANGED: 1.0})
+    spread = jackknife(fit, UNITS)
+    (plain,), (number,) = (changed_numbers(problem, fit, CHANGED.term, spread, law) for law in (0.0, 0.5))
+    half, law = (0.5 * (n.ci95[1] - n.ci95[0]) for n in (plain, number))
+    assert law == pytest.approx(np.hypot(half, 0.5 * abs(plain.change - 1.0)))

@@ -57,7 +57,7 @@ def found(truth: Values, sure: float = 1.0, doubt: dict[Term, float] | None = No
 
 def test_a_cause_is_as_sure_as_all_allows_that_speaks_for_it() -> None:
     """What any cause gets, times its share among its rivals, times its own doubt."""
-    rivalry = SimpleNamespace(shares={SCALE.term: 0.8})
+    rivalry = SimpleNamespace(shares={SCALE.term: 0.8}, rivals=())
     causes = found({SCALE: 1.2, GAIN: 0.9}, sure=0.9, doubt={SCALE.term: 0.5}, rivalry=rivalry)
     assert causes[SCALE.term].probability == pytest.approx(0.9 * 0.8 * 0.5)
     assert causes[GAIN.term].probability == pytest.approx(0.9)
