@@ -52,7 +52,7 @@ class Contrast:
 class Contrasts:
     """told: one contrast per probe, in the order given; scatter_p: probability that the sizes of the units' residuals
     differ as much between the sets by chance. A change that no effect of the library describes shows there, even if it
-    has no direction. All p are corrected for all tests together."""
+    has no direction. Each p is corrected for all tests of its kind and for the share of the level that its kind has."""
 
     told: tuple[Contrast, ...]
     scatter_p: float
@@ -95,12 +95,13 @@ def contrasts(
     found = permuted(size, score, units, settings)
     information = [size[side].sum(axis=0) for side in (~units.later, units.later)]
     drop = found.dose**2 * information[0] * information[1] / np.maximum(sum(information), 1e-300)
+    corrected = np.minimum(found.p / (1.0 - settings.of_size), 1.0)
     told = []
     for i, (term, probe) in enumerate(probes):
         k = 2 * i + int(found.p[2 * i + 1] < found.p[2 * i])
-        numbers = (x[k] for x in (found.before, found.dose, drop, found.z, found.p, found.visible))
+        numbers = (x[k] for x in (found.before, found.dose, drop, found.z, corrected, found.visible))
         told.append(Contrast(term, probe, *(float(n) for n in numbers)))
-    return Contrasts(tuple(told), float(found.p[-1]))
+    return Contrasts(tuple(told), min(float(found.alone[-1]) / settings.of_size, 1.0))
 
 
 def _scatter(fit: Fit, units: Units) -> tuple[np.ndarray, np.ndarray]:

@@ -32,12 +32,14 @@ POWER = float(ndtri(0.8))  # standard deviations beyond the threshold at which t
 class Differences:
     """One entry per hypothesis, (N,) each. before: mean estimate of the earlier set; dose: how much larger that of the
     later set is; z: standardised statistic; p: probability that the largest |z| of all hypotheses is at least this
-    large by chance; visible: minimum detectable dose, found in at least four cases of five."""
+    large by chance; alone: the same for the |z| of this hypothesis by itself; visible: minimum detectable dose, found in
+    at least four cases of five."""
 
     before: np.ndarray
     dose: np.ndarray
     z: np.ndarray
     p: np.ndarray
+    alone: np.ndarray
     visible: np.ndarray
 
 
@@ -54,15 +56,17 @@ def permuted(size: np.ndarray, score: np.ndarray, units: Units, settings: Contra
     _, left, _ = _robust(estimate, weight, x, settings.clip)
     z, lots, widened = _statistics(left, x, units, settings)
     largest = np.abs(lots).max(axis=1, initial=0.0)
-    p = np.array([(1.0 + np.count_nonzero(largest >= a * (1.0 - 1e-9))) / (1.0 + len(largest)) for a in np.abs(z)])
+    p = np.array([_share_beyond(largest, a) for a in np.abs(z)])
+    alone = np.array([_share_beyond(np.abs(lot), a) for lot, a in zip(lots.T, np.abs(z), strict=True)])
     if comb(units.count, int(units.later.sum())) < settings.divisions:
-        p = _student_p(z, units.count - 1 - x.shape[1])
+        alone = _student_p(z, units.count - 1 - x.shape[1])
+        p = np.minimum(1.0, len(z) * alone)
     sets = [np.count_nonzero(weight[side] > 0.0, axis=0) for side in (units.later, ~units.later)]
     there = np.minimum(*sets) > 0
     visible = _visible(left, slope, largest, widened, x, units, settings)
     return Differences(
         np.where(there, dosed[0], 0.0), np.where(there, dosed[-1], 0.0), z, np.where(there, p, 1.0),
-        np.where(there, visible, np.inf),
+        np.where(there, alone, 1.0), np.where(there, visible, np.inf),
     )  # fmt: skip
 
 
@@ -130,11 +134,16 @@ def _lots(later: np.ndarray, label: np.ndarray, most: int) -> np.ndarray:
     return np.random.default_rng(most).permuted(np.tile(label, (most, 1)), axis=1)
 
 
+def _share_beyond(lots: np.ndarray, a: float) -> float:
+    """Share of the permuted statistics (L,) that are at least a, the actual one included."""
+    return (1.0 + np.count_nonzero(lots >= a * (1.0 - 1e-9))) / (1.0 + len(lots))
+
+
 def _student_p(z: np.ndarray, freedom: int) -> np.ndarray:
-    """(N,) Student's p with a Bonferroni correction, for too few units to permute."""
+    """(N,) Student's p of each hypothesis by itself, for too few units to permute."""
     if freedom < 1:
         return np.ones(len(z))
-    return np.minimum(1.0, 2.0 * len(z) * stdtr(freedom, -np.abs(_student_of(z, freedom))))
+    return np.asarray(2.0 * stdtr(freedom, -np.abs(_student_of(z, freedom))))
 
 
 def _visible(
@@ -154,7 +163,8 @@ def _visible(
     freedom, by_run = units.count - known, runs - known
     many = _many(runs, units, settings)
     # a change also increases the residuals of the regression, so the statistic itself grows less than Student's
-    threshold = _student_of(np.quantile(largest, [1.0 - settings.level]), max(by_run if many else freedom, 1))
+    beyond = np.quantile(largest, [1.0 - settings.level * (1.0 - settings.of_size)])
+    threshold = _student_of(beyond, max(by_run if many else freedom, 1))
     if runs < units.count and min(freedom, by_run) > 0 and not many:
         threshold = -stdtrit(by_run, stdtr(freedom, -threshold))
     label = _unforeseen(units.later, x)

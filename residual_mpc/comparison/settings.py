@@ -10,7 +10,8 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 class ContrastSettings:
     """unit: s, the shortest stretch of a run that counts as one observation; units: number of stretches into which a
     set is cut if it has fewer runs; fewest: number of stretches that a set must have. level: probability of a false
-    change, over all hypotheses together; left: the same for a difference beyond the named changes. lots: number of
+    change, over all hypotheses together; of_size: share of it for the sizes of the residuals; left: the same for a
+    difference beyond the named changes. lots: number of
     permutations; labellings: number of ways to divide the runs, below which stretches are permuted; divisions: number
     of ways to divide the stretches, below which Student's distribution is used; clip: standard deviations at which
     residuals are clipped. units_per_condition: number of units needed for each component of the
@@ -21,6 +22,7 @@ class ContrastSettings:
     units: int = 12
     fewest: int = 3
     level: float = 0.02
+    of_size: float = 0.2
     left: float = 0.01
     lots: int = 2000
     labellings: int = 10_000
@@ -32,7 +34,7 @@ class ContrastSettings:
     def __post_init__(self) -> None:
         check_positive(self, "unit", "units", "fewest", "lots", "labellings", "divisions", "clip",
                        "units_per_condition", "balanced")  # fmt: skip
-        check_share(self, "level", "left")
+        check_share(self, "level", "of_size", "left")
 
 
 @dataclass(frozen=True)

@@ -93,3 +93,15 @@ def test_with_few_stretches_the_p_is_students() -> None:
     found = differences_of(estimates, given, replace(SETTINGS, clip=1e6))
     right = ttest_ind(estimates[given.later], estimates[~given.later]).pvalue
     assert found.p == pytest.approx(np.minimum(1.0, 3.0 * right), rel=1e-6)
+
+
+def test_a_hypothesis_by_itself_is_not_diluted_by_the_others() -> None:
+    """Its p is uniform where nothing differs, and tells a difference that is lost among two hundred others."""
+    rng, given = np.random.default_rng(7), units(12, 1)
+    nothing = np.array([differences_of(rng.standard_normal((given.count, 1)), given).alone[0] for _ in range(DRAWS)])
+    for level in (0.05, 0.2):
+        assert (nothing <= level).mean() == pytest.approx(level, abs=3.0 * np.sqrt(level * (1.0 - level) / DRAWS))
+    estimates = rng.standard_normal((given.count, 200))
+    estimates[:, -1] += 1.6 * given.later
+    found = differences_of(estimates, given)
+    assert found.alone[-1] < 0.01 < 0.05 < found.p[-1]
