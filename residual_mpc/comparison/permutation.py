@@ -32,8 +32,8 @@ POWER = float(ndtri(0.8))  # standard deviations beyond the threshold at which t
 class Differences:
     """One entry per hypothesis, (N,) each. before: mean estimate of the earlier set; dose: how much larger that of the
     later set is; z: standardised statistic; p: probability that the largest |z| of all hypotheses is at least this
-    large by chance; alone: the same for the |z| of this hypothesis by itself; visible: minimum detectable dose, found in
-    at least four cases of five."""
+    large by chance; alone: the same for the |z| of this hypothesis by itself; visible: minimum detectable dose, found
+    in at least four cases of five."""
 
     before: np.ndarray
     dose: np.ndarray
