@@ -28,7 +28,7 @@ T95 = 1.96
 ANGLES = ("heading", "phase")  # numbers that come round after a turn
 AT_BOUND = "at the bound of its search range"
 # dead times and the lags that they trade with: a motor or filter of second order is neither
-LATE = {"command_delay": "actuator_lag", "sensor_delay": "sensor_lag"}
+LATE = {"command delay": "command lag", "reading delay": "reading lag"}
 
 
 def causes_of(
@@ -166,10 +166,15 @@ def _estimate(
 def _order(final: Fit, knob: Knob, settings: ResultSettings) -> float:
     """What a dead time and a lag that are both named may take from each other, s: a second-order system is fitted as
     well by less of one and more of the other."""
-    lag = LATE.get(knob.effect, knob.effect)
-    dead = [k for k in final.knobs if LATE.get(k.effect) == lag]
-    slow = [final.values[k] for k in final.knobs if k.effect == lag and k.parameter == "time_constant"]
+    own = _quantity(knob)
+    lag = LATE.get(own, own)
+    dead = [k for k in final.knobs if LATE.get(_quantity(k)) == lag]
+    slow = [final.values[k] for k in final.knobs if _quantity(k) == lag]
     return settings.causes.order * max(slow) if dead and slow else 0.0
+
+
+def _quantity(knob: Knob) -> str:
+    return "" if knob.effect == TUNE else BY_NAME[knob.effect].parameter(knob.parameter).quantity or ""
 
 
 def _note(held: bool, apart: bool) -> str:
