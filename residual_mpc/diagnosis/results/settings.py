@@ -14,8 +14,9 @@ from residual_mpc.diagnosis.search.settings import SearchSettings
 @dataclass(frozen=True)
 class CauseSettings:
     """form: of the relative size of what the named effects leave, which may lie along an effect and pull its number;
-    law: half of a 95 % interval at least, relative to the size of the effect, since no robot obeys a law to the letter;
-    order: of a lag, by which it and a dead time that is named beside it may be wrong: real motors are of second order.
+    law: the smallest half-width of a 95 % interval, relative to the size of the effect, since no robot obeys its model
+    exactly; order: the share of a lag by which the lag and a dead time named with it may be wrong, since real motors are
+    of second order.
     most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor where something is
     left that these sensors can tell; shadow: of the probability that is lost for each factor e by which more is left
     than they can tell, down to the factor least_sure. coarse: the most where the model's time step may be the
