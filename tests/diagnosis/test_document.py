@@ -172,9 +172,9 @@ def test_what_cannot_be_told_apart_shares_a_probability() -> None:
     assert document["explanation"][0]["probability"] == said[document["explanation"][0]["effect"]]
 
 
-def spoilt(seed: int, *samples: int) -> Run:
-    """A minute of the wide rover whose localisation jumps away at a few of 3000 samples."""
-    run = rover_run("one", TRACK, 60.0, rate=50.0, seed=seed)
+def spoilt(seed: int, *samples: int, effects: dict[str, dict[str, float]] = TRACK) -> Run:
+    """A minute of a rover, the wide one unless told, whose localisation jumps away at a few of 3000 samples."""
+    run = rover_run("one", effects, 60.0, rate=50.0, seed=seed)
     x = run.columns["pose.x"].copy()
     x[list(samples)] += 2.0
     return replace(run, columns={**run.columns, "pose.x": x})
@@ -200,3 +200,12 @@ def test_a_promise_counts_the_jumps_that_are_not_named(with_jumps: Run) -> None:
     assert made.expected is not None and made.achieved is not None
     assert made.expected.ci95[0] <= made.achieved.value <= made.expected.ci95[1]
     assert made.achieved.value < 0.6  # the jumps stay
+
+
+def test_jumps_whose_effect_is_excluded_are_a_gap_that_nothing_explains() -> None:
+    run = spoilt(4, 220, 510, 1290, 1830, 2410, effects={})
+    allowed, excluded = Options(only=("track_width", "sensor_outliers")), Options(only=("track_width",))
+    verdicts = [
+        diagnose([run], [ROVER], {}, (), o, np.random.default_rng(0)).diagnosis.verdict for o in (allowed, excluded)
+    ]
+    assert verdicts[0] != "unknown" and verdicts[1] == "unknown"

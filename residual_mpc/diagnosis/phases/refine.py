@@ -62,13 +62,14 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit
     with_outliers = _outliers_count(prepared, prepared.space.settings([final.values]), rng)
+    unnamed = prepared.outliers.enough and not _outliers_allowed(options)
     expected = None
     if final.terms or with_outliers:
         expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng)
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, problem, before, final,
-        polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, vetoed, doubtful, expected,
-        _marginalised(problem, searched.scales, final, options),
+        polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
+        expected, _marginalised(problem, searched.scales, final, options),
     )  # fmt: skip
     return Refined(explanation, prepared.longer, options)
 
@@ -165,10 +166,15 @@ def _again(problem: Problem, polished: Polished, fewer: Values, options: Options
 def _outliers_count(prepared: Prepared, row: Settings, rng: np.random.Generator) -> bool:
     """Whether the samples that jump away are a cause: they may be named, are enough to be no accident, and are either
     frequent or make up much of what the effects (one row of settings) leave."""
-    name, options, outliers = SENSOR_OUTLIERS.name, prepared.options, prepared.outliers
-    if not outliers.enough or (options.only and name not in options.only) or name in options.without:
+    if not (prepared.outliers.enough and _outliers_allowed(prepared.options)):
         return False
-    return outliers.frequent or _weigh(prepared, row, rng)
+    return prepared.outliers.frequent or _weigh(prepared, row, rng)
+
+
+def _outliers_allowed(options: Options) -> bool:
+    """Whether samples that jump away may be named as a cause."""
+    name = SENSOR_OUTLIERS.name
+    return (not options.only or name in options.only) and name not in options.without
 
 
 def _weigh(prepared: Prepared, row: Settings, rng: np.random.Generator) -> bool:

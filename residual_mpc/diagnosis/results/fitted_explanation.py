@@ -31,10 +31,10 @@ class FittedExplanation:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
     has seen. problem: the windows that the last fit saw, of one horizon or several, on the weights of the search;
     base, final: the model alone and with the effects, fitted to them; ends: where other
-    starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes. vetoed: effects
-    that the encoders contradict, doubtful: that cannot be told from none on all windows. expected: the shrink, None
-    where nothing explains anything. tolerated: None where there are no small differences in other numbers.
-    forms: the shape of each fitted law."""
+    starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes, unnamed_outliers:
+    whether there are enough of them and `sensor_outliers` is excluded. vetoed: effects that the encoders contradict,
+    doubtful: that cannot be told from none on all windows. expected: the shrink, None where nothing explains anything.
+    tolerated: None where there are no small differences in other numbers. forms: the shape of each fitted law."""
 
     raw: Dataset
     clean: Dataset
@@ -49,6 +49,7 @@ class FittedExplanation:
     untestable: tuple[NotTestable, ...]
     outliers: Outliers
     with_outliers: bool
+    unnamed_outliers: bool
     vetoed: tuple[Term, ...]
     doubtful: tuple[Term, ...]
     expected: Shrink | None

@@ -141,7 +141,8 @@ def measure_gaps(
     everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count, settings=settings.predict)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, settings=settings)]
     # beyond the noise on all windows, and on the very windows that the figures are printed for
-    jumps = of.with_outliers and helps  # samples that jump away are a gap only where they are named
+    # samples that jump away are a gap where they are named, or cannot be named as the effect is excluded
+    jumps = of.unnamed_outliers or (of.with_outliers and helps)
     whole = gap_of(raw, scales, errors["before"]) if jumps else _nominal_gap(of.clean, scales, rows)
     anywhere = beyond(whole, everywhere, settings=settings.predict) and _lucky(looks[0])
     for look in longer:
