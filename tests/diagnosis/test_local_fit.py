@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.diagnosis.data.local_fit import local_fit, local_fits
+from residual_mpc.diagnosis.data.signals import Signal, Signals
 
 
 def literal(t: np.ndarray, y: np.ndarray, at: float) -> tuple[float, float]:
@@ -64,3 +65,29 @@ def test_weights_are_linear_and_sum_to_one() -> None:
     fit = local_fit(t, rng.uniform(0, 1, 10))
     np.testing.assert_allclose(fit.value_weights.sum(axis=1), 1.0, atol=1e-9)
     np.testing.assert_allclose(fit.slope_weights.sum(axis=1), 0.0, atol=1e-6)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000), absent=st.booleans())
+def test_all_runs_at_once_are_fitted_like_each_alone(seed: int, absent: bool) -> None:
+    """Runs whose clocks overlap, start anywhere and need not have the channel."""
+    rng = np.random.default_rng(seed)
+    signals = {}
+    for i in range(4):
+        if absent and i in (1, 3):
+            continue
+        t = rng.uniform(-50.0, 50.0) + np.cumsum(rng.uniform(0.2, 1.8, rng.integers(1, 30))) / 20.0
+        signals[i, "pose.x"] = Signal(t, rng.standard_normal(len(t)))
+    run = rng.integers(0, 4, 40)
+    query = np.array([rng.choice(signals[i, "pose.x"].t) if (i, "pose.x") in signals else 0.0 for i in run])
+    query += rng.uniform(-0.3, 0.3, 40)
+    joined = Signals(signals).joined("pose.x")
+    assert joined is not None
+    fit = local_fits(joined, run, query)
+    for i in range(4):
+        t, y = (signals[i, "pose.x"].t, signals[i, "pose.x"].y) if (i, "pose.x") in signals else (np.empty(0),) * 2
+        alone = local_fit(t, query[run == i])
+        for of in ("value", "slope", "curvature"):
+            np.testing.assert_allclose(
+                getattr(fit, of)(joined.y)[run == i], getattr(alone, of)(y), rtol=1e-9, atol=1e-9
+            )

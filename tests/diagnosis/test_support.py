@@ -5,12 +5,15 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.causes import without_doubtful
@@ -55,3 +58,23 @@ def test_a_law_leaves_doubt_on_what_would_imitate_it(law: str, doubted: bool) ->
     supports = dict.fromkeys((gain, Term(law, "j1")), Support(("fits", "predicts"), 100.0))
     factor = doubts(supports, None, settings=ResultSettings())[gain]
     assert factor == (ResultSettings().support.unsupported if doubted else 1.0)
+
+
+def test_an_effect_that_rests_on_one_run_is_in_doubt() -> None:
+    gain = Term("actuator_gain", "j1")
+    certain, fails = Support(("fits", "predicts"), 100.0), Support(("fits", "predicts"), 100.0, fails=True)
+    settings = ResultSettings()
+    assert doubts({gain: certain}, None, settings=settings)[gain] == 1.0
+    assert doubts({gain: fails}, None, settings=settings)[gain] == settings.support.unsupported
+
+
+def test_an_effect_of_one_run_of_three_is_possible_at_most() -> None:
+    """The middle run, the longest, has a track of its own; the other two have none worth naming."""
+    runs = [
+        rover_run(f"r{k}", {"track_width": {"scale": scale}}, length, seed=k)
+        for k, (scale, length) in enumerate([(1.005, 12.0), (1.03, 40.0), (1.005, 12.0)])
+    ]
+    options = Options(only=("track_width",))
+    made = diagnose(runs, [ROVER] * 3, {}, (), options, np.random.default_rng(0)).diagnosis
+    (cause,) = made.causes
+    assert cause.evidence == ("fits", "predicts") and cause.probability < 0.5

@@ -9,7 +9,8 @@ from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.data.past_errors import past_errors
 from residual_mpc.diagnosis.data.settings import DataSettings
-from residual_mpc.diagnosis.data.window_commands import Signal, drive_of
+from residual_mpc.diagnosis.data.signals import Signal, Signals
+from residual_mpc.diagnosis.data.window_commands import drive_of
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.logs.signals import noise_sigma, resolution, unwrap_with_gaps
@@ -50,7 +51,7 @@ class Dataset:
     runs: tuple[Run, ...]
     channels: tuple[str, ...]
     blocks: tuple[Block, ...]
-    signals: Mapping[tuple[int, str], Signal]
+    signals: Signals
     run: np.ndarray
     start: np.ndarray
     t: np.ndarray
@@ -135,7 +136,7 @@ def build_dataset(
     robots, setting = _merge(robots)
     measured = [r.measured for r in runs]
     channels = tuple(sorted({c for cs, m in zip(measured, robots, strict=True) for c in cs if c in m.channels}))
-    signals = {(i, c): _signal(r, c) for i, r in enumerate(runs) for c in channels if c in measured[i]}
+    signals = Signals({(i, c): _signal(r, c) for i, r in enumerate(runs) for c in channels if c in measured[i]})
     cut = [window_starts(r, horizon) for r in runs] if starts is None else list(starts)
     order = sorted(range(len(runs)), key=lambda i: [id(m) for m in robots].index(id(robots[i])))
     blocks, index, starts, first, skipped = [], [], [], 0, 0

@@ -1,5 +1,6 @@
 """Which runs or blocks no fit may see."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -38,7 +39,7 @@ def choose_held_out(
     hold_out = settings.hold_out
     names = [r.name for r in data.runs]
     present = np.unique(data.run)
-    alone = np.array([_alone(data, i, present) for i in present])
+    alone = _alone(data, present)
     whole = present[~alone]
     out: list[KeptBack] = []
     if len(whole) >= hold_out.by_run_from:
@@ -61,15 +62,18 @@ def choose_held_out(
     return tuple(out)
 
 
-def _alone(data: Dataset, run: int, present: np.ndarray) -> bool:
-    """Whether a run has what no other of those `present` has: a sensor, or motors that were off for a while."""
-
-    def has(i: int) -> set[str]:
-        channels = {c for (k, c), s in data.signals.items() if k == i and len(s.y)}
+def _alone(data: Dataset, present: np.ndarray) -> np.ndarray:
+    """(R,) bool: which of the runs `present` (R,) has what no other has: a sensor, or motors that were off for a
+    while."""
+    has: dict[int, set[str]] = {int(i): set() for i in present}
+    for (i, channel), signal in data.signals.items():
+        if i in has and len(signal.y):
+            has[i].add(channel)
+    for i, things in has.items():
         columns = data.runs[i].columns
-        return channels | {c for c, x in columns.items() if c.startswith("enabled.") and (x == 0).any()}
-
-    return bool(has(run).difference(*(has(int(i)) for i in present if i != run)))
+        things |= {c for c, x in columns.items() if c.startswith("enabled.") and (x == 0).any()}
+    owners = Counter(thing for things in has.values() for thing in things)
+    return np.array([any(owners[thing] == 1 for thing in has[int(i)]) for i in present])
 
 
 def _typical(nominal: np.ndarray, chunk: np.ndarray, settings: DataSettings) -> int:

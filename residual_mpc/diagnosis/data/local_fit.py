@@ -6,12 +6,16 @@ or four samples still a quadratic, with two a line, with one that sample.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.signals import JoinedSignal
+
 REACH = 0.25  # s: how far from a window's start its samples may lie (contract, section 4)
 NEAREST = 5  # of them (likewise)
-KEPT = 128  # fits that are kept: bounds the memory
+KEPT = 128  # fits that are kept, of each kind, and
+LARGE = 10_000  # queries of one of them, from which on it is not: these bound the memory
 
 
 @dataclass(frozen=True)
@@ -50,27 +54,67 @@ class LocalFit:
 def local_fit(t: np.ndarray, query: np.ndarray) -> LocalFit:
     """Fit at each query time (Q,) s through samples at t (n,) s, increasing and none missing. A diagnosis asks for the
     same starts with every replay: the latest fits are kept, and must not be written to."""
-    return _local_fit(t.astype(float).tobytes(), query.astype(float).tobytes())
+    return _of_one_run(t.astype(float).tobytes(), query.astype(float).tobytes())
+
+
+def local_fits(signal: JoinedSignal, run: np.ndarray, query: np.ndarray) -> LocalFit:
+    """Fit at each query time (Q,) s, by the clock of its run (Q,), through the samples of that run alone; `index`
+    counts through those of all runs. The latest fits are kept, unless they are large, and must not be written to."""
+    if len(query) > LARGE:
+        return _of_all_runs(signal, run, query)
+    return _kept(signal, run.astype(np.int64).tobytes(), query.astype(float).tobytes())
 
 
 @lru_cache(maxsize=KEPT)
-def _local_fit(stamps: bytes, queries: bytes) -> LocalFit:
+def _of_one_run(stamps: bytes, queries: bytes) -> LocalFit:
     t, query = np.frombuffer(stamps), np.frombuffer(queries)
+    return _fit(t, np.searchsorted(t, query), 0, len(t), query)
+
+
+@lru_cache(maxsize=KEPT)
+def _kept(signal: JoinedSignal, runs: bytes, queries: bytes) -> LocalFit:
+    return _of_all_runs(signal, np.frombuffer(runs, dtype=np.int64), np.frombuffer(queries))
+
+
+def _of_all_runs(signal: JoinedSignal, run: np.ndarray, query: np.ndarray) -> LocalFit:
+    known = run < len(signal.first)
+    run = np.where(known, run, 0)
+    end = np.where(known, signal.end[run], 0)
+    around = np.searchsorted(signal.line, query + signal.offset[run])
+    return _fit(signal.t, around, signal.first[run], end, query)
+
+
+def _fit(t: np.ndarray, around: np.ndarray, first: Any, end: Any, query: np.ndarray) -> LocalFit:
+    """The samples that may be used lie at first to end - 1 (Q,) of t (n,) s, the nearest of them beside `around` (Q,)."""
     q, n = len(query), len(t)
     if n == 0:
         zero = np.zeros((q, NEAREST))
         return LocalFit(np.zeros((q, NEAREST), dtype=int), zero, zero, zero, np.zeros(q, dtype=int))
-    around = np.searchsorted(t, query)[:, None] + np.arange(-NEAREST, NEAREST)[None, :]
-    inside = (around >= 0) & (around < n)
-    around = np.clip(around, 0, n - 1)
-    away = np.where(inside, np.abs(t[around] - query[:, None]), np.inf)
+    near = around[:, None] + np.arange(-NEAREST, NEAREST)[None, :]
+    inside = (near >= np.reshape(first, (-1, 1))) & (near < np.reshape(end, (-1, 1)))
+    near = np.clip(near, 0, n - 1)
+    away = np.where(inside, np.abs(t[near] - query[:, None]), np.inf)
     pick = np.argsort(away, axis=1, kind="stable")[:, :NEAREST]
-    index = np.take_along_axis(around, pick, axis=1)
+    index = np.take_along_axis(near, pick, axis=1)
     usable = np.take_along_axis(away, pick, axis=1) <= REACH + 1e-12
     count = usable.sum(axis=1)
-    s = np.where(usable, (t[index] - query[:, None]) / REACH, 0.0)  # scaled time keeps the normal equations tame
-    order = np.minimum(count - 1, 2)[:, None]  # 2: quadratic, 1: line, 0: one sample
-    basis = np.stack([np.ones_like(s), s, s * s], axis=-1) * usable[..., None]
-    basis = basis * (np.arange(3)[None, None, :] <= order[..., None])
-    weights = np.linalg.pinv(basis) / np.array([1.0, REACH, 0.5 * REACH**2])[None, :, None]  # (Q, 3, 5)
-    return LocalFit(index, weights[:, 0], weights[:, 1], weights[:, 2], count)
+    s = np.where(usable, t[index] - query[:, None], 0.0)
+    return LocalFit(index, *_weights(s, usable.astype(float)), count)
+
+
+def _weights(s: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(Q, 5) each, for the value, the slope and the curvature at s = 0 of the polynomial through the samples at s (Q,
+    5) s that are used (Q, 5) 0 or 1: of degree 2, or of less where they are fewer than three. By polynomials that are
+    orthogonal on the samples (Forsythe, J. SIAM 5, 1957), which needs no matrix."""
+    count = used.sum(axis=1, keepdims=True)
+    some = np.maximum(count, 1.0)
+    mean = (used * s).sum(axis=1, keepdims=True) / some
+    line = used * (s - mean)
+    square = (line**2).sum(axis=1, keepdims=True)
+    line_of = np.divide(line, square, out=np.zeros_like(s), where=(count > 1) & (square > 0.0))
+    bend = (line**3).sum(axis=1, keepdims=True) / np.where(square > 0.0, square, 1.0)
+    parabola = used * ((s - mean) * line - bend * line - square / some)
+    square2 = (parabola**2).sum(axis=1, keepdims=True)
+    parabola_of = np.divide(parabola, square2, out=np.zeros_like(s), where=(count > 2) & (square2 > 0.0))
+    value = used / some - mean * line_of + (mean**2 + bend * mean - square / some) * parabola_of
+    return value, line_of - (2.0 * mean + bend) * parabola_of, 2.0 * parabola_of

@@ -1,24 +1,16 @@
 """What was sent in each window, on the replay's own grid, and what the actuators held before it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.diagnosis.data.wheel_angle import has_round_wheels, wheel_angles
 from residual_mpc.logs.run import Run, held
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Inverting, Robot
-
-
-@dataclass(frozen=True)
-class Signal:
-    """The samples of one channel of one run that are not missing: t (n,) s, y (n,) channel unit."""
-
-    t: np.ndarray
-    y: np.ndarray
 
 
 def drive_of(

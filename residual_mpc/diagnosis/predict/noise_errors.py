@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.dataset import Block, Dataset, Signal
+from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.data.local_fit import REACH, local_fit
 from residual_mpc.diagnosis.data.noise_model import draw_coloured
+from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.diagnosis.predict.replay import earliest, memory_of, predict, run_up
 from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.library import changes

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
-from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.diagnosis.data.local_fit import local_fits
+from residual_mpc.diagnosis.data.signals import Signal, Signals
 from residual_mpc.diagnosis.predict.readings import LocalValue, Reading, reading_of
 from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
@@ -237,20 +238,14 @@ def _interpolate(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
 
 def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> LocalValue:
     """A channel near the windows of a block, `shift` (H, W) s after their starts."""
-    value, slope, curvature = (np.full(shift.shape, np.nan) for _ in range(3))
-    run, start = data.run[block.where], data.start[block.where]
+    signal = data.signals.joined(channel)
+    if signal is None:
+        return LocalValue(*(np.full(shift.shape, np.nan) for _ in range(3)))
     distinct, back = np.unique(shift, axis=0, return_inverse=True)
-    back = back.ravel()
-    for i in np.unique(run):
-        signal = data.signals.get((int(i), channel))
-        if signal is None:
-            continue
-        mine = np.flatnonzero(run == i)
-        query = (start[mine][None, :] + distinct[:, mine]).ravel()
-        fit = local_fit(signal.t, query)
-        for out, found in ((value, fit.value), (slope, fit.slope), (curvature, fit.curvature)):
-            out[:, mine] = found(signal.y).reshape(len(distinct), -1)[back]
-    return LocalValue(value, slope, curvature)
+    query = (data.start[block.where][None, :] + distinct).ravel()
+    fit = local_fits(signal, np.tile(data.run[block.where], len(distinct)), query)
+    found = (fit.value(signal.y), fit.slope(signal.y), fit.curvature(signal.y))
+    return LocalValue(*(x.reshape(distinct.shape)[back.ravel()] for x in found))
 
 
 def with_outliers_removed(data: Dataset, flagged: Mapping[tuple[int, str], np.ndarray]) -> Dataset:
@@ -262,8 +257,8 @@ def with_outliers_removed(data: Dataset, flagged: Mapping[tuple[int, str], np.nd
             continue
         s = signals[i, c]
         bad = s.t[mask]
-        signals[i, c] = type(s)(s.t[~mask], s.y[~mask])
+        signals[i, c] = Signal(s.t[~mask], s.y[~mask])
         for w in np.flatnonzero(data.run == i):
             hit = np.isin(np.round(data.t[w] + data.start[w], 9), np.round(bad, 9))
             y[w, hit, data.channels.index(c)] = np.nan
-    return replace(data, signals=signals, y=y)
+    return replace(data, signals=Signals(signals), y=y)

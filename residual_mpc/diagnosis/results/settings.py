@@ -61,7 +61,7 @@ class SupportSettings:
     which its dependence casts doubt. clear: times the squared noise floor, from which an effect's contribution is no
     faint one; large: times what numbers are off anyway, from which an effect is no such difference. steps: simulation
     steps that one prediction may cost. unsupported: factor on the probability of an effect that does not help on unseen
-    windows, or is imitated."""
+    windows, rests on a single run of several, or is imitated."""
 
     kept: float = 0.3
     depends: float = 0.2

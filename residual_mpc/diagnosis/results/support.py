@@ -33,13 +33,15 @@ DEPENDENCE: Mapping[str, str] = {
 @dataclass(frozen=True)
 class Support:
     """What supports one effect. evidence: "fits" (better beyond doubt: the search asks for that), "predicts" (better on
-    the windows that are judged, which no fit has seen), "survives" (still there when any one run is left out);
-    strength: how much the squared gap rises without it, in units of the squared noise floor, at the horizon where that
-    is most; size: its own, in units of the small differences in everything else, infinite where there are none."""
+    the windows that are judged, which no fit has seen), "survives" (still there when any one run is left out; fails:
+    whether it is not, False where there is no second run); strength: how much the squared gap rises without it, in
+    units of the squared noise floor, at the horizon where that is most; size: its own, in units of the small
+    differences in everything else, infinite where there are none."""
 
     evidence: tuple[str, ...]
     strength: float
     size: float = np.inf
+    fails: bool = False
 
 
 def support_of(
@@ -52,26 +54,27 @@ def support_of(
         if look.horizon in floors:
             places.append(((look.clean if of.with_outliers else look.raw).take(look.test), look.scales))
     rises = [_rises(of, data, scales, floors[data.horizon], settings=settings) for data, scales in places]
-    lasts = _survives(of.problem.data.run, of.final, settings=settings)
+    runs = of.problem.data.run
+    lasts, several = _survives(runs, of.final, settings=settings), len(np.unique(runs)) > 1
     out = {}
     for k, term in enumerate(of.final.terms):
         strength = float(max(r[k] for r in rises))
         evidence = ("fits", *(("predicts",) if strength > 0.0 else ()), *(("survives",) if lasts[term] else ()))
-        out[term] = Support(evidence, strength, _size(of, term, settings=settings))
+        out[term] = Support(evidence, strength, _size(of, term, settings=settings), several and not lasts[term])
     return out
 
 
 def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: ResultSettings) -> dict[Term, float]:
-    """A factor on the probability of each effect: less where it does not help on unseen windows, where it is faint or
-    no larger than small differences elsewhere, and where what is left depends on a quantity that it would imitate or
-    did so before a law took that up."""
+    """A factor on the probability of each effect: less where it does not help on unseen windows or rests on a single
+    run, where it is faint or no larger than small differences elsewhere, and where what is left depends on a quantity
+    that it would imitate or did so before a law took that up."""
     tuned = settings.support
     named = {term.effect for term in supports}
     on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= tuned.depends}
     on |= {DEPENDENCE.get(KIND_OF[name].on) for name in named if name in KIND_OF}
     out = {}
     for term, support in supports.items():
-        helps = 1.0 if "predicts" in support.evidence else tuned.unsupported
+        helps = 1.0 if "predicts" in support.evidence and not support.fails else tuned.unsupported
         clear = tuned.unsupported + (1.0 - tuned.unsupported) * float(np.clip(support.strength / tuned.clear, 0.0, 1.0))
         large = tuned.unsupported + (1.0 - tuned.unsupported) * float(
             np.clip((support.size - 1.0) / (tuned.large - 1.0), 0.0, 1.0)
