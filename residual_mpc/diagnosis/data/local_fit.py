@@ -85,7 +85,7 @@ def _of_all_runs(signal: JoinedSignal, run: np.ndarray, query: np.ndarray) -> Lo
 
 
 def _fit(t: np.ndarray, around: np.ndarray, first: Any, end: Any, query: np.ndarray) -> LocalFit:
-    """The samples that may be used lie at first to end - 1 (Q,) of t (n,) s, the nearest of them beside `around` (Q,)."""
+    """The samples that may be used lie at first to end - 1 (Q,) of t (n,) s, the nearest beside `around` (Q,)."""
     q, n = len(query), len(t)
     if n == 0:
         zero = np.zeros((q, NEAREST))
