@@ -15,7 +15,7 @@ from residual_mpc.diagnosis.remainder.records import Curve, Dependence, Rest
 from residual_mpc.diagnosis.results.causes import most_sure
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support, doubts
-from residual_mpc.diagnosis.results.verdict import HorizonGaps, clearest, left_share, verdict_of
+from residual_mpc.diagnosis.results.verdict import HorizonGaps, beats_forecast, clearest, left_share, verdict_of
 from residual_mpc.models.settings import Term
 
 
@@ -89,15 +89,15 @@ def test_a_floor_is_the_root_mean_square_of_its_draws() -> None:
 
 
 def test_how_sure_an_effect_may_be_falls_with_what_is_left() -> None:
-    assert most_sure("effects", 0.0, 1.0, settings=ResultSettings()) == ResultSettings().causes.most_sure
-    assert most_sure("effects", 0.0, 4.0, settings=ResultSettings()) < 0.9
-    assert most_sure("partial", 0.0, 1.5, settings=ResultSettings()) < 0.9
+    assert most_sure("effects", 0.0, 1.0, 1.0, settings=ResultSettings()) == ResultSettings().causes.most_sure
+    assert most_sure("effects", 0.0, 4.0, 1.0, settings=ResultSettings()) < 0.9
+    assert most_sure("partial", 0.0, 1.5, 1.0, settings=ResultSettings()) < 0.9
     steps = [
-        most_sure("partial", share, times, settings=ResultSettings())
+        most_sure("partial", share, times, 1.0, settings=ResultSettings())
         for share, times in ((0.0, 2.0), (0.1, 5.0), (0.3, 20.0), (0.9, 90.0))
     ]
     assert steps == sorted(steps, reverse=True)
-    assert most_sure("unknown", 1.0, 50.0, settings=ResultSettings()) == 0.0
+    assert most_sure("unknown", 1.0, 50.0, 1.0, settings=ResultSettings()) == 0.0
 
 
 def rest(kind: str, share: float) -> Rest:
@@ -117,3 +117,19 @@ def test_an_effect_that_does_not_predict_or_is_faint_is_less_sure() -> None:
     lag = Term("actuator_lag", None)
     assert doubts({lag: Support(("fits",), -0.1)}, None, settings=ResultSettings())[lag] == 0.25
     assert doubts({lag: Support(("fits", "predicts"), 0.5)}, None, settings=ResultSettings())[lag] == 0.75
+
+
+@pytest.mark.parametrize(
+    ("after", "forecast", "share"),
+    [(0.35, 0.36, 0.05), (0.35, 3.5, 0.99), (0.4, 0.36, 0.0), (0.2, 0.15, 1.0), (0.35, 0.2, 0.0)],
+)
+def test_a_model_that_hardly_beats_a_forecast_of_constant_velocity(after: float, forecast: float, share: float) -> None:
+    """The third is worse than the forecast; the fourth is as good as the sensors can tell."""
+    assert beats_forecast(at(3.5, after, 0.12), forecast) == pytest.approx(share, abs=0.05)
+
+
+def test_it_leaves_doubt_on_every_cause() -> None:
+    settings = ResultSettings()
+    whole, half, none = (most_sure("partial", 0.0, 2.8, share, settings=settings) for share in (0.6, 0.3, 0.05))
+    assert whole > 0.75 and half == pytest.approx(0.6 * whole)
+    assert none == pytest.approx(settings.causes.least_sure * whole) and none < 0.5

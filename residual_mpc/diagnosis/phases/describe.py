@@ -23,7 +23,7 @@ from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult, G
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.stages import staged
 from residual_mpc.diagnosis.results.support import doubts
-from residual_mpc.diagnosis.results.verdict import clearest, left_share
+from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, left_share
 from residual_mpc.diagnosis.search.acceptance import Ruler
 
 
@@ -66,7 +66,8 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     verdict, share = found.verdict
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
     unexplained = left_share(clearest(found.looks)) if helps else share
-    sure = most_sure(verdict, unexplained, _times_floor(found), settings=settings)
+    beats = beats_forecast(found.looks[0], found.constant_velocity)
+    sure = most_sure(verdict, unexplained, _times_floor(found), beats, settings=settings)
     sure = min(sure, settings.causes.coarse) if found.coarse else sure
     doubt = doubts(supports, extras.rest, settings=settings)
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()

@@ -198,14 +198,18 @@ def _outliers(outliers: Outliers, settings: ResultSettings) -> Cause:
     return Cause(term, settings.causes.most_sure, (estimate,), BY_NAME[term.effect].summary, None, ("fits",))
 
 
-def most_sure(verdict: str, unexplained: float, times_floor: float, settings: ResultSettings) -> float:
+def most_sure(
+    verdict: str, unexplained: float, times_floor: float, beats_forecast: float, settings: ResultSettings
+) -> float:
     """The probability of a cause without a rival: where much is left, something else than the library's effects is at
     work, and what was named may be its shadow. times_floor: the gap that is left over the noise floor, the largest of
-    all horizons."""
+    all horizons; beats_forecast: of a constant-velocity forecast's squared gap, the share that the explained model does
+    without."""
     tuned = settings.causes
     most = 1.0 if verdict == "effects" else tuned.most_partial
     shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)
-    return tuned.most_sure * (1.0 - unexplained) * shadow
+    useful = max(min(beats_forecast / tuned.useful, 1.0), tuned.least_sure)
+    return tuned.most_sure * (1.0 - unexplained) * shadow * useful
 
 
 def unit_of(robot: Robot, term: Term, unit: str) -> str:

@@ -8,6 +8,7 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.records import Moved, Setup
 from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.results.verdict import beats_forecast
 from residual_mpc.models.settings import TUNE
 
 
@@ -45,6 +46,12 @@ def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSetting
         said.append(
             f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a constant-velocity "
             f"forecast ({found.constant_velocity:.2g})."
+        )
+    if found.helps and beats_forecast(first, found.constant_velocity) < settings.causes.useful:
+        said.append(
+            f"Even with the named effects the model hardly predicts better ({found.left.total:.2g}) than a "
+            f"constant-velocity forecast ({found.constant_velocity:.2g}): something large is missing, and the named "
+            "effects may only stand for it."
         )
     if found.step_error is not None and found.step_error > first.floor.total:
         what = "the named effects" if found.coarse and found.helps else "small effects"

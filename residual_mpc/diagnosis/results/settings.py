@@ -16,13 +16,14 @@ class CauseSettings:
     """form: of the relative size of what the named effects leave, which may lie along an effect and pull its number;
     law: the smallest half-width of a 95 % interval, relative to the size of the effect, since no robot obeys its model
     exactly; order: the share of a lag by which the lag and a dead time named with it may be wrong, since real motors
-    are of second order.
-    most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor where something is
-    left that these sensors can tell; shadow: of the probability that is lost for each factor e by which more is left
-    than they can tell, down to the factor least_sure. coarse: the most where the model's time step may be the
-    cause. resting: factor on an effect with a number that rests on the bound of what is tried. doubtful: factor on an
-    effect's probability below which the other numbers' intervals do without it too. apart: half-widths beyond which an
-    interval is that wide since two fits end apart."""
+    are of second order. most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor
+    where something is left that these sensors can tell; shadow: of the probability that is lost for each factor e by
+    which more is left than they can tell, down to the factor least_sure; useful: the share of a constant-velocity
+    forecast's squared gap that the explained model has to do without, or the probability falls in proportion, down to
+    that factor. coarse: the most where the model's time step may be the cause. resting: factor on an effect with a
+    number that rests on the bound of what is tried. doubtful: factor on an effect's probability below which the other
+    numbers' intervals do without it too. apart: half-widths beyond which an interval is that wide since two fits end
+    apart."""
 
     form: float = 0.5
     law: float = 0.03
@@ -31,14 +32,15 @@ class CauseSettings:
     most_partial: float = 0.87
     shadow: float = 0.15
     least_sure: float = 0.5
+    useful: float = 0.5
     coarse: float = 0.5
     resting: float = 0.5
     doubtful: float = 0.75
     apart: float = 2.5
 
     def __post_init__(self) -> None:
-        check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "coarse",
-                    "resting", "doubtful")  # fmt: skip
+        check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "useful",
+                    "coarse", "resting", "doubtful")  # fmt: skip
         check_positive(self, "apart")
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import Gap
-from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, as_good_as_told
+from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL, NoiseFloor, as_good_as_told
 
 Verdict = Literal["no_gap", "effects", "partial", "unknown"]
 
@@ -32,6 +32,16 @@ class HorizonGaps:
 def verdict_of(looks: Sequence[HorizonGaps]) -> Verdict:
     """What the gaps say of an explanation that helps."""
     return "effects" if all(as_good_as_told(x.steady, x.floor) for x in looks) else "partial"
+
+
+def beats_forecast(look: HorizonGaps, forecast: float) -> float:
+    """Of a forecast's squared gap, beyond what sensors can tell or is small, the share that the explained model does
+    without; 1 where no more than that is left. forecast: its gap."""
+    told = max(AS_GOOD * look.floor.total, SMALL) ** 2
+    left, other = look.steady.total**2 - told, forecast**2 - told
+    if not left > 0.0:
+        return 1.0
+    return float(np.clip(1.0 - left / other, 0.0, 1.0)) if other > 0.0 else 0.0
 
 
 def clearest(looks: Sequence[HorizonGaps]) -> HorizonGaps:
