@@ -10,8 +10,9 @@ from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of
 from residual_mpc.diagnosis.data.subsampling import evenly, thin, thin_whole
 from residual_mpc.diagnosis.fit.evidence import blocks_of
-from residual_mpc.diagnosis.fit.least_squares import on_problem
+from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
 from residual_mpc.diagnosis.fit.noise_fit import with_noise
+from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.laws.ripples import RippleFinder
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.early_answers import Told, improving, unheard
@@ -19,10 +20,13 @@ from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of, well_begun
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.problem import build_problem, reweigh
+from residual_mpc.diagnosis.predict.problem import build_problem, reweigh, tolerating
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.remainder.resemblance import closest
+from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.search.acceptance import convincing
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
-from residual_mpc.diagnosis.search.stepwise import Found, stepwise_search
+from residual_mpc.diagnosis.search.stepwise import Found, Step, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
 from residual_mpc.models.settings import TUNE, Values
 
@@ -67,6 +71,9 @@ def search_effects(
             windows.append((data, scales))  # these sharpen the numbers of the last fit
     progress("comparing with alternative explanations", 0.6)
     rivalry = _rivals_that_hold(prepared, found)
+    while (more := _closed_by_one(found, rivalry, settings)) is not None:
+        progress("comparing with alternative explanations again", 0.65)
+        found, rivalry = more, _rivals_that_hold(prepared, more)
     by_noise = reweigh(first.problem, first.problem.data.sigma)
     untestable = not_testable(by_noise, first.base, rivalry.fit.terms, settings=settings.search)
     return Searched(prepared, found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])
@@ -106,6 +113,24 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
         return rivalry
     exchanged = replace(found, fit=on_problem(found.problem, better, settings=settings.fit))
     return find_rivals(exchanged, most=0, prefer_first=False, settings=settings.search)
+
+
+def _closed_by_one(found: Found, rivalry: Rivalry, settings: ResultSettings) -> Found | None:
+    """With the effect that closes a good part of what the answer leaves, where much is left: the search had not met it
+    beside these effects. None where there is none."""
+    search, ruler, current = settings.search.without_tolerances(), found.ruler, rivalry.fit
+    if not current.terms or len(current.terms) >= search.largest_longer or not ruler.much_left(current):
+        return None
+    near = closest(found.problem, current, (), ruler, settings.remainder)
+    if near is None or near[1] < search.sizeable:
+        return None
+    plain = tolerating(found.problem, None)  # what closes a good part is better than small differences that take it up
+    fit, before = fit_all(plain, [near[0].values, current.values], settings=settings.fit)
+    blocks = blocks_of(plain.data, settings=settings.fit)
+    if not possible(fit.values) or not convincing(plain, ruler, before, fit, found.base, blocks, search):
+        return None
+    fit = on_problem(found.problem, fit, settings=settings.fit)
+    return replace(found, fit=fit, steps=(*found.steps, Step(fit.terms, current.cost, fit.cost)))
 
 
 def _on(

@@ -21,6 +21,19 @@ def resembles(
     problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: Ruler, settings: RemainderSettings
 ) -> Resemblance | None:
     """The effect whose fit on top of the current ones closes most of the rest; None where none closes any."""
+    found = closest(problem, current, vetoed, judge, settings)
+    if found is None or found[1] < settings.resemblance.least:
+        return None
+    fit, closes = found
+    (term,) = set(fit.terms) - set(current.terms)
+    return Resemblance(term, min(closes, 1.0))
+
+
+def closest(
+    problem: Problem, current: Fit, vetoed: tuple[Term, ...], judge: Ruler, settings: RemainderSettings
+) -> tuple[Fit, float] | None:
+    """The rough fit with one more effect that closes most of the rest, and the share of the squared gap beyond the
+    floor that it closes; None where nothing may be added."""
     resemblance = settings.resemblance
     keep = evenly(problem.data, resemblance.steps, settings=settings.data)
     small = problem if keep.all() else part_of(problem, keep)
@@ -45,5 +58,4 @@ def resembles(
     *after, before = seen.squared([*fits, current]) - judge.floor  # windows are trusted by the last of them
     closes = 1.0 - np.asarray(after) / max(float(before), 1e-12)
     k = int(np.argmax(closes))
-    (term,) = set(fits[k].terms) - set(current.terms)
-    return Resemblance(term, float(min(closes[k], 1.0))) if closes[k] >= resemblance.least else None
+    return fits[k], float(closes[k])

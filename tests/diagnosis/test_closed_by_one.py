@@ -1,0 +1,49 @@
+"""An answer is checked against what it leaves: an effect that closes a good part of that is taken up."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.phases.search import _closed_by_one
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.search.acceptance import build_ruler
+from residual_mpc.diagnosis.search.stepwise import Found
+from residual_mpc.models.settings import Knob
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+TRACK = Knob("track_width", None, "scale")
+SETTINGS = ResultSettings()
+
+
+def answer(faults: dict[str, dict[str, float]]) -> tuple[Found, Any]:
+    """The track width alone, named for runs with these faults."""
+    runs = [rover_run(f"r{k}", faults, seed=k) for k in range(2)]
+    data = build_dataset(runs, [ROVER] * 2, SIGMA)
+    scales = measure_scales(data)
+    problem = build_problem(data, build_space(data, ()), data.sigma, scales.motion)
+    base, fit = fit_all(problem, [{}, {TRACK: 1.1}], settings=SETTINGS.fit)
+    ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), SETTINGS.data)
+    return Found(problem, fit, base, 1.0, ruler, (), (), data.sigma), SimpleNamespace(fit=fit)
+
+
+def test_what_closes_the_rest_is_added() -> None:
+    found, rivalry = answer({"track_width": {"scale": 1.2}, "actuator_lag": {"time_constant": 0.2}})
+    more = _closed_by_one(found, rivalry, SETTINGS)
+    assert more is not None and {t.effect for t in more.fit.terms} == {"track_width", "actuator_lag"}
+    assert more.fit.values[Knob("actuator_lag", None, "time_constant")] == pytest.approx(0.2, abs=0.02)
+    assert more.steps[-1].after < more.steps[-1].before
+
+
+def test_nothing_is_added_where_nothing_is_left() -> None:
+    assert _closed_by_one(*answer({"track_width": {"scale": 1.2}}), SETTINGS) is None
