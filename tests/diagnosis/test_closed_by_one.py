@@ -27,7 +27,7 @@ SETTINGS = ResultSettings()
 
 
 def answer(faults: dict[str, dict[str, float]]) -> tuple[Found, Any]:
-    """The track width alone, named for runs with these faults."""
+    """A result that names only the track width, for runs with these faults."""
     runs = [rover_run(f"r{k}", faults, seed=k) for k in range(2)]
     data = build_dataset(runs, [ROVER] * 2, SIGMA)
     scales = measure_scales(data)
@@ -45,5 +45,13 @@ def test_what_closes_the_rest_is_added() -> None:
     assert more.steps[-1].after < more.steps[-1].before
 
 
-def test_nothing_is_added_where_nothing_is_left() -> None:
+def test_what_it_makes_redundant_is_dropped() -> None:
+    """The track was named for a lag."""
+    found, rivalry = answer({"actuator_lag": {"time_constant": 0.2}})
+    more = _closed_by_one(found, rivalry, SETTINGS)
+    assert more is not None and {t.effect for t in more.fit.terms} == {"actuator_lag"}
+
+
+def test_nothing_is_added_where_nothing_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("residual_mpc.diagnosis.phases.search.convincing", lambda *args: True)
     assert _closed_by_one(*answer({"track_width": {"scale": 1.2}}), SETTINGS) is None

@@ -63,8 +63,8 @@ def choose_held_out(
 
 
 def _alone(data: Dataset, present: np.ndarray) -> np.ndarray:
-    """(R,) bool: which of the runs `present` (R,) has what no other has: a sensor, or motors that were off for a
-    while."""
+    """(R,) bool: whether each of the runs `present` (R,) has a sensor, or a spell with motors off, that no other has.
+    """
     has: dict[int, set[str]] = {int(i): set() for i in present}
     for (i, channel), signal in data.signals.items():
         if i in has and len(signal.y):

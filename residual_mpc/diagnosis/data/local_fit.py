@@ -14,8 +14,8 @@ from residual_mpc.diagnosis.data.signals import JoinedSignal
 
 REACH = 0.25  # s: how far from a window's start its samples may lie (contract, section 4)
 NEAREST = 5  # of them (likewise)
-KEPT = 128  # fits that are kept, of each kind, and
-LARGE = 10_000  # queries of one of them, from which on it is not: these bound the memory
+KEPT = 128  # fits cached per function: bounds the memory, as does
+LARGE = 10_000  # queries above which a fit of all runs is not cached
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def local_fit(t: np.ndarray, query: np.ndarray) -> LocalFit:
 
 def local_fits(signal: JoinedSignal, run: np.ndarray, query: np.ndarray) -> LocalFit:
     """Fit at each query time (Q,) s, by the clock of its run (Q,), through the samples of that run alone; `index`
-    counts through those of all runs. The latest fits are kept, unless they are large, and must not be written to."""
+    refers to the joined samples. The latest fits are kept, unless they are large, and must not be written to."""
     if len(query) > LARGE:
         return _of_all_runs(signal, run, query)
     return _kept(signal, run.astype(np.int64).tobytes(), query.astype(float).tobytes())
@@ -85,7 +85,7 @@ def _of_all_runs(signal: JoinedSignal, run: np.ndarray, query: np.ndarray) -> Lo
 
 
 def _fit(t: np.ndarray, around: np.ndarray, first: Any, end: Any, query: np.ndarray) -> LocalFit:
-    """The samples that may be used lie at first to end - 1 (Q,) of t (n,) s, the nearest beside `around` (Q,)."""
+    """Each query uses the samples from first to end - 1 (Q,) of t (n,) s alone; around (Q,): where it lies in t."""
     q, n = len(query), len(t)
     if n == 0:
         zero = np.zeros((q, NEAREST))

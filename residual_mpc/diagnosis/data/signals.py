@@ -1,11 +1,11 @@
-"""What was measured, by run and channel, and each channel of all runs in one piece."""
+"""Measured signals by run and channel, and each channel concatenated over all runs."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-APART = 10.0  # s between runs that are laid one after another: beyond the reach of any fit
+APART = 10.0  # s between concatenated runs: beyond the reach of any fit
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class JoinedSignal:
 
 
 class Signals(Mapping[tuple[int, str], Signal]):
-    """Signals by run and channel; not changed once made."""
+    """Signals by run and channel; immutable."""
 
     def __init__(self, signals: Mapping[tuple[int, str], Signal]) -> None:
         self._signals = dict(signals)

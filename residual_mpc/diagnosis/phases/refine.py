@@ -61,8 +61,8 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     polished = _choose_numbers(problem, polished, options)
     polished, doubtful = _leave_doubtful(problem, polished, options)
     final, before = polished.fit, base.fit
-    with_outliers = _outliers_count(prepared, prepared.space.settings([final.values]), rng)
-    unnamed = prepared.outliers.enough and not _outliers_allowed(options)
+    counts, allowed = _outliers_count(prepared, prepared.space.settings([final.values]), rng), _may_be_named(options)
+    with_outliers, unnamed = counts and allowed, counts and not allowed
     expected = None
     if final.terms or with_outliers:
         expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng)
@@ -164,14 +164,12 @@ def _again(problem: Problem, polished: Polished, fewer: Values, options: Options
 
 
 def _outliers_count(prepared: Prepared, row: Settings, rng: np.random.Generator) -> bool:
-    """Whether the samples that jump away are a cause: they may be named, are enough to be no accident, and are either
-    frequent or make up much of what the effects (one row of settings) leave."""
-    if not (prepared.outliers.enough and _outliers_allowed(prepared.options)):
-        return False
-    return prepared.outliers.frequent or _weigh(prepared, row, rng)
+    """Whether the samples that jump away are a cause: they are enough to be no accident, and are either frequent or
+    make up much of what the effects (one row of settings) leave."""
+    return prepared.outliers.enough and (prepared.outliers.frequent or _weigh(prepared, row, rng))
 
 
-def _outliers_allowed(options: Options) -> bool:
+def _may_be_named(options: Options) -> bool:
     """Whether samples that jump away may be named as a cause."""
     name = SENSOR_OUTLIERS.name
     return (not options.only or name in options.only) and name not in options.without

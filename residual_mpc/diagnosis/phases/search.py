@@ -25,8 +25,9 @@ from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.remainder.resemblance import closest
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.search.acceptance import convincing
+from residual_mpc.diagnosis.search.optional_numbers import makeup
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
-from residual_mpc.diagnosis.search.stepwise import Found, Step, stepwise_search
+from residual_mpc.diagnosis.search.stepwise import Found, extended, prune, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
 from residual_mpc.models.settings import TUNE, Values
 
@@ -71,8 +72,10 @@ def search_effects(
             windows.append((data, scales))  # these sharpen the numbers of the last fit
     progress("comparing with alternative explanations", 0.6)
     rivalry = _rivals_that_hold(prepared, found)
-    while (more := _closed_by_one(found, rivalry, settings)) is not None:
+    seen = {makeup(rivalry.fit.values)}  # a rival may drop the addition again
+    while (more := _closed_by_one(found, rivalry, settings)) is not None and makeup(more.fit.values) not in seen:
         progress("comparing with alternative explanations again", 0.65)
+        seen.add(makeup(more.fit.values))
         found, rivalry = more, _rivals_that_hold(prepared, more)
     by_noise = reweigh(first.problem, first.problem.data.sigma)
     untestable = not_testable(by_noise, first.base, rivalry.fit.terms, settings=settings.search)
@@ -116,21 +119,21 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
 
 
 def _closed_by_one(found: Found, rivalry: Rivalry, settings: ResultSettings) -> Found | None:
-    """With the effect that closes a good part of what the answer leaves, where much is left: the search had not met it
-    beside these effects. None where there is none."""
+    """The result with the effect that closes a good part of the remaining gap, less what it makes redundant; None if
+    there is none, or little is left."""
     search, ruler, current = settings.search.without_tolerances(), found.ruler, rivalry.fit
-    if not current.terms or len(current.terms) >= search.largest_longer or not ruler.much_left(current):
+    if not current.terms or len(current.terms) >= search.largest or not ruler.much_left(current):
         return None
     near = closest(found.problem, current, (), ruler, settings.remainder)
-    if near is None or near[1] < search.sizeable:
+    if near is None or not near[1] >= search.sizeable:
         return None
-    plain = tolerating(found.problem, None)  # what closes a good part is better than small differences that take it up
+    plain = tolerating(found.problem, None)  # small differences elsewhere may absorb what the effect explains
     fit, before = fit_all(plain, [near[0].values, current.values], settings=settings.fit)
     blocks = blocks_of(plain.data, settings=settings.fit)
     if not possible(fit.values) or not convincing(plain, ruler, before, fit, found.base, blocks, search):
         return None
-    fit = on_problem(found.problem, fit, settings=settings.fit)
-    return replace(found, fit=fit, steps=(*found.steps, Step(fit.terms, current.cost, fit.cost)))
+    fit = prune(plain, ruler, fit, found.base, plain.data.sigma, blocks, search)
+    return extended(found, fit, settings=settings.search)
 
 
 def _on(

@@ -22,7 +22,7 @@ def resembles(
 ) -> Resemblance | None:
     """The effect whose fit on top of the current ones closes most of the rest; None where none closes any."""
     found = closest(problem, current, vetoed, judge, settings)
-    if found is None or found[1] < settings.resemblance.least:
+    if found is None or not found[1] >= settings.resemblance.least:
         return None
     fit, closes = found
     (term,) = set(fit.terms) - set(current.terms)

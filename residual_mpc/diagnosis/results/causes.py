@@ -203,8 +203,8 @@ def most_sure(
 ) -> float:
     """The probability of a cause without a rival: where much is left, something else than the library's effects is at
     work, and what was named may be its shadow. times_floor: the gap that is left over the noise floor, the largest of
-    all horizons; beats_forecast: of a constant-velocity forecast's squared gap, the share that the explained model does
-    without."""
+    all horizons; beats_forecast: the share that the explained model removes of a constant-velocity forecast's squared
+    gap."""
     tuned = settings.causes
     most = 1.0 if verdict == "effects" else tuned.most_partial
     shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)

@@ -47,11 +47,11 @@ def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSetting
             f"Without the named effects the model predicts worse ({first.nominal.total:.2g}) than a constant-velocity "
             f"forecast ({found.constant_velocity:.2g})."
         )
-    if found.helps and beats_forecast(first, found.constant_velocity) < settings.causes.useful:
+    if found.helps and beats_forecast(first, found.constant_velocity) < 0.5 * settings.causes.useful:
         said.append(
-            f"Even with the named effects the model hardly predicts better ({found.left.total:.2g}) than a "
-            f"constant-velocity forecast ({found.constant_velocity:.2g}): something large is missing, and the named "
-            "effects may only stand for it."
+            f"Even with the named effects the model predicts little better ({found.left.total:.2g}) than a "
+            f"constant-velocity forecast ({found.constant_velocity:.2g}): a large cause is missing, and the named "
+            "effects may be compensating for it."
         )
     if found.step_error is not None and found.step_error > first.floor.total:
         what = "the named effects" if found.coarse and found.helps else "small effects"

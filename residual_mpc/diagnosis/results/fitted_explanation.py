@@ -32,7 +32,7 @@ class FittedExplanation:
     has seen. problem: the windows that the last fit saw, of one horizon or several, on the weights of the search;
     base, final: the model alone and with the effects, fitted to them; ends: where other
     starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes, unnamed_outliers:
-    whether there are enough of them and `sensor_outliers` is excluded. vetoed: effects that the encoders contradict,
+    whether they would be if `sensor_outliers` were not excluded. vetoed: effects that the encoders contradict,
     doubtful: that cannot be told from none on all windows. expected: the shrink, None where nothing explains anything.
     tolerated: None where there are no small differences in other numbers. forms: the shape of each fitted law."""
 

@@ -141,7 +141,7 @@ def measure_gaps(
     everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count, settings=settings.predict)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, settings=settings)]
     # beyond the noise on all windows, and on the very windows that the figures are printed for
-    # samples that jump away are a gap where they are named, or cannot be named as the effect is excluded
+    # outliers count as a gap if they are named, or if their effect is excluded
     jumps = of.unnamed_outliers or (of.with_outliers and helps)
     whole = gap_of(raw, scales, errors["before"]) if jumps else _nominal_gap(of.clean, scales, rows)
     anywhere = beyond(whole, everywhere, settings=settings.predict) and _lucky(looks[0])

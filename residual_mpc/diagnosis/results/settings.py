@@ -19,11 +19,11 @@ class CauseSettings:
     are of second order. most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor
     where something is left that these sensors can tell; shadow: of the probability that is lost for each factor e by
     which more is left than they can tell, down to the factor least_sure; useful: the share of a constant-velocity
-    forecast's squared gap that the explained model has to do without, or the probability falls in proportion, down to
-    that factor. coarse: the most where the model's time step may be the cause. resting: factor on an effect with a
-    number that rests on the bound of what is tried. doubtful: factor on an effect's probability below which the other
-    numbers' intervals do without it too. apart: half-widths beyond which an interval is that wide since two fits end
-    apart."""
+    forecast's squared gap below which the probability falls in proportion to what the explained model removes of it,
+    down to that factor. coarse: the most where the model's time step may be the cause. resting: factor on an effect
+    with a number that rests on the bound of what is tried. doubtful: factor on an effect's probability below which the
+    other numbers' intervals do without it too. apart: half-widths beyond which an interval is that wide since two fits
+    end apart."""
 
     form: float = 0.5
     law: float = 0.03

@@ -33,9 +33,9 @@ DEPENDENCE: Mapping[str, str] = {
 @dataclass(frozen=True)
 class Support:
     """What supports one effect. evidence: "fits" (better beyond doubt: the search asks for that), "predicts" (better on
-    the windows that are judged, which no fit has seen), "survives" (still there when any one run is left out; fails:
-    whether it is not, False where there is no second run); strength: how much the squared gap rises without it, in
-    units of the squared noise floor, at the horizon where that is most; size: its own, in units of the small
+    the windows that are judged, which no fit has seen), "survives" (still there when any one run is left out).
+    fails: whether leaving one out removes it, False with a single run; strength: how much the squared gap rises without
+    it, in units of the squared noise floor, at the horizon where that is most; size: its own, in units of the small
     differences in everything else, infinite where there are none."""
 
     evidence: tuple[str, ...]

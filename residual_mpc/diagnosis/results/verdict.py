@@ -35,8 +35,8 @@ def verdict_of(looks: Sequence[HorizonGaps]) -> Verdict:
 
 
 def beats_forecast(look: HorizonGaps, forecast: float) -> float:
-    """Of a forecast's squared gap, beyond what sensors can tell or is small, the share that the explained model does
-    without; 1 where no more than that is left. forecast: its gap."""
+    """The share that the explained model removes of a forecast's squared gap beyond what is small or what the sensors
+    can tell; 1 if no more than that is left. forecast: its gap."""
     told = max(AS_GOOD * look.floor.total, SMALL) ** 2
     left, other = look.steady.total**2 - told, forecast**2 - told
     if not left > 0.0:

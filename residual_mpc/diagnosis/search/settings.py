@@ -69,8 +69,7 @@ class StepSettings:
     that is worth more than the ratio `needless` on the way is needed. met: sets that a step came across, which are
     kept to be judged on all windows. far_from_floor: times the squared noise floor,
     from which a sizeable addition needs less evidence. much: of the squared gap that the best single effect has to
-    leave before pairs are tried. grown: sets with one more effect, none of them convincing, to which a second is added
-    where much is left."""
+    leave before pairs are tried."""
 
     alike: float = 10.0
     trimmed: int = 3
@@ -81,11 +80,11 @@ class StepSettings:
     met: int = 4
     far_from_floor: float = 4.0
     much: float = 0.25
-    grown: int = 3
 
     def __post_init__(self) -> None:
-        check_positive(self, "alike", "trimmed", "needed", "together", "thorough_steps", "needless", "met",
-                       "far_from_floor", "grown")  # fmt: skip
+        check_positive(
+            self, "alike", "trimmed", "needed", "together", "thorough_steps", "needless", "met", "far_from_floor"
+        )
         check_share(self, "much")
 
 

@@ -146,18 +146,6 @@ class Forward:
             return None
         return first(leaving_far_less(ruler, children, chosen, self.settings)) or chosen
 
-    def _two_more(
-        self, problem: Problem, here: Problem, ruler: Ruler, current: Fit, children: list[Fit]
-    ) -> Fit | None:
-        """A convincing set with two more effects, neither of which is so by itself, where much is left."""
-        grown = [c for c in children if len(c.terms) > len(current.terms)][: self.settings.steps.grown]
-        room = self.settings.largest - len(current.terms) >= 2
-        if not grown or not room or not ruler.much_left(current):
-            return None
-        self.report("trying two more effects at once", len(current.terms) / self.settings.largest)
-        sets = additions(here, grown, self.blocks, self.settings)
-        return self._choose(problem, ruler, current, [c for c in sets if len(c.terms) == len(current.terms) + 2])
-
     def from_both(self, found: Fit, steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
         """As `go_on` from what was found, or from nothing where that leads to a far smaller gap: what was found first
         may have kept the search from the cause."""
@@ -192,17 +180,29 @@ class Forward:
             met = distinct([*children[: settings.steps.met], *met[: settings.steps.met]])
             children = simplest_first(children, blocks, settings=settings)
             chosen = self._choose(problem, ruler, beam[0], children)
-            best = None if chosen is None else prune(problem, ruler, chosen, base, self.noise, blocks, settings)
-            if best is None or makeup(best.values) in seen:  # dropped again, it would go on for ever
-                chosen = self._two_more(problem, here, ruler, beam[0], children) if named else None
-                best = None if chosen is None else prune(problem, ruler, chosen, base, self.noise, blocks, settings)
-            if chosen is None or best is None or makeup(best.values) in seen:
+            if chosen is None:
+                break
+            best = prune(problem, ruler, chosen, base, self.noise, blocks, settings)
+            if makeup(best.values) in seen:  # what was added is dropped again: it would go on for ever
                 break
             seen.add(makeup(best.values))
             self.accepted(ruler, base, best)
             steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
             beam = [best, *others(ruler, base, best, children, settings)]
         return beam, steps, met
+
+
+def extended(found: Found, fit: Fit, settings: SearchSettings) -> Found:
+    """With another set in place of the one that was found, on the weights that it leaves."""
+    problem, scales, noise = found.problem, found.ruler.scales, found.problem.data.sigma
+    blocks = blocks_of(problem.data, settings=settings.fit)
+    here = judge(carrying(problem, fit.values, settings=settings.fit), fit, noise, scales, settings=settings)
+    current, base = refit(here, [fit, found.base], settings=settings)
+    sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
+    steps = (*found.steps, Step(fit.terms, found.fit.cost, current.cost))
+    return replace(
+        found, problem=here, fit=current, base=base, phi=dispersion(current, blocks), sigma=sigma, steps=steps
+    )
 
 
 def refit(problem: Problem, fits: list[Fit], most: int = 6, *, settings: SearchSettings) -> list[Fit]:
