@@ -9,8 +9,9 @@ from residual_mpc.checkpoint import at_once
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of
 from residual_mpc.diagnosis.data.subsampling import evenly, thin, thin_whole
-from residual_mpc.diagnosis.fit.evidence import blocks_of
-from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
+from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
+from residual_mpc.diagnosis.fit.marginalisation import carrying
 from residual_mpc.diagnosis.fit.noise_fit import with_noise
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.laws.ripples import RippleFinder
@@ -24,10 +25,11 @@ from residual_mpc.diagnosis.predict.problem import build_problem, reweigh, toler
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.remainder.resemblance import closest
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.search.acceptance import convincing
+from residual_mpc.diagnosis.search.acceptance import convincing, judge
 from residual_mpc.diagnosis.search.optional_numbers import makeup
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
-from residual_mpc.diagnosis.search.stepwise import Found, extended, prune, stepwise_search
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.search.stepwise import Found, Step, prune, refit, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
 from residual_mpc.models.settings import TUNE, Values
 
@@ -133,7 +135,20 @@ def _closed_by_one(found: Found, rivalry: Rivalry, settings: ResultSettings) -> 
     if not possible(fit.values) or not convincing(plain, ruler, before, fit, found.base, blocks, search):
         return None
     fit = prune(plain, ruler, fit, found.base, plain.data.sigma, blocks, search)
-    return extended(found, fit, settings=settings.search)
+    return _extended(found, fit, settings=settings.search)
+
+
+def _extended(found: Found, fit: Fit, settings: SearchSettings) -> Found:
+    """With another set in place of the one that was found, on the weights that it leaves."""
+    problem, scales, noise = found.problem, found.ruler.scales, found.problem.data.sigma
+    blocks = blocks_of(problem.data, settings=settings.fit)
+    here = judge(carrying(problem, fit.values, settings=settings.fit), fit, noise, scales, settings=settings)
+    current, base = refit(here, [fit, found.base], settings=settings)
+    sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
+    steps = (*found.steps, Step(fit.terms, found.fit.cost, current.cost))
+    return replace(
+        found, problem=here, fit=current, base=base, phi=dispersion(current, blocks), sigma=sigma, steps=steps
+    )
 
 
 def _on(

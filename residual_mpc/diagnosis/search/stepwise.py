@@ -192,19 +192,6 @@ class Forward:
         return beam, steps, met
 
 
-def extended(found: Found, fit: Fit, settings: SearchSettings) -> Found:
-    """With another set in place of the one that was found, on the weights that it leaves."""
-    problem, scales, noise = found.problem, found.ruler.scales, found.problem.data.sigma
-    blocks = blocks_of(problem.data, settings=settings.fit)
-    here = judge(carrying(problem, fit.values, settings=settings.fit), fit, noise, scales, settings=settings)
-    current, base = refit(here, [fit, found.base], settings=settings)
-    sigma = 1.0 / judge(problem, current, noise, scales, settings=settings).weight
-    steps = (*found.steps, Step(fit.terms, found.fit.cost, current.cost))
-    return replace(
-        found, problem=here, fit=current, base=base, phi=dispersion(current, blocks), sigma=sigma, steps=steps
-    )
-
-
 def refit(problem: Problem, fits: list[Fit], most: int = 6, *, settings: SearchSettings) -> list[Fit]:
     """The same sets fitted on this problem, from where they were."""
     return fit_all(problem, [f.values for f in fits], most, settings=settings.fit)
