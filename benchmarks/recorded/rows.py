@@ -49,9 +49,9 @@ ROWS = (
     Row("husky_drive", "husky_drive", "skid-steered base, 402 runs of 2 s",
         "Half of the rows command more than 6.9 rad/s, which the wheels never exceed. The robot turns about 0.38 times "
         "as far as the encoders give (a track 2.6 times as wide), and drives 0.82 times as far. The encoders show that "
-        "the wheels follow the mean of their commands, but only about a third of the difference between them: the "
-        "ground couples the two sides of a skid-steered base. No effect of the library describes that, and the named "
-        "ones take it up.",
+        "the wheels follow the mean of their commands, but only about a third of the difference between them, as "
+        "if the ground coupled the two sides. No effect of the library describes that; the named ones compensate for "
+        "it.",
         true={("saturation", "limit"): 6.9, ("track_width", "scale"): 2.6}),
     Row("husky_terrain", "husky_terrain", "the same base driven by its wheel speeds, gyro alone, 15 runs",
         "Yaw rate over ideal: flooring 0.68, asphalt 0.58, asphalt_05 alone 0.2."),

@@ -6,7 +6,6 @@ or four samples still a quadratic, with two a line, with one that sample.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -84,7 +83,9 @@ def _of_all_runs(signal: JoinedSignal, run: np.ndarray, query: np.ndarray) -> Lo
     return _fit(signal.t, around, signal.first[run], end, query)
 
 
-def _fit(t: np.ndarray, around: np.ndarray, first: Any, end: Any, query: np.ndarray) -> LocalFit:
+def _fit(
+    t: np.ndarray, around: np.ndarray, first: np.ndarray | int, end: np.ndarray | int, query: np.ndarray
+) -> LocalFit:
     """Each query uses the samples from first to end - 1 (Q,) of t (n,) s alone; around (Q,): where it lies in t."""
     q, n = len(query), len(t)
     if n == 0:
@@ -104,8 +105,8 @@ def _fit(t: np.ndarray, around: np.ndarray, first: Any, end: Any, query: np.ndar
 
 def _weights(s: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(Q, 5) each, for the value, the slope and the curvature at s = 0 of the polynomial through the samples at s (Q,
-    5) s that are used (Q, 5) 0 or 1: of degree 2, or of less where they are fewer than three. By polynomials that are
-    orthogonal on the samples (Forsythe, J. SIAM 5, 1957), which needs no matrix."""
+    5) s; used (Q, 5): 0 or 1. The degree is 2, less with fewer than three samples. Polynomials that are orthogonal on
+    the samples (Forsythe, J. SIAM 5, 1957) need no matrix inverse."""
     count = used.sum(axis=1, keepdims=True)
     some = np.maximum(count, 1.0)
     mean = (used * s).sum(axis=1, keepdims=True) / some

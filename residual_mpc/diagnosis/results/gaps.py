@@ -140,9 +140,9 @@ def measure_gaps(
     floor = floor_from([gap_of(seen, scales, e, test) for e in floors], int(test.sum()), settings=settings.predict)
     everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count, settings=settings.predict)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, settings=settings)]
-    # beyond the noise on all windows, and on the very windows that the figures are printed for
     # outliers count as a gap if they are named, or if their effect is excluded
     jumps = of.unnamed_outliers or (of.with_outliers and helps)
+    # beyond the noise on all windows, and on the very windows that the figures are printed for
     whole = gap_of(raw, scales, errors["before"]) if jumps else _nominal_gap(of.clean, scales, rows)
     anywhere = beyond(whole, everywhere, settings=settings.predict) and _lucky(looks[0])
     for look in longer:
