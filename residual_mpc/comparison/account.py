@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from residual_mpc.comparison.settings import AccountSettings
-from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, prepare
 from residual_mpc.diagnosis.phases.search import search_headline
@@ -21,13 +20,11 @@ def account_of(
     noise: Mapping[str, float],
     tunable: Sequence[str],
     options: Options,
-    kept: Sequence[KeptBack],
     settings: AccountSettings,
     rng: np.random.Generator,
     progress: Progress,
 ) -> Values:
-    """Parameter values of the effects that the search finds on the runs before; kept: held out from all fits."""
-    names = {r.name for r in before}
+    """Parameter values of the effects that the search finds on the runs before."""
     results = options.settings
     search = replace(
         results.search,
@@ -39,7 +36,7 @@ def account_of(
     )
     cheaper = replace(
         options,
-        held_out=tuple(k for k in kept if k.run in names),
+        held_out=(),
         search_steps=settings.steps if robots[0].step else settings.steps_of_equations,
         settings=replace(results, remainder=replace(results.remainder, search=search)),
     )

@@ -65,7 +65,7 @@ def compare(
         sets = _cut(given, settings)
         progress("accounting for the robot", 0.05)
         account = account_of(
-            given.before, given.robots[: len(given.before)], given.noise, given.tunable, given.options, sets.kept,
+            given.before, given.robots[: len(given.before)], given.noise, given.tunable, given.options,
             settings.account, rng, lambda stage, done: progress(stage, 0.05 + 0.45 * done),
         )  # fmt: skip
         space = _space(given, sets)
@@ -94,8 +94,8 @@ def _on_all_windows(
     searched: tuple[FoundChanges, Problem, Units],
     settings: ComparisonSettings,
 ) -> tuple[FoundChanges, Problem, Units]:
-    """What the search finds, and on which problem, when it goes on with all windows that fits may see: it has seen some
-    of them, and the verdict is about all."""
+    """What the search finds, and on which problem, when it goes on with all windows: it has seen some of them, and the
+    verdict is about all."""
     found, problem, _ = searched
     if len(found.changes) >= settings.search.most:
         return searched
@@ -118,28 +118,26 @@ def _cut(given: ComparisonInput, settings: ComparisonSettings) -> TwoSets:
 def _windows(
     given: ComparisonInput, sets: TwoSets, rng: np.random.Generator, settings: ComparisonSettings
 ) -> list[tuple[Dataset, Scales]]:
-    """The windows that fits may see: those of the headline's horizon, and with them longer ones, where the motion can
-    be predicted that far: what adds up slowly shows there. Where it cannot, since errors grow, shorter ones alone: the
-    few windows that diverge hide there what changed."""
+    """The windows of the fits and the test: those of the headline's horizon, and with them longer ones, where the
+    motion can be predicted that far: what adds up slowly shows there. Where it cannot, since errors grow, shorter ones
+    alone: the few windows that diverge hide there what changed."""
     results, horizon = settings.results, given.options.horizon
-    here = (sets.fitting, sets.scales)
+    here = (sets.clean, sets.scales)
     for longer in longer_horizons(sets.raw.runs, horizon, settings=results.predict)[:1]:
         whole = windows_of(sets, given.robots, given.noise, longer, results.data)
         if whole is None:
             continue
         if foretold(*whole, rng, settings=results.predict):
-            far = windows_of(sets, given.robots, given.noise, longer, results.data, free=True)
-            return [here] if far is None else [here, (joined([sets.fitting, far[0]]), far[1])]
+            return [here, (joined([sets.clean, whole[0]]), whole[1])]
         shorter = horizon * results.predict.horizons.shorter
-        near = windows_of(sets, given.robots, given.noise, shorter, results.data, free=True)
+        near = windows_of(sets, given.robots, given.noise, shorter, results.data)
         return [here if near is None else near]
     return [here]
 
 
 def _space(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
     options = given.options
-    fitting = sets.fitting
-    whole = build_space(fitting, given.tunable, options.only, options.without, options.without_because)
+    whole = build_space(sets.clean, given.tunable, options.only, options.without, options.without_because)
     if not whole.candidates:
         raise BadInput(
             "no effect is left that these runs of this robot could show to have changed",
@@ -197,7 +195,7 @@ def _judged(
     rng: np.random.Generator,
     settings: ComparisonSettings,
 ) -> Comparison:
-    """Sizes on all windows, gaps on those held out, and the verdict."""
+    """Sizes on all windows, gaps by cross-validation, and the verdict."""
     found = rivals.found
     whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
     units = _units(whole.data, sets, given, settings)
@@ -227,7 +225,6 @@ def _judged(
         gap=gap,
         unexplained={"same": 0.0, "unknown": 1.0}.get(verdict, unexplained),
         not_testable=tuple(replace(n, term=_plain(n.term)) for n in unseen),
-        held_out=sets.kept,
         account=tuple(t for t in found.account.terms if not t.changed),
         units=(int((~units.later).sum()), int(units.later.sum())),
         visible=tuple(replace(v, term=_plain(v.term)) for v in smallest_visible(space.robot, left.told)),

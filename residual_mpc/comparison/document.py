@@ -37,16 +37,14 @@ def to_document(c: Comparison) -> dict[str, Any]:
             "nominal": {"before": c.gap.nominal_before, "after": c.gap.nominal_after},
             "horizon": c.gap.horizon,
             "windows": {"before": c.gap.windows[0], "after": c.gap.windows[1]},
+            "folds": c.gap.folds,
             "channels": c.gap.channels,
         },
         "unexplained": {"share": c.unexplained, "p": c.p_left},
         "not_testable": [{**_term(n.term), "why": n.why} for n in c.not_testable],
-        "visible": [
-            {**_term(v.term), "parameters": {v.name: {"change": v.size, "unit": v.unit}}} for v in c.visible
-        ],
+        "visible": [{**_term(v.term), "parameters": {v.name: {"change": v.size, "unit": v.unit}}} for v in c.visible],
         "account": [_term(t) for t in c.account],
         "stretches": {"before": c.units[0], "after": c.units[1]},
-        "held_out": [k.document() for k in c.held_out],
         "next_experiment": c.next_experiment,
         "notes": list(c.notes),
     }

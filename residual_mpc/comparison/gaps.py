@@ -1,45 +1,50 @@
-"""The gaps of a comparison, on windows that no fit has seen."""
+"""The gaps of a comparison, each window under a model whose fit has not seen it."""
 
 import numpy as np
 
+from residual_mpc.comparison.cross_validation import clear_of, folds_of, refitted
 from residual_mpc.comparison.records import ComparedGap
 from residual_mpc.comparison.sets import TwoSets, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import gap_from_squares, gap_of, window_squares
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
-from residual_mpc.models.settings import Values
 
 
 def compared_gap(
     sets: TwoSets, problem: Problem, fit: Fit, jumping: bool, rng: np.random.Generator, settings: ComparisonSettings
 ) -> ComparedGap:
     """Of the nominal model, and of the model fitted to the runs before, without and with the changes of `fit`; jumping:
-    whether outliers are one of the changes, which are then left out."""
+    whether outliers are one of the changes, which are then left out. The numbers of each fold are fitted without it."""
     results = settings.results
     space = problem.space
-    before = _fitted_before(sets, problem, fit, settings)
-    changed = {k: v for k, v in fit.values.items() if k.changed}
-    test = _tested(sets)
-    data = sets.raw.take(test)
-    data = data.take(_within(sets, data, settings))
+    data = sets.raw.take(_within(sets, settings))
+    later = sets.side(data)
+    number = units_of(data, sets.later, settings.contrast)
+    folds = folds_of(number, data.run, later, settings.folds)
+    clear = [clear_of(fold, folds, data, problem.data) for fold in range(folds.count)]
+    earlier = ~sets.side(problem.data)
+    part, start = _fitted_before(problem, fit, earlier, settings)
+    before = refitted(part, start, [mask[earlier] for mask in clear])
+    changed = refitted(problem, fit, clear)
     nominal = {k: space.null(k) for k in space.tunables}
-    rows = [nominal, before, {**before, **changed}]
-    errors = [data.y - p for p in predict(data, space.settings(rows))]
+    errors = np.empty((3, *data.y.shape))
+    for fold in range(folds.count):
+        mine = folds.number == fold
+        own = {k: v for k, v in changed[fold].items() if k.changed}
+        rows = [nominal, before[fold], {**before[fold], **own}]
+        tested = data.take(mine)
+        errors[:, mine] = tested.y - predict(tested, space.settings(rows))
     if jumping:
         flagged = np.isfinite(data.y) & np.isnan(with_outliers_removed(data, sets.outliers.flagged).y)
         errors[2] = np.where(flagged, np.nan, errors[2])
-    later = sets.side(data)
-    floor = floor_of(data, sets.scales, space.settings([before]), rng, settings=results.predict)
+    floor = floor_of(data, sets.scales, space.settings([start.values]), rng, settings=results.predict)
 
     def total(error: np.ndarray, windows: np.ndarray) -> float:
         return float(gap_of(data, sets.scales, error, windows).total)
-
-    number = units_of(data, sets.later, settings.contrast)
 
     def spread(error: np.ndarray, windows: np.ndarray) -> float:
         return squared_gap_error(*window_squares(data, sets.scales, error), number, windows)
@@ -65,6 +70,7 @@ def compared_gap(
         floor.total,
         data.horizon,
         (int((~later).sum()), int(later.sum())),
+        folds.count,
         channels,
     )
 
@@ -80,28 +86,21 @@ def squared_gap_error(total: np.ndarray, count: np.ndarray, unit: np.ndarray, wi
     return float(np.sqrt((len(units) - 1) / len(units) * np.sum((squares - squares.mean()) ** 2)))
 
 
-def _tested(sets: TwoSets) -> np.ndarray:
-    """(W,) bool: the windows held out, and all of a set of which none is."""
-    later = sets.side(sets.raw)
-    whole = [side & (sets.held if (sets.held & side).any() else True) for side in (later, ~later)]
-    return np.asarray(whole[0] | whole[1])
-
-
-def _fitted_before(sets: TwoSets, problem: Problem, fit: Fit, settings: ComparisonSettings) -> Values:
-    """What acts on both sets, fitted to the runs before alone."""
+def _fitted_before(
+    problem: Problem, fit: Fit, earlier: np.ndarray, settings: ComparisonSettings
+) -> tuple[Problem, Fit]:
+    """What acts on both sets, fitted to the runs before alone; earlier (W,) bool: the windows of those runs."""
+    part = part_of(problem, earlier)
     start = {k: v for k, v in fit.values.items() if not k.changed}
-    mine = ~sets.side(problem.data)
-    if not start:
-        return start
-    return fit_all(part_of(problem, mine), [start], 6, settings=settings.results.fit)[0].values
+    return part, fit_all(part, [start], 6, settings=settings.results.fit)[0]
 
 
-def _within(sets: TwoSets, data: Dataset, settings: ComparisonSettings) -> np.ndarray:
+def _within(sets: TwoSets, settings: ComparisonSettings) -> np.ndarray:
     """(W,) bool: evenly as many windows of each set as the figures may cost."""
+    data = sets.raw
     keep = np.zeros(data.count, dtype=bool)
     later = sets.side(data)
     for side in (later, ~later):
-        if side.any():
-            steps = settings.search.final_steps
-            keep[np.flatnonzero(side)[evenly(data.take(side), steps, settings=settings.results.data)]] = True
+        steps = settings.search.final_steps
+        keep[np.flatnonzero(side)[evenly(data.take(side), steps, settings=settings.results.data)]] = True
     return keep

@@ -56,19 +56,24 @@ def left_beside(problem: Problem, of: Sequence[Explanation], units: Units, setti
 def _by_cost(one: Explanation, other: Explanation, units: Units, phi: float) -> float:
     """From the cost, in two ways: by what each change explains, and by what each model leaves. Each model has a common
     error of its own beside the change, so neither difference is the likelihood ratio of the changes: the smaller one
-    counts, and 0 where they contradict each other."""
-    more = (len(one.fit.knobs) - len(other.fit.knobs)) * float(np.log(units.count))
+    counts, and 0 where they contradict each other. The numbers of a common error count only in what the model leaves.
+    """
+    changed = [sum(k.changed for k in x.fit.knobs) for x in (one, other)]
+    both = [len(x.fit.knobs) for x in (one, other)]
     explained, left = one.dropped - other.dropped, other.fit.per_window - one.fit.per_window
-    ratios = [_paired(units.summed(difference), phi, more) for difference in (explained, left)]
+    ratios = [
+        _paired(units.summed(difference), phi, (mine - its) * float(np.log(units.count)))
+        for difference, (mine, its) in ((explained, changed), (left, both))
+    ]
     return 0.0 if ratios[0] * ratios[1] <= 0.0 else min(ratios, key=abs)
 
 
 def _paired(difference: np.ndarray, phi: float, more: float) -> float:
     """From differences of the cost (U,) by unit: the geometric mean of their sum over the dispersion, which is cautious
     where residuals are coloured, and of the squared statistic of a test that pairs the units, which is bold where both
-    miss the same. more: what the sum has to exceed for further parameters (Vuong 1989, eq. 5.6, with the correction of
-    Schwarz)."""
-    total = float(difference.sum()) - phi * more
+    miss the same (Vuong 1989, eq. 5.6); less the correction of Schwarz, `more`, for further parameters. The correction
+    is no part of what is paired: of two effects that do the same to every unit it would decide beyond doubt."""
+    total = float(difference.sum())
     spread = float(np.sqrt(len(difference) * np.var(difference, ddof=1)))
     paired = total / max(spread, 1e-12)
-    return float(np.sign(total) * np.sqrt(abs(total) / phi) * abs(paired))
+    return float(np.sign(total) * np.sqrt(abs(total) / phi * abs(paired) ** 2)) - more

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 
-from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
 from residual_mpc.diagnosis.search.testable import NotTestable
 from residual_mpc.models.settings import Term, Values
@@ -56,9 +55,9 @@ class VisibleChange:
 
 @dataclass(frozen=True)
 class ComparedGap:
-    """Gaps of the model fitted to the runs before, on windows that no fit has seen, unitless: on the runs before, on
-    those after, and on those after with the changes; left_error: standard error of what the changes leave of the
-    rise of the squared gap; channels: the gaps by channel."""
+    """Gaps of the model fitted to the runs before, unitless, each on windows that its fit has not seen: on the runs
+    before, on those after, and on those after with the changes; left_error: standard error of what the changes leave of
+    the rise of the squared gap; folds: of the cross-validation; channels: the gaps by channel."""
 
     nominal_before: float
     nominal_after: float
@@ -69,6 +68,7 @@ class ComparedGap:
     noise_floor: float
     horizon: float
     windows: tuple[int, int]
+    folds: int
     channels: dict[str, dict[str, float]]
 
 
@@ -86,7 +86,6 @@ class Comparison:
     gap: ComparedGap
     unexplained: float
     not_testable: tuple[NotTestable, ...]
-    held_out: tuple[KeptBack, ...]
     account: tuple[Term, ...]
     units: tuple[int, int]
     visible: tuple[VisibleChange, ...]

@@ -7,36 +7,25 @@ import numpy as np
 
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset, joined, window_starts
-from residual_mpc.diagnosis.data.gap import Scales, measure_scales, per_window
-from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
+from residual_mpc.diagnosis.data.gap import Scales, measure_scales
 from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
 from residual_mpc.diagnosis.data.settings import DataSettings
-from residual_mpc.diagnosis.predict.horizons import free_starts, held_spans
-from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.predict.replay import with_outliers_removed
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import Settings
 
 
 @dataclass(frozen=True, eq=False)
 class TwoSets:
     """raw: all W windows of both sets; clean: the same without outliers; later (R,) bool: which runs belong to the
-    later set; kept, held (W,) bool: the data held out from all fits; outliers: flagged in `raw`, velocities
-    included."""
+    later set; outliers: flagged in `raw`, velocities included."""
 
     raw: Dataset
     clean: Dataset
     scales: Scales
     later: np.ndarray
-    kept: tuple[KeptBack, ...]
-    held: np.ndarray
     outliers: Outliers
-
-    @property
-    def fitting(self) -> Dataset:
-        """The windows that fits may see, without outliers."""
-        return self.clean.take(~self.held)
 
     def side(self, data: Dataset) -> np.ndarray:
         """(W,) bool: which windows of `data` belong to the later set."""
@@ -61,12 +50,7 @@ def cut(
     scales = measure_scales(raw)
     found = find_outliers(raw, settings=settings)
     clean = with_outliers_removed(raw, found.flagged)
-    missed = per_window(raw, scales, raw.y - predict(raw, Settings(1))[0])
-    kept: list[KeptBack] = []
-    for mine in (~later[raw.run], later[raw.run]):
-        kept += choose_held_out(raw.take(mine), missed[mine], settings=settings)
-    held = held_out_mask(raw, kept) if kept else np.zeros(raw.count, dtype=bool)
-    return TwoSets(raw, clean, scales, later, tuple(kept), held, find_outliers(raw, settings=settings, velocities=True))
+    return TwoSets(raw, clean, scales, later, find_outliers(raw, settings=settings, velocities=True))
 
 
 def windows(
@@ -76,11 +60,9 @@ def windows(
     later: np.ndarray,
     horizon: float,
     settings: DataSettings,
-    starts: Sequence[np.ndarray] | None = None,
 ) -> Dataset:
-    """The windows of both sets, those before first, each set in separate blocks; starts: start times of each run's
-    windows, s (None: those of the gap)."""
-    begun = [window_starts(r, horizon) for r in runs] if starts is None else starts
+    """The windows of both sets, those before first, each set in separate blocks."""
+    begun = [window_starts(r, horizon) for r in runs]
     parts = []
     for name, mine in (("before", ~later), ("after", later)):
         here = [t if m else t[:0] for t, m in zip(begun, mine, strict=True)]
@@ -117,14 +99,11 @@ def windows_of(
     noise: Mapping[str, float],
     horizon: float,
     settings: DataSettings,
-    free: bool = False,
 ) -> tuple[Dataset, Scales] | None:
-    """Windows of another length, without outliers, and the size of their motion; free: only windows that do not overlap
-    held-out data. None if one of the sets has no such windows."""
-    runs = sets.raw.runs
-    starts = [free_starts(r, held_spans(r, sets.kept), horizon) for r in runs] if free else None
+    """Windows of another length, without outliers, and the size of their motion. None if one of the sets has no such
+    windows."""
     try:
-        data = windows(runs, robots, noise, sets.later, horizon, settings, starts)
+        data = windows(sets.raw.runs, robots, noise, sets.later, horizon, settings)
         data = with_outliers_removed(data, find_outliers(data, settings=settings).flagged)
         return data, measure_scales(data)
     except BadInput:  # a set has no window of that length, or nothing moves

@@ -91,6 +91,7 @@ class ComparisonSettings:
     doubtful: float = 0.45
     faint: float = 0.05
     unexplained: float = 0.3
+    folds: int = 4
     account: AccountSettings = field(default_factory=AccountSettings)
     contrast: ContrastSettings = field(default_factory=ContrastSettings)
     search: ChangeSearchSettings = field(default_factory=ChangeSearchSettings)
@@ -98,3 +99,4 @@ class ComparisonSettings:
 
     def __post_init__(self) -> None:
         check_share(self, "sure", "sure_partial", "doubtful", "faint", "unexplained")
+        check_positive(self, "folds")

@@ -30,7 +30,7 @@ def fitted(
             for i, (name, effects) in enumerate((("before", before), ("after", after)))]  # fmt: skip
     settings = ComparisonSettings()
     two = cut(sets[0], sets[1], [ROVER] * 6, SIGMA, 1.0, settings.results.data)
-    data = two.fitting
+    data = two.clean
     space = change_space(build_space(data, (), ("command_delay", "saturation")))
     problem = build_problem(data, space, data.sigma, two.scales.motion)
     current = fit_all(problem, [{}], settings=settings.results.fit)[0]
@@ -96,6 +96,18 @@ def test_a_change_with_more_parameters_has_to_explain_more() -> None:
     contrast = ComparisonSettings().contrast
     fewer, padded = (likelihood_ratios(problem, [x, delay], units, 100.0, contrast)[0, 1] for x in (limit, more))
     assert 0.0 < padded < fewer
+
+
+def test_two_effects_that_do_the_same_are_not_told_apart() -> None:
+    """As a radius and a track, where only the turning is measured: a common error of its own does not decide."""
+    problem, units, found = fitted({}, {"saturation": {"limit": 4.0}})
+    limit = found[LIMIT].explanation
+    knobs = (*limit.fit.knobs, Knob("payload", None, "mass"))
+    idle = np.concatenate([limit.fit.jacobian, np.zeros_like(limit.fit.jacobian[..., :1])], axis=-1)
+    twin = replace(limit, fit=replace(limit.fit, knobs=knobs, jacobian=idle, cost=limit.fit.cost - 1.0),
+                   dropped=limit.dropped * (1.0 + 1e-3))  # fmt: skip
+    ratios = likelihood_ratios(problem, [limit, twin], units, 100.0, ComparisonSettings().contrast)
+    assert abs(ratios[0, 1]) < 1.0
 
 
 def test_costs_that_contradict_each_other_decide_nothing() -> None:

@@ -48,6 +48,7 @@ def document(verdict: str) -> dict[str, Any]:
         + [{**_term(c["effect"], c["target"]), "probability": c["probability"], "p": c["p"]} for c in changes],
         "gap": {
             **gap, "horizon": 1.0, "nominal": {"before": 0.09, "after": 0.17}, "windows": {"before": 9, "after": 1},
+            "folds": 4,
             "channels": {"pose.theta": gap, "pose.x": gap},
         },
         "unexplained": {"share": 0.02 if changes else 0.0, "p": 0.4},
@@ -58,7 +59,6 @@ def document(verdict: str) -> dict[str, Any]:
         ],
         "account": [_term("track_width"), _term("actuator_lag")] if verdict != "unknown" else [],
         "stretches": {"before": 9, "after": 8},
-        "held_out": ["run3", {"run": "after/run3", "from": 0.5, "to": 4.5}],
         "next_experiment": {"what": "drive spins", "commands": None} if verdict == "partial" else None,
         "notes": [],
         "audit": [],
