@@ -71,9 +71,13 @@ def _by_cost(one: Explanation, other: Explanation, units: Units, phi: float) -> 
 def _paired(difference: np.ndarray, phi: float, more: float) -> float:
     """From differences of the cost (U,) by unit: the geometric mean of their sum over the dispersion, which is cautious
     where residuals are coloured, and of the squared statistic of a test that pairs the units, which is bold where both
-    miss the same (Vuong 1989, eq. 5.6); less the correction of Schwarz, `more`, for further parameters. The correction
-    is no part of what is paired: of two effects that do the same to every unit it would decide beyond doubt."""
-    total = float(difference.sum())
+    miss the same. more: what the sum has to exceed for further parameters (Vuong 1989, eq. 5.6, with the correction of
+    Schwarz). Where the sum is smaller than this correction, the test of the pairs says nothing: two effects that do the
+    same to every unit would be told apart by their number of parameters beyond doubt."""
+    summed = float(difference.sum())
+    total = summed - phi * more
+    if abs(summed) < phi * abs(more):
+        return total / phi
     spread = float(np.sqrt(len(difference) * np.var(difference, ddof=1)))
     paired = total / max(spread, 1e-12)
-    return float(np.sign(total) * np.sqrt(abs(total) / phi * abs(paired) ** 2)) - more
+    return float(np.sign(total) * np.sqrt(abs(total) / phi) * abs(paired))

@@ -26,7 +26,7 @@ def test_verdict(named: bool, p_left: float, unexplained: float, verdict: str) -
 
 
 def gap(before: float, after: float, explained: float, left_error: float = 0.0) -> ComparedGap:
-    return ComparedGap(before, after, before, after, explained, left_error, 0.01, 1.0, (8, 8), {})
+    return ComparedGap(before, after, before, after, explained, left_error, 0.01, 1.0, (8, 8), 4, {})
 
 
 def test_the_share_that_is_left_is_of_the_rise_of_the_squared_gap() -> None:
