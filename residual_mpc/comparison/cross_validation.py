@@ -15,11 +15,10 @@ STEPS = 3  # of a refit
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """number (W,): the fold of each of W windows; count: folds; later (W,) bool: windows of the later set."""
+    """number (W,): the fold of each of W windows; count: folds."""
 
     number: np.ndarray
     count: int
-    later: np.ndarray
 
 
 def folds_of(unit: np.ndarray, run: np.ndarray, later: np.ndarray, most: int) -> Folds:
@@ -30,7 +29,7 @@ def folds_of(unit: np.ndarray, run: np.ndarray, later: np.ndarray, most: int) ->
     for side in (later, ~later):
         places[side] = np.unique(by[side], return_inverse=True)[1]
     count = min(most, *(int(places[side].max()) + 1 for side in (later, ~later)))
-    return Folds(places % count, count, later)
+    return Folds(places % count, count)
 
 
 def clear_of(fold: int, folds: Folds, tested: Dataset, fitted: Dataset) -> np.ndarray:

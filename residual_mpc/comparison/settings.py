@@ -84,7 +84,7 @@ class ComparisonSettings:
     """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes;
     doubtful: of a change with a number at a bound, or one that explains less than the share `faint` of what all changes
     explain: the model predicts no large change better than that. unexplained: share of the rise of the squared gap that
-    may be left where the changes are to explain it."""
+    may be left where the changes are to explain it. folds: of the cross-validation."""
 
     sure: float = 0.97
     sure_partial: float = 0.8

@@ -105,7 +105,7 @@ def test_two_effects_that_do_the_same_are_not_told_apart() -> None:
     knobs = (*limit.fit.knobs, Knob("payload", None, "mass"))
     idle = np.concatenate([limit.fit.jacobian, np.zeros_like(limit.fit.jacobian[..., :1])], axis=-1)
     twin = replace(limit, fit=replace(limit.fit, knobs=knobs, jacobian=idle, cost=limit.fit.cost - 1.0),
-                   dropped=limit.dropped * (1.0 + 1e-3))  # fmt: skip
+                   dropped=limit.dropped * (1.0 - 1e-6))  # fmt: skip
     ratios = likelihood_ratios(problem, [limit, twin], units, 100.0, ComparisonSettings().contrast)
     assert abs(ratios[0, 1]) < 1.0
 
