@@ -22,9 +22,14 @@ def sets(rates: tuple[float, float], seed: int, runs: int = 6, channels: tuple[s
     later = np.arange(2 * runs) >= runs
     flagged = {(i, c): rng.random(SAMPLES) < rates[int(later[i])] for i in range(2 * runs) for c in channels}
     enough = sum(int(f.sum()) for f in flagged.values()) >= 8
+    noise = 1e-3 * rng.standard_normal((len(flagged), SAMPLES))
+    signals = {
+        key: SimpleNamespace(t=t, y=np.sin(0.5 * t) + e + 2.0 * mask)
+        for e, (key, mask) in zip(noise, flagged.items(), strict=True)
+    }
     return SimpleNamespace(
         later=later,
-        raw=SimpleNamespace(signals={key: SimpleNamespace(t=t) for key in flagged}),
+        raw=SimpleNamespace(signals=signals, channels=channels, sigma=np.full(len(channels), 1e-3)),
         outliers=SimpleNamespace(flagged=flagged, enough=enough),
     )
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.outliers import Outliers
+from residual_mpc.diagnosis.data.outlier_share import expected_jumps
 from residual_mpc.diagnosis.fit.evidence import blocks_of, covariance, dispersion, profile_sigma
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.fit.polish import carry_on
@@ -72,7 +72,7 @@ def causes_of(
             Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, supports[term].evidence)
         )
     if of.with_outliers:
-        causes.append(_outliers(of.outliers, settings=settings))
+        causes.append(_outliers(of, settings=settings))
     return tuple(causes)
 
 
@@ -186,14 +186,20 @@ def _note(held: bool, apart: bool) -> str:
     return ""
 
 
-def _outliers(outliers: Outliers, settings: ResultSettings) -> Cause:
+def _outliers(of: FittedExplanation, settings: ResultSettings) -> Cause:
+    """The share of the samples that jump, in the channel where most do, with Wilson's interval for as many independent
+    samples as its variance stands for."""
     from scipy.stats import binomtest  # half a second to load, for what few runs have
 
+    outliers, data = of.outliers, of.raw
     channel = max(outliers.shares, key=lambda c: outliers.shares[c])
-    marks = [m for (_, c), m in outliers.flagged.items() if c == channel]
-    counted = binomtest(int(sum(m.sum() for m in marks)), sum(len(m) for m in marks))
-    low, high = counted.proportion_ci(method="wilson")
-    estimate = Estimate("rate", outliers.share, (float(low), float(high)), "1")
+    flagged = {key: mask for key, mask in outliers.flagged.items() if key[1] == channel}
+    sigma = {channel: float(data.sigma[data.channels.index(channel)])}
+    jumps = np.concatenate(list(expected_jumps(data.signals, flagged, sigma, [i for i, _ in flagged]).values()))
+    share = float(jumps.mean())
+    counted = jumps.sum() ** 2 / np.sum(jumps**2)
+    proportion = binomtest(round(counted), round(counted / share)).proportion_ci(method="wilson")
+    estimate = Estimate("rate", share, (float(proportion.low), float(proportion.high)), "1")
     term = Term(SENSOR_OUTLIERS.name, None)
     return Cause(term, settings.causes.most_sure, (estimate,), BY_NAME[term.effect].summary, None, ("fits",))
 
