@@ -21,7 +21,8 @@ def errors(rng: np.random.Generator, runs: int, windows: int = 4, size: float = 
     """White errors of (runs * windows, 10 parts, 2 channels), half of the runs in the later half."""
     count = runs * windows
     key = np.column_stack([np.repeat(np.arange(runs), windows), np.tile(np.arange(windows), runs)])
-    return WindowErrors(key, key[:, 0] >= runs // 2, key[:, 1].astype(float), size * rng.normal(size=(count, 10, 2)))
+    drawn = size * rng.normal(size=(count, 10, 2))
+    return WindowErrors(key, key[:, 0] >= runs // 2, key[:, 1].astype(float), drawn, {})
 
 
 def test_the_visibility_is_that_of_a_z_test_of_the_units():
@@ -62,7 +63,7 @@ def test_four_in_five_of_the_faintest_changes_are_detected_among_forty(runs):
 
 def test_windows_that_a_change_removes_are_left_out():
     one = errors(np.random.default_rng(3), 40)
-    fewer = WindowErrors(one.key[1:], one.later[1:], one.start[1:], one.errors[1:] + 0.1)
+    fewer = WindowErrors(one.key[1:], one.later[1:], one.start[1:], one.errors[1:] + 0.1, one.noise)
     whole = visibility(one, replace(one, errors=one.errors + 0.1))
     assert visibility(one, fewer) == pytest.approx(whole, rel=0.1)
 

@@ -9,6 +9,7 @@ change to look for. It uses neither the search nor the common model of `compare`
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,16 +37,21 @@ POWER = 0.8  # probability with which a barely visible change is detected
 class WindowErrors:
     """Errors of the nominal model in W windows. key (W, 2): number of the run within both halves, and of the window
     within the run; later (W,) bool: whether the run is in the second half; start (W,) s; errors (W, BINS, C): averaged
-    over equal parts of the window, each channel divided by the size of its motion, NaN if missing."""
+    over equal parts of the window, each channel divided by the size of its motion, NaN if missing. noise: 1-sigma of
+    each channel."""
 
     key: np.ndarray
     later: np.ndarray
     start: np.ndarray
     errors: np.ndarray
+    noise: Mapping[str, float]
 
 
-def window_errors(robot: RobotFile, before: Half, after: Half) -> WindowErrors:
-    """The errors in windows of one second, evenly subsampled to at most STEPS simulation steps."""
+def window_errors(
+    robot: RobotFile, before: Half, after: Half, noise: Mapping[str, float] | None = None
+) -> WindowErrors:
+    """The errors in windows of one second, evenly subsampled to at most STEPS simulation steps. noise: 1-sigma of each
+    channel; estimated if not given."""
     from residual_mpc.api.robot import load_robot
     from residual_mpc.api.run_models import RunModels
     from residual_mpc.diagnosis.data.dataset import build_dataset
@@ -64,7 +70,7 @@ def window_errors(robot: RobotFile, before: Half, after: Half) -> WindowErrors:
         halves = [read_runs([case / half], loaded.file).runs for half in HALVES]
         models = RunModels(loaded)
         runs = [run for half in halves for run in half]
-        data = build_dataset(runs, [models.of(r.name) for r in runs], loaded.file.noise)
+        data = build_dataset(runs, [models.of(r.name) for r in runs], noise or loaded.file.noise)
     scales = measure_scales(data)
     number = data.run.copy()
     order = np.zeros(data.count, dtype=int)
@@ -75,7 +81,8 @@ def window_errors(robot: RobotFile, before: Half, after: Half) -> WindowErrors:
     errors[:, :, scales.still] = np.nan
     key = np.column_stack([number, order])[keep]
     binned = _binned(data.t[keep] / data.horizon, errors)
-    return WindowErrors(key, key[:, 0] >= len(halves[0]), data.start[keep], binned)
+    sigma = dict(zip(data.channels, data.sigma.tolist(), strict=True))
+    return WindowErrors(key, key[:, 0] >= len(halves[0]), data.start[keep], binned, sigma)
 
 
 def visibility(untouched: WindowErrors, changed: WindowErrors) -> float:

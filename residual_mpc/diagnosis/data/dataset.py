@@ -266,7 +266,7 @@ def _noise(
         step = float(np.median([resolution(s.y) for s in mine if np.ptp(s.y) > 0.0] or [0.0]))
         moving = [s for s in mine if _moves(s, step, settings=settings)]
         moves[k] = bool(moving) or c in given
-        longest = sorted(moving or mine, key=lambda s: -len(s.t))[:12]
+        longest = [] if c in given else sorted(moving or mine, key=lambda s: -len(s.t))[:12]
         found = [x for s in longest if np.isfinite(x := noise_sigma(s.t, s.y))]
         estimate = float(np.median(found)) if found else 0.0
         sigma[k] = max(given.get(c, estimate), step / np.sqrt(12.0), 1e-9)
