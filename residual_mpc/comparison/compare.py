@@ -22,7 +22,7 @@ from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Scales, fit_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
-from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
+from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
@@ -70,20 +70,32 @@ def compare(
         )  # fmt: skip
         space = _space(given, sets)
         progress("searching for changes", 0.5)
-        found, problem, units = None, None, None
+        searched = None
         windows = _windows(given, sets, rng, settings)
         for data, scales in windows:
-            values = account if found is None else found.fit.values
+            values = account if searched is None else searched.found.fit.values
             exact = _problem(data, scales, space, values, settings.search.steps, settings)
             problem = on_longer_steps(exact, scales, values, settings=settings.results.predict)
             units = _units(problem.data, sets, given, settings)
-            found = search_changes(problem, account, units, settings, found)
-        assert found is not None and problem is not None and units is not None
-        found, problem, units = _on_all_windows(given, sets, windows[0], account, (found, problem, units), settings)
+            start = None if searched is None else searched.found
+            searched = Searched(search_changes(problem, account, units, settings, start), problem, units)
+        assert searched is not None
+        whole = _on_all_windows(given, sets, windows[0], account, searched, settings)
+        if whole.found.changes != searched.found.changes:
+            searched = whole
         progress("comparing with alternative changes", 0.7)
-        rivals = find_change_rivals(problem, found, units, settings)
+        rivals = find_change_rivals(searched.problem, searched.found, searched.units, settings)
         progress("fitting on all windows", 0.8)
-        return _judged(given, sets, windows[0], space, problem, rivals, rng, settings)
+        return _judged(given, sets, windows[0], space, (searched, whole), rivals, rng, settings)
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What a search found, on which windows and stretches."""
+
+    found: FoundChanges
+    problem: Problem
+    units: Units
 
 
 def _on_all_windows(
@@ -91,23 +103,21 @@ def _on_all_windows(
     sets: TwoSets,
     windows: tuple[Dataset, Scales],
     account: Values,
-    searched: tuple[FoundChanges, Problem, Units],
+    searched: Searched,
     settings: ComparisonSettings,
-) -> tuple[FoundChanges, Problem, Units]:
-    """What the search finds, and on which problem, when it goes on with all windows: it has seen some of them, and the
-    verdict is about all."""
-    found, problem, _ = searched
+) -> Searched:
+    """What the search finds when it goes on with all windows: it has seen some of them, and the verdict is about
+    all."""
+    found, space = searched.found, searched.problem.space
     if len(found.changes) >= settings.search.most:
         return searched
-    space = problem.space
     assert isinstance(space, ChangeSpace)
     exact = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
-    if exact.data.count <= problem.data.count:
+    if exact.data.count <= searched.problem.data.count:
         return searched
     whole = on_longer_steps(exact, windows[1], found.fit.values, settings=settings.results.predict)
     units = _units(whole.data, sets, given, settings)
-    further = search_changes(whole, account, units, settings, found)
-    return searched if further.changes == found.changes else (further, whole, units)
+    return Searched(search_changes(whole, account, units, settings, found), whole, units)
 
 
 def _cut(given: ComparisonInput, settings: ComparisonSettings) -> TwoSets:
@@ -190,21 +200,21 @@ def _judged(
     sets: TwoSets,
     windows: tuple[Dataset, Scales],
     space: ChangeSpace,
-    problem: Problem,
+    searches: tuple[Searched, Searched],
     rivals: ChangeRivals,
     rng: np.random.Generator,
     settings: ComparisonSettings,
 ) -> Comparison:
-    """Sizes on all windows, gaps by cross-validation, and the verdict."""
-    found = rivals.found
-    whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
-    units = _units(whole.data, sets, given, settings)
-    fits = settings.results.fit
+    """Sizes on all windows, gaps by cross-validation, and the verdict. searches: of the changes, and on all windows."""
+    found, fits = rivals.found, settings.results.fit
+    searched, last = searches
     if found.changes:
+        whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
+        units = _units(whole.data, sets, given, settings)
         fit = to_the_end(whole, found.fit, settings.results)
+        left = told_apart(whole, fit, units, settings)
     else:
-        (fit,) = fit_all(whole, [found.fit.values], 4, settings=fits)
-    left = told_apart(whole, fit, units, settings)
+        whole, units, fit, left = last.problem, last.units, last.found.fit, last.found.left
     spread = jackknife(fit, units)
     jumping = _outliers(given, sets, settings)
     gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
@@ -213,7 +223,7 @@ def _judged(
     sure = settings.sure if verdict == "changed" else settings.sure_partial
     changes = (*_named(whole, fit, rivals, spread, sure, settings), *jumping)
     groups = tuple(tuple(tuple(_plain(t) for t in m) for m in g) for g in rivals.groups)
-    by_noise = reweigh(problem, problem.data.sigma)
+    by_noise = reweigh(searched.problem, searched.problem.data.sigma)
     base = on_problem(by_noise, found.account, settings=fits)
     unseen = not_testable(by_noise, base, tuple(c.term for c in found.changes), settings=settings.results.search)
     return Comparison(
@@ -265,7 +275,7 @@ def _named(
 def _others(rivals: ChangeRivals, sure: float) -> list[ChangeCandidate]:
     """What could stand in place of the changes, most probable first."""
     named = {c.term for c in rivals.found.changes}
-    told = {c.term: c.p for c in sorted(rivals.found.rest, key=lambda c: abs(c.z))}
+    told = {c.term: c.p for c in sorted(rivals.found.left.told, key=lambda c: abs(c.z))}
     shares = sorted(rivals.shares.items(), key=lambda item: -item[1])
     return [ChangeCandidate(_plain(t), sure * share, told.get(t, 1.0)) for t, share in shares if t not in named]
 

@@ -28,13 +28,13 @@ class FoundChange:
 
 @dataclass(frozen=True, eq=False)
 class FoundChanges:
-    """fit: the account with the changes; account: without; rest: contrasts of what is left, most telling first; phi: of
-    the fit's residuals over white noise's, by unit."""
+    """fit: the account with the changes; account: without; left: the contrasts of what the fit leaves; phi: dispersion
+    of its residuals by unit."""
 
     fit: Fit
     account: Fit
     changes: tuple[FoundChange, ...]
-    rest: tuple[Contrast, ...]
+    left: Contrasts
     phi: float
 
 
@@ -73,8 +73,7 @@ def search_changes(
         if len(changes) < tuned.most and differences.p <= settings.contrast.level:
             best = _best(problem, current, units, differences.told, settings)
         if best is None:
-            phi, rest = dispersion(current, units.number), sorted(differences.told, key=lambda c: -abs(c.z))
-            return FoundChanges(current, base, tuple(changes), tuple(rest), phi)
+            return FoundChanges(current, base, tuple(changes), differences, dispersion(current, units.number))
         current, change = best
         changes.append(change)
         current, changes = _pruned(problem, current, changes, units, settings)
@@ -128,12 +127,14 @@ def _on_both_alike(values: Values, term: Term) -> dict[Knob, float]:
 
 
 def fitted_leads(
-    problem: Problem, current: Fit, leads: list[Contrast], settings: ComparisonSettings
+    problem: Problem, current: Fit, leads: list[Contrast], settings: ComparisonSettings, also: Sequence[Values] = ()
 ) -> list[FittedLead]:
-    """The first few leads fitted with everything else, the change that lowers the cost most first, each term once."""
+    """The first few leads fitted with everything else, the change that lowers the cost most first, each term once.
+    also: other values of what acts on both sets, from which each lead is fitted as well."""
     tuned, fits = settings.search, settings.results.fit
-    chosen = varied(leads, settings=settings.results.search)[: tuned.shortlist]
-    starts = [with_change(problem, current.values, c) for c in chosen]
+    bases = (current.values, *also)
+    chosen = varied(leads, settings=settings.results.search)[: tuned.shortlist] * len(bases)
+    starts = [with_change(problem, bases[i * len(bases) // len(chosen)], c) for i, c in enumerate(chosen)]
     new = [frozenset(s).difference(current.knobs) for s in starts]
     near = [current] * len(starts)
     rough = fit_all(problem, starts, tuned.rough, rough=True, near=near, fresh=new, settings=fits)

@@ -8,6 +8,7 @@ from oracles.rover_log import SIGMA, rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.comparison.contrast import Contrast
 from residual_mpc.comparison.likelihood import left_beside, likelihood_ratios
+from residual_mpc.comparison.rivals import _beside_all_errors
 from residual_mpc.comparison.search import FittedLead, fitted_leads
 from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
@@ -19,22 +20,23 @@ from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.models.settings import Knob, Term
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
-DELAY, LIMIT = (Term(effect, None, True) for effect in ("command_delay", "saturation"))
+DELAY, LIMIT, LAG = (Term(effect, None, True) for effect in ("command_delay", "saturation", "actuator_lag"))
+PROBES = {DELAY: ("delay", 0.05), LIMIT: ("limit", 5.0), LAG: ("time_constant", 0.05)}
 
 
 def fitted(
-    before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]
+    before: dict[str, dict[str, float]], after: dict[str, dict[str, float]], of: tuple[Term, ...] = (DELAY, LIMIT)
 ) -> tuple[Problem, Units, dict[Term, FittedLead]]:
-    """A delay and a limit as changes, each fitted in an account that lacks both, with the stretches of the runs."""
+    """Changes, each fitted in an account that lacks all effects, with the stretches of the runs."""
     sets = [[rover_run(f"{name}{k}", effects, 12.0, seed=10 * i + k) for k in range(3)]
             for i, (name, effects) in enumerate((("before", before), ("after", after)))]  # fmt: skip
     settings = ComparisonSettings()
     two = cut(sets[0], sets[1], [ROVER] * 6, SIGMA, 1.0, settings.results.data)
     data = two.clean
-    space = change_space(build_space(data, (), ("command_delay", "saturation")))
+    space = change_space(build_space(data, (), tuple(term.effect for term in of)))
     problem = build_problem(data, space, data.sigma, two.scales.motion)
     current = fit_all(problem, [{}], settings=settings.results.fit)[0]
-    probes = {DELAY: {Knob(*DELAY[:2], "delay", True): 0.05}, LIMIT: {Knob(*LIMIT[:2], "limit", True): 5.0}}
+    probes = {term: {Knob(*term[:2], PROBES[term][0], True): PROBES[term][1]} for term in of}
     leads = [Contrast(term, probe, 1.0, 1.0, 1.0, 5.0, 1e-3, 0.1) for term, probe in probes.items()]
     found = {one.lead.term: one for one in fitted_leads(problem, current, leads, settings)}
     number = units_of(data, two.later, settings.contrast)
@@ -119,3 +121,19 @@ def test_costs_that_contradict_each_other_decide_nothing() -> None:
     left = left_beside(problem, [limit, boasting], units, contrast) ** 2
     ratios = likelihood_ratios(problem, [limit, boasting], units, 1.0, contrast)
     np.testing.assert_allclose(ratios, left.T - left)
+
+
+def test_an_error_of_the_model_speaks_for_no_change() -> None:
+    """Both sets have a lag that the model lacks, and the later one a delay as well: a lag as the change brings one on
+    both sets along, which a delay lacks until both are compared beside the same errors."""
+    lag = {"actuator_lag": {"time_constant": 0.15}}
+    problem, _, found = fitted(lag, {**lag, "command_delay": {"delay": 0.03}}, (DELAY, LAG))
+    alone = {term: one.explanation for term, one in found.items()}
+    assert alone[LAG].fit.cost < alone[DELAY].fit.cost
+    beside = _beside_all_errors(problem, LAG, alone, ComparisonSettings())
+    both = {k for k in beside[DELAY].fit.knobs if not k.changed}
+    assert both == {k for k in beside[LAG].fit.knobs if not k.changed} and len(both) == 2
+    assert beside[DELAY].fit.cost < 0.7 * beside[LAG].fit.cost
+    np.testing.assert_allclose(
+        beside[DELAY].dropped - beside[LAG].dropped, beside[LAG].fit.per_window - beside[DELAY].fit.per_window
+    )

@@ -77,12 +77,13 @@ def window_errors(
     for run in np.unique(number):
         order[number == run] = np.argsort(np.argsort(data.start[number == run]))
     keep = evenly(data, STEPS, settings=DataSettings())
-    errors = (data.y - predict(data, Settings(1))[0])[keep] / scales.s
+    few = data.take(keep)
+    errors = (few.y - predict(few, Settings(1))[0]) / scales.s
     errors[:, :, scales.still] = np.nan
     key = np.column_stack([number, order])[keep]
-    binned = _binned(data.t[keep] / data.horizon, errors)
+    binned = _binned(few.t / few.horizon, errors)
     sigma = dict(zip(data.channels, data.sigma.tolist(), strict=True))
-    return WindowErrors(key, key[:, 0] >= len(halves[0]), data.start[keep], binned, sigma)
+    return WindowErrors(key, key[:, 0] >= len(halves[0]), few.start, binned, sigma)
 
 
 def visibility(untouched: WindowErrors, changed: WindowErrors) -> float:
