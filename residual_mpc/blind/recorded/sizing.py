@@ -88,8 +88,8 @@ class UntouchedHalves:
         return Sized(sizes, visibility(*both))
 
     def _with(self, kind: Kind, target: Target, sizes: Sizes, seed: int = 0) -> WindowErrors:
-        """The errors with a change in both halves. The noise is that without a change: to estimate it takes as long as a
-        replay."""
+        """The errors with a change in both halves. The noise is that without a change, since its estimate takes as long
+        as a replay."""
         before, after = (
             kind.apply(half, target, sizes, np.random.default_rng(seed)) for half in (self.before, self.after)
         )
