@@ -22,7 +22,8 @@ from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Scales, fit_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
-from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
+from residual_mpc.diagnosis.fit.evidence import dispersion
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
@@ -82,7 +83,7 @@ def compare(
         assert searched is not None
         whole = _on_all_windows(given, sets, windows[0], account, searched, settings)
         if whole.found.changes != searched.found.changes:
-            searched = whole
+            searched = searched.with_changes_of(whole.found, settings)
         progress("comparing with alternative changes", 0.7)
         rivals = find_change_rivals(searched.problem, searched.found, searched.units, settings)
         progress("fitting on all windows", 0.8)
@@ -96,6 +97,12 @@ class Searched:
     found: FoundChanges
     problem: Problem
     units: Units
+
+    def with_changes_of(self, other: FoundChanges, settings: ComparisonSettings) -> "Searched":
+        """The changes that another search found, fitted on these windows: the rivals need no more of them."""
+        fit = fit_all(self.problem, [other.fit.values], 6, settings=settings.results.fit)[0]
+        phi = dispersion(fit, self.units.number)
+        return replace(self, found=FoundChanges(fit, self.found.account, other.changes, other.left, phi))
 
 
 def _on_all_windows(

@@ -130,11 +130,12 @@ def fitted_leads(
     problem: Problem, current: Fit, leads: list[Contrast], settings: ComparisonSettings, also: Sequence[Values] = ()
 ) -> list[FittedLead]:
     """The first few leads fitted with everything else, the change that lowers the cost most first, each term once.
-    also: other values of what acts on both sets, from which each lead is fitted as well."""
+    also: other values of what acts on both sets, from which the first of them are fitted as well."""
     tuned, fits = settings.search, settings.results.fit
-    bases = (current.values, *also)
-    chosen = varied(leads, settings=settings.results.search)[: tuned.shortlist] * len(bases)
-    starts = [with_change(problem, bases[i * len(bases) // len(chosen)], c) for i, c in enumerate(chosen)]
+    chosen = varied(leads, settings=settings.results.search)[: tuned.shortlist]
+    pairs = [(c, current.values) for c in chosen] + [(c, b) for b in also for c in chosen[: tuned.finalists]]
+    chosen = [c for c, _ in pairs]
+    starts = [with_change(problem, base, c) for c, base in pairs]
     new = [frozenset(s).difference(current.knobs) for s in starts]
     near = [current] * len(starts)
     rough = fit_all(problem, starts, tuned.rough, rough=True, near=near, fresh=new, settings=fits)
@@ -144,8 +145,8 @@ def fitted_leads(
         seen.setdefault(chosen[i].term, i)
     finalists = list(seen.values())[: tuned.finalists]
     ends = fit_all(problem, [rough[i].values for i in finalists], fresh=[new[i] for i in finalists], settings=fits)
-    pairs = [(chosen[i], f) for i, f in zip(finalists, ends, strict=True) if possible(f.values)]
-    out = _beside_both_alike(problem, current, pairs, settings)
+    found = [(chosen[i], f) for i, f in zip(finalists, ends, strict=True) if possible(f.values)]
+    out = _beside_both_alike(problem, current, found, settings)
     return sorted(out, key=lambda one: -one.drop)
 
 
