@@ -86,19 +86,24 @@ def _beside_all_errors(
     errors = _errors_of(several)
     if all(errors.keys() <= one.fit.values.keys() for one in several):
         return {one.term: one for one in several}
+    fits_settings = settings.results.fit
     best = min((one.fit for one in several), key=lambda fit: fit.cost)
     none: Values = {knob: problem.space.null(knob) for knob in errors}
-    starts, near = [_errors(best, errors, none)], [best]
-    for one in several:
-        change = {knob: v for knob, v in one.fit.values.items() if knob.changed}
-        starts += [{**_errors(of, errors, none), **change} for of in (one.fit, best)]
-        near += [one.fit, best]
-    common, *ends = fit_all(problem, starts, near=near, settings=settings.results.fit)
-    out = {}
-    for one, *two in zip(several, ends[::2], ends[1::2], strict=True):
-        fit = min(two, key=lambda f: f.cost)
-        out[one.term] = Explanation(one.term, fit, common.per_window - fit.per_window)
-    return out
+    changes = [{knob: v for knob, v in one.fit.values.items() if knob.changed} for one in several]
+    starts = [
+        {**_errors(of, errors, none), **change}
+        for one, change in zip(several, changes, strict=True)
+        for of in (one.fit, best)
+    ]
+    near = [of for one in several for of in (one.fit, best)]
+    rough = fit_all(problem, starts, settings.search.rough, rough=True, near=near, settings=fits_settings)
+    better = [min(two, key=lambda f: f.cost) for two in zip(rough[::2], rough[1::2], strict=True)]
+    ends = [_errors(best, errors, none), *(f.values for f in better)]
+    common, *fitted = fit_all(problem, ends, settings=fits_settings)
+    return {
+        one.term: Explanation(one.term, fit, common.per_window - fit.per_window)
+        for one, fit in zip(several, fitted, strict=True)
+    }
 
 
 def _errors(fit: Fit, errors: Values, none: Values) -> dict[Knob, float]:
