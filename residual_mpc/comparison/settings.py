@@ -60,8 +60,8 @@ class ChangeSearchSettings:
     rough: steps of a rough fit; most: maximum number of changes. needed: minimum likelihood ratio of a change; alike:
     likelihood ratio below which two sets of changes are not distinguished, if the rival explains at least the share
     `resembles` of what the change explains; equal: likelihood ratio below which the first in the contract's table is
-    preferred; shared: number of rivals that are compared beside the same model errors. steps: simulation steps
-    that one hypothesis may cost in the search; final_steps: the same in the last fit and the tests."""
+    preferred; rivals: number of rivals that are compared with a change beside the same model errors. steps: simulation
+    steps that one hypothesis may cost in the search; final_steps: the same in the last fit and the tests."""
 
     shortlist: int = 14
     finalists: int = 6
@@ -71,13 +71,13 @@ class ChangeSearchSettings:
     alike: float = 4.0
     resembles: float = 0.5
     equal: float = 1.5
-    shared: int = 4
+    rivals: int = 4
     steps: int = 40_000
     final_steps: int = 100_000
 
     def __post_init__(self) -> None:
         check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "resembles", "equal",
-                       "shared")  # fmt: skip
+                       "rivals")  # fmt: skip
         check_positive(self, "steps", "final_steps")
 
 

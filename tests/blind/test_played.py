@@ -49,7 +49,7 @@ def test_encoders_are_logged_where_they_are_asked_for(tmp_path):
 
 
 def test_an_arm_plays_commands_and_has_its_motors_off(tmp_path):
-    settings = (draw_arm_setting(LEVELS["single"], np.random.default_rng(seed)) for seed in range(20))
+    settings = (draw_arm_setting(LEVELS["single"], np.random.default_rng(seed)) for seed in range(5, 20))
     setting = next(s for s in settings if s is not None and s.robot.truth.arm.kind == "position" and not s.drops)
     arm = setting.robot.truth.arm
     t = 0.02 * np.arange(51)

@@ -8,7 +8,7 @@ from oracles.rover_log import SIGMA, rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.comparison.contrast import Contrast
 from residual_mpc.comparison.likelihood import left_beside, likelihood_ratios
-from residual_mpc.comparison.rivals import _beside_all_errors
+from residual_mpc.comparison.rivals import _beside_same_errors
 from residual_mpc.comparison.search import FittedLead, fitted_leads
 from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
@@ -130,10 +130,9 @@ def test_an_error_of_the_model_speaks_for_no_change() -> None:
     problem, _, found = fitted(lag, {**lag, "command_delay": {"delay": 0.03}}, (DELAY, LAG))
     alone = {term: one.explanation for term, one in found.items()}
     assert alone[LAG].fit.cost < alone[DELAY].fit.cost
-    beside = _beside_all_errors(problem, LAG, alone, ComparisonSettings())
-    both = {k for k in beside[DELAY].fit.knobs if not k.changed}
-    assert both == {k for k in beside[LAG].fit.knobs if not k.changed} and len(both) == 2
-    assert beside[DELAY].fit.cost < 0.7 * beside[LAG].fit.cost
-    np.testing.assert_allclose(
-        beside[DELAY].dropped - beside[LAG].dropped, beside[LAG].fit.per_window - beside[DELAY].fit.per_window
-    )
+    late, slow = _beside_same_errors(problem, found[DELAY].fit, DELAY, found[LAG], ComparisonSettings())
+    assert (late.term, slow.term) == (DELAY, LAG)
+    both = {k for k in late.fit.knobs if not k.changed}
+    assert both == {k for k in slow.fit.knobs if not k.changed} and len(both) == 2
+    assert late.fit.cost < 0.7 * slow.fit.cost
+    np.testing.assert_allclose(late.dropped - slow.dropped, slow.fit.per_window - late.fit.per_window)

@@ -102,7 +102,7 @@ def test_anyone_can_check_the_figures(
     (tmp_path / "rover.toml").write_text(ROBOT)
     paths = [str(write_run(r, tmp_path)) for r in runs]
     robot, out = ["--robot", str(tmp_path / "rover.toml")], tmp_path / "out"
-    chosen = [] if kept == "blocks" else ["--held-out", "two"]
+    chosen = ["--only", "track_width", "--only", "command_delay"] + (["--held-out", "two"] if kept == "runs" else [])
     made = call(capsys, "diagnose", *robot, *paths, "--out", str(out), *chosen, "--json")
     assert made["verdict"] == "effects"
     assert json.loads((out / "diagnosis.json").read_text()) == made
