@@ -19,6 +19,7 @@ DENSITY = 0.01  # share of the samples that is moved at a time
 JUMPS = 2000  # moved samples aimed at, in all rounds together
 ROUNDS = 20  # most, in short logs
 SAMPLES = 200_000  # of a channel that are searched in all rounds together
+PIECE = 500  # samples of a long signal that are searched at a time, at least: a jump at an end is never flagged
 NEIGHBOURS = 0.1  # share of the moved samples that are nearest in size, over which the probability is averaged
 FEWEST = 30  # of these
 LEAST = 0.1  # probability: rarer ones would make a single flagged sample stand for dozens
@@ -63,10 +64,11 @@ def _tried(
     rng = np.random.default_rng(len(found))
     total = sum(len(y) for _, y, _ in parts)
     rounds = int(np.clip(np.ceil(JUMPS / (DENSITY * total)), 1, ROUNDS))
-    longest = max(SAMPLES // (rounds * len(parts)), 1)
+    longest = max(SAMPLES // (rounds * len(parts)), PIECE)
+    several = min(max(SAMPLES // (rounds * longest), 1), len(parts))
     sizes, hits = [], []
     for _ in range(rounds):
-        for t, y, mask in parts:
+        for t, y, mask in (parts[i] for i in rng.permutation(len(parts))[:several]):
             begin = int(rng.integers(max(len(y) - longest, 0) + 1))
             here = slice(begin, begin + longest)
             moved, clear = y[here].copy(), np.flatnonzero(~mask[here])
