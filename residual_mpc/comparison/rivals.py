@@ -46,9 +46,7 @@ def find_change_rivals(
     together = max(found.account.cost - found.fit.cost, 1e-12)
     for change in found.changes:
         start = without_change(found.fit.values, change.term)
-        (rest,) = fit_all(
-            problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit
-        )  # fmt: skip
+        rest = fit_all(problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit)[0]
         fits = _in_place_of(problem, found, change, rest, units, settings)
         beyond = {change.term: 0.0} | {
             term: float(likelihood_ratios(problem, pair, units, found.phi, settings.contrast)[0, 1])
@@ -96,8 +94,8 @@ def _beside_same_errors(
     term = rival.lead.term
     errors = _errors_of([fit, rival.fit])
     both = {k: fit.values.get(k, problem.space.null(k)) for k in errors}
-    own, its = ({k: v for k, v in f.values.items() if k.changed and k.term == t}
-                for f, t in ((fit, change), (rival.fit, term)))  # fmt: skip
+    own = {k: v for k, v in fit.values.items() if k.changed and k.term == change}
+    its = {k: v for k, v in rival.fit.values.items() if k.changed and k.term == term}
     others = {k: v for k, v in fit.values.items() if k.changed and k.term != change}
     alone = {k: rival.fit.values.get(k, v) for k, v in both.items()}
     starts = [{**both, **others}, {**both, **others, **own}, {**both, **others, **its}, {**alone, **others, **its}]
