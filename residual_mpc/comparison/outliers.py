@@ -45,12 +45,11 @@ def changed_outliers(sets: TwoSets, most_sure: float, settings: ContrastSettings
 def _expected(sets: TwoSets, channel: str) -> dict[tuple[int, str], np.ndarray]:
     """(n,) number of jumps for which each sample of a channel stands, by run; each set has jumps of its own size."""
     data = sets.raw
-    sigma = {channel: float(data.sigma[data.channels.index(channel)])}
-    flagged = {key: mask for key, mask in sets.outliers.flagged.items() if key[1] == channel}
+    sigma = float(data.sigma[data.channels.index(channel)])
     out: dict[tuple[int, str], np.ndarray] = {}
     for side in (False, True):
-        runs = [i for i, _ in flagged if bool(sets.later[i]) == side]
-        out |= expected_jumps(data.signals, flagged, sigma, runs)
+        flagged = {(i, c): m for (i, c), m in sets.outliers.flagged.items() if c == channel and sets.later[i] == side}
+        out |= expected_jumps(data.signals, flagged, sigma)
     return out
 
 

@@ -47,7 +47,7 @@ def find_change_rivals(
     for change in found.changes:
         start = without_change(found.fit.values, change.term)
         rest = fit_all(problem, [start], near=[found.fit], fresh=[frozenset[Knob]()], settings=settings.results.fit)[0]
-        fits = _in_place_of(problem, found, change, rest, units, settings)
+        fits = _in_place_of(problem, found.fit, change.term, rest, units, settings)
         beyond = {change.term: 0.0} | {
             term: float(likelihood_ratios(problem, pair, units, found.phi, settings.contrast)[0, 1])
             for term, pair in fits.items()
@@ -68,20 +68,19 @@ def find_change_rivals(
 
 
 def _in_place_of(
-    problem: Problem, found: FoundChanges, change: FoundChange, rest: Fit, units: Units, settings: ComparisonSettings
+    problem: Problem, fit: Fit, change: Term, rest: Fit, units: Units, settings: ComparisonSettings
 ) -> dict[Term, tuple[Explanation, Explanation]]:
-    """The change that was found and each rival that explains much of the difference in its place, the change first.
-    rest: the fit without the change.
+    """A change of a fit and each rival that explains much of the difference in its place, the change first. rest: the
+    fit without the change.
 
     A rival is fitted from two places: without any change in its place, what acts on both sets lies between the two;
     beside the change that was found, it lies where that change is right.
     """
-    told = [c for c in told_apart(problem, rest, units, settings).told if c.term != change.term]
+    told = [c for c in told_apart(problem, rest, units, settings).told if c.term != change]
     leads = mixed(sorted(told, key=lambda c: -abs(c.z)), sorted(told, key=lambda c: -c.drop))
-    beside = without_change(found.fit.values, change.term)
-    fitted = fitted_leads(problem, rest, leads, settings, (beside,))
+    fitted = fitted_leads(problem, rest, leads, settings, (without_change(fit.values, change),))
     rivals = sorted(fitted, key=lambda one: one.fit.cost)[: settings.search.rivals]
-    pairs = {one.lead.term: _beside_same_errors(problem, found.fit, change.term, one, settings) for one in rivals}
+    pairs = {one.lead.term: _beside_same_errors(problem, fit, change, one, settings) for one in rivals}
     least = settings.search.resembles
     return {t: (own, its) for t, (own, its) in pairs.items() if its.dropped.sum() >= least * own.dropped.sum()}
 

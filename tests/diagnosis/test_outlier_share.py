@@ -27,7 +27,7 @@ def jumping(rate: float, smallest: float, seed: int) -> tuple[Signal, np.ndarray
 
 def jumps_of(signal: Signal, flagged: np.ndarray) -> np.ndarray:
     key = (0, CHANNEL)
-    return expected_jumps({key: signal}, {key: flagged}, {CHANNEL: SIGMA}, [0])[key]
+    return expected_jumps({key: signal}, {key: flagged}, SIGMA)[key]
 
 
 def test_hidden_jumps_are_counted() -> None:

@@ -13,7 +13,8 @@ import numpy as np
 from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.logs.signals import spikes
 
-Flags = Mapping[tuple[int, str], np.ndarray]
+Key = tuple[int, str]  # run and channel
+Jumps = dict[Key, np.ndarray]
 
 DENSITY = 0.01  # share of the samples that is moved at a time
 JUMPS = 2000  # moved samples aimed at, in all rounds together
@@ -25,18 +26,11 @@ FEWEST = 30  # of these
 LEAST = 0.1  # probability: rarer ones would make a single flagged sample stand for dozens
 
 
-def expected_jumps(
-    signals: Mapping[tuple[int, str], Signal], flagged: Flags, sigma: Mapping[str, float], runs: Sequence[int]
-) -> dict[tuple[int, str], np.ndarray]:
-    """(n,) number of jumps for which each sample of each signal of these runs stands: 0 where it is not flagged, and at
-    least 1 where it is. flagged: (n,) bool by run and channel; sigma: noise by channel."""
-    out: dict[tuple[int, str], np.ndarray] = {}
-    for channel in sorted({c for _, c in flagged}):
-        mine = [(i, c) for i, c in flagged if c == channel and i in runs]
-        parts = [(signals[key].t, signals[key].y, flagged[key]) for key in mine]
-        weights = _weights(parts, sigma[channel])
-        out |= dict(zip(mine, weights, strict=True))
-    return out
+def expected_jumps(signals: Mapping[Key, Signal], flagged: Mapping[Key, np.ndarray], sigma: float) -> Jumps:
+    """(n,) number of jumps for which each sample stands, by run and channel: 0 where it is not flagged, and at least 1
+    where it is. flagged: (n,) bool, for the runs of one channel; sigma: its noise."""
+    parts = [(signals[key].t, signals[key].y, mask) for key, mask in flagged.items()]
+    return dict(zip(flagged, _weights(parts, sigma), strict=True))
 
 
 def _weights(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], sigma: float) -> list[np.ndarray]:

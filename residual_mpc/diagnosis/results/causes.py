@@ -194,8 +194,8 @@ def _outliers(of: FittedExplanation, settings: ResultSettings) -> Cause:
     outliers, data = of.outliers, of.raw
     channel = max(outliers.shares, key=lambda c: outliers.shares[c])
     flagged = {key: mask for key, mask in outliers.flagged.items() if key[1] == channel}
-    sigma = {channel: float(data.sigma[data.channels.index(channel)])}
-    jumps = np.concatenate(list(expected_jumps(data.signals, flagged, sigma, [i for i, _ in flagged]).values()))
+    sigma = float(data.sigma[data.channels.index(channel)])
+    jumps = np.concatenate(list(expected_jumps(data.signals, flagged, sigma).values()))
     share = float(jumps.mean())
     counted = jumps.sum() ** 2 / np.sum(jumps**2)
     proportion = binomtest(round(counted), round(counted / share)).proportion_ci(method="wilson")
