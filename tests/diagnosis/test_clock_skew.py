@@ -66,6 +66,7 @@ def test_the_rate_is_recovered(rate: float) -> None:
     assert number.ci95[0] <= rate <= number.ci95[1] and abs(number.value - rate) < 0.1 * RATE
 
 
+@pytest.mark.slow
 def test_a_delay_and_a_skew_are_found_together() -> None:
     found = diagnosed([stamped_run(k, RATE, DELAY) for k in range(3)])
     numbers = {c.term.effect: c.parameters[0] for c in found.causes}

@@ -53,7 +53,13 @@ def rotor(folder: Path, **keys: object) -> rm.Diagnosis:
     return rm.diagnose(robot, rm.read_runs(robot, sorted(folder.glob("run*.csv"))), **keys)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("only", [("torque_ripple",), NAMED], ids=["alone", "among others"])
+@pytest.mark.parametrize(
+    "only",
+    [
+        pytest.param(("torque_ripple",), id="alone"),
+        pytest.param(NAMED, marks=pytest.mark.slow, id="among others"),
+    ],
+)
 def test_a_trapezoidal_ripple_is_named_with_its_numbers(tmp_path: Path, only: tuple[str, ...]) -> None:
     """Its first harmonic is 4 / pi sinc of the flank's half width, times its height."""
     cycles, phase, height, flank = 8.6, -1.1, 0.2, 0.8

@@ -47,7 +47,7 @@ def errors(result: Mapping[str, Any]) -> dict[str, float]:
     return {name: c["tracking_rmse"] for name, c in result["controllers"].items()}
 
 
-@pytest.mark.parametrize("controller", ["mpc", "lqr"])
+@pytest.mark.parametrize("controller", ["mpc", pytest.param("lqr", marks=pytest.mark.slow)])
 def test_the_diagnosed_effects_pay_in_joint_space(tmp_path: Path, controller: Any) -> None:
     robot = robot_file(tmp_path)
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
