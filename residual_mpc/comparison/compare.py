@@ -124,7 +124,8 @@ def _on_all_windows(
         return searched
     whole = on_longer_steps(exact, windows[1], found.fit.values, settings=settings.results.predict)
     units = _units(whole.data, sets, given, settings)
-    return Searched(search_changes(whole, account, units, settings, found), whole, units)
+    choice = (searched.problem, searched.units)
+    return Searched(search_changes(whole, account, units, settings, found, choice), whole, units)
 
 
 def _cut(given: ComparisonInput, settings: ComparisonSettings) -> TwoSets:

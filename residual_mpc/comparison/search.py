@@ -1,7 +1,7 @@
 """Which changes explain how two sets of runs differ: forward steps from none, and what could stand in their place."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,10 +59,16 @@ class FittedLead:
 
 
 def search_changes(
-    problem: Problem, account: Values, units: Units, settings: ComparisonSettings, start: FoundChanges | None = None
+    problem: Problem,
+    account: Values,
+    units: Units,
+    settings: ComparisonSettings,
+    start: FoundChanges | None = None,
+    choice: tuple[Problem, Units] | None = None,
 ) -> FoundChanges:
     """Forward from the account, fitted to both sets, by the change that explains most, until none is beyond what units
-    of one set differ among themselves. start: what was found on other windows, to go on from."""
+    of one set differ among themselves. start: what was found on other windows, to go on from; choice: fewer windows and
+    their units, on which candidates are compared. Whether anything differs is tested on all windows."""
     tuned, fits = settings.search, settings.results.fit
     base = fit_all(problem, [account], settings=fits)[0]
     current = base if start is None else fit_all(problem, [start.fit.values], settings=fits)[0]
@@ -71,7 +77,10 @@ def search_changes(
         differences = told_apart(problem, current, units, settings)
         best = None
         if len(changes) < tuned.most and differences.p <= settings.contrast.level:
-            best = _best(problem, current, units, differences.told, settings)
+            if choice is None:
+                best = _best(problem, current, units, differences.told, settings)
+            else:
+                best = _chosen(problem, *choice, current, differences.told, settings)
         if best is None:
             return FoundChanges(current, base, tuple(changes), differences, dispersion(current, units.number))
         current, change = best
@@ -165,6 +174,26 @@ def _beside_both_alike(
     )
     common = {i: min(current, fit, key=lambda f: f.cost) for i, fit in zip(more, fitted, strict=True)}
     return [FittedLead(lead, fit, common.get(i, current)) for i, (lead, fit) in enumerate(pairs)]
+
+
+def _chosen(
+    problem: Problem,
+    fewer: Problem,
+    units: Units,
+    current: Fit,
+    told: Sequence[Contrast],
+    settings: ComparisonSettings,
+) -> tuple[Fit, FoundChange] | None:
+    """The best change on fewer windows, fitted on those of the problem. A change explains less on fewer windows, so it
+    needs less to be considered; whether it is needed is judged on all of them (see `_pruned`)."""
+    fits = settings.results.fit
+    here = fit_all(fewer, [current.values], settings=fits)[0]
+    needed = settings.search.needed * min(fewer.data.count / problem.data.count, 1.0)
+    found = _best(fewer, here, units, told, replace(settings, search=replace(settings.search, needed=needed)))
+    if found is None:
+        return None
+    fit, change = found
+    return fit_all(problem, [fit.values], settings=fits)[0], change
 
 
 def _best(
