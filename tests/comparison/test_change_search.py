@@ -9,13 +9,13 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.comparison.contrast import Contrast
 from residual_mpc.comparison.likelihood import left_beside, likelihood_ratios
 from residual_mpc.comparison.rivals import _beside_same_errors
-from residual_mpc.comparison.search import FittedLead, fitted_leads
+from residual_mpc.comparison.search import FittedLead, fitted_leads, search_changes
 from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import change_space
 from residual_mpc.comparison.units import Units, build_units
 from residual_mpc.diagnosis.fit.least_squares import fit_all
-from residual_mpc.diagnosis.predict.problem import Problem, build_problem
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.models.settings import Knob, Term
 
@@ -58,6 +58,16 @@ def test_what_both_sets_have_is_no_change() -> None:
 def test_what_one_set_has_is_one() -> None:
     found = drops({}, {"saturation": {"limit": 4.0}})
     assert found[LIMIT] > 1000.0 and found[LIMIT] > 3.0 * found[DELAY]
+
+
+def test_the_choice_between_changes_may_be_made_on_fewer_windows() -> None:
+    problem, units, _ = fitted({}, {"saturation": {"limit": 4.0}})
+    keep = np.arange(problem.data.count) % 3 == 0
+    few = part_of(problem, keep)
+    some = build_units(units.number[keep], units.later[units.number[keep]], few.data.run, np.zeros((keep.sum(), 1)))
+    whole, quick = (search_changes(problem, {}, units, ComparisonSettings(), None, c) for c in (None, (few, some)))
+    assert [c.term for c in quick.changes] == [c.term for c in whole.changes] == [LIMIT]
+    assert len(quick.fit.r) == problem.data.count and abs(quick.fit.cost - whole.fit.cost) < 0.01 * whole.fit.cost
 
 
 def test_the_likelihood_ratio_is_in_favour_of_what_changed() -> None:
