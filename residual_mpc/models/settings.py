@@ -58,6 +58,15 @@ class Settings:
         effects = {e: {p: v[index] for p, v in ps.items()} for e, ps in self.effects.items()}
         return Settings(count, effects, {k: v[index] for k, v in self.tuned.items()})
 
+    def distinct(self) -> tuple[np.ndarray, np.ndarray]:
+        """(D,) where each distinct row is met first, and (n,) which of these each row equals."""
+        columns = [v.reshape(self.rows, -1) for ps in self.effects.values() for v in ps.values()]
+        columns += [v[:, None] for v in self.tuned.values()]
+        if not columns:
+            return np.zeros(1, dtype=int), np.zeros(self.rows, dtype=int)
+        _, first, back = np.unique(np.concatenate(columns, axis=1), axis=0, return_index=True, return_inverse=True)
+        return first, back.reshape(-1)
+
     def without(self, effect: str) -> "Settings":
         """The same rows with one effect absent."""
         return Settings(self.rows, {e: p for e, p in self.effects.items() if e != effect}, self.tuned)

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from oracles.rover_log import SIGMA
 
 from residual_mpc.comparison.space import ChangeSpace, change_between, change_space, compose
-from residual_mpc.diagnosis.data.dataset import build_dataset, joined
+from residual_mpc.diagnosis.data.dataset import Block, Dataset, build_dataset, joined
+from residual_mpc.diagnosis.predict import replay
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.effects.effect import Parameter
 from residual_mpc.effects.library import LIBRARY
@@ -128,14 +129,19 @@ def test_probes_of_a_change_go_both_ways() -> None:
     assert min(sizes) < 1.0 < max(sizes)
 
 
-def test_earlier_windows_are_predicted_as_if_nothing_had_changed() -> None:
+def two_sets() -> Dataset:
+    """Windows of four runs, the last two of which are the later set."""
     runs = [driven(f"r{k}", 10.0, k) for k in range(4)]
     parts = []
     for later in (False, True):
         begun = [np.arange(0.0, 9.0, 1.0) if (k >= 2) is later else np.zeros(0) for k in range(4)]
         part = build_dataset(runs, [ROVER] * 4, SIGMA, 1.0, begun)
         parts.append(replace(part, blocks=tuple(replace(b, later=later) for b in part.blocks)))
-    data = joined(parts)
+    return joined(parts)
+
+
+def test_earlier_windows_are_predicted_as_if_nothing_had_changed() -> None:
+    data = two_sets()
     common = {own(TRACK): 1.2}
     changed = {**common, change(TRACK): 1.3, change(DELAY): 0.1}
     without, with_change = predict(data, SPACE.settings([common, common])), predict(data, SPACE.settings([changed] * 2))
@@ -168,3 +174,21 @@ def test_each_set_has_the_limits_of_its_own_nominal_models() -> None:
     values = {own(TRACK): 1.0, change(TRACK): 0.6}
     assert space.later(values) == {own(TRACK): 0.6}
     assert space.bounds(own(GAIN)) == SPACE.bounds(own(GAIN))
+
+
+def test_hypotheses_that_differ_on_the_later_runs_alone_are_replayed_once_on_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    data = two_sets()
+    hypotheses = [{own(GAIN): 0.9}, *({own(GAIN): 0.9, change(GAIN): g} for g in (0.8, 0.7, 0.8)), {own(GAIN): 0.7}]
+    each = np.concatenate([predict(data, SPACE.settings([h])) for h in hypotheses])
+    rows: list[tuple[bool, int]] = []
+    plain = replay._predict_block
+
+    def counted(data: Dataset, block: Block, settings: Settings, nudge: replay.Start | None) -> np.ndarray:
+        rows.append((block.later, settings.rows))
+        return plain(data, block, settings, nudge)
+
+    monkeypatch.setattr(replay, "_predict_block", counted)
+    np.testing.assert_array_equal(predict(data, SPACE.settings(hypotheses)), each)
+    assert rows == [(b.later, 4 if b.later else 2) for b in data.blocks]

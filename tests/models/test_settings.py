@@ -42,6 +42,21 @@ def test_rows_are_taken_by_place_or_by_mask() -> None:
     assert settings.without("command_delay").effects == {} and "command_delay" in settings.effects
 
 
+def test_rows_that_are_the_same() -> None:
+    knob, limit, tuned = Knob("command_delay", None, "delay"), Knob("saturation", None, "limit"), Knob(TUNE, None, "r")
+    rows = [{knob: 0.1, tuned: 2.0}, {}, {limit: 3.0}, {knob: 0.1, tuned: 2.0}, {limit: np.inf}]
+    rows = [{tuned: 1.0, **row} for row in rows]
+    settings = assemble(rows, SLOTS)
+    first, back = settings.distinct()
+    assert len(first) == 3 and back[0] == back[3] and back[1] == back[4]
+    again = settings.take(first).take(back)
+    for effect, numbers in settings.effects.items():
+        for name, value in numbers.items():
+            np.testing.assert_array_equal(again.effects[effect][name], value)
+    np.testing.assert_array_equal(again.tuned["r"], settings.tuned["r"])
+    assert assemble([{}, {}], SLOTS).distinct()[0].tolist() == [0]
+
+
 def test_a_target_that_is_not_there() -> None:
     with pytest.raises(ValueError):
         assemble([{Knob("command_delay", "middle", "delay"): 0.1}], SLOTS)
