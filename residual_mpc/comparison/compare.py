@@ -9,13 +9,15 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.comparison.account import account_of
 from residual_mpc.comparison.conditions import balanced, conditions_of, driving_of
 from residual_mpc.comparison.gaps import compared_gap
+from residual_mpc.comparison.named import named_changes, other_candidates, plain
 from residual_mpc.comparison.outliers import changed_outliers
+from residual_mpc.comparison.position_gain import doubted, notes_on, servo_doubts
 from residual_mpc.comparison.records import Change, ChangeCandidate, ComparedGap, Comparison
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
 from residual_mpc.comparison.sets import TwoSets, cut, units_of, windows_of
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.sizes import Spread, changed_numbers, jackknife, to_the_end
+from residual_mpc.comparison.sizes import jackknife, to_the_end
 from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, averaged, build_units
 from residual_mpc.comparison.visible import smallest_visible
@@ -23,7 +25,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset, joined
 from residual_mpc.diagnosis.data.gap import Scales, fit_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.evidence import dispersion
-from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
+from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
@@ -31,12 +33,11 @@ from residual_mpc.diagnosis.predict.problem import Problem, build_problem, rewei
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.search.testable import not_testable
-from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import Term, Values
+from residual_mpc.models.settings import Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,9 +229,14 @@ def _judged(
     gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
     unexplained = _unexplained(gap)
     verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, settings)
+    named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
+    doubts = servo_doubts(named, given.robots, left.told)
+    if verdict == "changed" and any(doubt.better for doubt in doubts):
+        verdict = "partial"  # what explains more has no name
     sure = settings.sure if verdict == "changed" else settings.sure_partial
-    changes = (*_named(whole, fit, rivals, spread, sure, settings), *jumping)
-    groups = tuple(tuple(tuple(_plain(t) for t in m) for m in g) for g in rivals.groups)
+    named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
+    changes = (*doubted(named, doubts, settings.doubtful), *jumping)
+    groups = tuple(tuple(tuple(plain(t) for t in m) for m in g) for g in rivals.groups)
     by_noise = reweigh(searched.problem, searched.problem.data.sigma)
     base = on_problem(by_noise, found.account, settings=fits)
     unseen = not_testable(by_noise, base, tuple(c.term for c in found.changes), settings=settings.results.search)
@@ -239,19 +245,19 @@ def _judged(
         verdict=verdict,
         changes=changes,
         groups=groups,
-        candidates=(*(ChangeCandidate(c.term, c.probability, c.p) for c in changes), *_others(rivals, sure)),
+        candidates=(*(ChangeCandidate(c.term, c.probability, c.p) for c in changes), *other_candidates(rivals, sure)),
         gap=gap,
         unexplained={"same": 0.0, "unknown": 1.0}.get(verdict, unexplained),
-        not_testable=tuple(replace(n, term=_plain(n.term)) for n in unseen),
+        not_testable=tuple(replace(n, term=plain(n.term)) for n in unseen),
         account=tuple(t for t in found.account.terms if not t.changed),
         units=(int((~units.later).sum()), int(units.later.sum())),
-        visible=tuple(replace(v, term=_plain(v.term)) for v in smallest_visible(space.robot, left.told)),
+        visible=tuple(replace(v, term=plain(v.term)) for v in smallest_visible(space.robot, left.told)),
         p_left=left.p,
         values=fit.values,
         next_experiment=next_experiment(
             groups, wheeled="left" in space.robot.actuators, verdict="partial" if groups else "no_gap"
         ),
-        notes=(),
+        notes=notes_on(doubts),
     )
 
 
@@ -262,30 +268,6 @@ def _outliers(given: ComparisonInput, sets: TwoSets, settings: ComparisonSetting
         return ()
     change = changed_outliers(sets, settings.sure, settings.contrast)
     return () if change is None else (change,)
-
-
-def _named(
-    problem: Problem, fit: Fit, rivals: ChangeRivals, spread: Spread, sure: float, settings: ComparisonSettings
-) -> tuple[Change, ...]:
-    """The changes with their sizes; sure: the largest probability of one."""
-    out = []
-    for c in rivals.found.changes:
-        effect, slots = BY_NAME[c.term.effect], problem.space.slots[c.term.effect]
-        only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint") else None
-        probability = sure * rivals.shares.get(c.term, 1.0) * (1.0 - c.p)
-        numbers = changed_numbers(problem, fit, c.term, spread, settings.results.causes.law)
-        if any(n.note for n in numbers) or rivals.parts.get(c.term, 1.0) < settings.faint:
-            probability = min(probability, settings.doubtful)
-        out.append(Change(_plain(c.term), probability, c.p, numbers, effect.summary, only))
-    return tuple(out)
-
-
-def _others(rivals: ChangeRivals, sure: float) -> list[ChangeCandidate]:
-    """What could stand in place of the changes, most probable first."""
-    named = {c.term for c in rivals.found.changes}
-    told = {c.term: c.p for c in sorted(rivals.found.left.told, key=lambda c: abs(c.z))}
-    shares = sorted(rivals.shares.items(), key=lambda item: -item[1])
-    return [ChangeCandidate(_plain(t), sure * share, told.get(t, 1.0)) for t, share in shares if t not in named]
 
 
 def _verdict(named: bool, p_left: float, unexplained: float, settings: ComparisonSettings) -> str:
@@ -303,8 +285,3 @@ def _unexplained(gap: ComparedGap) -> float:
     if risen <= 0.0 or left <= 2.0 * gap.left_error:
         return 0.0
     return min(left / risen, 1.0)
-
-
-def _plain(term: Term) -> Term:
-    """The effect that changed."""
-    return term._replace(changed=False)

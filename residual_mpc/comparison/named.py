@@ -1,0 +1,44 @@
+"""The changes that an answer names, with their probabilities, and what could stand in their place."""
+
+from residual_mpc.comparison.records import Change, ChangeCandidate
+from residual_mpc.comparison.rivals import ChangeRivals
+from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.comparison.sizes import Spread, changed_numbers
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import Term
+
+
+def named_changes(
+    problem: Problem,
+    fit: Fit,
+    rivals: ChangeRivals,
+    spread: Spread,
+    sure: float,
+    settings: ComparisonSettings,
+) -> tuple[Change, ...]:
+    """The changes with their sizes; sure: the largest probability of one."""
+    out = []
+    for c in rivals.found.changes:
+        effect, slots = BY_NAME[c.term.effect], problem.space.slots[c.term.effect]
+        only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint") else None
+        probability = sure * rivals.shares.get(c.term, 1.0) * (1.0 - c.p)
+        numbers = changed_numbers(problem, fit, c.term, spread, settings.results.causes.law)
+        if any(n.note for n in numbers) or rivals.parts.get(c.term, 1.0) < settings.faint:
+            probability = min(probability, settings.doubtful)
+        out.append(Change(plain(c.term), probability, c.p, numbers, effect.summary, only))
+    return tuple(out)
+
+
+def other_candidates(rivals: ChangeRivals, sure: float) -> list[ChangeCandidate]:
+    """What could stand in place of the changes, most probable first."""
+    named = {c.term for c in rivals.found.changes}
+    told = {c.term: c.p for c in sorted(rivals.found.left.told, key=lambda c: abs(c.z))}
+    shares = sorted(rivals.shares.items(), key=lambda item: -item[1])
+    return [ChangeCandidate(plain(t), sure * share, told.get(t, 1.0)) for t, share in shares if t not in named]
+
+
+def plain(term: Term) -> Term:
+    """The effect that changed."""
+    return term._replace(changed=False)
