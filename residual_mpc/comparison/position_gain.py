@@ -1,8 +1,9 @@
 """Whether the position gain of a servo alone may have changed where the gain of its whole force is named.
 
 The force of a position servo is kp (u - q) - kd v. If kp alone became g times as large, and not kd with it, the gain g
-of both misses the force (1 - g) kd v at the joint: a viscous friction (1 - g) kd, positive where the gain fell. The
-library has no effect for the position gain alone, which is the first number that owners of servos change.
+of both misses the force (1 - g) kd v at the joint: a viscous friction (1 - g) kd, positive where the gain fell. A new
+P gain and another supply voltage change kp alone, since the damping of a servo is mostly its motor's back-EMF. The
+library has no effect for that.
 """
 
 from collections.abc import Sequence
@@ -102,13 +103,15 @@ def notes_on(doubts: Sequence[ServoDoubt]) -> tuple[str, ...]:
         if doubt.friction is not None:
             out.append(
                 f"{doubt.gain} and {doubt.friction} together are what a change of the position gain alone does, with "
-                "the servo's damping as it was: that is more probable than both. The library has no such effect"
+                "the servo's damping as it was (a new P gain or supply voltage): that is more probable than both, but "
+                "the library has no such effect"
             )
         elif doubt.share < WORTH_A_NOTE:
             how = "explains the runs better" if doubt.better else "is not ruled out"
             out.append(
-                f"{doubt.gain}: a change of the position gain alone, with the servo's damping as it was, {how} "
-                f"(probability {1.0 - doubt.share:.2f} of the two). The library has no such effect"
+                f"{doubt.gain}: a change of the position gain alone, with the servo's damping as it was (a new P gain "
+                f"or supply voltage), {how}: its share of the likelihood is {1.0 - doubt.share:.2f}, but the library "
+                "has no such effect"
             )
     return tuple(out)
 

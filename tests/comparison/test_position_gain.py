@@ -128,4 +128,4 @@ def test_what_is_doubted_is_less_probable_and_said() -> None:
     assert "actuator_gain and viscous_friction together" in note
     alone = servo_doubts(changes[:1], ROBOTS, [contrast(0.0499, 0.02)])
     assert doubted(changes, alone, 0.45)[0].probability == pytest.approx(0.45, abs=0.01)
-    assert "not ruled out (probability 0.49" in notes_on(alone)[0]
+    assert "not ruled out: its share of the likelihood is 0.49" in notes_on(alone)[0]
