@@ -221,7 +221,8 @@ def _judged(
         whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
         units = _units(whole.data, sets, given, settings)
         fit = to_the_end(whole, found.fit, settings.results)
-        left = told_apart(whole, fit, units, settings)
+        as_tested = found.changes == last.found.changes and whole.data.count == last.problem.data.count
+        left = last.found.left if as_tested else told_apart(whole, fit, units, settings)
     else:
         whole, units, fit, left = last.problem, last.units, last.found.fit, last.found.left
     spread = jackknife(fit, units)
