@@ -68,14 +68,16 @@ def servo_doubts(
 
 def completes(gain: ChangedNumber, friction: Change, dampings: dict[str, float]) -> bool:
     """Whether a named change of the viscous friction is, within both intervals and beyond its own, what the position
-    gain alone would leave of the gain. dampings: of the servos, N m s/rad by joint."""
+    gain alone would leave of the gain; or as much of it as a bound lets it be. dampings: of the servos, N m s/rad by
+    joint."""
     acted = [d for joint, d in dampings.items() if friction.term.target in (joint, None)]
     if not acted:
         return False
     found, damping = friction.parameters[0], float(np.mean(acted))
     missed = (1.0 - gain.change) * damping
     off = float(np.hypot(_half(found), damping * _half(gain)))
-    return abs(found.change - missed) <= off < abs(missed)
+    short = bool(found.note) and 0.0 < found.change / missed < 1.0  # none below 0 is left to take away
+    return off < abs(missed) and (short or abs(found.change - missed) <= off)
 
 
 def _half(number: ChangedNumber) -> float:

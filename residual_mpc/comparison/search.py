@@ -70,9 +70,9 @@ def search_changes(
     of one set differ among themselves. start: what was found on other windows, to go on from; choice: fewer windows and
     their units, on which candidates are compared. Whether anything differs is tested on all windows."""
     tuned, fits = settings.search, settings.results.fit
-    base = fit_all(problem, [account], settings=fits)[0]
-    current = base if start is None else fit_all(problem, [start.fit.values], settings=fits)[0]
+    base = fit_all(problem, [account if start is None else start.account.values], settings=fits)[0]
     changes = [] if start is None else list(start.changes)
+    current = base if start is None or not changes else fit_all(problem, [start.fit.values], settings=fits)[0]
     while True:
         differences = told_apart(problem, current, units, settings)
         best = None

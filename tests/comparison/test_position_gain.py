@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -118,6 +119,15 @@ def test_a_friction_that_completes_the_gain() -> None:
     assert friction(0.105, 0.02) is not None and friction(0.2, 0.02) is None
     assert friction(0.1, 0.3) is None  # so wide that it says nothing
     assert friction(-0.1, 0.02) is None
+
+
+def test_a_friction_at_its_bound_completes_a_gain_that_asks_for_more() -> None:
+    """With a gain of 1.4 the position gain alone leaves -0.2 N m s/rad; a model with 0.05 has no more than that."""
+    gain, friction = change("actuator_gain", 1.4, 0.02), change("viscous_friction", -0.05, 0.01)
+    at_bound = replace(friction, parameters=(replace(friction.parameters[0], note="at a bound"),))
+    assert servo_doubts([gain, friction], ROBOTS, []) == ()
+    (doubt,) = servo_doubts([gain, at_bound], ROBOTS, [])
+    assert doubt.friction == friction.term and doubt.better
 
 
 def test_what_is_doubted_is_less_probable_and_said() -> None:
