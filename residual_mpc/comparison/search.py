@@ -17,6 +17,8 @@ from residual_mpc.diagnosis.search.rivals import place
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
+FARTHEST = 5.0  # logarithm of a factor from which a fit begins, either way
+
 
 @dataclass(frozen=True)
 class FoundChange:
@@ -109,11 +111,19 @@ def with_change(problem: Problem, values: Values, lead: Contrast) -> Values:
     for knob, value in lead.probe.items():
         p = BY_NAME[knob.effect].parameter(knob.parameter)
         scaled = not p.shape and np.isfinite(p.null) and not p.threshold
-        out[knob] = _within(problem, knob, p.null + lead.dose * (value - p.null) if scaled else value)
+        out[knob] = _within(problem, knob, _times(p.null, value, lead.dose) if scaled else value)
         own = knob._replace(changed=False)
         if both and np.isfinite(p.null) and not {own, own._replace(target=None)} & values.keys():
-            out[own] = _within(problem, own, p.null + lead.before * (value - p.null) if scaled else p.null)
+            out[own] = _within(problem, own, _times(p.null, value, lead.before) if scaled else p.null)
     return out
+
+
+def _times(null: float, value: float, dose: float) -> float:
+    """The value, `dose` times as far from its null; by its logarithm where it is a factor: a straight line through a
+    factor that is to halve ends below 0, at a bound that no fit comes back from."""
+    if null == 1.0 and value > 0.0:
+        return float(np.exp(np.clip(dose * np.log(value), -FARTHEST, FARTHEST)))
+    return null + dose * (value - null)
 
 
 def _within(problem: Problem, knob: Knob, value: float) -> float:

@@ -9,7 +9,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.comparison.contrast import Contrast
 from residual_mpc.comparison.likelihood import left_beside, likelihood_ratios
 from residual_mpc.comparison.rivals import _beside_same_errors
-from residual_mpc.comparison.search import FittedLead, fitted_leads, search_changes
+from residual_mpc.comparison.search import FittedLead, fitted_leads, search_changes, with_change
 from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import change_space
@@ -58,6 +58,18 @@ def test_what_both_sets_have_is_no_change() -> None:
 def test_what_one_set_has_is_one() -> None:
     found = drops({}, {"saturation": {"limit": 4.0}})
     assert found[LIMIT] > 1000.0 and found[LIMIT] > 3.0 * found[DELAY]
+
+
+def test_a_factor_that_is_to_become_small_starts_above_its_bound() -> None:
+    """Whichever probe tells it: a straight line through three of these would end at or below 0."""
+    problem, _, _ = fitted({}, {"saturation": {"limit": 4.0}})
+    term = Term("track_width", None, True)
+    for probe, dose in ((0.8, 4.1), (1.25, -5.1), (2.0, -2.0)):
+        lead = Contrast(term, {Knob(*term[:2], "scale", True): probe}, 0.3, dose, 1.0, 5.0, 1e-3, 0.1)
+        start = with_change(problem, {}, lead)
+        assert 0.2 < start[Knob(*term[:2], "scale", True)] < 0.5 and 0.9 < start[Knob(*term[:2], "scale")] < 1.3
+    delay = Contrast(DELAY, {Knob(*DELAY[:2], "delay", True): 0.05}, 0.0, 1.5, 1.0, 5.0, 1e-3, 0.1)
+    assert np.isclose(with_change(problem, {}, delay)[Knob(*DELAY[:2], "delay", True)], 0.075)
 
 
 def test_the_choice_between_changes_may_be_made_on_fewer_windows() -> None:
