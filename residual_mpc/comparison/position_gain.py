@@ -55,7 +55,9 @@ def servo_doubts(
     for change in changes:
         if change.term.effect != ACTUATOR_GAIN.name:
             continue
-        number, dampings = change.parameters[0], servo_dampings(robots, change.term.target)
+        number = change.parameters[0]
+        scale = 1.0 if number.before is None else number.before  # the gain of both sets scales the damping too
+        dampings = {j: scale * d for j, d in servo_dampings(robots, change.term.target).items()}
         frictions = [c for c in changes if c.term.effect == VISCOUS.name]
         fitting = [c.term for c in frictions if completes(number, c, dampings)]
         share = share_of_whole_gain(number.change, dampings, told)
@@ -76,8 +78,10 @@ def completes(gain: ChangedNumber, friction: Change, dampings: dict[str, float])
     found, damping = friction.parameters[0], float(np.mean(acted))
     missed = (1.0 - gain.change) * damping
     off = float(np.hypot(_half(found), damping * _half(gain)))
-    short = bool(found.note) and 0.0 < found.change / missed < 1.0  # none below 0 is left to take away
-    return off < abs(missed) and (short or abs(found.change - missed) <= off)
+    if abs(missed) <= off:
+        return False
+    short = bool(found.note) and 0.0 < found.change / missed < 1.0  # no less friction than none
+    return short or abs(found.change - missed) <= off
 
 
 def _half(number: ChangedNumber) -> float:

@@ -52,7 +52,7 @@ def compared(folder: Path, kp: float, kv: float) -> rm.Comparison:
 
 
 def test_a_change_of_the_whole_gain_is_named(tmp_path: Path) -> None:
-    """And for sure, whatever small difference the steps of the simulations leave beside it."""
+    """With a high probability; the two simulations' steps leave at most a doubtful second change."""
     found = compared(tmp_path, 0.7 * KP, 0.7 * KV).document
     named = {c["effect"]: c for c in found["changes"]}
     assert named["actuator_gain"]["probability"] > 0.9 and found["notes"] == [] and found["verdict"] == "changed"
@@ -109,6 +109,14 @@ def test_what_is_left_of_the_viscous_friction_decides() -> None:
     assert servo_doubts([change("viscous_friction", 0.1, 0.01)], ROBOTS, [contrast(0.1, 0.02)]) == ()
 
 
+def test_a_gain_of_both_sets_scales_the_damping() -> None:
+    """With 1.5 before, a gain of 0.8 leaves 0.15 N m s/rad of a damping of 0.5, and not 0.1."""
+    (number,) = change("actuator_gain", 0.8, 0.01).parameters
+    gain = replace(change("actuator_gain", 0.8, 0.01), parameters=(replace(number, before=1.5),))
+    (found,) = servo_doubts([gain], ROBOTS, [contrast(0.075, 0.02)])
+    assert found.share == pytest.approx(0.5)
+
+
 def test_a_friction_that_completes_the_gain() -> None:
     gain = change("actuator_gain", 0.8, 0.02)
 
@@ -119,6 +127,7 @@ def test_a_friction_that_completes_the_gain() -> None:
     assert friction(0.105, 0.02) is not None and friction(0.2, 0.02) is None
     assert friction(0.1, 0.3) is None  # so wide that it says nothing
     assert friction(-0.1, 0.02) is None
+    assert servo_doubts([change("actuator_gain", 1.0, 0.02), change("viscous_friction", 0.1, 0.02)], ROBOTS, []) == ()
 
 
 def test_a_friction_at_its_bound_completes_a_gain_that_asks_for_more() -> None:
