@@ -221,7 +221,8 @@ def _judged(
         whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
         units = _units(whole.data, sets, given, settings)
         fit = to_the_end(whole, found.fit, settings.results)
-        as_tested = found.changes == last.found.changes and whole.data.count == last.problem.data.count
+        same = all(np.array_equal(getattr(whole.data, x), getattr(last.problem.data, x)) for x in ("run", "start"))
+        as_tested = same and found.changes == last.found.changes
         left = last.found.left if as_tested else told_apart(whole, fit, units, settings)
     else:
         whole, units, fit, left = last.problem, last.units, last.found.fit, last.found.left
@@ -233,7 +234,7 @@ def _judged(
     named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
     doubts = servo_doubts(named, given.robots, left.told)
     if verdict == "changed" and any(doubt.better for doubt in doubts):
-        verdict = "partial"  # what explains more has no name
+        verdict = "partial"  # the more likely change is not in the library
     sure = settings.sure if verdict == "changed" else settings.sure_partial
     named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
     changes = (*doubted(named, doubts, settings.doubtful), *jumping)

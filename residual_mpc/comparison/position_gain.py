@@ -1,9 +1,9 @@
-"""Whether the position gain of a servo alone may have changed where the gain of its whole force is named.
+"""Checks whether a named actuator gain of a servo may be a change of its position gain alone.
 
-The force of a position servo is kp (u - q) - kd v. If kp alone became g times as large, and not kd with it, the gain g
-of both misses the force (1 - g) kd v at the joint: a viscous friction (1 - g) kd, positive where the gain fell. A new
-P gain and another supply voltage change kp alone, since the damping of a servo is mostly its motor's back-EMF. The
-library has no effect for that.
+The force of a position servo is kp (u - q) - kd v. `actuator_gain` multiplies both terms by g. If only kp is multiplied
+by g, a model with that gain lacks a force of -(1 - g) kd v at the joint: a viscous friction of (1 - g) kd, positive if
+g < 1. A new P gain or another supply voltage changes kp alone, since the damping of a servo is mostly the back-EMF of
+its motor. The library has no effect for this.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,13 @@ from residual_mpc.models.actuator_values import ListsActuators
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Term
 
-LARGEST = 50.0  # logarithm of a likelihood ratio beyond which no doubt is left
-WORTH_A_NOTE = 0.95  # share of the likelihood below which the position gain alone is not ruled out
+LARGEST = 50.0  # log likelihood ratios are clipped here, to avoid overflow
+WORTH_A_NOTE = 0.95  # a note is written if the gain's share of the likelihood is below this
 
 
 class Estimate(NamedTuple):
-    """A change of a joint's viscous friction that the named changes leave, N m s/rad: value, standard error."""
+    """Change of a joint's viscous friction, estimated with the named changes in the model, N m s/rad: value, standard
+    error."""
 
     value: float
     error: float
@@ -33,12 +34,12 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True)
 class ServoDoubt:
-    """gain: a named gain of a servo; share: of the likelihood that it keeps beside a change of the position gain alone;
-    friction: the named viscous friction that makes the two a change of the position gain alone, None without."""
+    """gain: a named gain of a servo; share: its share of the likelihood, against a change of the position gain alone;
+    frictions: named viscous frictions that together with the gain are equivalent to such a change, else none."""
 
     gain: Term
     share: float
-    friction: Term | None = None
+    frictions: tuple[Term, ...] = ()
 
     @property
     def better(self) -> bool:
@@ -49,29 +50,30 @@ class ServoDoubt:
 def servo_doubts(
     changes: Sequence[Change], robots: Sequence[Robot], told: Sequence[Contrast]
 ) -> tuple[ServoDoubt, ...]:
-    """One for each named gain of a position servo that has a damping of its own. told: the contrasts of what the named
-    changes leave."""
+    """One entry per named gain of a position servo with damping whose friction could be checked. told: the contrasts
+    with the named changes in the model."""
     out = []
+    frictions = [c for c in changes if c.term.effect == VISCOUS.name]
     for change in changes:
         if change.term.effect != ACTUATOR_GAIN.name:
             continue
         number = change.parameters[0]
         scale = 1.0 if number.before is None else number.before  # the gain of both sets scales the damping too
         dampings = {j: scale * d for j, d in servo_dampings(robots, change.term.target).items()}
-        frictions = [c for c in changes if c.term.effect == VISCOUS.name]
         fitting = [c.term for c in frictions if completes(number, c, dampings)]
+        covered = all(any(t.target in (joint, None) for t in fitting) for joint in dampings)
         share = share_of_whole_gain(number.change, dampings, told)
-        if fitting:
-            out.append(ServoDoubt(change.term, 0.0, fitting[0]))
+        if fitting and covered:
+            out.append(ServoDoubt(change.term, 0.0, tuple(fitting)))
         elif share is not None:
             out.append(ServoDoubt(change.term, share))
     return tuple(out)
 
 
 def completes(gain: ChangedNumber, friction: Change, dampings: dict[str, float]) -> bool:
-    """Whether a named change of the viscous friction is, within both intervals and beyond its own, what the position
-    gain alone would leave of the gain; or as much of it as a bound lets it be. dampings: of the servos, N m s/rad by
-    joint."""
+    """Whether a named change of the viscous friction equals (1 - gain) times the damping within the combined intervals,
+    which must be narrower than that value, or has the same sign and is stopped short of it by a bound. dampings: of
+    the servos, N m s/rad by joint."""
     acted = [d for joint, d in dampings.items() if friction.term.target in (joint, None)]
     if not acted:
         return False
@@ -80,7 +82,8 @@ def completes(gain: ChangedNumber, friction: Change, dampings: dict[str, float])
     off = float(np.hypot(_half(found), damping * _half(gain)))
     if abs(missed) <= off:
         return False
-    short = bool(found.note) and 0.0 < found.change / missed < 1.0  # no less friction than none
+    # the joint's total friction cannot become negative
+    short = bool(found.note) and 0.0 < found.change / missed < 1.0
     return short or abs(found.change - missed) <= off
 
 
@@ -89,12 +92,12 @@ def _half(number: ChangedNumber) -> float:
 
 
 def doubted(changes: Sequence[Change], doubts: Sequence[ServoDoubt], doubtful: float) -> tuple[Change, ...]:
-    """The changes with lower probabilities where the position gain alone explains as much, doubtful at most where the
-    two of them are such a change."""
+    """The changes, with lower probabilities for gains that may be a change of the position gain alone. doubtful: upper
+    limit for a gain and a friction that together are equivalent to such a change."""
     out = []
     for change in changes:
         for doubt in doubts:
-            if doubt.friction is not None and change.term in (doubt.gain, doubt.friction):
+            if doubt.frictions and change.term in (doubt.gain, *doubt.frictions):
                 change = replace(change, probability=min(change.probability, doubtful))
             elif change.term == doubt.gain:
                 change = replace(change, probability=change.probability * doubt.share)
@@ -103,21 +106,22 @@ def doubted(changes: Sequence[Change], doubts: Sequence[ServoDoubt], doubtful: f
 
 
 def notes_on(doubts: Sequence[ServoDoubt]) -> tuple[str, ...]:
-    """What a reader has to know of the gains of servos."""
+    """Notes on named gains that may be a change of the position gain alone."""
     out = []
     for doubt in doubts:
-        if doubt.friction is not None:
+        if doubt.frictions:
+            names = " and ".join(str(t) for t in (doubt.gain, *doubt.frictions))
             out.append(
-                f"{doubt.gain} and {doubt.friction} together are what a change of the position gain alone does, with "
-                "the servo's damping as it was (a new P gain or supply voltage): that is more probable than both, but "
-                "the library has no such effect"
+                f"{names} together are equivalent to a change of the position gain alone, with the servo's damping "
+                "unchanged (a new P gain or supply voltage). One such change is more probable than several, but the "
+                "library has no effect for it"
             )
         elif doubt.share < WORTH_A_NOTE:
             how = "explains the runs better" if doubt.better else "is not ruled out"
             out.append(
-                f"{doubt.gain}: a change of the position gain alone, with the servo's damping as it was (a new P gain "
-                f"or supply voltage), {how}: its share of the likelihood is {1.0 - doubt.share:.2f}, but the library "
-                "has no such effect"
+                f"{doubt.gain}: a change of the position gain alone, with the servo's damping unchanged (a new P gain "
+                f"or supply voltage), {how}: its share of the likelihood is {1.0 - doubt.share:.2f}. The library "
+                "has no effect for it"
             )
     return tuple(out)
 

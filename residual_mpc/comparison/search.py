@@ -17,7 +17,7 @@ from residual_mpc.diagnosis.search.rivals import place
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
-FARTHEST = 5.0  # logarithm of a factor from which a fit begins, either way
+FARTHEST = 5.0  # largest absolute logarithm of a factor's starting value
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ def search_changes(
     choice: tuple[Problem, Units] | None = None,
 ) -> FoundChanges:
     """Forward from the account, fitted to both sets, by the change that explains most, until none is beyond what units
-    of one set differ among themselves. start: what was found on other windows, to go on from; choice: fewer windows and
-    their units, on which candidates are compared. Whether anything differs is tested on all windows."""
+    of one set differ among themselves. start: the result on other windows, from which to continue; choice: a smaller
+    problem and its units, on which candidates are compared. The test for a difference always uses all windows."""
     tuned, fits = settings.search, settings.results.fit
     base = fit_all(problem, [account if start is None else start.account.values], settings=fits)[0]
     changes = [] if start is None else list(start.changes)
@@ -82,7 +82,7 @@ def search_changes(
             if choice is None:
                 best = _best(problem, current, units, differences.told, settings)
             else:
-                best = _chosen(problem, *choice, current, differences.told, settings)
+                best = _chosen(problem, units, choice, current, differences.told, settings)
         if best is None:
             return FoundChanges(current, base, tuple(changes), differences, dispersion(current, units.number))
         current, change = best
@@ -119,8 +119,8 @@ def with_change(problem: Problem, values: Values, lead: Contrast) -> Values:
 
 
 def _times(null: float, value: float, dose: float) -> float:
-    """The value, `dose` times as far from its null; by its logarithm where it is a factor: a straight line through a
-    factor that is to halve ends below 0, at a bound that no fit comes back from."""
+    """The start of a fit: the null plus `dose` times the distance of the value from it. Factors are extrapolated on a
+    logarithmic scale: a linear extrapolation may become negative, and a fit that starts at a bound can stay there."""
     if null == 1.0 and value > 0.0:
         return float(np.exp(np.clip(dose * np.log(value), -FARTHEST, FARTHEST)))
     return null + dose * (value - null)
@@ -188,22 +188,24 @@ def _beside_both_alike(
 
 def _chosen(
     problem: Problem,
-    fewer: Problem,
     units: Units,
+    choice: tuple[Problem, Units],
     current: Fit,
     told: Sequence[Contrast],
     settings: ComparisonSettings,
 ) -> tuple[Fit, FoundChange] | None:
-    """The best change on fewer windows, fitted on those of the problem. A change explains less on fewer windows, so it
-    needs less to be considered; whether it is needed is judged on all of them (see `_pruned`)."""
-    fits = settings.results.fit
+    """The best change on fewer windows, fitted on all of them. The likelihood ratio grows with the number of windows,
+    so the minimum is lower on fewer; on all of them the change must be significant or reach the minimum."""
+    fits, tuned = settings.results.fit, settings.search
+    fewer, their_units = choice
     here = fit_all(fewer, [current.values], settings=fits)[0]
-    needed = settings.search.needed * min(fewer.data.count / problem.data.count, 1.0)
-    found = _best(fewer, here, units, told, replace(settings, search=replace(settings.search, needed=needed)))
+    needed = tuned.needed * min(fewer.data.count / problem.data.count, 1.0)
+    found = _best(fewer, here, their_units, told, replace(settings, search=replace(tuned, needed=needed)))
     if found is None:
         return None
-    fit, change = found
-    return fit_all(problem, [fit.values], settings=fits)[0], change
+    fit = fit_all(problem, [found[0].values], settings=fits)[0]
+    worth = (current.cost - fit.cost) / dispersion(fit, units.number)
+    return (fit, found[1]) if found[1].p <= settings.contrast.level or worth >= tuned.needed else None
 
 
 def _best(

@@ -59,7 +59,8 @@ class Settings:
         return Settings(count, effects, {k: v[index] for k, v in self.tuned.items()})
 
     def distinct(self) -> tuple[np.ndarray, np.ndarray]:
-        """(D,) where each distinct row is met first, and (n,) which of these each row equals."""
+        """(D,) index of the first occurrence of each distinct row; (n,) the place of each row among these. Ignores
+        `later`."""
         columns = [v.reshape(self.rows, -1) for ps in self.effects.values() for v in ps.values()]
         columns += [v[:, None] for v in self.tuned.values()]
         if not columns:

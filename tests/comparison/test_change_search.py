@@ -61,7 +61,7 @@ def test_what_one_set_has_is_one() -> None:
 
 
 def test_a_factor_that_is_to_become_small_starts_above_its_bound() -> None:
-    """Whichever probe tells it: a straight line through three of these would end at or below 0."""
+    """For every probe. A linear extrapolation from the last two would be negative."""
     problem, _, _ = fitted({}, {"saturation": {"limit": 4.0}})
     term = Term("track_width", None, True)
     for probe, dose in ((0.8, 4.1), (1.25, -5.1), (2.0, -2.0)):

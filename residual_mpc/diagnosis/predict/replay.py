@@ -31,7 +31,8 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
     for block in data.blocks:
         here = settings.later if block.later and settings.later is not None else settings
         first, back = np.arange(h), np.arange(h)
-        if settings.later is not None:  # hypotheses that differ on the other set of runs alone are the same here
+        # hypotheses that differ only on the other set of runs have the same prediction here
+        if settings.later is not None:
             first, back = here.distinct()
         rows = block.where.stop - block.where.start
         size = rows * (block.drive.steps + block.drive.lead) * (c + len(block.robot.actuators))
