@@ -12,12 +12,12 @@ from residual_mpc.comparison.gaps import compared_gap
 from residual_mpc.comparison.named import named_changes, other_candidates, plain
 from residual_mpc.comparison.outliers import changed_outliers
 from residual_mpc.comparison.position_gain import doubted, notes_on, servo_doubts
-from residual_mpc.comparison.records import Change, ChangeCandidate, ComparedGap, Comparison
+from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison, GapRise
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
 from residual_mpc.comparison.sets import TwoSets, cut, units_of, windows_of
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.sizes import jackknife, to_the_end
+from residual_mpc.comparison.sizes import came_to_nothing, jackknife, to_the_end
 from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, averaged, build_units
 from residual_mpc.comparison.visible import smallest_visible
@@ -226,16 +226,18 @@ def _judged(
         left = last.found.left if as_tested else told_apart(whole, fit, units, settings)
     else:
         whole, units, fit, left = last.problem, last.units, last.found.fit, last.found.left
+    moved = tuple(c for c in found.changes if not came_to_nothing(fit, space, c.term))
+    found, rivals = replace(found, changes=moved), replace(rivals, found=replace(found, changes=moved))
     spread = jackknife(fit, units)
     jumping = _outliers(given, sets, settings)
     gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
-    unexplained = _unexplained(gap)
+    unexplained = _unexplained(gap.rise)
     verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, settings)
     named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
     doubts = servo_doubts(named, given.robots, left.told)
     if verdict == "changed" and any(doubt.better for doubt in doubts):
         verdict = "partial"  # the more likely change is not in the library
-    sure = settings.sure if verdict == "changed" else settings.sure_partial
+    sure = settings.sure if verdict == "changed" else settings.sure_partial * (1.0 - unexplained)
     named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
     changes = (*doubted(named, doubts, settings.doubtful), *jumping)
     groups = tuple(tuple(tuple(plain(t) for t in m) for m in g) for g in rivals.groups)
@@ -280,10 +282,8 @@ def _verdict(named: bool, p_left: float, unexplained: float, settings: Compariso
     return "changed" if p_left > settings.contrast.left and unexplained <= settings.unexplained else "partial"
 
 
-def _unexplained(gap: ComparedGap) -> float:
-    """Share of what the squared gap rose by that is still there with the changes; 0 where what is left is within two
-    standard errors."""
-    risen, left = gap.after**2 - gap.before**2, gap.after_explained**2 - gap.before**2
-    if risen <= 0.0 or left <= 2.0 * gap.left_error:
+def _unexplained(rise: GapRise) -> float:
+    """Share of the rise that the changes leave; 0 where what is left is within two standard errors."""
+    if not rise.risen > 0.0 or rise.left <= 2.0 * rise.left_error:
         return 0.0
-    return min(left / risen, 1.0)
+    return min(rise.left / rise.risen, 1.0)

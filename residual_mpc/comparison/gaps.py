@@ -3,15 +3,17 @@
 import numpy as np
 
 from residual_mpc.comparison.cross_validation import clear_of, folds_of, refitted
-from residual_mpc.comparison.records import ComparedGap
+from residual_mpc.comparison.records import ComparedGap, GapRise
 from residual_mpc.comparison.sets import TwoSets, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.diagnosis.data.gap import gap_from_squares, gap_of, window_squares
+from residual_mpc.diagnosis.data.gap import gap_of, per_window
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+
+WHOLE = 1.0  # squared gap of a window in which a model misses the whole motion
 
 
 def compared_gap(
@@ -46,9 +48,7 @@ def compared_gap(
     def total(error: np.ndarray, windows: np.ndarray) -> float:
         return float(gap_of(data, sets.scales, error, windows).total)
 
-    def spread(error: np.ndarray, windows: np.ndarray) -> float:
-        return squared_gap_error(*window_squares(data, sets.scales, error), number, windows)
-
+    squares = [per_window(data, sets.scales, e) for e in errors[1:]]
     channels = {}
     parts = {
         "before": gap_of(data, sets.scales, errors[1], ~later).channels,
@@ -66,7 +66,7 @@ def compared_gap(
         total(errors[1], ~later),
         total(errors[1], later),
         total(errors[2], later),
-        float(np.hypot(spread(errors[1], ~later), spread(errors[2], later))),
+        rise_of(squares[0], squares[1], later, number),
         floor.total,
         data.horizon,
         (int((~later).sum()), int(later.sum())),
@@ -75,15 +75,24 @@ def compared_gap(
     )
 
 
-def squared_gap_error(total: np.ndarray, count: np.ndarray, unit: np.ndarray, windows: np.ndarray) -> float:
-    """Standard error of the squared gap of these windows (W,) bool, from the jackknife over their units (W,) (Efron and
-    Stein 1981); 0 for a single unit. total, count (W, C): see `window_squares`."""
-    units = np.unique(unit[windows])
+def rise_of(same: np.ndarray, changed: np.ndarray, later: np.ndarray, unit: np.ndarray) -> GapRise:
+    """From the windows' own squared gaps (W,) without and with the changes; later (W,) bool: the windows after; unit
+    (W,) number of each one's stretch. The error is the jackknife's over stretches (Efron and Stein 1981)."""
+    sides = ((same, ~later), (same, later), (changed, later))
+    (before, its), (after, _), (explained, other) = (_mean(x, unit, mine & np.isfinite(x)) for x, mine in sides)
+    return GapRise(after - before, explained - before, float(np.hypot(its, other)))
+
+
+def _mean(squares: np.ndarray, unit: np.ndarray, windows: np.ndarray) -> tuple[float, float]:
+    """The mean over these windows (W,) bool, and its standard error: 0 for a single stretch, NaN without a window."""
+    x, unit = np.minimum(squares[windows], WHOLE), unit[windows]
+    if not len(x):
+        return float("nan"), float("nan")
+    units = np.unique(unit)
     if len(units) < 2:
-        return 0.0
-    kept = windows[None, :] & (unit[None, :] != units[:, None])
-    squares = gap_from_squares(total, count, kept.astype(float)) ** 2
-    return float(np.sqrt((len(units) - 1) / len(units) * np.sum((squares - squares.mean()) ** 2)))
+        return float(x.mean()), 0.0
+    less = np.array([x[unit != u].mean() for u in units])
+    return float(x.mean()), float(np.sqrt((len(units) - 1) / len(units) * np.sum((less - less.mean()) ** 2)))
 
 
 def _fitted_before(

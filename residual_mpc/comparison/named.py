@@ -25,7 +25,8 @@ def named_changes(
         only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint") else None
         probability = sure * rivals.shares.get(c.term, 1.0) * (1.0 - c.p)
         numbers = changed_numbers(problem, fit, c.term, spread, settings.results.causes.law)
-        if any(n.note for n in numbers) or rivals.parts.get(c.term, 1.0) < settings.faint:
+        unsized = any(n.note for n in numbers) or all(n.may_be_none for n in numbers)
+        if unsized or rivals.parts.get(c.term, 1.0) < settings.faint:
             probability = min(probability, settings.doubtful)
         out.append(Change(plain(c.term), probability, c.p, numbers, effect.summary, only))
     return tuple(out)

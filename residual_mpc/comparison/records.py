@@ -10,7 +10,8 @@ from residual_mpc.models.settings import Term, Values
 @dataclass(frozen=True)
 class ChangedNumber:
     """A number before and after, None where the effect was not there; the change between (a ratio of gains, scales
-    and radii, else a difference) with its 95 % interval. note: what is wrong with it, empty where nothing is."""
+    and radii, else a difference) with its 95 % interval. note: what is wrong with it, empty where nothing is. none: the
+    change of an effect that stays as it is; None for a number that says only how the effect acts."""
 
     name: str
     before: float | None
@@ -19,6 +20,12 @@ class ChangedNumber:
     ci95: tuple[float, float]
     unit: str
     note: str = ""
+    none: float | None = 0.0
+
+    @property
+    def may_be_none(self) -> bool:
+        """Whether the interval contains no change at all."""
+        return self.none is None or self.ci95[0] <= self.none <= self.ci95[1]
 
 
 @dataclass(frozen=True)
@@ -54,17 +61,28 @@ class VisibleChange:
 
 
 @dataclass(frozen=True)
+class GapRise:
+    """By how much the mean squared gap of a window is larger after than before, and what the changes leave of that,
+    with its standard error. A window in which the model misses more than the whole motion counts as one that misses the
+    whole: predictions that diverge would hide everything else."""
+
+    risen: float
+    left: float
+    left_error: float
+
+
+@dataclass(frozen=True)
 class ComparedGap:
     """Gaps of the model fitted to the runs before, unitless, each on windows that its fit has not seen: on the runs
-    before, on those after, and on those after with the changes; left_error: standard error of what the changes leave of
-    the rise of the squared gap; folds: of the cross-validation; channels: the gaps by channel."""
+    before, on those after, and on those after with the changes; folds: of the cross-validation; channels: the gaps by
+    channel."""
 
     nominal_before: float
     nominal_after: float
     before: float
     after: float
     after_explained: float
-    left_error: float
+    rise: GapRise
     noise_floor: float
     horizon: float
     windows: tuple[int, int]

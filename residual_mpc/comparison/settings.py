@@ -83,10 +83,11 @@ class ChangeSearchSettings:
 
 @dataclass(frozen=True)
 class ComparisonSettings:
-    """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes;
-    doubtful: of a change with a number at a bound, or one that explains less than the share `faint` of what all changes
-    explain: the model predicts no large change better than that. unexplained: share of the rise of the squared gap that
-    may be left where the changes are to explain it. folds: of the cross-validation."""
+    """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes,
+    times the share that these explain; doubtful: of a change with a number at a bound, one whose intervals
+    contain no change, or one that explains less than the share `faint` of what all changes explain: the model predicts
+    no large change better than that. unexplained: share of the rise that may be left where the changes are to explain
+    it. folds: of the cross-validation."""
 
     sure: float = 0.97
     sure_partial: float = 0.8

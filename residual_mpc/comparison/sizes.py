@@ -84,9 +84,22 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law:
                 (float(value - half), float(value + half)),
                 unit,
                 AT_BOUND if held else "",
+                None if p.shape else float(ratio),
             )
         )
     return tuple(out)
+
+
+def came_to_nothing(fit: Fit, space: ChangeSpace, term: Term) -> bool:
+    """Whether the last fit has left a change without a size: each of its numbers is the same before and after."""
+    after = space.later(fit.values)
+    ends = []
+    for knob in fit.knobs:
+        p = None if not knob.changed or knob.term != term else BY_NAME[knob.effect].parameter(knob.parameter)
+        if p is not None and not p.shape:
+            own, general = Knob(knob.effect, knob.target, knob.parameter), Knob(knob.effect, None, knob.parameter)
+            ends.append((fit.values.get(own, fit.values.get(general, p.null)), after[own]))
+    return bool(ends) and all(np.isclose(was, now, rtol=1e-6, atol=1e-12) for was, now in ends)
 
 
 def to_the_end(problem: Problem, fit: Fit, settings: ResultSettings) -> Fit:

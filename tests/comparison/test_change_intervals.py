@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from diagnosis.linear import GAIN, HEADING, SCALE, Linear, fitted, space_of, win
 
 from residual_mpc.comparison.sets import units_of
 from residual_mpc.comparison.settings import ContrastSettings
-from residual_mpc.comparison.sizes import changed_numbers, jackknife
+from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife
 from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, build_units
 
@@ -95,3 +96,23 @@ def test_no_change_is_known_better_than_its_law() -> None:
     (plain,), (number,) = (changed_numbers(problem, fit, CHANGED.term, spread, law) for law in (0.0, 0.5))
     half, law = (0.5 * (n.ci95[1] - n.ci95[0]) for n in (plain, number))
     assert law == pytest.approx(np.hypot(half, 0.5 * abs(plain.change - 1.0)))
+
+
+def test_a_change_that_may_be_none_says_so() -> None:
+    """Also where it is a ratio, which is 1 and not 0 where nothing changed."""
+    problem = linear(np.random.default_rng(4), own=0.0)
+    fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0, CHANGED: 1.0})
+    spread = jackknife(fit, UNITS)
+    (clear,) = changed_numbers(problem, fit, CHANGED.term, spread, 0.0)
+    assert clear.ci95[0] > 1.0
+    (vague,) = changed_numbers(problem, fit, CHANGED.term, spread, 2.0)
+    assert clear.none == 1.0 and not clear.may_be_none
+    assert vague.ci95[0] < 1.0 < vague.ci95[1] and vague.may_be_none
+
+
+def test_a_change_that_the_last_fit_left_without_a_size_came_to_nothing() -> None:
+    problem = linear(np.random.default_rng(5), own=0.0)
+    fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0, CHANGED: 1.0})
+    assert not came_to_nothing(fit, SPACE, CHANGED.term)
+    assert came_to_nothing(replace(fit, values={**fit.values, CHANGED: 1.0}), SPACE, CHANGED.term)
+    assert not came_to_nothing(fit, SPACE, HEADING._replace(changed=True).term)  # not in the fit

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from residual_mpc.comparison.compare import _unexplained, _verdict
-from residual_mpc.comparison.gaps import squared_gap_error
-from residual_mpc.comparison.records import ComparedGap
+from residual_mpc.comparison.gaps import rise_of
+from residual_mpc.comparison.records import GapRise
 from residual_mpc.comparison.settings import ComparisonSettings
 
 
@@ -25,27 +25,33 @@ def test_verdict(named: bool, p_left: float, unexplained: float, verdict: str) -
     assert _verdict(named, p_left, unexplained, ComparisonSettings()) == verdict
 
 
-def gap(before: float, after: float, explained: float, left_error: float = 0.0) -> ComparedGap:
-    return ComparedGap(before, after, before, after, explained, left_error, 0.01, 1.0, (8, 8), 4, {})
-
-
-def test_the_share_that_is_left_is_of_the_rise_of_the_squared_gap() -> None:
-    assert _unexplained(gap(0.3, 0.5, 0.4)) == pytest.approx((0.16 - 0.09) / (0.25 - 0.09))
-    assert _unexplained(gap(0.3, 0.5, 0.2)) == 0.0 and _unexplained(gap(0.3, 0.5, 0.9)) == 1.0
-    assert _unexplained(gap(0.3, 0.2, 0.4)) == 0.0  # nothing rose
+def test_the_share_that_is_left_is_of_the_rise() -> None:
+    assert _unexplained(GapRise(0.16, 0.07, 0.0)) == pytest.approx(0.07 / 0.16)
+    assert _unexplained(GapRise(0.16, -0.05, 0.0)) == 0.0 and _unexplained(GapRise(0.16, 0.7, 0.0)) == 1.0
+    assert _unexplained(GapRise(-0.05, 0.07, 0.0)) == 0.0  # nothing rose
 
 
 def test_what_is_left_within_the_scatter_of_the_windows_is_not_counted() -> None:
-    """0.346 after 0.331 before, and 0.35 with the change: three numbers that differ by less than the runs do."""
-    assert _unexplained(gap(0.331, 0.346, 0.35, left_error=0.01)) == 0.0
-    assert _unexplained(gap(0.331, 0.346, 0.35, left_error=0.001)) == 1.0
+    assert _unexplained(GapRise(0.010, 0.013, left_error=0.01)) == 0.0
+    assert _unexplained(GapRise(0.010, 0.013, left_error=0.001)) == 1.0
 
 
-def test_the_error_of_a_squared_gap_is_that_of_a_mean_of_its_units() -> None:
+def test_the_error_of_a_rise_is_that_of_a_mean_of_its_stretches() -> None:
     rng = np.random.default_rng(0)
-    each, unit = rng.chisquare(2, size=60), np.repeat(np.arange(60), 4)
-    total, count = np.repeat(each, 4)[:, None], np.ones((240, 1))
-    windows = np.ones(240, dtype=bool)
-    error = squared_gap_error(total, count, unit, windows)
-    assert error == pytest.approx(np.std(each, ddof=1) / np.sqrt(60), rel=1e-6)
-    assert squared_gap_error(total, count, unit * 0, windows) == 0.0
+    each, unit = rng.uniform(0.0, 1.0, size=60), np.repeat(np.arange(60), 4)
+    later = unit >= 30
+    made = rise_of(np.repeat(each, 4), np.zeros(240), later, unit)
+    assert made.risen == pytest.approx(each[30:].mean() - each[:30].mean())
+    assert made.left == pytest.approx(-each[:30].mean())
+    assert made.left_error == pytest.approx(np.std(each[:30], ddof=1) / np.sqrt(30), rel=1e-6)
+    assert rise_of(np.repeat(each, 4), np.zeros(240), later, later.astype(int)).left_error == 0.0
+
+
+def test_a_prediction_that_diverges_does_not_hide_what_the_changes_leave() -> None:
+    """Of forty windows of ten stretches each set one diverges in the later set. The change explains a third of what
+    the others miss; the mean of the squared gaps would be that of the one window."""
+    same = np.concatenate([np.full(40, 0.01), np.full(40, 0.16)])
+    changed = np.concatenate([np.full(40, 0.01), np.full(40, 0.11)])
+    same[77], changed[77] = 90.0, 80.0
+    later, unit = np.arange(80) >= 40, np.arange(80) // 4
+    assert _unexplained(rise_of(same, changed, later, unit)) == pytest.approx(0.122 / 0.171, abs=0.01)
