@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from residual_mpc.api.check import check as check
     from residual_mpc.api.comparison import Comparison as Comparison
     from residual_mpc.api.comparison import compare as compare
+    from residual_mpc.api.confirmation import Confirmation as Confirmation
+    from residual_mpc.api.confirmation import confirm as confirm
     from residual_mpc.api.diagnosis import Diagnosis as Diagnosis
     from residual_mpc.api.diagnosis import diagnose as diagnose
     from residual_mpc.api.excitation import Excitation as Excitation
@@ -43,6 +45,7 @@ _PLACES = {
     "BadInput": "residual_mpc.errors",
     "Check": "residual_mpc.api.check",
     "Comparison": "residual_mpc.api.comparison",
+    "Confirmation": "residual_mpc.api.confirmation",
     "Diagnosis": "residual_mpc.api.diagnosis",
     "Excitation": "residual_mpc.api.excitation",
     "Gap": "residual_mpc.api.gap",
@@ -52,6 +55,7 @@ _PLACES = {
     "augment": "residual_mpc.api.model",
     "check": "residual_mpc.api.check",
     "compare": "residual_mpc.api.comparison",
+    "confirm": "residual_mpc.api.confirmation",
     "diagnose": "residual_mpc.api.diagnosis",
     "excite": "residual_mpc.api.excitation",
     "export_runs": "residual_mpc.api.recording",
@@ -67,6 +71,7 @@ __all__ = [
     "BadInput",
     "Check",
     "Comparison",
+    "Confirmation",
     "Diagnosis",
     "Excitation",
     "Gap",
@@ -77,6 +82,7 @@ __all__ = [
     "augment",
     "check",
     "compare",
+    "confirm",
     "diagnose",
     "excite",
     "export_runs",

@@ -109,7 +109,7 @@ class Diagnosis:
         out = Path(folder)
         document = self.document_in(out)
         write_answer(document, out)
-        write_whole(document, compose(document, self._evidence), self.commands, out)
+        write_whole(document, compose(document, self.evidence), self.commands, out)
         return out
 
     def save_video(self, path: str | Path) -> Path:
@@ -119,13 +119,14 @@ class Diagnosis:
         Raises BadInput for another suffix, an .mp4 without ffmpeg, and a robot whose motion cannot be drawn.
         """
         check_video(Path(path))
-        if not self._evidence.clips:
-            raise BadInput("there is no motion to show", "--video", self._evidence.drawing)
-        write_video(self._evidence.clips, Path(path))
+        if not self.evidence.clips:
+            raise BadInput("there is no motion to show", "--video", self.evidence.drawing)
+        write_video(self.evidence.clips, Path(path))
         return Path(path)
 
     @cached_property
-    def _evidence(self) -> Evidence:
+    def evidence(self) -> Evidence:
+        """What the report draws beside the document."""
         return collect(self.made)
 
     def document_in(self, folder: Path) -> dict[str, Any]:

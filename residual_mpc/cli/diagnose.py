@@ -18,20 +18,24 @@ from residual_mpc.cli.common import (
     out_option,
     read,
     robot_option,
-    runs_argument,
     seed_option,
     writable_folder,
 )
+from residual_mpc.cli.many import TakingMany
 from residual_mpc.cli.progress import progress_bar
 from residual_mpc.errors import BadInput
 
 if TYPE_CHECKING:
+    from residual_mpc.api.confirmation import Confirmation, Progress
     from residual_mpc.api.diagnosis import Diagnosis
+    from residual_mpc.api.robot import NominalRobot
+    from residual_mpc.api.runs import Runs
+    from residual_mpc.report import Evidence
 
 
-@click.command()
+@click.command(cls=TakingMany)
 @robot_option
-@runs_argument
+@click.argument("runs", nargs=-1, metavar="RUN...")
 @out_option("diagnosis.json, report.html, model.json")
 @click.option(
     "--only", multiple=True, metavar="EFFECT", help="Consider only these effects; comma-separated, repeatable."
@@ -51,6 +55,20 @@ if TYPE_CHECKING:
     help="Begin the search with the effects of an earlier diagnosis.json of this robot; it may drop them.",
 )
 @click.option(
+    "--confirm",
+    "new",
+    multiple=True,
+    metavar="NEW...",
+    help="Runs recorded to test the diagnosis: no fit sees them. Without RUN..., they test the one that --from names.",
+)
+@click.option(
+    "--changed",
+    multiple=True,
+    metavar="CHANGE",
+    help="What was changed on the robot before the --confirm runs, by a known amount: EFFECT[.PARAMETER][@TARGET] and "
+    "=VALUE, +=VALUE, -=VALUE or =none, such as payload+=0.2; repeatable.",
+)
+@click.option(
     "--video",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
@@ -67,6 +85,8 @@ def diagnose(
     without: tuple[str, ...],
     held_out: tuple[str, ...],
     start: Path | None,
+    new: tuple[str, ...],
+    changed: tuple[str, ...],
     video: Path | None,
     horizon: float,
     as_json: bool,
@@ -76,14 +96,25 @@ def diagnose(
 
     A diagnosis that was stopped, with Ctrl-C or otherwise, leaves the best effects so far in unfinished.json, and goes
     on when the same command is given again with the same --out.
+
+    With --confirm, says which of the named effects and open explanations new runs agree with, and which they exclude.
     """
+    _check_options(runs, start, new, changed)
     writable_folder(out)
     if video is not None:
         from residual_mpc.report.motion.animation import check_video
 
         check_video(video)
         writable_folder(video.parent)
+    if not runs:
+        assert start is not None
+        nominal, later = read(robot, new)
+        with progress_bar() as progress:
+            tested = _confirmed(nominal, start, later, changed, seed, out, progress)
+        _show(tested, out, as_json)
+        return
     nominal, logged = read(robot, runs)
+    unseen = read(robot, new)[1] if new else None
 
     from residual_mpc.api.diagnosis import diagnose as run_diagnosis
 
@@ -93,8 +124,17 @@ def diagnose(
             start=start, out=out, command=shlex.join(["residual-mpc", *sys.argv[1:]]), progress=progress,
             say=progress.say,
         )  # fmt: skip
-    document = found.document_in(out)
+        if unseen is not None and found.explanation:
+            from residual_mpc.api.diagnosis_files import ANSWER
+
+            tested = _confirmed(nominal, out / ANSWER, unseen, changed, seed, out, progress, found.evidence)
     filmed = video is not None and _save_video(found, video)
+    if unseen is not None and found.explanation:
+        _show(tested, out, as_json)
+        return
+    if unseen is not None:
+        click.echo("warning: the diagnosis names no effect, so there is nothing to confirm", err=True)
+    document = found.document_in(out)
     if as_json:
         emit(document)
         return
@@ -108,6 +148,41 @@ def diagnose(
     click.echo(f"  report: {out / 'report.html'}")
     if filmed:
         click.echo(f"  video: {video}")
+
+
+def _check_options(runs: tuple[str, ...], start: Path | None, new: tuple[str, ...], changed: tuple[str, ...]) -> None:
+    """Raises UsageError where what was given does not go together."""
+    if not runs and not (new and start):
+        raise click.UsageError("Missing argument 'RUN...' (only with --confirm and --from may it be absent).")
+    if changed and not new:
+        raise click.UsageError("Option '--changed' needs the runs after the change, given with --confirm.")
+
+
+def _confirmed(
+    nominal: "NominalRobot",
+    diagnosis: Path,
+    later: "Runs",
+    changed: tuple[str, ...],
+    seed: int,
+    out: Path,
+    progress: "Progress",
+    evidence: "Evidence | None" = None,
+) -> "Confirmation":
+    from residual_mpc.api.confirmation import confirm
+
+    return confirm(
+        nominal, diagnosis, later, changed=changed, seed=seed, out=out,
+        command=shlex.join(["residual-mpc", *sys.argv[1:]]), evidence=evidence, progress=progress,
+    )  # fmt: skip
+
+
+def _show(found: "Confirmation", out: Path, as_json: bool) -> None:
+    if as_json:
+        emit(found.document_in(out))
+        return
+    for line in found.lines():
+        click.echo(line)
+    click.echo(f"  report: {out / 'report.html'}")
 
 
 @contextmanager

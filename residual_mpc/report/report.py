@@ -7,6 +7,7 @@ from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.page import Frame, page
 from residual_mpc.report.sections.audit import audit
 from residual_mpc.report.sections.causes import causes
+from residual_mpc.report.sections.confirmation import confirmation
 from residual_mpc.report.sections.confounded import confounded
 from residual_mpc.report.sections.definitions import definitions
 from residual_mpc.report.sections.explore import explore
@@ -23,7 +24,7 @@ from residual_mpc.report.sections.verdict import verdict
 from residual_mpc.report.sections.where import where
 
 SECTIONS: tuple[Maker, ...] = (
-    verdict, motion, causes, servos, servo_changes, confounded, next_experiment, not_testable, left,
+    verdict, confirmation, motion, causes, servos, servo_changes, confounded, next_experiment, not_testable, left,
     traces, explore, gap, where, audit, definitions,
 )  # fmt: skip
 

@@ -1,0 +1,98 @@
+"""A diagnosis tested on runs that it has not seen: planned for it, or made after a known change of the robot."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales, gap_of
+from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
+from residual_mpc.diagnosis.options import Progress
+from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
+from residual_mpc.diagnosis.predict.noise_floor import as_good_as_told, floor_of
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.experiment.confirmation.agreement import costs_at, expected_numbers, score
+from residual_mpc.experiment.confirmation.effect_tests import Scored, tested_effects
+from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
+from residual_mpc.experiment.confirmation.known_change import changed_values
+from residual_mpc.experiment.confirmation.problem import FittedExplanations, fit_explanations
+from residual_mpc.experiment.confirmation.records import Confirmation, ExplanationTest, NewGap
+from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
+from residual_mpc.models.settings import Settings, Values
+
+
+def confirm(
+    given: ConfirmationInput,
+    settings: ConfirmationSettings,
+    rng: np.random.Generator,
+    progress: Progress = lambda stage, done: None,
+) -> Confirmation:
+    """Test a diagnosis on new runs.
+
+    Raises BadInput where nothing in them can be compared.
+    """
+    with threadpool_limits(1, "blas"):
+        options = replace(given.options, held_out=())
+        prepared = prepare(DiagnosisInput(given.runs, given.robots, given.noise, (), options), rng, progress)
+        progress("fitting each explanation to the new runs", 0.2)
+        changed = [changed_values(e.values, given.changes) for e in given.explanations]
+        begin = [{**e.values, **values} for e, values in zip(given.explanations, changed, strict=True)]
+        fitted = fit_explanations(prepared, begin, settings)
+        scored = _scored(given, fitted, changed, settings)
+        explanations = _explanations(scored, prepared, changed)
+        progress("testing each effect", 0.6)
+        nominal = _total(prepared.clean, prepared.scales, fitted.problem.space.settings([{}]))
+        effects = tested_effects(scored, explanations, nominal)
+        progress("measuring the gap on the new runs", 0.8)
+        gaps = _gaps(prepared, fitted.problem.space.settings([{}, changed[scored.best]]), rng, settings)
+    return Confirmation(explanations, scored.best, effects, gaps)
+
+
+def _scored(
+    given: ConfirmationInput, fitted: FittedExplanations, changed: Sequence[Values], settings: ConfirmationSettings
+) -> Scored:
+    blocks = blocks_of(fitted.problem.data, settings=settings.results.fit)
+    phi = max(dispersion(min(fitted.fits, key=lambda f: f.cost), blocks), given.dispersion)
+    expected = [expected_numbers(e.values, given.changes, given.sigma, settings.varies) for e in given.explanations]
+    as_told = costs_at(fitted.problem, changed)
+    scores = [score(fit, phi, numbers, cost) for fit, numbers, cost in zip(fitted.fits, expected, as_told, strict=True)]
+    best = int(np.argmin(scores))
+    if scores[0] - scores[best] <= settings.beyond_doubt:
+        best = 0  # the diagnosis stands where nothing speaks against it
+    return Scored(given, fitted, phi, tuple(changed), tuple(expected), tuple(scores), best, settings)
+
+
+def _explanations(scored: Scored, prepared: Prepared, changed: Sequence[Values]) -> tuple[ExplanationTest, ...]:
+    data, scales, space = prepared.clean, prepared.scales, scored.fitted.problem.space
+    lowest = min(scored.scores)
+    out = []
+    rows = zip(scored.given.explanations, scored.fitted.fits, changed, scored.scores, strict=True)
+    for e, fit, values, its in rows:
+        told, refitted = (_total(data, scales, space.settings([v])) for v in (values, fit.values))
+        ratio = its - lowest
+        excluded = ratio > scored.settings.beyond_doubt
+        out.append(ExplanationTest(e.terms, e.instead_of, e.values, told, refitted, ratio, excluded))
+    return tuple(out)
+
+
+def _total(data: Dataset, scales: Scales, row: Settings) -> float:
+    return gap_of(data, scales, data.y - predict(data, row)[0]).total
+
+
+def _gaps(
+    prepared: Prepared, rows: Settings, rng: np.random.Generator, settings: ConfirmationSettings
+) -> tuple[NewGap, ...]:
+    """rows: the nominal model, then the one that is judged."""
+    looks = [(prepared.clean, prepared.scales), *((look.clean, look.scales) for look in prepared.longer)]
+    out = []
+    for data, scales in looks:
+        nominal, explained = (gap_of(data, scales, data.y - p) for p in predict(data, rows))
+        floor = floor_of(data, scales, rows.take(np.array([1])), rng, settings=settings.results.predict)
+        out.append(
+            NewGap(
+                data.horizon, data.count, nominal.total, explained.total, floor.total, as_good_as_told(explained, floor)
+            )
+        )
+    return tuple(out)

@@ -1,0 +1,231 @@
+"""New runs confirm what is there, exclude what is not, and say so where they cannot tell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from oracles.rover_log import ROBOT, rover_run, write_run
+from test_excite import LAG, PERIOD, driven, gently
+
+import residual_mpc as rm
+from residual_mpc.cli.main import main
+from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.errors import BadInput
+from residual_mpc.experiment.confirmation.agreement import Expected, found_sigma, mismatch
+from residual_mpc.models.settings import Knob
+
+ONLY = ("actuator_lag", "command_delay")
+LATE = {"command_delay": {"delay": 0.08}}
+
+
+def steps(t: np.ndarray) -> np.ndarray:
+    """(n, 2): steps of both wheels, between which a lag and a delay differ."""
+    return np.stack([6.0 * np.sign(np.sin(2 * np.pi * 0.4 * t)), 4.0 * np.sign(np.sin(2 * np.pi * 0.27 * t))], axis=1)
+
+
+def saved(run: Any, folder: Path) -> rm.Runs:
+    robot = rm.load_robot(folder / "robot.toml")
+    return rm.read_runs(robot, write_run(run, folder))
+
+
+@pytest.fixture(scope="module")
+def gentle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rover with a lag, driven so gently that a delay does as well."""
+    folder = tmp_path_factory.mktemp("gentle")
+    (folder / "robot.toml").write_text(ROBOT)
+    t = PERIOD * np.arange(401)
+    runs = saved(driven("gentle", t, gently(t), LAG, False), folder)
+    found = rm.diagnose(rm.load_robot(folder / "robot.toml"), runs, only=ONLY, out=folder / "out")
+    assert len(found.document["confounded"]) == 1 and len(found.document["alternatives"]) == 1
+    return folder
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rover whose commands are late, and a diagnosis that says so."""
+    folder = tmp_path_factory.mktemp("late")
+    (folder / "robot.toml").write_text(ROBOT)
+    robot = rm.load_robot(folder / "robot.toml")
+    files = [write_run(rover_run(f"run{k}", LATE, seconds=16.0, seed=k), folder) for k in range(2)]
+    only = (*ONLY, "track_width", "dead_zone")
+    found = rm.diagnose(robot, rm.read_runs(robot, files), only=only, out=folder / "out")
+    assert [e["effect"] for e in found.explanation] == ["command_delay"] and not found.document["confounded"]
+    return folder
+
+
+def confirmed(folder: Path, faults: dict, name: str, *changed: str, out: Path | None = None) -> rm.Confirmation:
+    robot = rm.load_robot(folder / "robot.toml")
+    runs = saved(rover_run(name, faults, seconds=16.0, seed=7), folder)
+    return rm.confirm(robot, folder / "out" / "diagnosis.json", runs, changed=changed, out=out)
+
+
+def probability(found: rm.Confirmation) -> float:
+    return float(found.explanation[0]["probability"])
+
+
+@pytest.mark.parametrize("faults", [LAG, {"command_delay": {"delay": 0.05}}], ids=["lag", "delay"])
+def test_a_run_that_separates_a_group_settles_it(gentle: Path, faults: dict, tmp_path: Path) -> None:
+    """Whichever member is there: where the diagnosis had preferred the other, it is exchanged."""
+    (true,) = faults
+    t = PERIOD * np.arange(401)
+    runs = saved(driven(f"steps_{true}", t, steps(t), faults, False), gentle)
+    found = rm.confirm(rm.load_robot(gentle / "robot.toml"), gentle / "out" / "diagnosis.json", runs, out=tmp_path)
+    (effect,) = found.explanation
+    assert effect["effect"] == true and "experiment" in effect["evidence"] and effect["probability"] > 0.9
+    assert found.document["confounded"] == [] and found.document["next_experiment"] is None
+    assert found.outcomes[true] == "agrees" and "exclude" in found.lines()[0] or "speak against" in found.lines()[0]
+    (size,) = effect["parameters"].values()
+    assert size["ci95"][0] <= 0.05 <= size["ci95"][1] or abs(size["value"] - 0.05) < 0.01
+    values = json.loads((tmp_path / "model.json").read_text())["values"]
+    assert {v["effect"] for v in values} == {true}
+    assert "What the new runs say" in (tmp_path / "report.html").read_text()
+
+
+def test_a_run_that_does_not_separate_a_group_leaves_it(gentle: Path) -> None:
+    t = PERIOD * np.arange(401)
+    runs = saved(driven("gentle_again", t, gently(t), LAG, False), gentle)
+    found = rm.confirm(rm.load_robot(gentle / "robot.toml"), gentle / "out" / "diagnosis.json", runs)
+    before = json.loads((gentle / "out" / "diagnosis.json").read_text())
+    assert set(found.outcomes.values()) == {"open"}
+    assert found.document["confounded"] == before["confounded"] and found.document["next_experiment"]
+    assert probability(found) == pytest.approx(before["explanation"][0]["probability"])
+    assert found.lines()[0] == "The new runs do not show whether the diagnosis is right."
+
+
+def test_the_same_effect_in_new_runs_is_confirmed(late: Path) -> None:
+    found = confirmed(late, LATE, "again")
+    assert found.outcomes == {"command_delay": "agrees"} and found.verdict == "effects"
+    row = found.to_frame().iloc[0]
+    assert row["low"] <= row["found"] <= row["high"] and row["unit"] == "s" and "0.08" in f"{row['found']:.2f}"
+    assert "confirmed" in found._repr_html_()
+    assert "experiment" in found.explanation[0]["evidence"]
+    gap = found.document["confirmation"]["gaps"][0]
+    assert gap["explained"] < 0.3 * gap["nominal"]
+
+
+def test_an_effect_that_is_gone_is_denied(late: Path) -> None:
+    found = confirmed(late, {"track_width": {"scale": 1.2}}, "gone")
+    assert found.outcomes["command_delay"] != "agrees"
+    nothing = confirmed(late, {}, "nothing")
+    before = json.loads((late / "out" / "diagnosis.json").read_text())["explanation"][0]["probability"]
+    assert nothing.outcomes["command_delay"] in ("denies", "open") and probability(nothing) <= before
+    assert nothing.verdict == "partial"  # the model does not predict these runs
+
+
+def test_a_known_change_is_evidence_of_its_own(late: Path) -> None:
+    shorter = {"command_delay": {"delay": 0.03}}
+    told = confirmed(late, shorter, "shorter", "command_delay=0.03")
+    assert told.outcomes == {"command_delay": "agrees"} and "counterfactual" in told.explanation[0]["evidence"]
+    assert told.document["confirmation"]["changed"][0]["value"] == 0.03
+    by = confirmed(late, shorter, "by", "command_delay-=0.05")
+    assert by.outcomes == {"command_delay": "agrees"}
+    assert confirmed(late, shorter, "untold").outcomes == {"command_delay": "other size"}
+    removed = confirmed(late, {}, "removed", "command_delay=none")
+    assert removed.outcomes == {"command_delay": "agrees"}
+    assert "removed" in "\n".join(removed.lines())
+
+
+def test_a_change_that_does_not_show_speaks_against_the_effect(late: Path) -> None:
+    """The user removed what was named, and the robot is as late as before."""
+    found = confirmed(late, LATE, "unmoved", "command_delay=none")
+    assert found.outcomes == {"command_delay": "denies"} and probability(found) < 0.9
+
+
+def test_what_cannot_be_confirmed_is_refused(late: Path, tmp_path: Path) -> None:
+    robot = rm.load_robot(late / "robot.toml")
+    seen = rm.read_runs(robot, late / "run0.csv")
+    with pytest.raises(BadInput, match="has seen this run"):
+        rm.confirm(robot, late / "out" / "diagnosis.json", seen)
+    document = json.loads((late / "out" / "diagnosis.json").read_text())
+    nothing = tmp_path / "nothing.json"
+    nothing.write_text(json.dumps({**document, "explanation": [], "verdict": "unknown"}))
+    runs = saved(rover_run("fresh", LATE, seconds=8.0, seed=9), late)
+    with pytest.raises(BadInput, match="names no effect"):
+        rm.confirm(robot, nothing, runs)
+    broken = tmp_path / "broken.json"
+    broken.write_text(json.dumps({**document, "explanation": [{"effect": "command_delay"}]}))
+    with pytest.raises(BadInput, match="cannot be read"):
+        rm.confirm(robot, broken, runs)
+    once = rm.confirm(robot, late / "out" / "diagnosis.json", runs, out=tmp_path / "once")
+    assert once.document["confirmed_by"] == ["fresh"]
+    with pytest.raises(BadInput, match="already"):
+        rm.confirm(robot, tmp_path / "once" / "diagnosis.json", runs)
+
+
+def call(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as end:
+        main([str(a) for a in arguments])
+    return int(end.value.code or 0)
+
+
+def test_the_command_tests_an_earlier_diagnosis(late: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    new = write_run(rover_run("new", LATE, seconds=12.0, seed=11), tmp_path)
+    robot, earlier = late / "robot.toml", late / "out" / "diagnosis.json"
+    assert call("diagnose", "--robot", robot, "--from", earlier, "--confirm", new, "--out", tmp_path / "o") == 0
+    said = capsys.readouterr().out
+    assert said.startswith("The new runs confirm command delay.") and "report:" in said
+    document = json.loads((tmp_path / "o" / "diagnosis.json").read_text())
+    assert document["confirmation"]["runs"] == ["new"]
+    assert (tmp_path / "o" / document["run_files"][0]).resolve() == (late / "run0.csv").resolve()
+    command = ("gap", "--robot", robot, new, "--model", tmp_path / "o" / "model.json", "--json")
+    assert call(*command) == 0
+    assert json.loads(capsys.readouterr().out)["model"] < 0.1
+
+
+def test_the_command_diagnoses_and_tests_at_once(
+    late: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new = write_run(rover_run("new", LATE, seconds=12.0, seed=11), tmp_path)
+    runs = [late / "run0.csv", late / "run1.csv"]
+    command = ("diagnose", "--robot", late / "robot.toml", *runs, "--only", ",".join(ONLY), "--out", tmp_path / "o")
+    assert call(*command, "--confirm", new, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["confirmation"]["effects"][0]["outcome"] == "agrees"
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert "What the new runs say" in page and "Measured and predicted motion" in page
+
+
+def test_options_that_do_not_go_together_are_refused(
+    late: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, run = late / "robot.toml", late / "run0.csv"
+    assert call("diagnose", "--robot", robot, "--out", tmp_path / "o") == 2
+    assert call("diagnose", "--robot", robot, "--out", tmp_path / "o", "--confirm", run) == 2
+    assert call("diagnose", "--robot", robot, run, "--out", tmp_path / "o", "--changed", "payload=0") == 2
+    assert "Traceback" not in capsys.readouterr().err and not (tmp_path / "o").exists()
+
+
+def linear_fit(j: np.ndarray, found: np.ndarray) -> Fit:
+    """Residuals r(x) = j (x - found), unscaled."""
+    knobs = tuple(Knob("actuator_gain", f"m{i}", "gain") for i in range(len(found)))
+    values = dict(zip(knobs, found.tolist(), strict=True))
+    ones = np.ones(len(found))
+    return Fit((), knobs, values, ones, 0.0, np.zeros((1, len(j))), j[None], np.zeros(len(found), dtype=bool))
+
+
+def test_the_mismatch_is_the_least_that_both_observations_allow() -> None:
+    """Against the stacked least-squares problem, with one number of which nothing is expected."""
+    rng = np.random.default_rng(0)
+    j, found, phi = rng.standard_normal((40, 3)), np.array([0.7, 1.1, 0.2]), 2.5
+    fit = linear_fit(j, found)
+    wanted = {fit.knobs[0]: Expected(0.9, 0.1), fit.knobs[2]: Expected(0.5, 0.02)}
+    prior = np.array([[1 / 0.1, 0, 0], [0, 0, 1 / 0.02]])
+    a = np.vstack([j / np.sqrt(phi), prior])
+    b = np.concatenate([j @ found / np.sqrt(phi), [0.9 / 0.1, 0.5 / 0.02]])
+    x = np.linalg.lstsq(a, b, rcond=None)[0]
+    assert mismatch(fit, phi, wanted) == pytest.approx(float(np.sum((a @ x - b) ** 2)))
+    assert mismatch(fit, phi, {}) == 0.0
+    sigma = np.sqrt(np.diag(np.linalg.inv(j.T @ j / phi)))
+    np.testing.assert_allclose(list(found_sigma(fit, phi).values()), sigma)
+
+
+def test_a_number_that_the_runs_do_not_show_mismatches_nothing() -> None:
+    j = np.zeros((10, 2))
+    j[:, 0] = 1.0
+    fit = linear_fit(j, np.array([1.0, 1.0]))
+    assert mismatch(fit, 1.0, {fit.knobs[1]: Expected(5.0, 0.1)}) == pytest.approx(0.0, abs=1e-9)
+    assert found_sigma(fit, 1.0)[fit.knobs[1]] == np.inf
