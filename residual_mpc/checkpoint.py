@@ -6,15 +6,17 @@ depend on where a command was stopped.
 
 import io
 import logging
+import os
 import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
+from residual_mpc.errors import BadInput
 from residual_mpc.files import write_bytes_atomically
 
 LOG = logging.getLogger(__name__)
@@ -32,6 +34,9 @@ Replacement = Callable[[Any], Any]  # an object -> what __reduce__ would give, N
 class Checkpoint:
     """The steps that were finished under a key; a file under another key is of something else, and is overwritten.
 
+    The file grows by a record for each step, and results stay in it: a long diagnosis has hundreds of megabytes of
+    them. A record that a kill left incomplete is overwritten by the next.
+
     Args:
         path: the file; None to keep nothing.
         key: a digest of all that the results depend on.
@@ -39,24 +44,58 @@ class Checkpoint:
 
     def __init__(self, path: Path | None = None, key: str = "") -> None:
         self.path, self.key = path, key
-        self.steps: dict[str, tuple[bytes, Any]] = {} if path is None else _read(path, key)
+        self._records, self._end = ({}, 0) if path is None else _read(path, key)
 
     @property
     def last(self) -> str | None:
         """The last step that was finished before, None for none."""
-        return next(reversed(self.steps), None)
+        return next(reversed(self._records), None)
+
+    def __contains__(self, step: str) -> bool:
+        return step in self._records
+
+    def get(self, step: str) -> tuple[bytes, Any]:
+        """A step's result, and the state of the generator after it."""
+        assert self.path is not None
+        record = self._records[step]
+        with self.path.open("rb") as stream:
+            stream.seek(record.place)
+            return stream.read(record.size), record.rng
 
     def put(self, step: str, blob: bytes, rng: Any) -> None:
-        """Keep a step, in the file as well."""
-        self.steps[step] = (blob, rng)
-        if self.path is not None:
-            write_bytes_atomically(self.path, pickle.dumps({"key": self.key, "steps": self.steps}))
+        """Keep a step in the file."""
+        if self.path is None:
+            return
+        if not self._records:
+            start = pickle.dumps(self.key)
+            write_bytes_atomically(self.path, start)
+            self._end = len(start)
+        head = pickle.dumps((step, rng, len(blob)))
+        try:
+            with self.path.open("r+b") as stream:
+                stream.seek(self._end)
+                stream.truncate()
+                stream.write(head)
+                stream.write(blob)
+        except OSError as error:
+            raise BadInput(f"cannot be written: {error.strerror}", str(self.path), "make room on the disk") from error
+        self._records[step] = _Record(self._end + len(head), len(blob), rng)
+        self._end += len(head) + len(blob)
 
     def close(self) -> None:
         """The command is through: remove the file, and what a kill left of one."""
         if self.path is not None:
             for file in (self.path, *self.path.parent.glob(f".{self.path.name}.*.part")):
                 file.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class _Record:
+    """Where the result of a step lies in the file, bytes, and the state of the generator after it."""
+
+    place: int
+    size: int
+    rng: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +113,8 @@ class Keeper:
 
     def __call__(self, step: str, compute: Callable[[], T]) -> T:
         """The result of a step; the generator is left as the step leaves it."""
-        if step in self.checkpoint.steps:
-            blob, state = self.checkpoint.steps[step]
+        if step in self.checkpoint:
+            blob, state = self.checkpoint.get(step)
             _set_state(self.rng, state)
         else:
             result = compute()
@@ -83,6 +122,7 @@ class Keeper:
             _Pickler(stream, self.known, self.replaced).dump(result)
             blob = stream.getvalue()
             self.checkpoint.put(step, blob, _state(self.rng))
+            del result
         loaded: T = _Unpickler(io.BytesIO(blob), self.known).load()
         return loaded
 
@@ -108,7 +148,7 @@ class _Pickler(pickle.Pickler):
 class _Unpickler(pickle.Unpickler):
     """Reads data, and calls nothing but the constructors of records: a file from elsewhere cannot run code."""
 
-    def __init__(self, stream: io.BytesIO, known: Sequence[Any] = ()) -> None:
+    def __init__(self, stream: BinaryIO, known: Sequence[Any] = ()) -> None:
         super().__init__(stream)
         self.known = known
 
@@ -127,17 +167,31 @@ def _proxy(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
     return MappingProxyType(content)
 
 
-def _read(path: Path, key: str) -> dict[str, tuple[bytes, Any]]:
-    """The steps in a file, none where it is of something else or cannot be read."""
+def _read(path: Path, key: str) -> tuple[dict[str, _Record], int]:
+    """The complete records of a file and where they end; none where it is of something else or cannot be read."""
+    records: dict[str, _Record] = {}
     try:
         with path.open("rb") as stream:
-            content = _Unpickler(io.BytesIO(stream.read())).load()
-        return dict(content["steps"]) if content["key"] == key else {}
+            whole = os.fstat(stream.fileno()).st_size
+            if _Unpickler(stream).load() != key:
+                return {}, 0
+            end = stream.tell()
+            while end < whole:
+                try:
+                    step, rng, size = _Unpickler(stream).load()
+                except Exception:  # a kill cut it short
+                    break
+                record = _Record(stream.tell(), int(size), rng)
+                end_of_record = stream.seek(record.size, os.SEEK_CUR)
+                if end_of_record > whole:
+                    break
+                records[str(step)], end = record, end_of_record
+        return records, end
     except FileNotFoundError:
-        return {}
+        return {}, 0
     except Exception as error:  # whatever a damaged file makes of itself
         LOG.warning(f"{path}: this checkpoint cannot be read and is not used ({type(error).__name__})")
-        return {}
+        return {}, 0
 
 
 def _state(rng: np.random.Generator) -> Any:

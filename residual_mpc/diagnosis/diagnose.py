@@ -50,8 +50,11 @@ def diagnose(
         if told is not unheard and (checkpoint is None or checkpoint.last is None):
             progress("taking a first look", 0.05)
             told(first_look(prepared))
-        searched = keep("search", lambda: search_effects(prepared, rng, progress, keep, told))
-        refined = keep("refine", lambda: refine(searched, rng, progress))
+        # what the search holds is not kept once it is refined
+        refined = keep(
+            "refine",
+            lambda: refine(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress),
+        )
         validated = keep("validate", lambda: validate(refined, rng, progress))
         explained = keep("laws", lambda: find_laws(prepared, refined, validated, rng, progress))
         return describe(explained, learners, rng, progress, answered)

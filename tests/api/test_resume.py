@@ -151,12 +151,12 @@ class Attack:
 def test_a_file_from_elsewhere_runs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "resume.bin"
-    for content in (pickle.dumps({"key": "k", "steps": {"one": Attack()}}), b"broken", pickle.dumps([1])):
+    key, blob = pickle.dumps("k"), pickle.dumps(Attack())
+    for content in (blob, key + blob, b"broken", b"", pickle.dumps([1]), key + pickle.dumps([1])):
         path.write_bytes(content)
         assert Checkpoint(path, "k").last is None
     rng = np.random.default_rng(0)
-    held = pickle.dumps({"key": "k", "steps": {"one": (pickle.dumps(Attack()), (rng.bit_generator.state, 0))}})
-    path.write_bytes(held)
+    path.write_bytes(key + pickle.dumps(("one", (rng.bit_generator.state, 0), len(blob))) + blob)
     with pytest.raises(pickle.UnpicklingError, match="may not hold"):
         Keeper(Checkpoint(path, "k"), rng)("one", lambda: 1)
     assert not (tmp_path / "attacked").exists()
@@ -173,3 +173,23 @@ def test_the_generator_goes_on_as_if_the_step_had_run(tmp_path: Path) -> None:
     one = Keeper(Checkpoint(tmp_path / "f", "k"), first)("step", lambda: step(first))
     two = Keeper(Checkpoint(tmp_path / "f", "k"), second)("step", lambda: pytest.fail("it was kept"))
     assert (one, after(first)) == (two, after(second))
+
+
+def test_a_record_that_was_cut_short_is_made_again(tmp_path: Path) -> None:
+    """Wherever the kill came: what is complete stays, and what follows is written over the rest."""
+    path, rng = tmp_path / "f", np.random.default_rng(0)
+    keep = Keeper(Checkpoint(path, "k"), rng)
+    assert [keep(f"step{k}", lambda: np.full(50, k)).sum() for k in range(3)] == [0, 50, 100]  # noqa: B023
+    whole = path.read_bytes()
+    kept = []
+    for cut in range(len(whole) + 1):
+        path.write_bytes(whole[:cut])
+        kept.append(Checkpoint(path, "k").last)
+    assert kept == sorted(kept, key=lambda step: step or "")  # the longer the file, the more steps
+    assert set(kept) == {None, "step0", "step1", "step2"} and kept.count("step2") == 1
+    path.write_bytes(whole[: kept.index("step1") + 40])
+    again = Keeper(Checkpoint(path, "k"), rng)
+    assert again("step1", lambda: pytest.fail("it was kept")).sum() == 50
+    assert again("step2", lambda: np.full(50, 2)).sum() == 100
+    assert Keeper(Checkpoint(path, "k"), rng)("step2", lambda: pytest.fail("it was kept")).sum() == 100
+    assert Checkpoint(path, "other").last is None

@@ -72,7 +72,7 @@ def test_part_of_the_windows_keeps_its_columns() -> None:
     few = part_of(problem, keep)
     assert few.tolerances is not None and problem.tolerances is not None
     np.testing.assert_array_equal(few.tolerances.columns, problem.tolerances.columns[keep])
-    assert few.wide is not None and few.wide.shape[0] == keep.sum() * problem.data.y[0].size
+    assert few.marginal is not None and few.marginal[0].shape[0] == keep.sum() * problem.data.y[0].size
 
 
 def test_what_a_hypothesis_frees_has_no_column_in_the_last_fit() -> None:

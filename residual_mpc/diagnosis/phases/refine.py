@@ -93,7 +93,7 @@ def _marginalised(problem: Problem, scales: Scales, final: Fit, options: Options
     by = None if quick is problem.data else PredictionCache(quick, problem.space)
     carried = carrying(problem, final.values, final.knobs, by, settings=settings)
     wide = tolerant(carried, final, settings=settings)
-    if wide.wide is None:
+    if wide.marginal is None:
         return None
     return MarginalisedFit(wide, fit_all(wide, [final.values], phases.marginal_steps, settings=settings)[0])
 

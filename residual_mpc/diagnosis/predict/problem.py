@@ -8,6 +8,8 @@ root: generalised least squares with the start as a nuisance.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +40,21 @@ class Problem:
     shrink: np.ndarray  # (W, k) 1 - 1 / sqrt(1 + s^2)
     count: np.ndarray | None = None  # (W,) how many windows each one stands for; None: itself alone
     tolerances: Tolerances | None = None
-    wide: np.ndarray | None = None  # (W * M * C, K) whitened columns of the tolerances, times their level
-    taken: np.ndarray | None = None  # (K, K) wide @ taken @ wide' is what they take out of a residual
+
+    @cached_property
+    def marginal(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """wide (W * M * C, K), the whitened columns of the tolerances times their level, and taken (K, K): wide @ taken
+        @ wide' is what they take out of a residual. None where there are none."""
+        if self.tolerances is None or self.tolerances.level == 0.0:
+            return None
+        wide = self.tolerances.relative * whitened(self, self.tolerances.columns)
+        g, v = np.linalg.eigh(wide.T @ wide)
+        g = np.maximum(g, 1e-12)
+        return wide, (v * ((1.0 - 1.0 / np.sqrt(1.0 + g)) / g)) @ v.T
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is made again from the rest."""
+        return {k: v for k, v in self.__dict__.items() if k != "marginal"}
 
     def residuals(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M * C) whitened; a missing sample is 0, a diverged prediction inf."""
@@ -57,10 +72,10 @@ class Problem:
         along = np.einsum("wnk,hwn->hwk", self.basis, r, optimize=True) * self.shrink
         left = r - np.einsum("wnk,hwk->hwn", self.basis, along, optimize=True)
         left = left if self.count is None else left * np.sqrt(self.count)[:, None]
-        if self.wide is None:
+        if self.marginal is None:
             return np.asarray(left)
-        flat = left.reshape(len(left), -1)
-        return np.asarray((flat - ((flat @ self.wide) @ self.taken) @ self.wide.T).reshape(left.shape))
+        (wide, taken), flat = self.marginal, left.reshape(len(left), -1)
+        return np.asarray((flat - ((flat @ wide) @ taken) @ wide.T).reshape(left.shape))
 
 
 def build_problem(
@@ -92,19 +107,13 @@ def reweigh(problem: Problem, sigma: np.ndarray) -> Problem:
 
 def tolerating(problem: Problem, tolerances: Tolerances | None) -> Problem:
     """The problem with these small differences marginalised."""
-    plain = replace(problem, tolerances=tolerances, wide=None, taken=None)
-    if tolerances is None or tolerances.level == 0.0:
-        return plain
-    wide = tolerances.relative * whitened(plain, tolerances.columns)
-    g, v = np.linalg.eigh(wide.T @ wide)
-    g = np.maximum(g, 1e-12)
-    return replace(plain, wide=wide, taken=(v * ((1.0 - 1.0 / np.sqrt(1.0 + g)) / g)) @ v.T)
+    return replace(problem, tolerances=tolerances)
 
 
 def whitened(problem: Problem, columns: np.ndarray) -> np.ndarray:
     """(W * M * C, K) columns (W, M * C, K) in the units of the problem's residuals, without its tolerances."""
     scaled = np.moveaxis(columns, 2, 0) * np.tile(problem.weight, columns.shape[1] // len(problem.weight))
-    return np.ascontiguousarray(replace(problem, wide=None, taken=None).project(scaled).reshape(len(scaled), -1).T)
+    return np.ascontiguousarray(replace(problem, tolerances=None).project(scaled).reshape(len(scaled), -1).T)
 
 
 def weighed(replays: PredictionCache, sensitivity: np.ndarray, sigma: np.ndarray, motion: np.ndarray) -> Problem:

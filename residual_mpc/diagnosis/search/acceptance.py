@@ -99,7 +99,7 @@ def convincing(
     if removed < max(settings.over_floor * ruler.floor, settings.share * left):
         return False  # the cheap question first
     fair = judge(problem, best, 1.0 / problem.weight, ruler.scales, settings=settings)
-    if fair.wide is not None:  # small differences let a fit rest where its gap is not smallest
+    if fair.marginal is not None:  # small differences let a fit rest where its gap is not smallest
         plain = fit_all(
             tolerating(fair, None),
             [current.values, best.values],

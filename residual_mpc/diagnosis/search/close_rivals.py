@@ -57,7 +57,7 @@ def _within_step_error(ruler: Ruler, fit: Fit, rivals: list[Rival]) -> list[bool
 
 def without_small_differences(problem: Problem, fits: list[Fit], settings: SearchSettings) -> list[Fit]:
     """The fits carried on without small differences elsewhere, which let a fit rest where its gap is not smallest."""
-    if problem.wide is None:
+    if problem.marginal is None:
         return fits
     plain = tolerating(problem, None)
     return fit_all(plain, [f.values for f in fits], settings.rivals.gap_steps, rough=True, settings=settings.fit)
@@ -78,7 +78,7 @@ def _within_what_is_left(
     imitators = [r.fit for r, s in zip(rivals, like, strict=True) if s]
     *others, own = ruler.squared(without_small_differences(problem, [*imitators, fit], settings))
     most = max(settings.rivals.of_left * (own - ruler.floor), 0.0)
-    if problem.wide is not None:
+    if problem.marginal is not None:
         most = max(most, settings.rivals.visible * ruler.floor)
     more = iter(others)
     return [s and bool(next(more) - own < most) for s in like]
