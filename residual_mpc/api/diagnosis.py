@@ -34,6 +34,7 @@ from residual_mpc.experiment.propose import propose
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.learning.batch.network_learner import LEARNERS
 from residual_mpc.logs.columns import did_you_mean
+from residual_mpc.logs.digest import run_digest
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import measured_over
 from residual_mpc.models.settings import Values
@@ -224,6 +225,7 @@ def _document(record: Record, robot: NominalRobot, runs: Runs, command: str) -> 
     document = with_servos(to_document(record), robot)
     document["audit"] = [asdict(finding) for finding in runs.findings]
     document["command"] = command
+    document["runs"] = [{"name": run.name, "digest": run_digest(run)} for run in runs]
     document["verdict_sentence"] = sentence(document)
     for law in (e for e in document["explanation"] if e["effect"] == FITTED_LAW):
         law["sentence"] = sentence_of(law)

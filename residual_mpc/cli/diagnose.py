@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from residual_mpc.api.diagnosis import Diagnosis
     from residual_mpc.api.robot import NominalRobot
     from residual_mpc.api.runs import Runs
-    from residual_mpc.report import Evidence
 
 
 @click.command(cls=TakingMany)
@@ -59,14 +58,15 @@ if TYPE_CHECKING:
     "new",
     multiple=True,
     metavar="NEW...",
-    help="Runs recorded to test the diagnosis: no fit sees them. Without RUN..., they test the one that --from names.",
+    help="New runs to test the diagnosis on; they are not used to make it. Without RUN..., the diagnosis given with "
+    "--from is tested.",
 )
 @click.option(
     "--changed",
     multiple=True,
     metavar="CHANGE",
-    help="What was changed on the robot before the --confirm runs, by a known amount: EFFECT[.PARAMETER][@TARGET] and "
-    "=VALUE, +=VALUE, -=VALUE or =none, such as payload+=0.2; repeatable.",
+    help="Known change made to the robot before the --confirm runs: EFFECT[.PARAMETER][@TARGET] followed by =VALUE, "
+    "+=VALUE, -=VALUE or =none, such as payload+=0.2; repeatable.",
 )
 @click.option(
     "--video",
@@ -97,9 +97,12 @@ def diagnose(
     A diagnosis that was stopped, with Ctrl-C or otherwise, leaves the best effects so far in unfinished.json, and goes
     on when the same command is given again with the same --out.
 
-    With --confirm, says which of the named effects and open explanations new runs agree with, and which they exclude.
+    With --confirm, also reports which of the named effects and alternative explanations the new runs support and which
+    they exclude.
     """
     _check_options(runs, start, new, changed)
+    if not runs:
+        _check_absent(click.get_current_context(), ("only", "without", "held_out", "horizon", "video"))
     writable_folder(out)
     if video is not None:
         from residual_mpc.report.motion.animation import check_video
@@ -115,6 +118,10 @@ def diagnose(
         return
     nominal, logged = read(robot, runs)
     unseen = read(robot, new)[1] if new else None
+    if unseen is not None:
+        from residual_mpc.api.confirmation import check_options
+
+        check_options(nominal, logged, unseen, changed)
 
     from residual_mpc.api.diagnosis import diagnose as run_diagnosis
 
@@ -127,7 +134,7 @@ def diagnose(
         if unseen is not None and found.explanation:
             from residual_mpc.api.diagnosis_files import ANSWER
 
-            tested = _confirmed(nominal, out / ANSWER, unseen, changed, seed, out, progress, found.evidence)
+            tested = _confirmed(nominal, out / ANSWER, unseen, changed, seed, out, progress, found)
     filmed = video is not None and _save_video(found, video)
     if unseen is not None and found.explanation:
         _show(tested, out, as_json)
@@ -140,11 +147,7 @@ def diagnose(
         return
     for line in found.lines():
         click.echo(line)
-    following = document["next_experiment"]
-    if following:
-        click.echo(f"  next experiment: {following['what']}")
-        planned = out / following["commands"] if following["commands"] else f"plan with: {following['excite']}"
-        click.echo(f"  commands: {planned}")
+    _next_experiment(document, out)
     click.echo(f"  report: {out / 'report.html'}")
     if filmed:
         click.echo(f"  video: {video}")
@@ -153,9 +156,18 @@ def diagnose(
 def _check_options(runs: tuple[str, ...], start: Path | None, new: tuple[str, ...], changed: tuple[str, ...]) -> None:
     """Raises UsageError where what was given does not go together."""
     if not runs and not (new and start):
-        raise click.UsageError("Missing argument 'RUN...' (only with --confirm and --from may it be absent).")
+        raise click.UsageError("Missing argument 'RUN...' (it may be omitted only with both --confirm and --from).")
     if changed and not new:
-        raise click.UsageError("Option '--changed' needs the runs after the change, given with --confirm.")
+        raise click.UsageError("Option '--changed' requires --confirm with the runs recorded after the change.")
+
+
+def _check_absent(context: click.Context, options: tuple[str, ...]) -> None:
+    """Raises UsageError for an option that a test of an earlier diagnosis does not use."""
+    from click.core import ParameterSource
+
+    for option in options:
+        if context.get_parameter_source(option) is not ParameterSource.DEFAULT:
+            raise click.UsageError(f"Option '--{option.replace('_', '-')}' needs RUN... to diagnose.")
 
 
 def _confirmed(
@@ -166,13 +178,14 @@ def _confirmed(
     seed: int,
     out: Path,
     progress: "Progress",
-    evidence: "Evidence | None" = None,
+    made: "Diagnosis | None" = None,
 ) -> "Confirmation":
     from residual_mpc.api.confirmation import confirm
 
     return confirm(
         nominal, diagnosis, later, changed=changed, seed=seed, out=out,
-        command=shlex.join(["residual-mpc", *sys.argv[1:]]), evidence=evidence, progress=progress,
+        command=shlex.join(["residual-mpc", *sys.argv[1:]]), evidence=made.evidence if made else None,
+        commands=made.commands if made else None, progress=progress,
     )  # fmt: skip
 
 
@@ -182,7 +195,17 @@ def _show(found: "Confirmation", out: Path, as_json: bool) -> None:
         return
     for line in found.lines():
         click.echo(line)
+    _next_experiment(found.document_in(out), out)
     click.echo(f"  report: {out / 'report.html'}")
+
+
+def _next_experiment(document: dict[str, Any], out: Path) -> None:
+    """Say what to record next, if anything is left open."""
+    following = document["next_experiment"]
+    if following:
+        click.echo(f"  next experiment: {following['what']}")
+        planned = out / following["commands"] if following["commands"] else f"plan with: {following['excite']}"
+        click.echo(f"  commands: {planned}")
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What new runs say about a diagnosis, as a page of its own."""
+"""The result of testing a diagnosis on new runs, as a page of its own."""
 
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.page import Frame, page
@@ -15,5 +15,5 @@ SECTIONS = (confirmation, causes, confounded, next_experiment, audit, definition
 
 def confirmation_page(document: Document) -> str:
     """The page as text: the pictures of the diagnosis stay in its own report."""
-    frame = Frame(document["robot"], "what new runs say", "What new runs say about a diagnosis", "diagnosis.json")
+    frame = Frame(document["robot"], "test on new runs", "A diagnosis tested on new runs", "diagnosis.json")
     return page(frame, (maker(document, Evidence()) for maker in SECTIONS))

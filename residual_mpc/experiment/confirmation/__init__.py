@@ -1,1 +1,1 @@
-"""What new runs say about a diagnosis: which of its explanations they agree with, and which they exclude."""
+"""Tests of a diagnosis on new runs: which of its explanations they support and which they exclude."""

@@ -1,4 +1,4 @@
-"""How far the numbers that new runs show are from those that a diagnosis lets expect."""
+"""The distance between the parameters fitted to new runs and those expected from a diagnosis."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,15 +7,17 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.results.causes import ANGLES
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
 from residual_mpc.experiment.confirmation.known_change import KnownChange, changed_values
 from residual_mpc.models.settings import TUNE, Knob, Values
 
 
 @dataclass(frozen=True)
 class Expected:
-    """A number that is expected of new runs: its value and 1-sigma, in its unit."""
+    """The expected value of a parameter on the new runs and its standard deviation, in its unit."""
 
     value: float
     sigma: float
@@ -24,29 +26,46 @@ class Expected:
 def expected_numbers(
     values: Values, changes: Sequence[KnownChange], sigma: Mapping[Knob, float], varies: float
 ) -> dict[Knob, Expected]:
-    """Of a model that was diagnosed with these values, after these changes. sigma: as diagnosed, where that is known;
-    varies: see ConfirmationSettings. Fitted laws and retuned nominal numbers are left free."""
+    """Expected parameters of a model that was diagnosed with these values, after these changes. sigma: diagnosed
+    standard deviations, where known; varies: see ConfirmationSettings. Fitted laws and retuned nominal parameters have
+    no expected value."""
     changed = changed_values(values, changes)
     out = {}
     for k in {**values, **changed}:
         if k.effect == TUNE or is_law(k.effect):
             continue
         value = changed.get(k, BY_NAME[k.effect].parameter(k.parameter).null)
-        if np.isfinite(value):  # a limit that was removed is not at any number
-            size = max(dose(k, x) for x in (value, values.get(k, value)))
-            out[k] = Expected(value, max(float(np.hypot(sigma.get(k, 0.0), varies * size)), 1e-9))
+        if not np.isfinite(value) or k.parameter in ANGLES:  # a removed limit; a direction, which has no size
+            continue
+        size = max(dose(k, x) for x in (value, values.get(k, value)))
+        spread = float(np.hypot(sigma.get(k, 0.0), varies * size))
+        if spread > 0.0:
+            out[k] = Expected(value, spread)
+    return out
+
+
+def sigmas_of(given: ConfirmationInput) -> list[dict[Knob, float]]:
+    """The standard deviations of each explanation's parameters: the diagnosed ones, and for what only an alternative
+    has, the same relative to its size as the least certain of the effects that it replaces."""
+    own = given.explanations[0].values
+    out = []
+    for e in given.explanations:
+        replaced = [k for k in given.sigma if k.term in e.instead_of and k in own and dose(k, own[k]) > 0.0]
+        relative = max((given.sigma[k] / dose(k, own[k]) for k in replaced), default=0.0)
+        extra = {k: relative * dose(k, v) for k, v in e.values.items() if k.effect != TUNE and k.term in e.terms}
+        out.append({**extra, **given.sigma})
     return out
 
 
 def dose(knob: Knob, value: float) -> float:
-    """How far a number is from doing nothing; of a limit or a stiffness, its own size."""
+    """Distance of a parameter from its null value; of a limit or a stiffness (null at infinity), its magnitude."""
     null = BY_NAME[knob.effect].parameter(knob.parameter).null
     return abs(value - null) if np.isfinite(null) else abs(value)
 
 
 def found_sigma(fit: Fit, phi: float) -> dict[Knob, float]:
-    """1-sigma of each free number, from the curvature of the fit; infinite where the runs do not show it. phi:
-    dispersion of the residuals."""
+    """Standard deviation of each free parameter, from the curvature of the fit; infinite if the runs do not constrain
+    it. phi: dispersion of the residuals."""
     information = _information(fit, phi)
     size = np.sqrt(np.diag(information))
     shown = size > 0.0
@@ -57,9 +76,9 @@ def found_sigma(fit: Fit, phi: float) -> dict[Knob, float]:
 
 
 def mismatch(fit: Fit, phi: float, expected: Mapping[Knob, Expected]) -> float:
-    """By how much the fit's cost over phi rises, to second order, where the expected numbers count as observations: the
-    smallest value of (x - found)' M (x - found) + (x - expected)' W (x - expected), with M the information that the
-    runs hold and W that of the expectation."""
+    """Increase of the fit's cost / phi, to second order, if the expected values are added as observations: the minimum
+    over x of (x - found)' M (x - found) + (x - expected)' W (x - expected), with M the information matrix of the runs
+    and W that of the expected values."""
     if not any(k in expected for k in fit.knobs):
         return 0.0
     away = np.array([fit.values[k] - expected[k].value if k in expected else 0.0 for k in fit.knobs])
@@ -72,10 +91,10 @@ def mismatch(fit: Fit, phi: float, expected: Mapping[Knob, Expected]) -> float:
     return float(x @ m @ x + (x + d) @ w @ (x + d))
 
 
-def score(fit: Fit, phi: float, expected: Mapping[Knob, Expected], as_told: float) -> float:
-    """The lowest cost over phi of a model whose numbers count as observed: at what was expected (as_told, the cost
-    there), or where the fit ended."""
-    return min(as_told / phi, fit.cost / phi + mismatch(fit, phi, expected))
+def score(fit: Fit, phi: float, expected: Mapping[Knob, Expected], at_expected: float) -> float:
+    """The smaller of the cost / phi at the expected values, where the cost is at_expected, and the cost / phi of the
+    fit plus its mismatch with them."""
+    return min(at_expected / phi, fit.cost / phi + mismatch(fit, phi, expected))
 
 
 def costs_at(problem: Problem, rows: Sequence[Values]) -> list[float]:
@@ -87,6 +106,6 @@ def costs_at(problem: Problem, rows: Sequence[Values]) -> list[float]:
 
 
 def _information(fit: Fit, phi: float) -> np.ndarray:
-    """(P, P) inverse covariance of the numbers, in their own units."""
+    """(P, P) information matrix (inverse covariance) of the parameters, in their own units."""
     j = fit.jacobian.reshape(-1, len(fit.knobs)) / fit.scales
     return np.asarray(j.T @ j / phi)

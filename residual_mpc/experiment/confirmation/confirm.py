@@ -1,4 +1,4 @@
-"""A diagnosis tested on runs that it has not seen: planned for it, or made after a known change of the robot."""
+"""Test of a diagnosis on new runs: planned to separate its explanations, or recorded after a known change."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +13,7 @@ from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.predict.noise_floor import as_good_as_told, floor_of
 from residual_mpc.diagnosis.predict.replay import predict
-from residual_mpc.experiment.confirmation.agreement import costs_at, expected_numbers, score
+from residual_mpc.experiment.confirmation.agreement import costs_at, expected_numbers, score, sigmas_of
 from residual_mpc.experiment.confirmation.effect_tests import Scored, tested_effects
 from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
 from residual_mpc.experiment.confirmation.known_change import changed_values
@@ -31,23 +31,36 @@ def confirm(
 ) -> Confirmation:
     """Test a diagnosis on new runs.
 
-    Raises BadInput where nothing in them can be compared.
+    Raises BadInput if the runs contain nothing that can be compared.
     """
     with threadpool_limits(1, "blas"):
         options = replace(given.options, held_out=())
-        prepared = prepare(DiagnosisInput(given.runs, given.robots, given.noise, (), options), rng, progress)
+        prepared = prepare(DiagnosisInput(given.runs, given.robots, given.noise, given.tunable, options), rng, progress)
         progress("fitting each explanation to the new runs", 0.2)
         changed = [changed_values(e.values, given.changes) for e in given.explanations]
         begin = [{**e.values, **values} for e, values in zip(given.explanations, changed, strict=True)]
         fitted = fit_explanations(prepared, begin, settings)
         scored = _scored(given, fitted, changed, settings)
         explanations = _explanations(scored, prepared, changed)
+        kept, space = scored.kept, fitted.problem.space
+        nominal = {k: space.null(k) for k in space.tunables}
         progress("testing each effect", 0.6)
-        nominal = _total(prepared.clean, prepared.scales, fitted.problem.space.settings([{}]))
-        effects = tested_effects(scored, explanations, nominal)
+        refitted = space.settings([nominal, fitted.fits[kept].values])
+        effects = tested_effects(scored, explanations, _fits(prepared, refitted, rng, settings))
         progress("measuring the gap on the new runs", 0.8)
-        gaps = _gaps(prepared, fitted.problem.space.settings([{}, changed[scored.best]]), rng, settings)
-    return Confirmation(explanations, scored.best, effects, gaps)
+        gaps = _gaps(prepared, space.settings([nominal, changed[kept]]), rng, settings)
+    return Confirmation(explanations, kept, effects, gaps)
+
+
+def _fits(prepared: Prepared, rows: Settings, rng: np.random.Generator, settings: ConfirmationSettings) -> bool:
+    """Whether the second of two models removes enough of the first one's squared gap, or is as good as the sensors can
+    tell."""
+    data, scales = prepared.clean, prepared.scales
+    nominal, fitted = (gap_of(data, scales, data.y - p) for p in predict(data, rows))
+    if fitted.total**2 <= (1.0 - settings.explains) * nominal.total**2:
+        return True
+    floor = floor_of(data, scales, rows.take(np.array([1])), rng, settings=settings.results.predict)
+    return as_good_as_told(fitted, floor)
 
 
 def _scored(
@@ -55,13 +68,16 @@ def _scored(
 ) -> Scored:
     blocks = blocks_of(fitted.problem.data, settings=settings.results.fit)
     phi = max(dispersion(min(fitted.fits, key=lambda f: f.cost), blocks), given.dispersion)
-    expected = [expected_numbers(e.values, given.changes, given.sigma, settings.varies) for e in given.explanations]
-    as_told = costs_at(fitted.problem, changed)
-    scores = [score(fit, phi, numbers, cost) for fit, numbers, cost in zip(fitted.fits, expected, as_told, strict=True)]
-    best = int(np.argmin(scores))
-    if scores[0] - scores[best] <= settings.beyond_doubt:
-        best = 0  # the diagnosis stands where nothing speaks against it
-    return Scored(given, fitted, phi, tuple(changed), tuple(expected), tuple(scores), best, settings)
+    each = zip(given.explanations, sigmas_of(given), strict=True)
+    expected = [expected_numbers(e.values, given.changes, sigma, settings.varies) for e, sigma in each]
+    at_expected = costs_at(fitted.problem, changed)
+    scores = [
+        score(fit, phi, numbers, cost) for fit, numbers, cost in zip(fitted.fits, expected, at_expected, strict=True)
+    ]
+    kept = int(np.argmin(scores))
+    if scores[0] - scores[kept] <= settings.beyond_doubt:
+        kept = 0  # the diagnosed explanation is kept unless it is excluded
+    return Scored(given, fitted, phi, tuple(changed), tuple(expected), tuple(scores), kept, settings)
 
 
 def _explanations(scored: Scored, prepared: Prepared, changed: Sequence[Values]) -> tuple[ExplanationTest, ...]:
@@ -71,9 +87,9 @@ def _explanations(scored: Scored, prepared: Prepared, changed: Sequence[Values])
     rows = zip(scored.given.explanations, scored.fitted.fits, changed, scored.scores, strict=True)
     for e, fit, values, its in rows:
         told, refitted = (_total(data, scales, space.settings([v])) for v in (values, fit.values))
-        ratio = its - lowest
-        excluded = ratio > scored.settings.beyond_doubt
-        out.append(ExplanationTest(e.terms, e.instead_of, e.values, told, refitted, ratio, excluded))
+        above = its - lowest
+        excluded = above > scored.settings.beyond_doubt
+        out.append(ExplanationTest(e.terms, e.instead_of, e.values, told, refitted, above, excluded))
     return tuple(out)
 
 
@@ -84,7 +100,7 @@ def _total(data: Dataset, scales: Scales, row: Settings) -> float:
 def _gaps(
     prepared: Prepared, rows: Settings, rng: np.random.Generator, settings: ConfirmationSettings
 ) -> tuple[NewGap, ...]:
-    """rows: the nominal model, then the one that is judged."""
+    """rows: the nominal model, then the model under test."""
     looks = [(prepared.clean, prepared.scales), *((look.clean, look.scales) for look in prepared.longer)]
     out = []
     for data, scales in looks:

@@ -1,32 +1,36 @@
-"""A diagnosis.json with what new runs say of it: probabilities, evidence, groups and the verdict."""
+"""Update of a diagnosis.json after a test on new runs: probabilities, evidence, groups and the verdict."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.experiment.confirmation.effect_tests import whole_of
 from residual_mpc.experiment.confirmation.inputs import DiagnosedExplanation
-from residual_mpc.experiment.confirmation.known_change import KnownChange
-from residual_mpc.experiment.confirmation.records import Confirmation, EffectTest, NewGap
+from residual_mpc.experiment.confirmation.probabilities import updated
+from residual_mpc.experiment.confirmation.records import Confirmation, EffectTest
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
 from residual_mpc.models.model_file import values_of
 from residual_mpc.models.settings import Knob, Term, Values
 
 Document = Mapping[str, Any]
+REPLACED = "Gap and shrink are those of the explanation that was diagnosed first, before {new} replaced {old}."
 
 
 def explanations_in(document: Document) -> tuple[DiagnosedExplanation, ...]:
-    """The explanation of a diagnosis.json, then its alternatives. Raises KeyError, TypeError or ValueError where they
+    """The explanation of a diagnosis.json, then its alternatives. Raises KeyError, TypeError or ValueError if they
     cannot be read."""
-    own = DiagnosedExplanation(_terms(document["explanation"]), (), values_of(document["model"]["values"]))
+    own = DiagnosedExplanation(terms_in(document["explanation"]), (), values_of(document["model"]["values"]))
     others = (
-        DiagnosedExplanation(_terms(a["effects"]), _terms(a["instead_of"]), values_of(a["values"]))
+        DiagnosedExplanation(terms_in(a["effects"]), terms_in(a["instead_of"]), values_of(a["values"]))
         for a in document.get("alternatives", ())
     )
     return (own, *others)
 
 
 def sigma_in(document: Document) -> dict[Knob, float]:
-    """1-sigma of the numbers that a diagnosis.json gives an interval, in their units."""
+    """Standard deviations of the parameters for which a diagnosis.json gives an interval, in their units."""
     out = {}
     for effect in document["explanation"]:
         for name, p in effect["parameters"].items():
@@ -36,76 +40,45 @@ def sigma_in(document: Document) -> dict[Knob, float]:
     return out
 
 
+def probabilities_in(document: Document) -> dict[Term, float]:
+    """Of all candidates and named effects."""
+    return {term_in(c): float(c["probability"]) for c in (*document["candidates"], *document["explanation"])}
+
+
 def confirmed_document(
-    document: Document,
-    confirmation: Confirmation,
-    changes: Sequence[KnownChange],
-    runs: Sequence[str],
-    settings: ConfirmationSettings,
+    document: Document, confirmation: Confirmation, changed: bool, settings: ConfirmationSettings
 ) -> dict[str, Any]:
-    """The diagnosis as it stands after the new runs. Its figures stay those of its own held-out runs."""
-    best = confirmation.explanations[confirmation.best]
+    """The diagnosis updated with the test. Its gap figures are still those of its own held-out runs, and its parameters
+    are not refitted. changed: whether the robot was changed before the new runs."""
+    kept = confirmation.explanations[confirmation.kept]
+    replaced = confirmation.kept > 0
+    gone = kept.instead_of if replaced else ()
     tests = {t.term: t for t in confirmation.effects}
-    totals = _totals(document, confirmation)
-    probabilities = {t: _probability(totals[t], tests.get(t), settings) for t in totals}
-    kept = [e for e in document["explanation"] if confirmation.best == 0 or _term(e) not in best.instead_of]
-    explanation = [_supported(e, probabilities[_term(e)], tests.get(_term(e))) for e in kept]
-    if confirmation.best:
-        explanation += [_new(t, best.values, probabilities[t], tests.get(t)) for t in best.terms]
-    left = [e for k, e in enumerate(confirmation.explanations) if k and k != confirmation.best and not e.excluded]
-    groups = _open_groups(document, left, confirmation)
-    verdict = document["verdict"]
-    if verdict == "effects" and not _holds(confirmation.gaps):
+    probabilities = updated(probabilities_in(document), confirmation, settings)
+    named = [e for e in document["explanation"] if term_in(e) not in gone]
+    explanation = [_supported(e, probabilities[term_in(e)], tests.get(term_in(e))) for e in named]
+    if replaced:
+        explanation += [_new(t, kept.values, probabilities[t], tests.get(t), changed) for t in kept.terms]
+    alternatives = _open_alternatives(document, confirmation)
+    groups = _open_groups(document, confirmation)
+    verdict, notes = document["verdict"], list(document["notes"])
+    if verdict == "effects" and not all(g.as_good for g in confirmation.gaps):
         verdict = "partial"
-    still = {(a.terms, a.instead_of) for a in left}
-    replaced = confirmation.best > 0
+    if replaced:
+        new, old = (" and ".join(t.effect.replace("_", " ") for t in terms) for terms in (kept.terms, gone))
+        notes.append(REPLACED.format(new=new, old=old))
     return {
         **document,
         "verdict": verdict,
         "explanation": explanation,
-        "candidates": _candidates(document, probabilities),
+        "candidates": _candidates(document, confirmation, probabilities),
         "rivals": _rivals(document, confirmation),
         "confounded": groups,
-        "alternatives": [
-            a
-            for a in document.get("alternatives", ())
-            if not replaced and (_terms(a["effects"]), _terms(a["instead_of"])) in still
-        ],
-        "model": {**document["model"], "values": _rows(best.values)} if replaced else document["model"],
-        "next_experiment": document["next_experiment"] if groups or left else None,
-        "confirmation": _confirmation(confirmation, document, probabilities, changes, runs),
+        "alternatives": alternatives,
+        "model": {**document["model"], "values": _rows(kept.values)} if replaced else document["model"],
+        "next_experiment": document["next_experiment"] if groups or alternatives else None,
+        "notes": notes,
     }
-
-
-def _totals(document: Document, confirmation: Confirmation) -> dict[Term, float]:
-    """The probability of each effect before its own test: a group whose other members the new runs exclude leaves the
-    one that stands what they had."""
-    listed = {_term(c): float(c["probability"]) for c in document["candidates"]}
-    listed |= {_term(e): float(e["probability"]) for e in document["explanation"]}
-    best = confirmation.explanations[confirmation.best]
-    totals = dict(listed)
-    for k, other in enumerate(confirmation.explanations):
-        if k == 0 or k == confirmation.best or not other.excluded:
-            continue
-        for term in other.instead_of:
-            if confirmation.best == 0 and term in totals:
-                totals[term] += min((listed.get(t, 0.0) for t in other.terms), default=0.0)
-    if confirmation.best:
-        taken = min((listed.get(t, 0.0) for t in best.instead_of), default=0.0)
-        for term in best.terms:
-            totals[term] = listed.get(term, 0.0) + taken
-    return totals
-
-
-def _probability(total: float, test: EffectTest | None, settings: ConfirmationSettings) -> float:
-    """By Bayes' rule from how often new runs agree with, or deny, an effect that is there and one that is not."""
-    most = settings.results.causes.most_sure
-    total = min(total, most)
-    rates = {"agrees": settings.agrees, "denies": settings.denies}.get(test.outcome) if test else None
-    if rates is None:
-        return total
-    there, absent = total * rates[0], (1.0 - total) * rates[1]
-    return min(there / (there + absent), most)
 
 
 def _supported(effect: Document, probability: float, test: EffectTest | None) -> dict[str, Any]:
@@ -115,15 +88,17 @@ def _supported(effect: Document, probability: float, test: EffectTest | None) ->
     return {**effect, "probability": probability, "evidence": list(dict.fromkeys(evidence))}
 
 
-def _new(term: Term, values: Values, probability: float, test: EffectTest | None) -> dict[str, Any]:
-    """An effect that takes the place of another, with the interval that the new runs give it."""
-    sizes = {s.name: s for s in test.sizes} if test else {}
+def _new(term: Term, values: Values, probability: float, test: EffectTest | None, changed: bool) -> dict[str, Any]:
+    """An effect that replaces another: its diagnosed value, with the interval from the new runs, extended to include
+    it; none if the robot was changed before these runs, or if they do not show it."""
+    sizes = {s.name: s for s in test.sizes} if test and not changed else {}
     effect = BY_NAME[term.effect]
     parameters = {}
     for k, value in values.items():
         if Term(k.effect, k.target) == term:
             size = sizes.get(k.parameter)
-            ci95 = None if size is None else [min(size.found_ci95[0], value), max(size.found_ci95[1], value)]
+            known = size is not None and bool(np.isfinite(size.found_ci95).all())
+            ci95 = [min(size.found_ci95[0], value), max(size.found_ci95[1], value)] if size and known else None
             unit = effect.parameter(k.parameter).unit if size is None else size.unit
             parameters[k.parameter] = {"value": value, "ci95": ci95, "unit": unit}
     entry = {
@@ -133,90 +108,59 @@ def _new(term: Term, values: Values, probability: float, test: EffectTest | None
     return _supported(entry, probability, test)
 
 
-def _candidates(document: Document, probabilities: Mapping[Term, float]) -> list[dict[str, Any]]:
-    rows = [{**c, "probability": probabilities.get(_term(c), c["probability"])} for c in document["candidates"]]
+def _candidates(
+    document: Document, confirmation: Confirmation, probabilities: Mapping[Term, float]
+) -> list[dict[str, Any]]:
+    rows = [{**c, "probability": probabilities[term_in(c)]} for c in document["candidates"]]
+    listed = {term_in(c) for c in rows}
+    new = confirmation.explanations[confirmation.kept].terms if confirmation.kept else ()
+    rows += [
+        {"effect": t.effect, "target": t.target, "probability": probabilities[t], "shrink": None}
+        for t in new
+        if t not in listed
+    ]
     return sorted(rows, key=lambda c: -c["probability"])
 
 
 def _rivals(document: Document, confirmation: Confirmation) -> list[dict[str, Any]]:
-    """The sets that were compared as wholes, less those that the new runs exclude."""
-    own = confirmation.explanations[0].terms
-    gone = {
-        frozenset(own if k == 0 else (*(t for t in own if t not in e.instead_of), *e.terms))
-        for k, e in enumerate(confirmation.explanations)
-        if e.excluded
-    }
-    kept = [r for r in document.get("rivals", ()) if frozenset(_terms(r["terms"])) not in gone]
+    """The effect sets that were compared as a whole, without those that the new runs exclude; probabilities
+    renormalised."""
+    own = confirmation.explanations[0]
+    gone = {frozenset(whole_of(e, own)) for e in confirmation.explanations if e.excluded}
+    kept = [r for r in document.get("rivals", ()) if frozenset(terms_in(r["terms"])) not in gone]
     total = sum(r["probability"] for r in kept) or 1.0
     return [{**r, "probability": r["probability"] / total} for r in kept]
 
 
-def _open_groups(document: Document, left: Sequence[Any], confirmation: Confirmation) -> list[Any]:
-    """The groups less the members that the new runs exclude; one of a single member is none."""
-    open_ = {e.terms for e in left}
-    stands = confirmation.explanations[confirmation.best]
+def _open_alternatives(document: Document, confirmation: Confirmation) -> list[dict[str, Any]]:
+    """The alternatives that the new runs do not exclude, beside the explanation that is kept."""
+    own, *others = confirmation.explanations
+    here = whole_of(confirmation.explanations[confirmation.kept], own)
     out = []
-    for group in document["confounded"]:
-        kept = []
-        for member in group:
-            terms = _terms([member] if isinstance(member, Mapping) else member)
-            own = set(terms) <= {_term(e) for e in document["explanation"]}
-            if (own and not (confirmation.best and set(terms) & set(stands.instead_of))) or terms in open_:
-                kept.append(member)
-            elif confirmation.best and terms == stands.terms:
-                kept.insert(0, member)
-        if len(kept) > 1:
-            out.append(kept)
+    for k, (entry, other) in enumerate(zip(document.get("alternatives", ()), others, strict=True), start=1):
+        if other.excluded or k == confirmation.kept:
+            continue
+        whole = whole_of(other, own)
+        effects, instead = ([_named(t) for t in a if t not in b] for a, b in ((whole, here), (here, whole)))
+        out.append({**entry, "effects": effects, "instead_of": instead})
     return out
 
 
-def _holds(gaps: Sequence[NewGap]) -> bool:
-    return all(g.as_told for g in gaps)
-
-
-def _confirmation(
-    confirmation: Confirmation,
-    document: Document,
-    probabilities: Mapping[Term, float],
-    changes: Sequence[KnownChange],
-    runs: Sequence[str],
-) -> dict[str, Any]:
-    was = {_term(c): float(c["probability"]) for c in (*document["candidates"], *document["explanation"])}
-    own = confirmation.explanations[0].terms
-    rows = []
-    for k, e in enumerate(confirmation.explanations):
-        whole = e.terms if k == 0 else (*(t for t in own if t not in e.instead_of), *e.terms)
-        rows.append({
-            "effects": [_named(t) for t in whole], "with": [_named(t) for t in e.terms],
-            "instead_of": [_named(t) for t in e.instead_of], "gap": e.gap, "gap_refitted": e.refitted, "ratio": e.ratio,
-            "excluded": e.excluded, "stands": k == confirmation.best,
-        })  # fmt: skip
-    return {
-        "runs": list(runs),
-        "changed": [
-            {**_named(c.term), "parameter": c.knob.parameter, "value": c.amount, "relative": c.relative,
-             "unit": BY_NAME[c.knob.effect].parameter(c.knob.parameter).unit}
-            for c in changes
-        ],
-        "effects": [
-            {
-                **_named(t.term), "outcome": t.outcome, "changed": t.changed, "new": t.new, "ratio": t.ratio,
-                "probability": {"before": was.get(t.term, 0.0), "after": probabilities.get(t.term, 0.0)},
-                "parameters": {
-                    s.name: {"expected": s.expected, "expected_ci95": list(s.expected_ci95), "found": s.found,
-                             "found_ci95": list(s.found_ci95), "unit": s.unit}
-                    for s in t.sizes
-                },
-            }
-            for t in confirmation.effects
-        ],
-        "explanations": rows,
-        "gaps": [
-            {"horizon": g.horizon, "windows": g.windows, "nominal": g.nominal, "explained": g.explained,
-             "noise_floor": g.noise_floor}
-            for g in confirmation.gaps
-        ],
-    }  # fmt: skip
+def _open_groups(document: Document, confirmation: Confirmation) -> list[Any]:
+    """The confounded groups without the members that the new runs exclude; a group left with one member is dropped."""
+    _, *others = confirmation.explanations
+    kept = confirmation.explanations[confirmation.kept]
+    excluded = {e.terms for e in others if e.excluded}
+    gone = set(kept.instead_of) if confirmation.kept else set()
+    out = []
+    for group in document["confounded"]:
+        members = [(m, terms_in([m] if isinstance(m, Mapping) else m)) for m in group]
+        left = [m for m, terms in members if terms not in excluded and not gone & set(terms)]
+        if confirmation.kept:  # what is named stands first
+            left.sort(key=lambda m: terms_in([m] if isinstance(m, Mapping) else m) != kept.terms)
+        if len(left) > 1:
+            out.append(left)
+    return out
 
 
 def _rows(values: Values) -> list[dict[str, Any]]:
@@ -227,9 +171,11 @@ def _named(term: Term) -> dict[str, Any]:
     return {"effect": term.effect, "target": term.target}
 
 
-def _term(entry: Document) -> Term:
+def term_in(entry: Document) -> Term:
+    """The effect and target of an entry of diagnosis.json."""
     return Term(entry["effect"], entry["target"])
 
 
-def _terms(entries: Sequence[Document]) -> tuple[Term, ...]:
-    return tuple(_term(e) for e in entries)
+def terms_in(entries: Sequence[Document]) -> tuple[Term, ...]:
+    """Those of several entries."""
+    return tuple(term_in(e) for e in entries)

@@ -1,4 +1,4 @@
-"""Each effect tested on new runs: whether they need it, and whether it has the size that was expected."""
+"""Tests of each effect on new runs: whether it is needed and whether it has the expected size."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
+from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.results.causes import T95, unit_of
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.laws import is_law
@@ -16,10 +17,11 @@ from residual_mpc.experiment.confirmation.agreement import (
     dose,
     expected_numbers,
     found_sigma,
-    mismatch,
     score,
+    sigmas_of,
 )
 from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
+from residual_mpc.experiment.confirmation.known_change import changed_values
 from residual_mpc.experiment.confirmation.problem import FittedExplanations
 from residual_mpc.experiment.confirmation.records import EffectTest, ExplanationTest, Outcome, Size
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
@@ -28,9 +30,9 @@ from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """The explanations fitted to the new runs. phi: dispersion of the residuals; changed: each explanation's values in
-    these runs, as told; expected: the same with their uncertainty; scores: see `score`; best: the place of the
-    explanation that stands."""
+    """The explanations fitted to the new runs. phi: dispersion of the residuals; changed: each explanation's
+    diagnosed values with the known changes applied; expected: the same values with their standard deviations; scores:
+    see `score`; kept: index of the explanation that is kept."""
 
     given: ConfirmationInput
     fitted: FittedExplanations
@@ -38,69 +40,108 @@ class Scored:
     changed: tuple[Values, ...]
     expected: tuple[dict[Knob, Expected], ...]
     scores: tuple[float, ...]
-    best: int
+    kept: int
     settings: ConfirmationSettings
 
 
-def tested_effects(scored: Scored, explanations: Sequence[ExplanationTest], nominal: float) -> tuple[EffectTest, ...]:
-    """The effects that the diagnosis names, then those of the explanation that takes its place. nominal: the gap of the
-    nominal model on the new runs."""
-    own, best = explanations[0], explanations[scored.best]
-    new = best.terms if scored.best else ()
-    stays = [t for t in own.terms if not (scored.best and t in best.instead_of)]
-    fit = scored.fitted.fits[scored.best]
+def tested_effects(scored: Scored, explanations: Sequence[ExplanationTest], fits: bool) -> tuple[EffectTest, ...]:
+    """The effects that the diagnosis names, then those of the explanation that replaces it. fits: whether the kept
+    explanation, refitted, fits the new runs: in a model that fits poorly, an unmodelled effect may mask the one being
+    tested, so that nothing is denied."""
+    own, kept = explanations[0], explanations[scored.kept]
+    new = kept.terms if scored.kept else ()
+    stays = [t for t in own.terms if not (scored.kept and t in kept.instead_of)]
+    fit, here = scored.fitted.fits[scored.kept], scored.changed[scored.kept]
     there = [t for t in (*stays, *new) if t in fit.terms]
     fewer = fit_all(
         scored.fitted.problem, [without(fit.values, t) for t in there], scored.settings.fit_steps,
         settings=scored.settings.results.fit,
     )  # fmt: skip
-    as_told = costs_at(scored.fitted.problem, [without(scored.changed[scored.best], t) for t in there])
-    open_ = {t for e in explanations[1:] if not e.excluded for t in e.instead_of} - set(new)
-    fits = best.refitted**2 <= (1.0 - scored.settings.explains) * nominal**2
+    costs = costs_at(scored.fitted.problem, [here, *(without(here, t) for t in there)])
+    left = [set(whole_of(e, own)) for k, e in enumerate(explanations) if k != scored.kept and not e.excluded]
     out = []
     for term in (*own.terms, *new):
         if not _testable(term):
             continue
         if term not in there:
-            out.append(EffectTest(term, "denies", False, False, own.ratio, ()))
+            out.append(EffectTest(term, "denies", False, False, own.above, ()))
             continue
         k = there.index(term)
-        test = _tested(scored, term, (fewer[k], as_told[k]), term in open_, term in new)
-        # what is denied by a model that does not fit may be missed by what it lacks
+        removed = _Removed(fewer[k], costs[1 + k] / scored.phi, costs[0] / scored.phi)
+        test = _tested(scored, term, removed, any(term not in terms for terms in left), term in new)
         out.append(test if fits or test.outcome != "denies" else replace(test, outcome="open"))
     return tuple(out)
 
 
+def whole_of(explanation: ExplanationTest, own: ExplanationTest) -> EffectSet:
+    """All effects of an explanation."""
+    if explanation is own:
+        return own.terms
+    return (*(t for t in own.terms if t not in explanation.instead_of), *explanation.terms)
+
+
+@dataclass(frozen=True, eq=False)
+class _Removed:
+    """A model without one effect. fit: to the new runs; cost, cost_with: over phi, at the expected values, without and
+    with the effect."""
+
+    fit: Fit
+    cost: float
+    cost_with: float
+
+
 def _testable(term: Term) -> bool:
-    """Whether the term has a name and numbers: a fitted law has none of the one, outliers none of the other."""
+    """Whether the term is a named effect with fitted parameters: fitted laws are no named effects, and outliers have no
+    fitted parameters."""
     return term.effect in BY_NAME and BY_NAME[term.effect].fitted and not is_law(term.effect)
 
 
-def _tested(scored: Scored, term: Term, fewer: tuple[Fit, float], open_: bool, new: bool) -> EffectTest:
-    """fewer: the fit without this effect, and the cost of what was told without it; open_: whether another explanation
-    without it is not excluded."""
-    fit, expected, doubt = scored.fitted.fits[scored.best], scored.expected[scored.best], scored.settings.beyond_doubt
+def _tested(scored: Scored, term: Term, removed: _Removed, open_: bool, new: bool) -> EffectTest:
+    """open_: whether some explanation without this effect is not excluded."""
+    fit, expected, doubt = scored.fitted.fits[scored.kept], scored.expected[scored.kept], scored.settings.beyond_doubt
     sizes = _sizes(scored, term, fit, expected)
+    shown = any(np.isfinite(s.found_ci95).all() for s in sizes)
     agree = all(s.agrees for s in sizes)
     if any(c.term == term for c in scored.given.changes):
-        others = [c for c in scored.given.changes if c.term != term]
-        before = scored.given.explanations[scored.best].values
-        as_it_was = expected_numbers(before, others, scored.given.sigma, scored.settings.varies)
-        ratio = mismatch(fit, scored.phi, as_it_was) - mismatch(fit, scored.phi, expected)
-        outcome: Outcome = "open"
-        if abs(ratio) > doubt:
-            outcome = "agrees" if ratio > 0.0 and agree and not open_ else "denies" if ratio < 0.0 else "open"
-        return EffectTest(term, outcome, True, new, ratio, sizes)
-    fit_without, as_told = fewer
-    ratio = score(fit_without, scored.phi, expected, as_told) - scored.scores[scored.best]
-    needed = ratio > doubt
+        difference = _after_change(scored, term, removed)
+        gone = term not in {k.term for k in scored.changed[scored.kept] if k.effect != TUNE}
+        holds = difference > doubt and (agree or gone) and not open_
+        outcome: Outcome = "agrees" if holds else "denies" if difference < -doubt else "open"
+        return EffectTest(term, outcome, True, new, difference, sizes)
+    difference = score(removed.fit, scored.phi, expected, removed.cost * scored.phi) - scored.scores[scored.kept]
+    needed, worse = difference > doubt, removed.cost_with - removed.cost
     if needed and not open_:
-        return EffectTest(term, "agrees" if agree else "other size", False, new, ratio, sizes)
-    return EffectTest(term, "open" if agree or needed else "denies", False, new, ratio, sizes)
+        outcome = "other size" if not agree else "agrees" if shown and worse < 0.0 else "open"
+    else:
+        absent = not agree or (_by_cost(term) and worse > doubt)
+        outcome = "denies" if absent and not needed else "open"
+    return EffectTest(term, outcome, False, new, difference, sizes)
+
+
+def _by_cost(term: Term) -> bool:
+    """Whether derivatives do not tell how much of the effect there is: far from a limit or within a threshold, its
+    parameter changes nothing."""
+    sizes = [p for p in BY_NAME[term.effect].parameters if not p.shape and not p.optional]
+    return any(p.threshold or not np.isfinite(p.null) for p in sizes)
+
+
+def _after_change(scored: Scored, term: Term, removed: _Removed) -> float:
+    """By how much the score of the effect as it was before its known change is higher than that of the effect after
+    it."""
+    given, phi, values = scored.given, scored.phi, scored.given.explanations[scored.kept].values
+    expected, fit = scored.expected[scored.kept], scored.fitted.fits[scored.kept]
+    others = [c for c in given.changes if c.term != term]
+    before = changed_values(values, others)
+    (cost_before,) = costs_at(scored.fitted.problem, [before])
+    if _by_cost(term):
+        return cost_before / phi - removed.cost_with
+    sigma = sigmas_of(given)[scored.kept]
+    as_it_was = expected_numbers(values, others, sigma, scored.settings.varies)
+    return score(fit, phi, as_it_was, cost_before) - score(fit, phi, expected, removed.cost_with * phi)
 
 
 def _sizes(scored: Scored, term: Term, fit: Fit, expected: dict[Knob, Expected]) -> tuple[Size, ...]:
-    """Those numbers of an effect that say how much of it there is."""
+    """The parameters that set the size of an effect, not its shape."""
     sigma, robot, out = found_sigma(fit, scored.phi), scored.fitted.problem.space.robot, []
     for k in fit.knobs:
         if k.effect == TUNE or k.term != term or k not in expected:
@@ -110,7 +151,7 @@ def _sizes(scored: Scored, term: Term, fit: Fit, expected: dict[Knob, Expected])
             continue
         wanted, found = expected[k], fit.values[k]
         size = max(dose(k, wanted.value), wanted.sigma / scored.settings.varies)
-        law = scored.settings.results.causes.law * dose(k, found)  # no robot obeys a law exactly
+        law = scored.settings.results.causes.law * dose(k, found)  # no robot obeys the equation exactly
         half = float(np.hypot(T95 * sigma[k], law)) if sigma[k] <= scored.settings.shown * size else np.inf
         margin = T95 * wanted.sigma
         out.append(

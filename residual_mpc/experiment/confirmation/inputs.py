@@ -1,4 +1,4 @@
-"""What a confirmation is given: the explanations of a diagnosis, new runs, and what was changed before them."""
+"""Input of a confirmation: the explanations of a diagnosis, the new runs, and the changes made before them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from residual_mpc.models.settings import Knob, Values
 
 @dataclass(frozen=True, eq=False)
 class DiagnosedExplanation:
-    """terms: what it has and the diagnosis' own explanation lacks (of the own one: all); instead_of: what they
-    replace; values: of the whole model, before any known change."""
+    """terms: the effects that it adds to the diagnosed explanation (of that one itself: all its effects); instead_of:
+    the effects that they replace; values: parameters of the whole model, before any known change."""
 
     terms: EffectSet
     instead_of: EffectSet
@@ -23,13 +23,14 @@ class DiagnosedExplanation:
 
 @dataclass(frozen=True, eq=False)
 class ConfirmationInput:
-    """runs: the new ones, each with its nominal model in robots; noise, options: as a diagnosis has them. explanations:
-    the diagnosis' own first; sigma: of the numbers that it gives an interval, in their units; dispersion: of its
-    residuals. changes: made on the robot before these runs."""
+    """runs: the new runs; robots: the nominal model of each; noise, tunable, options: as for a diagnosis. explanations:
+    the diagnosed one, then its alternatives; sigma: standard deviations of the parameters that have an interval, in
+    their units; dispersion: of the residuals of the diagnosis. changes: made to the robot before these runs."""
 
     runs: tuple[Run, ...]
     robots: tuple[Robot, ...]
     noise: Mapping[str, float]
+    tunable: tuple[str, ...]
     explanations: tuple[DiagnosedExplanation, ...]
     sigma: Mapping[Knob, float]
     dispersion: float

@@ -1,4 +1,4 @@
-"""The new runs as a fitting problem: windows, hypotheses, and how much each channel and window weighs."""
+"""The new runs as a fitting problem: windows, hypotheses, and the weights of channels and windows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,21 +20,17 @@ from residual_mpc.models.settings import TUNE, Knob, Values
 
 @dataclass(frozen=True, eq=False)
 class FittedExplanations:
-    """fits: of each explanation to the new runs, in their order."""
+    """fits: one of each explanation to the new runs, in the same order."""
 
     problem: Problem
     fits: tuple[Fit, ...]
-
-    @property
-    def best(self) -> int:
-        return int(np.argmin([f.cost for f in self.fits]))
 
 
 def fit_explanations(
     prepared: Prepared, explanations: Sequence[Values], settings: ConfirmationSettings
 ) -> FittedExplanations:
-    """Each explanation fitted to the new runs, from its own numbers. A channel weighs by what the best of them leaves,
-    or by its noise where that is more."""
+    """Fit each explanation to the new runs, from its own values. Each channel is scaled by the residual of the best
+    fit, or by its noise if that is larger."""
     results = settings.results
     space = holding_shapes(prepared.space, explanations)
     starts = [{k: v for k, v in values.items() if k not in space.fixed} for values in explanations]
@@ -52,7 +48,7 @@ def fit_explanations(
 
 
 def holding_shapes(space: Space, explanations: Sequence[Values]) -> Space:
-    """The space in which numbers that say how a fitted law acts stay as they are."""
+    """The parameter space with the shape parameters of fitted laws held fixed."""
     fixed = {
         k: v
         for values in explanations
@@ -67,7 +63,7 @@ def _is_shape(knob: Knob) -> bool:
 
 
 def _weighed(problem: Problem, scales: Scales, best: Fit, settings: ConfirmationSettings) -> Problem:
-    """The problem on what the best explanation leaves: windows that are unlike the others weigh less."""
+    """The problem reweighted by the residuals of the best fit; outlying windows are down-weighted."""
     data, results = problem.data, settings.results
     trust = fit_trust(data, scales, data.y - problem.replays([best.values])[0], settings=results.data)
     trusting = problem if (trust == 1.0).all() else replace(problem, count=trust)

@@ -1,4 +1,4 @@
-"""What new runs say about a diagnosis: frozen records."""
+"""Results of testing a diagnosis on new runs, as frozen records."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,16 +6,16 @@ from typing import Literal
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.models.settings import Term, Values
 
-# agrees: the effect is needed, and has its size; other size: it is needed with another one; denies: the runs show that
-# it is not there, or something else takes its place; open: they do not settle it
+# agrees: the effect is needed and has the expected size; other size: it is needed with a different size; denies: the
+# runs contradict it, or another effect replaces it; open: undecided
 Outcome = Literal["agrees", "other size", "denies", "open"]
 Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Size:
-    """One number of an effect, in its unit. expected: in these runs, with what may differ from motion to motion in its
-    interval; found: from these runs alone. The intervals are of 95 %."""
+    """One parameter of an effect, in its unit. expected: its value on these runs, with an interval that includes the
+    variation between motions; found: fitted to these runs alone. The intervals are 95 %."""
 
     name: str
     unit: str
@@ -32,52 +32,54 @@ class Size:
 
 @dataclass(frozen=True)
 class EffectTest:
-    """changed: whether the user changed the effect by a known amount before these runs. ratio: likelihood ratio by
-    which these runs prefer the model with the effect to one without it; of a changed one, to the effect as it was.
-    new: whether it takes the place of an effect that the diagnosis named."""
+    """changed: whether the user changed the effect by a known amount before these runs; new: whether it replaces an
+    effect that the diagnosis named. difference: of scores, in favour of the model with the effect over the model
+    without it; for a changed effect, of the expected over the old size; for a replaced one, of the new explanation over
+    the diagnosed one."""
 
     term: Term
     outcome: Outcome
     changed: bool
     new: bool
-    ratio: float
+    difference: float
     sizes: tuple[Size, ...]
 
 
 @dataclass(frozen=True)
 class ExplanationTest:
-    """One explanation of the diagnosis on the new runs. terms: what it has and the diagnosis' own lacks (of the own
-    one: all); instead_of: what they replace; values: of the whole model, as diagnosed. gap: as diagnosed; refitted:
-    with its numbers fitted to these runs; ratio: likelihood ratio by which it is worse than the best."""
+    """One explanation of the diagnosis on the new runs. terms: the effects that it adds to the diagnosed explanation
+    (of that one itself: all its effects); instead_of: the effects that they replace; values: parameters of the whole
+    model, as diagnosed. gap: with known changes applied and nothing refitted; refitted: with the parameters fitted to
+    these runs; above: its score above the lowest."""
 
     terms: EffectSet
     instead_of: EffectSet
     values: Values
     gap: float
     refitted: float
-    ratio: float
+    above: float
     excluded: bool
 
 
 @dataclass(frozen=True)
 class NewGap:
-    """Gaps on the new runs over one horizon, unitless: of the nominal model, and of the best explanation as diagnosed
-    and changed; as_told: whether that is as good as the sensors can tell."""
+    """Gaps on the new runs over one horizon, unitless: of the nominal model, and of the kept explanation with known
+    changes applied and nothing refitted; as_good: whether the latter is as good as the sensors can tell."""
 
     horizon: float
     windows: int
     nominal: float
     explained: float
     noise_floor: float
-    as_told: bool
+    as_good: bool
 
 
 @dataclass(frozen=True)
 class Confirmation:
-    """explanations: the diagnosis' own first, then its alternatives; best: the place of the one that agrees best with
-    these runs; gaps: over each horizon, the headline's first."""
+    """explanations: the diagnosed one first, then its alternatives; kept: index of the one that is kept, which is the
+    diagnosed one unless it is excluded; gaps: one for each horizon, the headline's first."""
 
     explanations: tuple[ExplanationTest, ...]
-    best: int
+    kept: int
     effects: tuple[EffectTest, ...]
     gaps: tuple[NewGap, ...]

@@ -1,4 +1,4 @@
-"""What tunes a confirmation."""
+"""Settings of a confirmation."""
 
 from dataclasses import dataclass, field
 
@@ -8,14 +8,15 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 
 @dataclass(frozen=True)
 class ConfirmationSettings:
-    """beyond_doubt: likelihood ratio by which new runs exclude an explanation, or need an effect; steps: simulation
-    steps that one hypothesis may cost on the windows that are fitted; fit_steps: of each fit; varies: 1-sigma by which
-    the size of an effect may differ from one motion to another, relative to the effect, beside its interval; explains:
-    share of the nominal model's squared gap that the fitted model has to remove, or else the runs deny no effect;
-    shown: 1-sigma above which the runs do not show a number, relative to its expected size.
+    """beyond_doubt: score difference above which an explanation is excluded or an effect counts as needed; steps:
+    maximum simulation steps of a hypothesis on the fitted windows; fit_steps: maximum iterations of a fit; varies:
+    standard deviation of the size of an effect between motions, relative to that size, in addition to its interval;
+    explains: share of the nominal model's squared gap that the fitted model must remove before an effect in it can be
+    denied; shown: standard deviation, relative to the expected size, above which a parameter counts as not determined;
+    excluded: share of its probability that an excluded explanation keeps.
 
-    agrees, denies: how often new runs agree with an effect, or deny it, where the robot has it and where it has not.
-    The odds of an effect are multiplied by the ratio of the two (Bayes' rule).
+    agrees, denies: rates at which new runs agree with or deny an effect that the robot has, and one that it does not
+    have. The odds of an effect are multiplied by the ratio of the two (Bayes' rule).
     """
 
     beyond_doubt: float = 14.0
@@ -24,13 +25,14 @@ class ConfirmationSettings:
     varies: float = 0.1
     explains: float = 0.5
     shown: float = 3.0
+    excluded: float = 0.05
     agrees: tuple[float, float] = (0.5, 0.1)
     denies: tuple[float, float] = (0.04, 0.2)
     results: ResultSettings = field(default_factory=ResultSettings)
 
     def __post_init__(self) -> None:
         check_positive(self, "beyond_doubt", "steps", "fit_steps", "varies", "shown")
-        check_share(self, "explains")
+        check_share(self, "explains", "excluded")
         for rates in (self.agrees, self.denies):
             if not all(0.0 < rate < 1.0 for rate in rates):
                 raise ValueError(f"rates must be between 0 and 1, got {rates}")

@@ -1,4 +1,4 @@
-"""What runs that no fit has seen, made to test the diagnosis, say about it."""
+"""The result of testing the diagnosis on new runs."""
 
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.sections.section import Document, Section, render
@@ -7,15 +7,14 @@ from residual_mpc.report.words.confirmation import (
     changed_words,
     confirmation_sentence,
     explanation_name,
+    explanation_status,
     size_words,
 )
 from residual_mpc.report.words.effects import name_at
 
-BADGES = {"agrees": "effects", "other size": "partial", "denies": "unknown", "open": "no_gap"}
-
 
 def confirmation(document: Document, evidence: Evidence) -> Section | None:
-    """There where new runs were given to confirm the diagnosis."""
+    """There if the diagnosis was tested on new runs."""
     made = document.get("confirmation")
     if not made:
         return None
@@ -24,9 +23,9 @@ def confirmation(document: Document, evidence: Evidence) -> Section | None:
         sentence=confirmation_sentence(made),
         runs=made["runs"],
         changed=[changed_words(c) for c in made["changed"]],
-        effects=[(name_at(e), e, OUTCOMES[e["outcome"]], BADGES[e["outcome"]], size_words(e)) for e in made["effects"]],
-        explanations=[(explanation_name(e), e) for e in made["explanations"]],
+        effects=[(name_at(e), e, OUTCOMES[e["outcome"]], size_words(e)) for e in made["effects"]],
+        explanations=[(explanation_name(e), e, explanation_status(e)) for e in made["explanations"]],
         gaps=made["gaps"],
-        largest=max((g[k] for g in made["gaps"] for k in ("nominal", "explained")), default=0.0) or 1.0,
+        largest=max((g[k] or 0.0 for g in made["gaps"] for k in ("nominal", "explained")), default=0.0) or 1.0,
     )
-    return Section("confirmation", "What the new runs say", body)
+    return Section("confirmation", "Test on new runs", body)

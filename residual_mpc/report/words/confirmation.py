@@ -1,42 +1,55 @@
-"""What new runs say about a diagnosis, in words."""
+"""The result of testing a diagnosis on new runs, in words."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from residual_mpc.report.words.effects import name_at
-from residual_mpc.report.words.numbers import ARROW, count, listed, measure, measure_interval, number, plain
+from residual_mpc.report.words.numbers import count, listed, measure, measure_interval, number, percent, plain
+from residual_mpc.report.words.summary import sentence
 
 Document = Mapping[str, Any]  # the "confirmation" of a diagnosis.json
 
 OUTCOMES = {
     "agrees": "confirmed",
-    "other size": "there, but of another size",
+    "other size": "present, but with a different size",
     "denies": "not supported",
-    "open": "not settled by these runs",
+    "open": "undecided on these runs",
 }
+LITTLE = 0.1  # share of the nominal gap below which a reduction says nothing
 
 
 def confirmation_sentence(document: Document) -> str:
-    """What the new runs settle, in one sentence."""
+    """What the new runs decide, in one sentence."""
     by = {outcome: [e for e in document["effects"] if e["outcome"] == outcome] for outcome in OUTCOMES}
     clauses = [
         f"{verb} {listed([name_at(e) for e in by[outcome]])}"
         for outcome, verb in (
             ("agrees", "confirm"),
-            ("other size", "show another size of"),
-            ("denies", "speak against"),
+            ("other size", "give a different size for"),
+            ("denies", "count against"),
         )
         if by[outcome]
     ]
-    stands = next(e for e in document["explanations"] if e["stands"])
-    there = {name_at(e) for e in (*stands["effects"], *by["denies"])}
+    kept = next(e for e in document["explanations"] if e["kept"])
+    there = {name_at(e) for e in (*kept["effects"], *by["denies"])}
     gone = [name_at(e) for row in document["explanations"] if row["excluded"] for e in row["with"]]
     excluded = [name for name in dict.fromkeys(gone) if name not in there]
     if excluded:
         clauses.append(f"exclude {listed(excluded)}")
+    worse = _prediction(document["gaps"][0])
     if not clauses:
-        return "The new runs do not show whether the diagnosis is right."
-    return f"The new runs {listed(clauses)}."
+        return f"The new runs neither confirm nor contradict the diagnosis; {worse}."
+    return f"The new runs {listed(clauses)}; {worse}."
+
+
+def confirmed_sentence(document: Mapping[str, Any], verdict_before: str) -> str:
+    """The verdict of a diagnosis.json that was tested, in one sentence, or two if the new runs made it weaker."""
+    if document["verdict"] == verdict_before:
+        return sentence(document)
+    worst = max(document["confirmation"]["gaps"], key=lambda g: g["explained"] / max(g["noise_floor"], 1e-12))
+    left, floor = number(worst["explained"]), number(worst["noise_floor"], 2)
+    more = f"a gap of {left} over {number(worst['horizon'])} s, noise floor {floor}"
+    return f"{sentence({**document, 'verdict': verdict_before})} On the new runs more is left: {more}."
 
 
 def confirmation_lines(document: Document) -> list[str]:
@@ -53,8 +66,8 @@ def confirmation_lines(document: Document) -> list[str]:
 def changed_words(change: Document) -> str:
     """ "changed before the new runs: payload, mass increased by 200 g"."""
     if change["value"] is None:
-        how = "removed"
-    elif change["relative"]:
+        return f"changed before the new runs: {name_at(change)} removed"
+    if change["relative"]:
         turned = "increased" if change["value"] >= 0.0 else "decreased"
         how = f"{change['parameter']} {turned} by {measure(abs(change['value']), change['unit'])}"
     else:
@@ -63,8 +76,8 @@ def changed_words(change: Document) -> str:
 
 
 def gap_words(gap: Document) -> str:
-    """ "gap on the new runs at 1 s: 0.31 → 0.021 (noise floor 0.02), 18 windows"."""
-    figures = f"{number(gap['nominal'])} {ARROW} {number(gap['explained'])}"
+    """ "gap on the new runs at 1 s: nominal 0.31, diagnosed 0.021 (noise floor 0.02), 18 windows"."""
+    figures = f"nominal {number(gap['nominal'])}, diagnosed {number(gap['explained'])}"
     floor = f"noise floor {number(gap['noise_floor'], 2)}"
     return f"gap on the new runs at {number(gap['horizon'])} s: {figures} ({floor}), {count(gap['windows'], 'window')}"
 
@@ -73,12 +86,12 @@ def effect_words(effect: Document) -> str:
     """ "command delay: confirmed; delay 88 ms (86 to 90), expected 88 ms (71 to 105); probability 0.45 → 0.96"."""
     parts = [OUTCOMES[effect["outcome"]], *size_words(effect)]
     before, after = effect["probability"]["before"], effect["probability"]["after"]
-    parts.append(f"probability {before:.2f} {ARROW} {after:.2f}")
+    parts.append(f"probability {before:.2f} \N{RIGHTWARDS ARROW} {after:.2f}")
     return f"{name_at(effect)}: {'; '.join(parts)}"
 
 
 def size_words(effect: Document) -> list[str]:
-    """ "delay 88 ms (86 to 90), expected 88 ms (71 to 105)", for each number."""
+    """ "delay 88 ms (86 to 90), expected 88 ms (71 to 105)", for each parameter."""
     return [
         f"{name.replace('_', ' ')} {_found(p)}, expected "
         + measure_interval(p["expected"], p["expected_ci95"], p["unit"])
@@ -87,21 +100,38 @@ def size_words(effect: Document) -> list[str]:
 
 
 def explanation_words(explanation: Document) -> str:
-    """ "with sensor delay instead of command delay: gap 0.31, excluded (likelihood ratio 540)"."""
-    said = "stands" if explanation["stands"] else "excluded" if explanation["excluded"] else "not excluded"
-    ratio = "" if explanation["stands"] else f" (likelihood ratio {number(explanation['ratio'], 2)})"
-    return f"{explanation_name(explanation)}: gap {number(explanation['gap'])}, {said}{ratio}"
+    """ "with sensor delay instead of command delay: gap 0.31, excluded (score 540 above the lowest)"."""
+    status = explanation_status(explanation)
+    above = "" if explanation["kept"] else f" (score {number(explanation['score_difference'], 2)} above the lowest)"
+    return f"{explanation_name(explanation)}: gap {number(explanation['gap'])}, {status}{above}"
+
+
+def explanation_status(explanation: Document) -> str:
+    """ "kept", "excluded" or "not excluded"."""
+    return "kept" if explanation["kept"] else "excluded" if explanation["excluded"] else "not excluded"
 
 
 def explanation_name(explanation: Document) -> str:
-    """ "as diagnosed", "with sensor delay instead of command delay"."""
+    """ "diagnosed explanation", "with sensor delay instead of command delay"."""
     if not explanation["instead_of"] and explanation["with"] == explanation["effects"]:
-        return "as diagnosed"
+        return "diagnosed explanation"
     instead = listed([name_at(e) for e in explanation["instead_of"]])
-    return f"with {listed([name_at(e) for e in explanation['with']])}" + (f" instead of {instead}" if instead else "")
+    return f"with {listed([name_at(e) for e in explanation['with']])} " + (
+        f"instead of {instead}" if instead else "in addition"
+    )
+
+
+def _prediction(gap: Document) -> str:
+    """ "the diagnosed model removes 92 % of their gap"."""
+    removed = 1.0 - gap["explained"] / max(gap["nominal"], 1e-12)
+    if removed < -LITTLE:
+        return f"the diagnosed model predicts them worse than the nominal one (gap {number(gap['explained'])})"
+    if removed < LITTLE:
+        return "the diagnosed model predicts them no better than the nominal one"
+    return f"the diagnosed model removes {percent(removed)} of their gap"
 
 
 def _found(p: Document) -> str:
     if None in p["found_ci95"]:
-        return "unknown"
+        return "not determined by these runs"
     return measure_interval(p["found"], p["found_ci95"], p["unit"])
