@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from residual_mpc.report.words.effects import numbers_of
+from residual_mpc.report.words.effects import by_run_words, numbers_of
 from residual_mpc.report.words.gaps import few_windows, horizon_line, horizons_of, warnings
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
@@ -23,7 +23,11 @@ def diagnosis_lines(document: Document) -> list[str]:
         *_reference(gap),
         *_doubts(gap, explained),
         *_shrink(document),
-        *(line for effect in surest_first(document["explanation"]) for line in (_cause(effect), *_motor(effect))),
+        *(
+            line
+            for effect in surest_first(document["explanation"])
+            for line in (_cause(effect), *_by_run(effect), *_motor(effect))
+        ),
         *servo_lines(document),
         *(group_sentence(group) for group in document.get("confounded") or []),
     ]
@@ -80,6 +84,10 @@ def _cause(effect: Document) -> str:
     sure = effect.get("probability")
     parts = [*numbers, *([] if sure is None else [f"probability {sure:.2f}"])]
     return f"{named}: {', '.join(parts)}{_remark(effect)}"
+
+
+def _by_run(effect: Document) -> list[str]:
+    return [f"  {by_run_words(effect)}"] if effect.get("by_run") else []
 
 
 def _motor(effect: Document) -> list[str]:

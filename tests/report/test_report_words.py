@@ -7,7 +7,7 @@ from fabricated_diagnosis import document
 
 from residual_mpc.effects.effect import STAGES
 from residual_mpc.effects.library import LIBRARY
-from residual_mpc.report.words.effects import name, remarks, sentence_of, stage
+from residual_mpc.report.words.effects import by_run_words, name, remarks, sentence_of, stage, variation_clause
 from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import in_brackets, listed, measure, measure_interval, number, percent, spelled
@@ -126,14 +126,25 @@ def test_people_are_written_with_a_capital():
 
 def test_what_supports_an_effect_in_words():
     entry = {"evidence": ["fits", "survives"], "since": {"run": "one", "t": 131.0}, "by_run": {"one": 0.8, "two": 0.9},
-             "note": "at the bound of its search range"}  # fmt: skip
+             "until": {"run": "two", "t": 140.0}, "note": "at the bound of its search range"}  # fmt: skip
     assert [plain(text) for text in remarks(entry, lambda run, t: t - 100.0)] == [
         "fits significantly better and is found whichever run is left out",
         "begins 31 s into one",
+        "ends 40 s into two",
         "by run: one 0.8, two 0.9",
         "at the bound of its search range",
     ]
     assert remarks({"effect": "payload"}, lambda run, t: t) == []
+    many = {"by_run": {f"run{k}": k / 10 for k in range(20)}}
+    assert by_run_words(many) == "differs between 20 runs: 0 to 1.9, median 1"
+
+
+def test_an_effect_that_is_not_steady_says_so_in_its_clause():
+    gain = {"effect": "actuator_gain", "target": None, "parameters": {"gain": {"value": 0.8, "unit": "1"}}}
+    assert variation_clause(gain) == ""
+    assert variation_clause({**gain, "by_run": {"a": 0.6, "b": 0.9}}) == ", differing from run to run (0.6 to 0.9)"
+    assert variation_clause({**gain, "since": {"run": "b", "t": 3.0}}) == ", beginning in b"
+    assert variation_clause({**gain, "until": {"run": "b", "t": 3.0}}) == ", ending in b"
 
 
 @pytest.mark.parametrize(
@@ -164,7 +175,7 @@ def test_the_verdict_in_one_sentence():
 def test_the_surest_effect_comes_first_and_a_doubtful_one_is_a_possibility():
     said = plain(sentence(document("partial")))
     assert said.startswith("Joint elbow has 13.1 mN m more dry friction than modelled, the gear of shoulder_lift has ")
-    assert "too low and possibly actuator wrist delivers 62 % of its modelled output; adding" in said
+    assert "too low and possibly actuator wrist delivers 62 % of its modelled output, beginning in run1; adding" in said
     alone = document("effects")
     alone["explanation"][0]["probability"] = 0.19
     assert sentence(alone).startswith("Possibly commands take effect")

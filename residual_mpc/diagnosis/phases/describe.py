@@ -1,7 +1,7 @@
 """The last phase: the answer as records, what the explanation leaves, and the stages' shares of the gap."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,6 +72,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     doubt = doubts(supports, extras.rest, settings=settings)
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
+    causes = causes_of(of, share, sure, supports, doubt, validated.lacking, settings=settings) if helps else ()
     return Diagnosis(
         robot=of.space.robot.name,
         verdict=verdict,
@@ -81,7 +82,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         achieved=validated.achieved,
         stages=extras.stages,
         where=locate(of.raw, of.scales, found.errors["before"], settings=settings.data),
-        causes=causes_of(of, share, sure, supports, doubt, validated.lacking, settings=settings) if helps else (),
+        causes=tuple(replace(c, variation=validated.varying.get(c.term)) for c in causes),
         candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, doubt) if helps else (),
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),

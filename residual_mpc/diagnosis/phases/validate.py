@@ -1,7 +1,7 @@
 """The fourth phase: the held-out windows are opened, and the explanation is judged on them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps, measure_gaps
 from residual_mpc.diagnosis.results.shrink import Shrink, shrink_of
 from residual_mpc.diagnosis.results.support import Support, doubts, support_of
+from residual_mpc.diagnosis.results.variation import variations
+from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.models.settings import Knob, Term
 
 
@@ -19,13 +21,14 @@ from residual_mpc.models.settings import Knob, Term
 class Validated:
     """gaps: those of the explanation, over every horizon, and whether it helps; achieved: the shrink on the held-out
     windows, None where nothing helps; supports: of each effect; lacking: each number's values without one of the
-    effects that may well not be there."""
+    effects that may well not be there; varying: the effects whose size is not steady."""
 
     gaps: ExplanationGaps
     achieved: Shrink | None
     supports: Mapping[Term, Support]
     lacking: Mapping[Knob, tuple[float, ...]]
     options: Options
+    varying: Mapping[Term, Variation] = field(default_factory=dict)
 
     @property
     def explanation(self) -> FittedExplanation:
@@ -52,4 +55,4 @@ def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> 
     achieved = shrink_of(of.raw.take(of.test), of.scales, before[of.test], after[of.test], rng, settings=settings)
     supports = support_of(of, longer, gaps.looks, settings=settings)
     lacking = without_doubtful(of, doubts(supports, None, settings=settings), options.final_steps, settings=settings)
-    return Validated(gaps, achieved, supports, lacking, options)
+    return Validated(gaps, achieved, supports, lacking, options, variations(of, settings))

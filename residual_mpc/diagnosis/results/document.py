@@ -62,6 +62,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
                 "evidence": list(c.evidence),
                 "summary": c.summary,
                 "only_target": c.only_target,
+                **({} if c.variation is None else c.variation.document()),
             }
             for c in d.causes
         ],

@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSe
 from residual_mpc.diagnosis.remainder.learning import Learned
 from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.diagnosis.results.shrink import Shrink
+from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import Verdict
 from residual_mpc.diagnosis.search.testable import NotTestable
 from residual_mpc.models.settings import Term, Values
@@ -80,6 +81,7 @@ class Cause:
     only_target: str | None = None  # what "all targets" means on a robot that has one, for the wording
     evidence: tuple[str, ...] = ()
     law: FittedLaw | None = None  # where the cause has no name
+    variation: Variation | None = None  # if its size is not steady
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,24 @@ class SupportSettings:
 
 
 @dataclass(frozen=True)
+class VariationSettings:
+    """beyond_doubt, per_run: drop in cost over dispersion that a variation of an effect's size must be worth, and what
+    each further run adds to that; material: spread of the sizes, relative to the effect, from which it is stated;
+    absent: share of the size on the other side of an instant below which an effect counts as absent; steps: maximum
+    simulation steps of a prediction."""
+
+    beyond_doubt: float = 20.0
+    per_run: float = 4.0
+    material: float = 0.15
+    absent: float = 0.25
+    steps: int = 60_000
+
+    def __post_init__(self) -> None:
+        check_positive(self, "beyond_doubt", "per_run", "material", "steps")
+        check_share(self, "absent")
+
+
+@dataclass(frozen=True)
 class ResultSettings:
     """closest: rivals outside the groups whose values are kept; bootstrap: draws of the shrink's interval;
     full_subsets: of the effects, from which on there are fewer windows for each in the stages' shares."""
@@ -89,6 +107,7 @@ class ResultSettings:
     gaps: GapSettings = field(default_factory=GapSettings)
     support: SupportSettings = field(default_factory=SupportSettings)
     laws: LawSettings = field(default_factory=LawSettings)
+    variation: VariationSettings = field(default_factory=VariationSettings)
     closest: int = 3
     bootstrap: int = 2000
     full_subsets: int = 32

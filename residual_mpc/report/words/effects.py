@@ -11,6 +11,7 @@ from residual_mpc.report.words.phrases import OPPOSITES, QUANTITIES
 Effect = Mapping[str, Any]  # an entry of diagnosis.json that names an effect
 
 PEOPLE = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+MANY = 8  # runs, above which not each one's size is listed
 SUPPORT = {
     "fits": "fits significantly better",
     "predicts": "predicts held-out runs better",
@@ -82,9 +83,35 @@ def remarks(effect: Effect, since_start: Callable[[str, float], float]) -> list[
     if effect.get("since"):
         run, t = effect["since"]["run"], effect["since"]["t"]
         out.append(f"begins {measure(since_start(run, t), 's')} into {run}")
+    if effect.get("until"):
+        run, t = effect["until"]["run"], effect["until"]["t"]
+        out.append(f"ends {measure(since_start(run, t), 's')} into {run}")
     if effect.get("by_run"):
-        out.append("by run: " + ", ".join(f"{run} {number(size)}" for run, size in effect["by_run"].items()))
+        out.append(by_run_words(effect))
     return [*out, str(effect["note"])] if effect.get("note") else out
+
+
+def by_run_words(effect: Effect) -> str:
+    """ "by run: run1 0.93, run2 0.6"; of many runs the lowest, the median and the highest."""
+    sizes = effect["by_run"]
+    if len(sizes) > MANY:
+        ranked = sorted(sizes.values())
+        low, middle, high = (number(ranked[k]) for k in (0, len(ranked) // 2, -1))
+        return f"differs between {len(sizes)} runs: {low} to {high}, median {middle}"
+    return "by run: " + ", ".join(f"{run} {number(size)}" for run, size in sizes.items())
+
+
+def variation_clause(effect: Effect) -> str:
+    """ ", differing from run to run (0.6 to 1)", ", beginning in run3"; empty for a steady effect."""
+    if effect.get("since"):
+        return f", beginning in {effect['since']['run']}"
+    if effect.get("until"):
+        return f", ending in {effect['until']['run']}"
+    if effect.get("by_run"):
+        sizes = effect["by_run"].values()
+        unit = next((str(p.get("unit", "1")) for p in numbers_of(effect).values()), "1")
+        return f", differing from run to run ({measure(min(sizes), unit)} to {measure(max(sizes), unit)})"
+    return ""
 
 
 def _written(key: str, shares: tuple[str, ...]) -> Callable[[float, str], str]:

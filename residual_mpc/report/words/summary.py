@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from residual_mpc.report.words.effects import name, sentence_of
+from residual_mpc.report.words.effects import name, sentence_of, variation_clause
 from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, size
 from residual_mpc.report.words.numbers import listed, number, percent
 from residual_mpc.report.words.servo import short_reading
@@ -79,7 +79,8 @@ def _causes(document: Mapping[str, Any]) -> str:
 def _clause(effect: Mapping[str, Any]) -> str:
     """With what it would be on a motor whose constants are known."""
     motor = short_reading(effect.get("motor") or [])
-    return f"{sentence_of(effect)} ({motor})" if motor else sentence_of(effect)
+    said = f"{sentence_of(effect)}{variation_clause(effect)}"
+    return f"{said} ({motor})" if motor else said
 
 
 def _adding(document: Mapping[str, Any]) -> str:

@@ -1,0 +1,205 @@
+"""Whether the size of a named effect is steady: it may differ from run to run, or begin or end in the middle of them.
+
+For each effect, one factor on its size is estimated for each run, and for the windows before and after each instant, by
+a Gauss-Newton step from the steady fit; the other parameters stay. A variation is stated only if predictions with the
+sizes of the runs, or of the two parts, leave less beyond doubt.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.gap import fit_trust
+from residual_mpc.diagnosis.data.subsampling import evenly
+from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem
+from residual_mpc.diagnosis.results.causes import ANGLES
+from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.settings import ResultSettings, VariationSettings
+from residual_mpc.diagnosis.results.variation_records import Instant, Variation
+from residual_mpc.effects.laws import is_law
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
+
+ITERATIONS = 4  # of the sizes of runs
+
+
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """How the cost depends on a factor of the size of one effect. residuals (W, n) and their derivative by the factor;
+    information, score (W,): of each window, over phi, the dispersion of the residuals along it."""
+
+    term: Term
+    derivative: np.ndarray
+    residuals: np.ndarray
+    information: np.ndarray
+    score: np.ndarray
+    phi: float
+
+    def step(self, windows: np.ndarray) -> float:
+        """The change of the factor that suits these windows (W,) bool; NaN if they do not show it."""
+        h = float(self.information[windows].sum())
+        return -float(self.score[windows].sum()) / h if h > 0.0 else float("nan")
+
+    def gain(self, windows: np.ndarray) -> float:
+        """By how much their cost falls with it."""
+        h = float(self.information[windows].sum())
+        return float(self.score[windows].sum()) ** 2 / h if h > 0.0 else 0.0
+
+
+def variations(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Variation]:
+    """The named effects whose size is not steady, on all windows of the headline's horizon, held-out ones included."""
+    terms = [t for t in of.final.terms if not is_law(t.effect) and _sizes(of.final.values, t)]
+    if not terms:
+        return {}
+    tuned = settings.variation
+    data = of.clean.take(evenly(of.clean, tuned.steps, settings=settings.data))
+    problem = build_problem(data, of.space, 1.0 / of.problem.weight, settings=settings.predict)
+    trust = fit_trust(data, of.scales, data.y - problem.replays([of.final.values])[0], settings=settings.data)
+    problem = problem if (trust == 1.0).all() else replace(problem, count=trust)
+    fit = on_problem(problem, of.final, settings=settings.fit)
+    blocks, r, out = blocks_of(data, settings=settings.fit), fit.r, dict[Term, Variation]()
+    while terms:  # the clearest first: what varies makes other effects seem to
+        tried = (_of_one(_scores(fit, t, r, blocks, data.run), problem, fit.values, tuned) for t in terms)
+        found = max((f for f in tried if f is not None), key=lambda f: f.gain, default=None)
+        if found is None:
+            return out
+        out[found.term] = found.variation
+        terms.remove(found.term)
+        r = r + found.moved
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """gain: by how much the cost, over the dispersion, falls with the variation; moved (W, n): what it adds to the
+    residuals."""
+
+    term: Term
+    variation: Variation
+    gain: float
+    moved: np.ndarray
+
+
+def _scores(fit: Fit, term: Term, r: np.ndarray, blocks: np.ndarray, run: np.ndarray) -> _Scores:
+    """With the residuals r (W, n): over the dispersion of the blocks' scores about the size that suits each run."""
+    direction = np.zeros(len(fit.knobs))
+    for k in _sizes(fit.values, term):
+        i = fit.knobs.index(k)
+        direction[i] = (fit.values[k] - _null(k)) / fit.scales[i]
+    j = fit.jacobian @ direction
+    information, score = np.einsum("wn,wn->w", j, j), np.einsum("wn,wn->w", j, r)
+    number = run[np.unique(blocks, return_index=True)[1]]
+    h, g = np.bincount(blocks, weights=information), np.bincount(blocks, weights=score)
+    own = np.array([-g[number == i].sum() / max(h[number == i].sum(), 1e-300) for i in number])
+    free = max(len(h) - len(np.unique(number)), 1)
+    phi = max(float(((g + h * own) ** 2 / np.maximum(h, 1e-300)).sum()) / free, 1.0)
+    return _Scores(term, j, r, information / phi, score / phi, phi)
+
+
+def _of_one(scores: _Scores, problem: Problem, values: Values, settings: VariationSettings) -> _Found | None:
+    """The variation of one effect; None if it is steady, as far as these windows show."""
+    data = problem.data
+    runs = np.unique(data.run)
+    parts = [data.run == i for i in runs]
+    by_run = sum(scores.gain(p) for p in parts) - scores.gain(np.ones(data.count, dtype=bool))
+    found = _instant(scores, problem, values, settings)
+    if found is not None and found.gain > by_run - settings.per_run * (len(runs) - 2):
+        return found
+    need = settings.beyond_doubt + settings.per_run * (len(runs) - 1)
+    steps = np.array([scores.step(p) for p in parts])
+    shown = np.isfinite(steps)
+    if len(runs) < 2 or not by_run > need or np.ptp(steps[shown]) <= settings.material:
+        return None
+    better = _sizes_of(problem, values, scores, parts, need)
+    if better is None:
+        return None
+    knob = _sizes(values, scores.term)[0]
+    sizes = [float(_scaled(problem, values, scores.term, s)[knob]) for s in better.steps[shown]]
+    variation = Variation({data.runs[i].name: x for i, x in zip(runs[shown], sizes, strict=True)})
+    return _Found(scores.term, variation, better.gain, better.moved)
+
+
+def _instant(scores: _Scores, problem: Problem, values: Values, settings: VariationSettings) -> _Found | None:
+    """Where the effect begins or ends, if it does in the middle of the runs; None for a limit or a stiffness, which no
+    size takes away."""
+    data, term = problem.data, scores.term
+    if not all(np.isfinite(BY_NAME[k.effect].parameter(k.parameter).null) for k in _sizes(values, term)):
+        return None
+    order = np.lexsort((data.start, data.run))
+    h, g = np.cumsum(scores.information[order])[:-1], np.cumsum(scores.score[order])[:-1]
+    total_h, total_g = float(scores.information.sum()), float(scores.score.sum())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gains = g**2 / h + (total_g - g) ** 2 / (total_h - h) - total_g**2 / total_h
+    if not len(gains) or not np.nanmax(gains) > settings.beyond_doubt + 2.0 * np.log(len(order)):
+        return None
+    n = int(np.nanargmax(gains)) + 1
+    later = np.zeros(data.count, dtype=bool)
+    later[order[n:]] = True
+    better = _sizes_of(problem, values, scores, [~later, later], settings.beyond_doubt)
+    if better is None:
+        return None
+    before, after = 1.0 + better.steps
+    at = Instant(data.runs[data.run[order[n]]].name, float(data.start[order[n]]))
+    if abs(before) < settings.absent * after:
+        return _Found(term, Variation(since=at), better.gain, better.moved)
+    if abs(after) < settings.absent * before:
+        return _Found(term, Variation(until=at), better.gain, better.moved)
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Better:
+    """steps: the change of the factor for each part; gain, moved: see `_Found`."""
+
+    steps: np.ndarray
+    gain: float
+    moved: np.ndarray
+
+
+def _sizes_of(
+    problem: Problem, values: Values, scores: _Scores, parts: list[np.ndarray], need: float
+) -> _Better | None:
+    """A size for each part (W,) bool, by Gauss-Newton steps with the derivative of the steady fit; None unless the
+    predictions themselves are better with them beyond doubt."""
+    steps = np.nan_to_num([scores.step(p) for p in parts])
+    steady = problem.residuals([values])[0]
+    part = np.argmax(parts, axis=0)
+    cost = float(np.sum(scores.residuals**2))
+    best = None
+    for _ in range(ITERATIONS):
+        each = problem.residuals([_scaled(problem, values, scores.term, s) for s in steps])
+        moved = each[part, np.arange(len(part))] - steady
+        r = scores.residuals + moved
+        gain = (cost - float(np.sum(r * r))) / scores.phi
+        if best is not None and gain <= best.gain:
+            break
+        best = _Better(steps, gain, moved)
+        slopes = np.array([float(np.sum(scores.derivative[p] * r[p])) for p in parts])
+        curvature = np.array([float(scores.information[p].sum()) * scores.phi for p in parts])
+        steps = steps - np.divide(slopes, curvature, out=np.zeros(len(parts)), where=curvature > 0.0)
+    return best if best is not None and best.gain > need else None
+
+
+def _scaled(problem: Problem, values: Values, term: Term, step: float) -> Values:
+    """The values with the size of one effect changed by this factor, within its bounds."""
+    out = dict(values)
+    for k in _sizes(values, term):
+        low, high = problem.space.bounds(k)
+        null = _null(k)
+        out[k] = float(np.clip(null + (values[k] - null) * (1.0 + step), low, high))
+    return out
+
+
+def _sizes(values: Mapping[Knob, float], term: Term) -> list[Knob]:
+    """The parameters that say how much of an effect there is."""
+    mine = (k for k in values if k.effect != TUNE and k.term == term and k.parameter not in ANGLES)
+    return [k for k in mine if not BY_NAME[k.effect].parameter(k.parameter).shape]
+
+
+def _null(knob: Knob) -> float:
+    """Where the effect does nothing; 0 for a limit or a stiffness, which scales from there."""
+    null = BY_NAME[knob.effect].parameter(knob.parameter).null
+    return null if np.isfinite(null) else 0.0
