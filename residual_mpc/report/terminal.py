@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from residual_mpc.report.words.effects import by_run_words, numbers_of
+from residual_mpc.report.words.effects import numbers_of, sizes_words
 from residual_mpc.report.words.gaps import few_windows, horizon_line, horizons_of, warnings
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
@@ -26,7 +26,7 @@ def diagnosis_lines(document: Document) -> list[str]:
         *(
             line
             for effect in surest_first(document["explanation"])
-            for line in (_cause(effect), *_by_run(effect), *_motor(effect))
+            for line in (_cause(effect), *_sizes(effect), *_motor(effect))
         ),
         *servo_lines(document),
         *(group_sentence(group) for group in document.get("confounded") or []),
@@ -86,8 +86,8 @@ def _cause(effect: Document) -> str:
     return f"{named}: {', '.join(parts)}{_remark(effect)}"
 
 
-def _by_run(effect: Document) -> list[str]:
-    return [f"  {by_run_words(effect)}"] if effect.get("by_run") else []
+def _sizes(effect: Document) -> list[str]:
+    return [f"  {sizes_words(effect)}"] if effect.get("by_run") or effect.get("by_motion") else []
 
 
 def _motor(effect: Document) -> list[str]:

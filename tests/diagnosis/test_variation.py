@@ -7,9 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnosis.linear import GAIN, SCALE, Linear, fitted, space_of, windows
 from oracles.rover_log import ROBOT, rover_run, write_run
 
 import residual_mpc as rm
+from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.results.variation import variations_on
+from residual_mpc.diagnosis.results.variation_records import Variation
+from residual_mpc.models.settings import Term
 
 ONLY = ("command_delay", "track_width", "actuator_gain")
 
@@ -45,3 +51,43 @@ def test_an_effect_that_begins_or_ends_says_when(tmp_path: Path, sizes: list[flo
     cause = diagnosed(tmp_path, "actuator_gain", "gain", sizes)
     assert set(cause) & {"by_run", "since", "until"} == {key}
     assert cause[key]["run"] == run and cause[key]["t"] == pytest.approx(0.0, abs=1.0)
+
+
+DATA = windows(6, 12.0)
+
+
+def linear(change: np.ndarray, seed: int = 0) -> dict[Term, Variation]:
+    """The variations of two effects, one of which has a size of its own in each window: 1.4 + change (W,)."""
+    rng = np.random.default_rng(seed)
+    columns = {k: 4.0 * rng.standard_normal((DATA.count, 20)) for k in (SCALE, GAIN)}
+    noise = rng.standard_normal((DATA.count, 20)) - columns[SCALE] * change[:, None]
+    problem: Any = Linear(DATA, space_of(DATA), columns, {SCALE: 1.4, GAIN: 0.8}, noise)
+    fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0})
+    return variations_on(problem, fit, [SCALE.term, GAIN.term], measure_scales(DATA), ResultSettings())
+
+
+def motion() -> np.ndarray:
+    """(W,) the third of the windows, by the size of their motion."""
+    moved = (DATA.y - DATA.y[:, :1]) / measure_scales(DATA).motion
+    size = np.nanmean(moved**2, axis=(1, 2))
+    return np.searchsorted(np.quantile(size, (1 / 3, 2 / 3)), size)
+
+
+def test_a_size_that_grows_with_the_motion_is_stated_in_thirds() -> None:
+    found = linear(np.array([-0.2, 0.0, 0.2])[motion()])
+    assert set(found) == {SCALE.term}  # what does not vary is not said to
+    sizes = found[SCALE.term].by_motion
+    assert sizes is not None and list(sizes) == ["small", "medium", "large"]
+    np.testing.assert_allclose(list(sizes.values()), [1.2, 1.4, 1.6], atol=0.03)
+
+
+def test_what_does_not_vary_is_steady_at_the_stated_rate() -> None:
+    assert sum(bool(linear(np.zeros(DATA.count), seed)) for seed in range(40)) == 0
+
+
+def test_an_effect_that_begins_in_mid_run_says_at_which_window() -> None:
+    begun = (DATA.run > 3) | ((DATA.run == 3) & (DATA.start >= 5.0))
+    found = linear(np.where(begun, 0.0, -0.4))
+    at = found[SCALE.term].since
+    assert at is not None and at.run == "r3" and at.t == pytest.approx(5.0, abs=1.0)
+    assert found[SCALE.term].by_run is None

@@ -7,7 +7,7 @@ from fabricated_diagnosis import document
 
 from residual_mpc.effects.effect import STAGES
 from residual_mpc.effects.library import LIBRARY
-from residual_mpc.report.words.effects import by_run_words, name, remarks, sentence_of, stage, variation_clause
+from residual_mpc.report.words.effects import name, remarks, sentence_of, sizes_words, stage, variation_clause
 from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import in_brackets, listed, measure, measure_interval, number, percent, spelled
@@ -136,13 +136,16 @@ def test_what_supports_an_effect_in_words():
     ]
     assert remarks({"effect": "payload"}, lambda run, t: t) == []
     many = {"by_run": {f"run{k}": k / 10 for k in range(20)}}
-    assert by_run_words(many) == "differs between 20 runs: 0 to 1.9, median 1"
+    assert sizes_words(many) == "differs between 20 runs: 0 to 1.9, median 1"
 
 
 def test_an_effect_that_is_not_steady_says_so_in_its_clause():
     gain = {"effect": "actuator_gain", "target": None, "parameters": {"gain": {"value": 0.8, "unit": "1"}}}
     assert variation_clause(gain) == ""
     assert variation_clause({**gain, "by_run": {"a": 0.6, "b": 0.9}}) == ", differing from run to run (0.6 to 0.9)"
+    sizes = {"by_motion": {"small": 0.7, "medium": 0.8, "large": 0.9}}
+    assert variation_clause({**gain, **sizes}) == ", differing with the size of the motion (0.7 to 0.9)"
+    assert sizes_words(sizes) == "in small, medium and large motions: 0.7, 0.8 and 0.9"
     assert variation_clause({**gain, "since": {"run": "b", "t": 3.0}}) == ", beginning in b"
     assert variation_clause({**gain, "until": {"run": "b", "t": 3.0}}) == ", ending in b"
 

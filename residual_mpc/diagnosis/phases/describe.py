@@ -23,6 +23,7 @@ from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult, G
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.stages import staged
 from residual_mpc.diagnosis.results.support import doubts
+from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, left_share
 from residual_mpc.diagnosis.search.acceptance import Ruler
 
@@ -70,6 +71,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     sure = most_sure(verdict, unexplained, _times_floor(found), beats, settings=settings)
     sure = min(sure, settings.causes.coarse) if found.coarse else sure
     doubt = doubts(supports, extras.rest, settings=settings)
+    doubt = {t: d * _steady(validated.varying.get(t), settings) for t, d in doubt.items()}
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
     causes = causes_of(of, share, sure, supports, doubt, validated.lacking, settings=settings) if helps else ()
@@ -104,6 +106,13 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         values=of.space.whole(final.values) if helps else of.base.values,
         notes=notes(of, found, settings=settings),
     )
+
+
+def _steady(variation: Variation | None, settings: ResultSettings) -> float:
+    """A factor on the probability of an effect: less if its size depends on how fast the robot moves, or if it begins
+    or ends, since it may be the shadow of something else."""
+    steady = variation is None or variation.by_run is not None
+    return 1.0 if steady else settings.support.unsupported
 
 
 def _times_floor(found: ExplanationGaps) -> float:

@@ -1,16 +1,18 @@
-"""Whether the size of a named effect is steady: it may differ from run to run, or begin or end in the middle of them.
+"""Whether the size of a named effect is steady: it may differ from run to run, with how fast the robot moves, or begin
+or end in the middle of the runs.
 
-For each effect, one factor on its size is estimated for each run, and for the windows before and after each instant, by
-a Gauss-Newton step from the steady fit; the other parameters stay. A variation is stated only if predictions with the
-sizes of the runs, or of the two parts, leave less beyond doubt.
+For each effect, one factor on its size is estimated for each part of the windows (each run, each level of motion, or
+before and after an instant) by Gauss-Newton steps from the steady fit; the other parameters stay. A variation is stated
+only if predictions with the sizes of the parts leave less beyond doubt.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.gap import fit_trust
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales, fit_trust
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
@@ -23,7 +25,8 @@ from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
-ITERATIONS = 4  # of the sizes of runs
+ITERATIONS = 4  # of the sizes of the parts
+LEVELS = ("small", "medium", "large")  # of the motion within a window
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,28 +57,55 @@ def variations(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Va
     terms = [t for t in of.final.terms if not is_law(t.effect) and _sizes(of.final.values, t)]
     if not terms:
         return {}
-    tuned = settings.variation
-    data = of.clean.take(evenly(of.clean, tuned.steps, settings=settings.data))
+    data = of.clean.take(evenly(of.clean, settings.variation.steps, settings=settings.data))
     problem = build_problem(data, of.space, 1.0 / of.problem.weight, settings=settings.predict)
     trust = fit_trust(data, of.scales, data.y - problem.replays([of.final.values])[0], settings=settings.data)
     problem = problem if (trust == 1.0).all() else replace(problem, count=trust)
-    fit = on_problem(problem, of.final, settings=settings.fit)
-    blocks, r, out = blocks_of(data, settings=settings.fit), fit.r, dict[Term, Variation]()
-    while terms:  # the clearest first: what varies makes other effects seem to
-        tried = (_of_one(_scores(fit, t, r, blocks, data.run), problem, fit.values, tuned) for t in terms)
+    return variations_on(problem, on_problem(problem, of.final, settings=settings.fit), terms, of.scales, settings)
+
+
+def variations_on(
+    problem: Problem, fit: Fit, terms: Sequence[Term], scales: Scales, settings: ResultSettings
+) -> dict[Term, Variation]:
+    """Which of these effects of a fit are not steady on the windows of the problem."""
+    blocks, r, out = blocks_of(problem.data, settings=settings.fit), fit.r, dict[Term, Variation]()
+    divisions = _divisions(problem.data, scales)
+    left = list(terms)
+    while left:  # the clearest first: what varies makes other effects seem to
+        each = (_scores(fit, t, r, blocks, problem.data.run) for t in left)
+        tried = (_of_one(scores, problem, fit.values, divisions, settings.variation) for scores in each)
         found = max((f for f in tried if f is not None), key=lambda f: f.gain, default=None)
         if found is None:
-            return out
+            break
         out[found.term] = found.variation
-        terms.remove(found.term)
+        left.remove(found.term)
         r = r + found.moved
     return out
 
 
 @dataclass(frozen=True, eq=False)
+class _Division:
+    """kind: "by_run" or "by_motion"; names: of its parts (P, W) bool."""
+
+    kind: str
+    names: tuple[str, ...]
+    parts: np.ndarray
+
+
+def _divisions(data: Dataset, scales: Scales) -> tuple[_Division, ...]:
+    """By run, and by the size of the motion within a window, in thirds."""
+    runs = np.unique(data.run)
+    by_run = _Division("by_run", tuple(data.runs[i].name for i in runs), data.run == runs[:, None])
+    moved = (data.y - data.y[:, :1]) / scales.motion
+    level = np.sqrt(np.nanmean(np.where(np.isfinite(moved), moved, 0.0) ** 2, axis=(1, 2)))
+    third = np.searchsorted(np.quantile(level, (1 / 3, 2 / 3)), level)
+    return by_run, _Division("by_motion", LEVELS, third == np.arange(len(LEVELS))[:, None])
+
+
+@dataclass(frozen=True, eq=False)
 class _Found:
-    """gain: by how much the cost, over the dispersion, falls with the variation; moved (W, n): what it adds to the
-    residuals."""
+    """gain: by how much the cost, over the dispersion, falls with the variation, beyond what it must; moved (W, n):
+    what it adds to the residuals."""
 
     term: Term
     variation: Variation
@@ -99,27 +129,32 @@ def _scores(fit: Fit, term: Term, r: np.ndarray, blocks: np.ndarray, run: np.nda
     return _Scores(term, j, r, information / phi, score / phi, phi)
 
 
-def _of_one(scores: _Scores, problem: Problem, values: Values, settings: VariationSettings) -> _Found | None:
-    """The variation of one effect; None if it is steady, as far as these windows show."""
-    data = problem.data
-    runs = np.unique(data.run)
-    parts = [data.run == i for i in runs]
-    by_run = sum(scores.gain(p) for p in parts) - scores.gain(np.ones(data.count, dtype=bool))
-    found = _instant(scores, problem, values, settings)
-    if found is not None and found.gain > by_run - settings.per_run * (len(runs) - 2):
-        return found
-    need = settings.beyond_doubt + settings.per_run * (len(runs) - 1)
-    steps = np.array([scores.step(p) for p in parts])
-    shown = np.isfinite(steps)
-    if len(runs) < 2 or not by_run > need or np.ptp(steps[shown]) <= settings.material:
-        return None
-    better = _sizes_of(problem, values, scores, parts, need)
-    if better is None:
+def _of_one(
+    scores: _Scores, problem: Problem, values: Values, divisions: tuple[_Division, ...], settings: VariationSettings
+) -> _Found | None:
+    """The clearest variation of one effect; None if it is steady, as far as these windows show."""
+    found = (
+        _instant(scores, problem, values, settings),
+        *(_divided(scores, problem, values, d, settings) for d in divisions),
+    )
+    return max((f for f in found if f is not None), key=lambda f: f.gain, default=None)
+
+
+def _divided(
+    scores: _Scores, problem: Problem, values: Values, division: _Division, settings: VariationSettings
+) -> _Found | None:
+    """The sizes in the parts of a division; None if they do not differ beyond doubt and by something that matters."""
+    shown = [k for k, p in enumerate(division.parts) if np.isfinite(scores.step(p))]
+    parts = [division.parts[k] for k in shown]
+    need = settings.beyond_doubt + settings.per_part * (len(parts) - 1)
+    better = _sizes_of(problem, values, scores, parts) if len(parts) > 1 else None
+    if better is None or better.gain <= need or np.ptp(better.steps) <= settings.material:
         return None
     knob = _sizes(values, scores.term)[0]
-    sizes = [float(_scaled(problem, values, scores.term, s)[knob]) for s in better.steps[shown]]
-    variation = Variation({data.runs[i].name: x for i, x in zip(runs[shown], sizes, strict=True)})
-    return _Found(scores.term, variation, better.gain, better.moved)
+    sizes = [float(_scaled(problem, values, scores.term, s)[knob]) for s in better.steps]
+    named = dict(zip((division.names[k] for k in shown), sizes, strict=True))
+    variation = Variation(by_run=named) if division.kind == "by_run" else Variation(by_motion=named)
+    return _Found(scores.term, variation, better.gain - need, better.moved)
 
 
 def _instant(scores: _Scores, problem: Problem, values: Values, settings: VariationSettings) -> _Found | None:
@@ -133,20 +168,21 @@ def _instant(scores: _Scores, problem: Problem, values: Values, settings: Variat
     total_h, total_g = float(scores.information.sum()), float(scores.score.sum())
     with np.errstate(divide="ignore", invalid="ignore"):
         gains = g**2 / h + (total_g - g) ** 2 / (total_h - h) - total_g**2 / total_h
-    if not len(gains) or not np.nanmax(gains) > settings.beyond_doubt + 2.0 * np.log(len(order)):
+    if not np.isfinite(gains).any():
         return None
     n = int(np.nanargmax(gains)) + 1
     later = np.zeros(data.count, dtype=bool)
     later[order[n:]] = True
-    better = _sizes_of(problem, values, scores, [~later, later], settings.beyond_doubt)
-    if better is None:
+    better = _sizes_of(problem, values, scores, [~later, later])
+    need = settings.beyond_doubt + 2.0 * np.log(len(order))  # one of many instants
+    if better is None or better.gain <= need:
         return None
     before, after = 1.0 + better.steps
     at = Instant(data.runs[data.run[order[n]]].name, float(data.start[order[n]]))
     if abs(before) < settings.absent * after:
-        return _Found(term, Variation(since=at), better.gain, better.moved)
+        return _Found(term, Variation(since=at), better.gain - need, better.moved)
     if abs(after) < settings.absent * before:
-        return _Found(term, Variation(until=at), better.gain, better.moved)
+        return _Found(term, Variation(until=at), better.gain - need, better.moved)
     return None
 
 
@@ -159,16 +195,14 @@ class _Better:
     moved: np.ndarray
 
 
-def _sizes_of(
-    problem: Problem, values: Values, scores: _Scores, parts: list[np.ndarray], need: float
-) -> _Better | None:
-    """A size for each part (W,) bool, by Gauss-Newton steps with the derivative of the steady fit; None unless the
-    predictions themselves are better with them beyond doubt."""
+def _sizes_of(problem: Problem, values: Values, scores: _Scores, parts: list[np.ndarray]) -> _Better | None:
+    """A size for each part (W,) bool, by Gauss-Newton steps with the derivative of the steady fit, and what the
+    predictions themselves gain."""
     steps = np.nan_to_num([scores.step(p) for p in parts])
     steady = problem.residuals([values])[0]
     part = np.argmax(parts, axis=0)
     cost = float(np.sum(scores.residuals**2))
-    best = None
+    best: _Better | None = None
     for _ in range(ITERATIONS):
         each = problem.residuals([_scaled(problem, values, scores.term, s) for s in steps])
         moved = each[part, np.arange(len(part))] - steady
@@ -180,7 +214,7 @@ def _sizes_of(
         slopes = np.array([float(np.sum(scores.derivative[p] * r[p])) for p in parts])
         curvature = np.array([float(scores.information[p].sum()) * scores.phi for p in parts])
         steps = steps - np.divide(slopes, curvature, out=np.zeros(len(parts)), where=curvature > 0.0)
-    return best if best is not None and best.gain > need else None
+    return best
 
 
 def _scaled(problem: Problem, values: Values, term: Term, step: float) -> Values:

@@ -14,16 +14,19 @@ class Instant:
 
 @dataclass(frozen=True)
 class Variation:
-    """by_run: the size in each run, in the unit of the effect's first parameter, None if it is steady or changes within
-    a run; since, until: when the effect begins or ends, None if it does not."""
+    """by_run: the size in each run, in the unit of the effect's first parameter; by_motion: in windows in which the
+    robot moves little ("small"), more ("medium") and most ("large"); since, until: when the effect begins or ends.
+    None for what it does not do."""
 
     by_run: dict[str, float] | None = None
+    by_motion: dict[str, float] | None = None
     since: Instant | None = None
     until: Instant | None = None
 
     def document(self) -> dict[str, Any]:
         """As diagnosis.json has it: keys for what there is."""
-        out: dict[str, Any] = {} if self.by_run is None else {"by_run": dict(self.by_run)}
+        sizes = {"by_run": self.by_run, "by_motion": self.by_motion}
+        out: dict[str, Any] = {name: dict(found) for name, found in sizes.items() if found is not None}
         for name, at in (("since", self.since), ("until", self.until)):
             if at is not None:
                 out[name] = {"run": at.run, "t": at.t}

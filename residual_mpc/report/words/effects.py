@@ -86,13 +86,17 @@ def remarks(effect: Effect, since_start: Callable[[str, float], float]) -> list[
     if effect.get("until"):
         run, t = effect["until"]["run"], effect["until"]["t"]
         out.append(f"ends {measure(since_start(run, t), 's')} into {run}")
-    if effect.get("by_run"):
-        out.append(by_run_words(effect))
+    if effect.get("by_run") or effect.get("by_motion"):
+        out.append(sizes_words(effect))
     return [*out, str(effect["note"])] if effect.get("note") else out
 
 
-def by_run_words(effect: Effect) -> str:
-    """ "by run: run1 0.93, run2 0.6"; of many runs the lowest, the median and the highest."""
+def sizes_words(effect: Effect) -> str:
+    """ "by run: run1 0.93, run2 0.6", of many runs the lowest, the median and the highest; "in small, medium and large
+    motions: 0.9, 1 and 1.1"."""
+    if effect.get("by_motion"):
+        named = effect["by_motion"]
+        return f"in {listed(list(named))} motions: {listed([number(size) for size in named.values()])}"
     sizes = effect["by_run"]
     if len(sizes) > MANY:
         ranked = sorted(sizes.values())
@@ -107,10 +111,11 @@ def variation_clause(effect: Effect) -> str:
         return f", beginning in {effect['since']['run']}"
     if effect.get("until"):
         return f", ending in {effect['until']['run']}"
-    if effect.get("by_run"):
-        sizes = effect["by_run"].values()
+    sizes = effect.get("by_run") or effect.get("by_motion")
+    if sizes:
         unit = next((str(p.get("unit", "1")) for p in numbers_of(effect).values()), "1")
-        return f", differing from run to run ({measure(min(sizes), unit)} to {measure(max(sizes), unit)})"
+        span = f"{measure(min(sizes.values()), unit)} to {measure(max(sizes.values()), unit)}"
+        return f", differing {'from run to run' if effect.get('by_run') else 'with the size of the motion'} ({span})"
     return ""
 
 
