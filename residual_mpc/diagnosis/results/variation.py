@@ -147,7 +147,8 @@ def _divided(
     shown = [k for k, p in enumerate(division.parts) if np.isfinite(scores.step(p))]
     parts = [division.parts[k] for k in shown]
     need = settings.beyond_doubt + settings.per_part * (len(parts) - 1)
-    better = _sizes_of(problem, values, scores, parts) if len(parts) > 1 else None
+    linear = sum(scores.gain(p) for p in parts) - scores.gain(np.any(parts, axis=0)) if len(parts) > 1 else 0.0
+    better = _sizes_of(problem, values, scores, parts) if linear > settings.screened * need else None
     if better is None or better.gain <= need or np.ptp(better.steps) <= settings.material:
         return None
     knob = _sizes(values, scores.term)[0]
@@ -168,13 +169,13 @@ def _instant(scores: _Scores, problem: Problem, values: Values, settings: Variat
     total_h, total_g = float(scores.information.sum()), float(scores.score.sum())
     with np.errstate(divide="ignore", invalid="ignore"):
         gains = g**2 / h + (total_g - g) ** 2 / (total_h - h) - total_g**2 / total_h
-    if not np.isfinite(gains).any():
+    need = settings.beyond_doubt + 2.0 * np.log(len(order))  # one of many instants
+    if not np.isfinite(gains).any() or not np.nanmax(gains) > settings.screened * need:
         return None
     n = int(np.nanargmax(gains)) + 1
     later = np.zeros(data.count, dtype=bool)
     later[order[n:]] = True
     better = _sizes_of(problem, values, scores, [~later, later])
-    need = settings.beyond_doubt + 2.0 * np.log(len(order))  # one of many instants
     if better is None or better.gain <= need:
         return None
     before, after = 1.0 + better.steps
