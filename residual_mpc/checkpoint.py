@@ -1,7 +1,7 @@
-"""Results of finished steps, kept in a file so that a command that was killed goes on where it was.
+"""Results of finished steps, kept in a file so that a killed command can resume where it stopped.
 
-A step's result is passed on as it is read back, whether or not it was computed in this process: an answer does not
-depend on where a command was stopped.
+Every result is passed on as deserialised, even if it was computed in this process, so that the answer does not depend
+on where a command was stopped.
 """
 
 import io
@@ -32,7 +32,8 @@ Replacement = Callable[[Any], Any]  # an object -> what __reduce__ would give, N
 
 
 class Checkpoint:
-    """The steps that were finished under a key; a file under another key is of something else, and is overwritten.
+    """The steps that were finished under a key; a file with a different key belongs to another
+    computation and is overwritten.
 
     The file grows by a record for each step, and results stay in it: a long diagnosis has hundreds of megabytes of
     them. A record that a kill left incomplete is overwritten by the next.
@@ -48,7 +49,7 @@ class Checkpoint:
 
     @property
     def last(self) -> str | None:
-        """The last step that was finished before, None for none."""
+        """The most recently finished step; None if there is none."""
         return next(reversed(self._records), None)
 
     def __contains__(self, step: str) -> bool:
@@ -78,12 +79,16 @@ class Checkpoint:
                 stream.write(head)
                 stream.write(blob)
         except OSError as error:
-            raise BadInput(f"cannot be written: {error.strerror}", str(self.path), "make room on the disk") from error
+            raise BadInput(
+                f"cannot be written: {error.strerror}",
+                str(self.path),
+                "check that it is writable and that the disk is not full",
+            ) from error
         self._records[step] = _Record(self._end + len(head), len(blob), rng)
         self._end += len(head) + len(blob)
 
     def close(self) -> None:
-        """The command is through: remove the file, and what a kill left of one."""
+        """The command has finished: remove the file and any partial file left by a kill."""
         if self.path is not None:
             for file in (self.path, *self.path.parent.glob(f".{self.path.name}.*.part")):
                 file.unlink(missing_ok=True)
@@ -158,8 +163,10 @@ class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         if name in PLAIN.get(module, ()) or (module.split(".")[0] == "numpy" and name in NUMPY):
             return super().find_class(module, name)
-        if module.startswith("residual_mpc.") and isinstance(found := super().find_class(module, name), type):
-            return found
+        if module.startswith("residual_mpc.") and "." not in name:  # a dotted name may lead to another package
+            found = super().find_class(module, name)
+            if isinstance(found, type) and found.__module__.startswith("residual_mpc."):
+                return found
         raise pickle.UnpicklingError(f"a checkpoint may not hold {module}.{name}")
 
 
@@ -168,7 +175,7 @@ def _proxy(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 
 
 def _read(path: Path, key: str) -> tuple[dict[str, _Record], int]:
-    """The complete records of a file and where they end; none where it is of something else or cannot be read."""
+    """The complete records of a file and where they end; none if its key differs or it cannot be read."""
     records: dict[str, _Record] = {}
     try:
         with path.open("rb") as stream:

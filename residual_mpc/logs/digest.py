@@ -1,4 +1,4 @@
-"""A short name for the content of a run, by which it is known again."""
+"""A short digest of a run's samples, by which the run is recognised."""
 
 import hashlib
 
@@ -10,7 +10,8 @@ LENGTH = 16  # hexadecimal digits
 
 
 def run_digest(run: Run) -> str:
-    """The same for the same samples, whatever the run is called. Columns that the robot does not have do not count."""
+    """Identical for identical samples, whatever the run's name or start time. Columns that the robot does not have are
+    ignored."""
     digest = hashlib.sha256(np.ascontiguousarray(run.t - run.t[0]).tobytes())
     for name, values in sorted(run.columns.items()):
         digest.update(name.encode())

@@ -144,6 +144,8 @@ def test_a_killed_plan_goes_on(rover: Path, uninterrupted: str) -> None:
 
 
 class Attack:
+    """Calls what no checkpoint may call."""
+
     def __reduce__(self) -> tuple[object, ...]:
         return os.mkdir, ("attacked",)
 
@@ -160,6 +162,12 @@ def test_a_file_from_elsewhere_runs_nothing(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(pickle.UnpicklingError, match="may not hold"):
         Keeper(Checkpoint(path, "k"), rng)("one", lambda: 1)
     assert not (tmp_path / "attacked").exists()
+    # a class of another package, reached as an attribute of one of this package's modules
+    words = (b"\x8c" + bytes([len(w)]) + w for w in (b"residual_mpc.checkpoint", b"pickle.Unpickler"))
+    dotted = b"\x80\x04" + b"".join(words) + b"\x93."
+    path.write_bytes(key + pickle.dumps(("one", (rng.bit_generator.state, 0), len(dotted))) + dotted)
+    with pytest.raises(pickle.UnpicklingError, match="may not hold"):
+        Keeper(Checkpoint(path, "k"), rng)("one", lambda: 1)
 
 
 def test_the_generator_goes_on_as_if_the_step_had_run(tmp_path: Path) -> None:

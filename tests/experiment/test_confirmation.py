@@ -120,7 +120,7 @@ def test_an_effect_that_is_gone_is_denied(late: Path) -> None:
     """Where the nominal model leaves nothing to explain. Where something else is wrong, that may hide it."""
     found = confirmed(late, {}, "gone")
     assert found.outcomes == {"command_delay": "denies"} and probability(found) < 0.9
-    assert found.verdict == "partial" and "On the new runs more is left" in found.document["verdict_sentence"]
+    assert found.verdict == "partial" and "The new runs leave a larger gap" in found.document["verdict_sentence"]
     assert "worse than the nominal one" in found.lines()[0]
     other = confirmed(late, {"track_width": {"scale": 1.2}}, "other")
     assert other.outcomes == {"command_delay": "open"} and other.verdict == "partial"

@@ -136,15 +136,15 @@ def test_what_supports_an_effect_in_words():
     ]
     assert remarks({"effect": "payload"}, lambda run, t: t) == []
     many = {"by_run": {f"run{k}": k / 10 for k in range(20)}}
-    assert sizes_words(many) == "differs between 20 runs: 0 to 1.9, median 1"
+    assert sizes_words(many) == "varies over 20 runs: 0 to 1.9, median 0.95"
 
 
 def test_an_effect_that_is_not_steady_says_so_in_its_clause():
     gain = {"effect": "actuator_gain", "target": None, "parameters": {"gain": {"value": 0.8, "unit": "1"}}}
     assert variation_clause(gain) == ""
-    assert variation_clause({**gain, "by_run": {"a": 0.6, "b": 0.9}}) == ", differing from run to run (0.6 to 0.9)"
+    assert variation_clause({**gain, "by_run": {"a": 0.6, "b": 0.9}}) == ", varying from run to run (0.6 to 0.9)"
     sizes = {"by_motion": {"small": 0.7, "medium": 0.8, "large": 0.9}}
-    assert variation_clause({**gain, **sizes}) == ", differing with the size of the motion (0.7 to 0.9)"
+    assert variation_clause({**gain, **sizes}) == ", varying with the size of the motion (0.7 to 0.9)"
     assert sizes_words(sizes) == "in small, medium and large motions: 0.7, 0.8 and 0.9"
     assert variation_clause({**gain, "since": {"run": "b", "t": 3.0}}) == ", beginning in b"
     assert variation_clause({**gain, "until": {"run": "b", "t": 3.0}}) == ", ending in b"

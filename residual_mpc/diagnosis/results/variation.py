@@ -2,8 +2,8 @@
 or end in the middle of the runs.
 
 For each effect, one factor on its size is estimated for each part of the windows (each run, each level of motion, or
-before and after an instant) by Gauss-Newton steps from the steady fit; the other parameters stay. A variation is stated
-only if predictions with the sizes of the parts leave less beyond doubt.
+before and after an instant) by Gauss-Newton steps from the steady fit; the other parameters stay. A variation is
+reported only if predictions with a separate size for each part fit better beyond doubt.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,8 +31,8 @@ LEVELS = ("small", "medium", "large")  # of the motion within a window
 
 @dataclass(frozen=True, eq=False)
 class _Scores:
-    """How the cost depends on a factor of the size of one effect. residuals (W, n) and their derivative by the factor;
-    information, score (W,): of each window, over phi, the dispersion of the residuals along it."""
+    """How the cost depends on a factor applied to the size of one effect. residuals (W, n), and their derivative by the
+    factor; information, score (W,): of each window, divided by phi, the dispersion of the residuals along it."""
 
     term: Term
     derivative: np.ndarray
@@ -53,7 +53,8 @@ class _Scores:
 
 
 def variations(of: FittedExplanation, settings: ResultSettings) -> dict[Term, Variation]:
-    """The named effects whose size is not steady, on all windows of the headline's horizon, held-out ones included."""
+    """The named effects whose size is not steady, tested on windows of the headline's horizon, held-out ones included;
+    long logs are thinned evenly."""
     terms = [t for t in of.final.terms if not is_law(t.effect) and _sizes(of.final.values, t)]
     if not terms:
         return {}
@@ -69,9 +70,9 @@ def variations_on(
 ) -> dict[Term, Variation]:
     """Which of these effects of a fit are not steady on the windows of the problem."""
     blocks, r, out = blocks_of(problem.data, settings=settings.fit), fit.r, dict[Term, Variation]()
-    divisions = _divisions(problem.data, scales)
+    divisions = _divisions(problem.data, scales, settings.variation.runs)
     left = list(terms)
-    while left:  # the clearest first: what varies makes other effects seem to
+    while left:  # the clearest first: one varying effect can make others appear to vary
         each = (_scores(fit, t, r, blocks, problem.data.run) for t in left)
         tried = (_of_one(scores, problem, fit.values, divisions, settings.variation) for scores in each)
         found = max((f for f in tried if f is not None), key=lambda f: f.gain, default=None)
@@ -92,20 +93,21 @@ class _Division:
     parts: np.ndarray
 
 
-def _divisions(data: Dataset, scales: Scales) -> tuple[_Division, ...]:
-    """By run, and by the size of the motion within a window, in thirds."""
+def _divisions(data: Dataset, scales: Scales, most: int) -> tuple[_Division, ...]:
+    """By run, unless there are too many of them, and by the size of the motion within a window, in thirds."""
     runs = np.unique(data.run)
     by_run = _Division("by_run", tuple(data.runs[i].name for i in runs), data.run == runs[:, None])
     moved = (data.y - data.y[:, :1]) / scales.motion
     level = np.sqrt(np.nanmean(np.where(np.isfinite(moved), moved, 0.0) ** 2, axis=(1, 2)))
     third = np.searchsorted(np.quantile(level, (1 / 3, 2 / 3)), level)
-    return by_run, _Division("by_motion", LEVELS, third == np.arange(len(LEVELS))[:, None])
+    by_motion = _Division("by_motion", LEVELS, third == np.arange(len(LEVELS))[:, None])
+    return (by_motion,) if len(runs) > most else (by_run, by_motion)
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """gain: by how much the cost, over the dispersion, falls with the variation, beyond what it must; moved (W, n):
-    what it adds to the residuals."""
+    """gain: by how much the cost, over the dispersion, falls with the variation, in excess of the required gain; moved
+    (W, n): what it adds to the residuals."""
 
     term: Term
     variation: Variation
@@ -219,7 +221,7 @@ def _sizes_of(problem: Problem, values: Values, scores: _Scores, parts: list[np.
 
 
 def _scaled(problem: Problem, values: Values, term: Term, step: float) -> Values:
-    """The values with the size of one effect changed by this factor, within its bounds."""
+    """The values with the size of one effect multiplied by 1 + step, clipped to its bounds."""
     out = dict(values)
     for k in _sizes(values, term):
         low, high = problem.space.bounds(k)

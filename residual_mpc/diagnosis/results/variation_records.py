@@ -6,7 +6,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Instant:
-    """run: its name; t: s, on the log's clock."""
+    """run: its name; t: s from the run's first sample."""
 
     run: str
     t: float

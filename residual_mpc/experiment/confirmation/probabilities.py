@@ -12,8 +12,9 @@ from residual_mpc.models.settings import Term
 def updated(
     listed: Mapping[Term, float], confirmation: Confirmation, settings: ConfirmationSettings
 ) -> dict[Term, float]:
-    """Each effect's probability after the test, from those before. Explanations that the runs exclude leave theirs to
-    what is left in their place; then Bayes' rule applies to the effects that are kept."""
+    """Each effect's probability after the test, given those before it. Explanations that the runs exclude pass most of
+    their probability to those that can take their place; the odds of each effect in the kept explanation are then
+    updated by Bayes' rule."""
     own, kept = confirmation.explanations[0], confirmation.explanations[confirmation.kept]
     there = whole_of(kept, own)
     out = dict(listed)

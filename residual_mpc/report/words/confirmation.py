@@ -36,27 +36,27 @@ def confirmation_sentence(document: Document) -> str:
     excluded = [name for name in dict.fromkeys(gone) if name not in there]
     if excluded:
         clauses.append(f"exclude {listed(excluded)}")
-    worse = _prediction(document["gaps"][0])
+    said = _prediction(document["gaps"][0], _model(document))
     if not clauses:
-        return f"The new runs neither confirm nor contradict the diagnosis; {worse}."
-    return f"The new runs {listed(clauses)}; {worse}."
+        return f"The new runs neither confirm nor contradict the diagnosis; {said}."
+    return f"The new runs {listed(clauses)}; {said}."
 
 
 def confirmed_sentence(document: Mapping[str, Any], verdict_before: str) -> str:
-    """The verdict of a diagnosis.json that was tested, in one sentence, or two if the new runs made it weaker."""
+    """The verdict of a diagnosis.json that was tested, in one sentence, or two if the new runs lowered it."""
     if document["verdict"] == verdict_before:
         return sentence(document)
     worst = max(document["confirmation"]["gaps"], key=lambda g: g["explained"] / max(g["noise_floor"], 1e-12))
     left, floor = number(worst["explained"]), number(worst["noise_floor"], 2)
-    more = f"a gap of {left} over {number(worst['horizon'])} s, noise floor {floor}"
-    return f"{sentence({**document, 'verdict': verdict_before})} On the new runs more is left: {more}."
+    more = f"{left} over {number(worst['horizon'])} s (noise floor {floor})"
+    return f"{sentence({**document, 'verdict': verdict_before})} The new runs leave a larger gap: {more}."
 
 
 def confirmation_lines(document: Document) -> list[str]:
     """The sentence, then a line for each gap, effect and explanation, for a terminal."""
     details = [
         *(changed_words(c) for c in document["changed"]),
-        *(gap_words(g) for g in document["gaps"]),
+        *(gap_words(g, _model(document)) for g in document["gaps"]),
         *(effect_words(e) for e in document["effects"]),
         *(explanation_words(e) for e in document["explanations"] if len(document["explanations"]) > 1),
     ]
@@ -75,9 +75,9 @@ def changed_words(change: Document) -> str:
     return f"changed before the new runs: {name_at(change)}, {how}"
 
 
-def gap_words(gap: Document) -> str:
+def gap_words(gap: Document, model: str) -> str:
     """ "gap on the new runs at 1 s: nominal 0.31, diagnosed 0.021 (noise floor 0.02), 18 windows"."""
-    figures = f"nominal {number(gap['nominal'])}, diagnosed {number(gap['explained'])}"
+    figures = f"nominal {number(gap['nominal'])}, {model} {number(gap['explained'])}"
     floor = f"noise floor {number(gap['noise_floor'], 2)}"
     return f"gap on the new runs at {number(gap['horizon'])} s: {figures} ({floor}), {count(gap['windows'], 'window')}"
 
@@ -102,7 +102,10 @@ def size_words(effect: Document) -> list[str]:
 def explanation_words(explanation: Document) -> str:
     """ "with sensor delay instead of command delay: gap 0.31, excluded (score 540 above the lowest)"."""
     status = explanation_status(explanation)
-    above = "" if explanation["kept"] else f" (score {number(explanation['score_difference'], 2)} above the lowest)"
+    difference = explanation["score_difference"]
+    above = f" (score {number(difference, 2)} above the lowest)" if difference else " (lowest score)"
+    if explanation["kept"]:
+        above = ""
     return f"{explanation_name(explanation)}: gap {number(explanation['gap'])}, {status}{above}"
 
 
@@ -121,14 +124,19 @@ def explanation_name(explanation: Document) -> str:
     )
 
 
-def _prediction(gap: Document) -> str:
+def _model(document: Document) -> str:
+    """Which model the gaps are of."""
+    return "diagnosed" if document["explanations"][0]["kept"] else "replacing"
+
+
+def _prediction(gap: Document, model: str) -> str:
     """ "the diagnosed model removes 92 % of their gap"."""
     removed = 1.0 - gap["explained"] / max(gap["nominal"], 1e-12)
     if removed < -LITTLE:
-        return f"the diagnosed model predicts them worse than the nominal one (gap {number(gap['explained'])})"
+        return f"the {model} model predicts them worse than the nominal one (gap {number(gap['explained'])})"
     if removed < LITTLE:
-        return "the diagnosed model predicts them no better than the nominal one"
-    return f"the diagnosed model removes {percent(removed)} of their gap"
+        return f"the {model} model predicts them no better than the nominal one"
+    return f"the {model} model removes {percent(removed)} of their gap"
 
 
 def _found(p: Document) -> str:

@@ -1,6 +1,7 @@
 """Each effect in words: its name, its stage, a clause for someone who has never heard the name, what supports it."""
 
 from collections.abc import Callable, Mapping
+from statistics import median
 from typing import Any
 
 from residual_mpc.effects.library import BY_NAME
@@ -100,13 +101,13 @@ def sizes_words(effect: Effect) -> str:
     sizes = effect["by_run"]
     if len(sizes) > MANY:
         ranked = sorted(sizes.values())
-        low, middle, high = (number(ranked[k]) for k in (0, len(ranked) // 2, -1))
-        return f"differs between {len(sizes)} runs: {low} to {high}, median {middle}"
+        low, middle, high = (number(x) for x in (ranked[0], median(ranked), ranked[-1]))
+        return f"varies over {len(sizes)} runs: {low} to {high}, median {middle}"
     return "by run: " + ", ".join(f"{run} {number(size)}" for run, size in sizes.items())
 
 
 def variation_clause(effect: Effect) -> str:
-    """ ", differing from run to run (0.6 to 1)", ", beginning in run3"; empty for a steady effect."""
+    """ ", varying from run to run (0.6 to 1)", ", beginning in run3"; empty for a steady effect."""
     if effect.get("since"):
         return f", beginning in {effect['since']['run']}"
     if effect.get("until"):
@@ -115,7 +116,7 @@ def variation_clause(effect: Effect) -> str:
     if sizes:
         unit = next((str(p.get("unit", "1")) for p in numbers_of(effect).values()), "1")
         span = f"{measure(min(sizes.values()), unit)} to {measure(max(sizes.values()), unit)}"
-        return f", differing {'from run to run' if effect.get('by_run') else 'with the size of the motion'} ({span})"
+        return f", varying {'from run to run' if effect.get('by_run') else 'with the size of the motion'} ({span})"
     return ""
 
 
