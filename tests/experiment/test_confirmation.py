@@ -119,11 +119,12 @@ def test_the_same_effect_in_new_runs_is_confirmed(late: Path) -> None:
 def test_an_effect_that_is_gone_is_denied(late: Path) -> None:
     """Where the nominal model leaves nothing to explain. Where something else is wrong, that may hide it."""
     found = confirmed(late, {}, "gone")
-    assert found.outcomes == {"command_delay": "denies"} and probability(found) < 0.9
+    assert found.outcomes == {"command_delay": "denies"} and probability(found) < 0.85
     assert found.verdict == "partial" and "The new runs leave a larger gap" in found.document["verdict_sentence"]
     assert "worse than the nominal one" in found.lines()[0]
     other = confirmed(late, {"track_width": {"scale": 1.2}}, "other")
     assert other.outcomes == {"command_delay": "open"} and other.verdict == "partial"
+    assert probability(other) < 0.85  # what these runs leave may be what it was taken for
 
 
 def test_a_known_change_is_evidence_of_its_own(late: Path) -> None:

@@ -20,14 +20,16 @@ def updated(
     out = dict(listed)
     for term in own.terms:
         out |= _in_place_of(term, listed, confirmation, settings)
-    most = settings.results.causes.most_sure
+    causes = settings.results.causes
+    told = all(g.as_good for g in confirmation.gaps)
+    most = causes.most_sure * (1.0 if told else causes.most_partial)  # something else is at work on the new runs
     rates = {"agrees": settings.agrees, "denies": settings.denies}
     for test in confirmation.effects:
         if test.outcome in rates and test.term in there:
             present, absent = rates[test.outcome]
             p = min(out[test.term], most)
-            out[test.term] = min(p * present / (p * present + (1.0 - p) * absent), most)
-    return out
+            out[test.term] = p * present / (p * present + (1.0 - p) * absent)
+    return {t: min(p, most) if t in there else p for t, p in out.items()}
 
 
 def _in_place_of(
