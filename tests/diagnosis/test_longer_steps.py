@@ -16,7 +16,9 @@ from plants.mujoco_robot.robot import MujocoRobot
 from residual_mpc.checkpoint import Checkpoint, Keeper
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
+from residual_mpc.diagnosis.predict import noise_errors
 from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of, quickened
+from residual_mpc.diagnosis.predict.noise_floor import floor_of
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import LongerStepSettings, PredictSettings
@@ -176,3 +178,20 @@ def test_a_checkpoint_refers_to_robots_with_longer_steps(data: Dataset, space: S
     assert again.blocks[0].robot is coarse.blocks[0].robot
     with pytest.raises(TypeError):
         pickle.dumps(robots[0])
+
+
+def test_the_noise_floor_begins_where_the_models_own_steps_do(
+    data: Dataset, space: Space, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Start states from longer steps may be far off near standstill, and would be taken for noise."""
+    begun: list[Dataset] = []
+
+    def recorded(windows: Dataset, settings: Settings) -> dict[str, np.ndarray]:
+        begun.append(windows)
+        return {}
+
+    monkeypatch.setattr(noise_errors, "start_bias", recorded)
+    scales, tuned = measure_scales(data), PredictSettings(longer_steps=LENIENT)
+    assert quickened(data, scales, settings=tuned) is not data
+    floor_of(data, scales, space.settings([HERE]), np.random.default_rng(0), settings=tuned)
+    assert [block.own for windows in begun for block in windows.blocks] == [1] * len(data.blocks)

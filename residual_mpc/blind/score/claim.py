@@ -74,7 +74,9 @@ def claim_of(document: Mapping[str, Any]) -> Claim:
         expected_interval=None if interval is None else (float(interval[0]), float(interval[1])),
         shrink=shrink.get("value"),
         gap={k: float(v) for k, v in (document.get("gap") or {}).items() if k in _GAPS and v is not None},
-        changing=frozenset(_name(p) for p in document["explanation"] if p.get("since") or p.get("by_run")),
+        changing=frozenset(
+            _name(p) for p in document["explanation"] if p.get("since") or p.get("until") or p.get("by_run")
+        ),
     )
 
 

@@ -15,14 +15,17 @@ from residual_mpc.models.sensing import sensor_value
 from residual_mpc.models.settings import Settings
 
 
-def noise_errors(data: Dataset, settings: Settings, rng: np.random.Generator, draws: int) -> np.ndarray:
+def noise_errors(
+    data: Dataset, settings: Settings, rng: np.random.Generator, draws: int, exact: Dataset | None = None
+) -> np.ndarray:
     """(draws, W, M, C): what measured - predicted would be if the model (settings, one row) were perfect.
 
     Each draw gives every signal fresh sensor noise, quantised and repeated as in the log, fits the start states
-    through it, and replays from there.
+    through it, and replays from there. exact: the same windows on the steps of the user's model, if `data` has longer
+    ones: these do for the difference of two predictions, but a start state from them may be far off near standstill.
     """
     clean = predict(data, settings)[0]
-    bias = start_bias(data, settings)
+    bias = start_bias(data if exact is None else exact, settings)
     out = np.empty((draws, *data.y.shape))
     fresh = {key: fresh_samples(s.y) for key, s in data.signals.items()}
     for d in range(draws):

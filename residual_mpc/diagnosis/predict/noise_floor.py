@@ -38,7 +38,7 @@ def floor_of(
     some = data if keep.all() else data.take(keep)
     quick = quickened(some, scales, settings=settings)
     return floor_from(
-        [gap_of(some, scales, e) for e in noise_errors(quick, row, rng, settings.floor.draws)],
+        [gap_of(some, scales, e) for e in noise_errors(quick, row, rng, settings.floor.draws, some)],
         some.count,
         settings=settings,
     )

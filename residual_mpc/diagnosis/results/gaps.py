@@ -136,7 +136,7 @@ def measure_gaps(
     noise = _noise(of, longer, row, settings=settings)
     raw, seen = replace(of.raw, noise=noise), replace(of.after_data, noise=noise)
     quick = quickened(seen, scales, settings=settings.predict)
-    floors = noise_errors(quick, row, rng, floor_draws(seen, steps, settings=settings.predict))
+    floors = noise_errors(quick, row, rng, floor_draws(seen, steps, settings=settings.predict), seen)
     floor = floor_from([gap_of(seen, scales, e, test) for e in floors], int(test.sum()), settings=settings.predict)
     everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count, settings=settings.predict)
     looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, settings=settings)]
