@@ -32,8 +32,8 @@ Replacement = Callable[[Any], Any]  # an object -> what __reduce__ would give, N
 
 
 class Checkpoint:
-    """The steps that were finished under a key; a file with a different key belongs to another
-    computation and is overwritten.
+    """The steps that were finished under a key; a file with a different key belongs to another computation
+    and is overwritten.
 
     The file grows by a record for each step, and results stay in it: a long diagnosis has hundreds of megabytes of
     them. A record that a kill left incomplete is overwritten by the next.
@@ -67,7 +67,8 @@ class Checkpoint:
         """Keep a step in the file."""
         if self.path is None:
             return
-        if not self._records:
+        if not self._records or not self.path.exists():  # of another key, or removed meanwhile
+            self._records.clear()
             start = pickle.dumps(self.key)
             write_bytes_atomically(self.path, start)
             self._end = len(start)

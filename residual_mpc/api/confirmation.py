@@ -1,7 +1,6 @@
 """Test a diagnosis on new runs: planned to separate its explanations, or recorded after a known change."""
 
 import os
-import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.api.diagnosis_files import ANSWER, COMMANDS, write_whole
+from residual_mpc.api.diagnosis_files import COMMANDS, excite_command, write_whole
 from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
@@ -32,7 +31,7 @@ from residual_mpc.experiment.confirmation.known_change import KnownChange, check
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
 from residual_mpc.experiment.drive_setup import setup_from_runs
 from residual_mpc.experiment.explanations import explanations_of
-from residual_mpc.logs.digest import run_digest
+from residual_mpc.logs.digest import run_digests
 from residual_mpc.models.model_file import Written, diagnosis_in
 from residual_mpc.report import Evidence, compose, diagnosis_lines
 from residual_mpc.report.confirmation import confirmation_page
@@ -101,10 +100,8 @@ class Confirmation:
         """The content of diagnosis.json for this folder, with paths relative to it."""
         following = self.document["next_experiment"]
         if following:
-            plan = ["residual-mpc", "excite", str(folder / ANSWER), "--robot", self.robot.given]
-            excite = shlex.join([*plan, "--out", str(folder / COMMANDS)])
             commands = COMMANDS if self.commands is not None else None
-            following = {**following, "commands": commands, "excite": excite}
+            following = {**following, "commands": commands, "excite": excite_command(self.robot.given, folder)}
         files = [os.path.relpath(path, folder) for path in self.document["run_files"]]
         model = name_robot_file(self.document["model"], self.robot.file.source, folder)
         return {**self.document, "model": model, "next_experiment": following, "run_files": files}
@@ -194,7 +191,7 @@ def confirm(
     after = probabilities_in(updated)
     updated["confirmation"] = described(made, robot.model, before, after, changes, runs.names)
     result: dict[str, Any] = with_servos(finite(updated), robot)
-    result["confirmed_by"] = [*document.get("confirmed_by", ()), *_digests(runs)]
+    result["confirmed_by"] = [*document.get("confirmed_by", ()), *run_digests(runs)]
     result["confirmation"]["sentence"] = confirmation_sentence(result["confirmation"])
     result["verdict_sentence"] = confirmed_sentence(result, document["verdict"])
     result["run_files"] = seen
@@ -210,11 +207,8 @@ def confirm(
 def check_options(robot: NominalRobot, diagnosed: Runs, runs: Runs, changed: Sequence[str]) -> None:
     """Raises BadInput for new runs that are among the diagnosed ones, and for a change that cannot be parsed, before
     minutes are spent on the diagnosis."""
-    known = {d["digest"] for d in _digests(diagnosed)}
-    for run, digest in zip(runs, _digests(runs), strict=True):
-        if digest["digest"] in known:
-            raise BadInput("this run was used in the diagnosis", run.name, "use a run that was not part of it")
-    slots = {effect.name: robot.model.slots(effect.name) for effect in LIBRARY}
+    _unseen(runs, (), {"runs": run_digests(diagnosed)})
+    slots = _slots(robot)
     for text in changed:
         check_change(text, slots)
 
@@ -223,15 +217,16 @@ def _changes(
     changed: str | Sequence[str], explanations: Sequence[DiagnosedExplanation], robot: NominalRobot
 ) -> tuple[KnownChange, ...]:
     named = list(dict.fromkeys(t for e in explanations for t in e.terms))
-    slots = {effect.name: robot.model.slots(effect.name) for effect in LIBRARY}
+    slots = _slots(robot)
     texts = [changed] if isinstance(changed, str) else changed
     changes = tuple(read_change(text, named, slots) for text in texts)
     check_possible(changes, explanations[0].values, robot.model)
     return changes
 
 
-def _digests(runs: Runs) -> list[dict[str, str]]:
-    return [{"name": run.name, "digest": run_digest(run)} for run in runs]
+def _slots(robot: NominalRobot) -> dict[str, tuple[str, ...]]:
+    """The targets of each effect on the robot."""
+    return {effect.name: robot.model.slots(effect.name) for effect in LIBRARY}
 
 
 def _same_folder(file: str, folder: Path) -> bool:
@@ -251,7 +246,7 @@ def _unseen(runs: Runs, seen: Sequence[str], document: Mapping[str, Any]) -> Non
         if os.path.realpath(path) in used:
             raise BadInput("this run was used in the diagnosis", str(path), "use a run that was not part of it")
     diagnosed, tested = ({d["digest"] for d in document.get(key) or ()} for key in ("runs", "confirmed_by"))
-    for run in _digests(runs):
+    for run in run_digests(runs):
         if run["digest"] in diagnosed:
             raise BadInput("this run was used in the diagnosis", run["name"], "use a run that was not part of it")
         if run["digest"] in tested:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from residual_mpc.api.diagnosis_files import ANSWER, COMMANDS, write_answer, write_whole
+from residual_mpc.api.diagnosis_files import excite_command, write_answer, write_whole
 from residual_mpc.api.display import page
 from residual_mpc.api.early_answers import SO_FAR, EarlyAnswers
 from residual_mpc.api.resume import checkpoint_in, key_of
@@ -34,7 +34,7 @@ from residual_mpc.experiment.propose import propose
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.learning.batch.network_learner import LEARNERS
 from residual_mpc.logs.columns import did_you_mean
-from residual_mpc.logs.digest import run_digest
+from residual_mpc.logs.digest import run_digests
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import measured_over
 from residual_mpc.models.settings import Values
@@ -210,7 +210,7 @@ def diagnose(
     progress("planning the next experiment", 0.96)
     document = _document(made.diagnosis, robot, runs, said)
     logged = {c for r in runs for c in (*r.columns, *r.extra_columns)}
-    proposal = propose(document, robot.model, _excite(robot, Path()), seed, logged)
+    proposal = propose(document, robot.model, excite_command(robot.given, Path()), seed, logged)
     document["next_experiment"] = proposal.next_experiment
     found = Diagnosis(robot, document, made, proposal.table, runs.paths)
     if folder is not None:
@@ -225,7 +225,7 @@ def _document(record: Record, robot: NominalRobot, runs: Runs, command: str) -> 
     document = with_servos(to_document(record), robot)
     document["audit"] = [asdict(finding) for finding in runs.findings]
     document["command"] = command
-    document["runs"] = [{"name": run.name, "digest": run_digest(run)} for run in runs]
+    document["runs"] = run_digests(runs)
     document["verdict_sentence"] = sentence(document)
     for law in (e for e in document["explanation"] if e["effect"] == FITTED_LAW):
         law["sentence"] = sentence_of(law)
@@ -238,16 +238,10 @@ def _placed(document: dict[str, Any], robot: NominalRobot, paths: Sequence[str],
     """The document as it is written to a folder, with where its runs lie, seen from there."""
     following = document["next_experiment"]
     if following and following.get("excite"):
-        following = {**following, "excite": _excite(robot, folder)}
+        following = {**following, "excite": excite_command(robot.given, folder)}
     model = name_robot_file(document["model"], robot.file.source, folder)
     files = [os.path.relpath(path, folder) for path in paths]
     return {**document, "model": model, "next_experiment": following, "run_files": files}
-
-
-def _excite(robot: NominalRobot, folder: Path) -> str:
-    """The command that plans the next experiment."""
-    call = ["residual-mpc", "excite", str(folder / ANSWER), "--robot", robot.given, "--out", str(folder / COMMANDS)]
-    return shlex.join(call)
 
 
 def _start(source: Source, robot: NominalRobot) -> Values:

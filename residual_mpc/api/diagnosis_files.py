@@ -1,5 +1,6 @@
 """What `diagnose` writes: the answer as soon as it stands, then the whole with its report."""
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,12 @@ UNFINISHED = (
     "Written before the diagnosis was finished: what follows the answer, from the remaining error to the report, may "
     "be missing. The diagnosis was still running, or was stopped."
 )
+
+
+def excite_command(robot: str, folder: Path) -> str:
+    """The command that plans the next experiment of a diagnosis in this folder; robot: as it was given."""
+    call = ["residual-mpc", "excite", str(folder / ANSWER), "--robot", robot, "--out", str(folder / COMMANDS)]
+    return shlex.join(call)
 
 
 def write_answer(document: dict[str, Any], out: Path) -> None:

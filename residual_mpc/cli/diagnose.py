@@ -102,7 +102,7 @@ def diagnose(
     """
     _check_options(runs, start, new, changed)
     if not runs:
-        _check_absent(click.get_current_context(), ("only", "without", "held_out", "horizon", "video"))
+        _check_absent("only", "without", "held_out", "horizon", "video")
     writable_folder(out)
     if video is not None:
         from residual_mpc.report.motion.animation import check_video
@@ -113,8 +113,8 @@ def diagnose(
         assert start is not None
         nominal, later = read(robot, new)
         with progress_bar() as progress:
-            tested = _confirmed(nominal, start, later, changed, seed, out, progress)
-        _show(tested, out, as_json)
+            confirmed = _confirmed(nominal, start, later, changed, seed, out, progress)
+        _show(confirmed, out, as_json)
         return
     nominal, logged = read(robot, runs)
     unseen = read(robot, new)[1] if new else None
@@ -125,6 +125,7 @@ def diagnose(
 
     from residual_mpc.api.diagnosis import diagnose as run_diagnosis
 
+    tested: Confirmation | None = None
     with progress_bar() as progress, _told_where(out):
         found = run_diagnosis(
             nominal, logged, only=names(only), without=names(without), held_out=held_out, horizon=horizon, seed=seed,
@@ -136,7 +137,7 @@ def diagnose(
 
             tested = _confirmed(nominal, out / ANSWER, unseen, changed, seed, out, progress, found)
     filmed = video is not None and _save_video(found, video)
-    if unseen is not None and found.explanation:
+    if tested is not None:
         _show(tested, out, as_json)
         return
     if unseen is not None:
@@ -161,12 +162,12 @@ def _check_options(runs: tuple[str, ...], start: Path | None, new: tuple[str, ..
         raise click.UsageError("Option '--changed' requires --confirm with the runs recorded after the change.")
 
 
-def _check_absent(context: click.Context, options: tuple[str, ...]) -> None:
+def _check_absent(*options: str) -> None:
     """Raises UsageError for an option that a test of an earlier diagnosis does not use."""
     from click.core import ParameterSource
 
     for option in options:
-        if context.get_parameter_source(option) is not ParameterSource.DEFAULT:
+        if click.get_current_context().get_parameter_source(option) is not ParameterSource.DEFAULT:
             raise click.UsageError(f"Option '--{option.replace('_', '-')}' needs RUN... to diagnose.")
 
 

@@ -22,8 +22,9 @@ from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, averaged, build_units
 from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset, joined
-from residual_mpc.diagnosis.data.gap import Scales, fit_trust
+from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.data.subsampling import evenly
+from residual_mpc.diagnosis.fit.channel_weights import weighed_by_residuals
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
 from residual_mpc.diagnosis.options import Options, Progress
@@ -178,12 +179,7 @@ def _problem(
         keep[np.flatnonzero(side)[evenly(data.take(side), steps // 2, settings=results.data)]] = True
     few = data.take(keep)
     problem = build_problem(few, space, few.sigma, scales.motion, settings=results.predict)
-    trust = fit_trust(few, scales, few.y - problem.replays([values])[0], settings=results.data)
-    trusting = problem if (trust == 1.0).all() else replace(problem, count=trust)
-    r = trusting.residuals([values])[0].reshape(*few.y.shape)
-    seen = np.einsum("w,wmc->c", trust, np.isfinite(few.y).astype(float))
-    left = np.sqrt(np.einsum("wmc,wmc->c", r, r) / np.maximum(seen, 1.0))
-    return replace(reweigh(problem, few.sigma * np.maximum(left, 1.0)), count=trusting.count)
+    return weighed_by_residuals(problem, scales, values, results.data)
 
 
 def _units(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: ComparisonSettings) -> Units:

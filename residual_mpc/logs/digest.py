@@ -1,6 +1,7 @@
 """A short digest of a run's samples, by which the run is recognised."""
 
 import hashlib
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -17,3 +18,8 @@ def run_digest(run: Run) -> str:
         digest.update(name.encode())
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()[:LENGTH]
+
+
+def run_digests(runs: Iterable[Run]) -> list[dict[str, str]]:
+    """The name and digest of each run, as diagnosis.json lists them."""
+    return [{"name": run.name, "digest": run_digest(run)} for run in runs]

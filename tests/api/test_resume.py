@@ -16,6 +16,7 @@ from oracles.arms import arm_xml
 from oracles.rover_log import ROBOT, rover_run, write_run
 
 from residual_mpc.checkpoint import Checkpoint, Keeper
+from residual_mpc.errors import BadInput
 
 KILLED = """
 import os, signal, sys
@@ -201,3 +202,26 @@ def test_a_record_that_was_cut_short_is_made_again(tmp_path: Path) -> None:
     assert again("step2", lambda: np.full(50, 2)).sum() == 100
     assert Keeper(Checkpoint(path, "k"), rng)("step2", lambda: pytest.fail("it was kept")).sum() == 100
     assert Checkpoint(path, "other").last is None
+
+
+def test_a_checkpoint_that_is_removed_meanwhile_begins_again(tmp_path: Path) -> None:
+    path, rng = tmp_path / "out" / "f", np.random.default_rng(0)
+    keep = Keeper(Checkpoint(path, "k"), rng)
+    assert keep("one", lambda: 1) == 1
+    path.unlink()
+    path.parent.rmdir()
+    assert keep("two", lambda: 2) == 2
+    assert "two" in Checkpoint(path, "k") and "one" not in Checkpoint(path, "k")
+
+
+def test_a_checkpoint_that_cannot_be_written_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "f"
+    checkpoint = Checkpoint(path, "k")
+    checkpoint.put("one", b"1", None)
+
+    def full(*words: object, **more: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(BadInput, match="No space left on device"):
+        checkpoint.put("two", b"2", None)

@@ -45,17 +45,20 @@ def gentle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rover whose commands are late, and a diagnosis that says so."""
-    folder = tmp_path_factory.mktemp("late")
+def diagnosed(folder: Path, faults: dict[str, Any], *only: str) -> Path:
+    """A rover with one fault, and in `out` a diagnosis of two runs that names it and nothing else."""
     (folder / "robot.toml").write_text(ROBOT)
     robot = rm.load_robot(folder / "robot.toml")
-    files = [write_run(rover_run(f"run{k}", LATE, seconds=16.0, seed=k), folder) for k in range(2)]
-    only = (*ONLY, "track_width", "dead_zone")
+    files = [write_run(rover_run(f"run{k}", faults, seconds=16.0, seed=k), folder) for k in range(2)]
     found = rm.diagnose(robot, rm.read_runs(robot, files), only=only, out=folder / "out")
-    assert [e["effect"] for e in found.explanation] == ["command_delay"] and not found.document["confounded"]
+    assert [e["effect"] for e in found.explanation] == list(faults) and not found.document["confounded"]
     return folder
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rover whose commands are late."""
+    return diagnosed(tmp_path_factory.mktemp("late"), LATE, *ONLY, "track_width", "dead_zone")
 
 
 def confirmed(folder: Path, faults: dict, name: str, *changed: str, out: Path | None = None) -> rm.Confirmation:
@@ -178,14 +181,7 @@ def test_what_cannot_be_confirmed_is_refused(late: Path, tmp_path: Path) -> None
 @pytest.fixture(scope="module")
 def limited(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A rover whose wheels turn no faster than 5 rad/s."""
-    folder = tmp_path_factory.mktemp("limited")
-    (folder / "robot.toml").write_text(ROBOT)
-    robot = rm.load_robot(folder / "robot.toml")
-    files = [write_run(rover_run(f"run{k}", LIMIT, seconds=16.0, seed=k), folder) for k in range(2)]
-    only = ("saturation", "dead_zone", "command_delay")
-    found = rm.diagnose(robot, rm.read_runs(robot, files), only=only, out=folder / "out")
-    assert [e["effect"] for e in found.explanation] == ["saturation"]
-    return folder
+    return diagnosed(tmp_path_factory.mktemp("limited"), LIMIT, "saturation", "dead_zone", "command_delay")
 
 
 def test_a_limit_is_tested_by_what_it_predicts(limited: Path) -> None:

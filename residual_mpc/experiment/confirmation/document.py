@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.diagnosis.results.causes import T95
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.experiment.confirmation.effect_tests import whole_of
 from residual_mpc.experiment.confirmation.inputs import DiagnosedExplanation
@@ -36,7 +37,7 @@ def sigma_in(document: Document) -> dict[Knob, float]:
         for name, p in effect["parameters"].items():
             if isinstance(p, dict) and isinstance(p.get("ci95"), list) and None not in p["ci95"]:
                 low, high = p["ci95"]
-                out[Knob(effect["effect"], effect["target"], name)] = (high - low) / (2.0 * 1.96)
+                out[Knob(effect["effect"], effect["target"], name)] = (high - low) / (2.0 * T95)
     return out
 
 

@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from residual_mpc.diagnosis.data.dataset import joined
-from residual_mpc.diagnosis.data.gap import Scales, fit_trust
 from residual_mpc.diagnosis.data.subsampling import thin_whole
+from residual_mpc.diagnosis.fit.channel_weights import weighed_by_residuals
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
-from residual_mpc.diagnosis.predict.problem import Problem, build_problem, reweigh
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
@@ -40,7 +38,8 @@ def fit_explanations(
     exact = build_problem(data, space, data.sigma, scales.motion, settings=results.predict)
     problem = on_longer_steps(exact, scales, starts[0], settings=results.predict)
     first = fit_all(problem, starts, settings.fit_steps, settings=results.fit)
-    problem = _weighed(problem, scales, min(first, key=lambda f: f.cost), settings)
+    best = min(first, key=lambda f: f.cost)
+    problem = weighed_by_residuals(problem, scales, best.values, results.data)
     again = [on_problem(problem, f, settings=results.fit).values for f in first]
     return FittedExplanations(
         problem, tuple(fit_all(problem, again, settings.fit_steps, secants=0, settings=results.fit))
@@ -60,14 +59,3 @@ def holding_shapes(space: Space, explanations: Sequence[Values]) -> Space:
 
 def _is_shape(knob: Knob) -> bool:
     return BY_NAME[knob.effect].parameter(knob.parameter).shape
-
-
-def _weighed(problem: Problem, scales: Scales, best: Fit, settings: ConfirmationSettings) -> Problem:
-    """The problem reweighted by the residuals of the best fit; outlying windows are down-weighted."""
-    data, results = problem.data, settings.results
-    trust = fit_trust(data, scales, data.y - problem.replays([best.values])[0], settings=results.data)
-    trusting = problem if (trust == 1.0).all() else replace(problem, count=trust)
-    r = trusting.residuals([best.values])[0].reshape(*data.y.shape)
-    seen = np.einsum("w,wmc->c", trust, np.isfinite(data.y).astype(float))
-    left = np.sqrt(np.einsum("wmc,wmc->c", r, r) / np.maximum(seen, 1.0))
-    return replace(reweigh(problem, data.sigma * np.maximum(left, 1.0)), count=trusting.count)
