@@ -12,7 +12,7 @@ from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, possible
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.search.additions import compatible, mixed, varied
+from residual_mpc.diagnosis.search.additions import mixed, varied
 from residual_mpc.diagnosis.search.rivals import place
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
@@ -93,7 +93,7 @@ def search_changes(
 def told_apart(problem: Problem, current: Fit, units: Units, settings: ComparisonSettings) -> Contrasts:
     """The contrast of every probe of every change that may be added to a fit."""
     there = changed_terms(current)
-    open_ = [t for t in problem.space.candidates if compatible(t, there)]
+    open_ = [t for t in problem.space.candidates if problem.space.may_join(t, there)]
     probes = [(t, p) for t in open_ for p in problem.space.probes(t)]
     return contrasts(problem, current, units, probes, settings.contrast)
 

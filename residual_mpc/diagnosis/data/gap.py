@@ -86,6 +86,14 @@ def gap_of(data: Dataset, scales: Scales, error: np.ndarray, windows: np.ndarray
     return Gap(float(np.sqrt(np.nanmean(channels**2))), channels)
 
 
+def without_worst(data: Dataset, scales: Scales, error: np.ndarray, fewest: int) -> Gap:
+    """The gap of an error (W, M, C) without the window that adds most to it; of all with fewer windows than that."""
+    size = per_window(data, scales, error)
+    if np.isfinite(size).sum() < fewest:
+        return gap_of(data, scales, error)
+    return gap_of(data, scales, error, np.arange(data.count) != np.nanargmax(size))
+
+
 def window_squares(data: Dataset, scales: Scales, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sums of scaled squares and counts (W, C) from which any subset's gap follows; for the bootstrap."""
     square = np.where(data.compared[:, None, :] & ~scales.still, (error / scales.s) ** 2, np.nan)

@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise, ornstein_uhlenbeck
 from residual_mpc.diagnosis.fit.cross_validation import folds_of
 from residual_mpc.diagnosis.fit.noise_envelope import difference_bounds, fit_envelope
+from residual_mpc.diagnosis.fit.noise_evenness import unevenness
 from residual_mpc.diagnosis.fit.ridge import fit_ridge, subtract_ridge
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
@@ -28,7 +29,8 @@ from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.models.settings import Settings
 
-# reported by a filter or a scan matching; an encoder wanders by no more than it jitters
+# reported by a filter or a scan matching; an encoder wanders by no more than it jitters, unless what is left of it is
+# as large in slow motion as in fast
 LOCALISED = ("pose.", "twist.")
 
 
@@ -81,14 +83,19 @@ def fit_noise(
     tuned = settings.noise
     problem, predicted = _steady(problem, scales, predicted, settings=settings)
     data = problem.data
-    left = unlearnable(data, scales, data.y - predicted, predicted, settings=settings)
+    # what an error of a window's start makes of it is no noise, and would be learned from a few windows
+    seen = np.isfinite(data.y)
+    weight = np.maximum(problem.weight, 1e-12)
+    error = np.where(seen, _projected(np.where(seen, data.y - predicted, 0.0) * weight, problem.basis) / weight, np.nan)
+    left = unlearnable(data, scales, error, predicted, settings=settings)
     # evenly spread windows say as much as all of them
     keep = np.unique(np.linspace(0, data.count - 1, min(data.count, tuned.windows)).round().astype(int))
-    left, y, t, basis = left[keep], data.y[keep], data.t[keep], problem.basis[keep]
+    left, y, t, basis, predicted = left[keep], data.y[keep], data.t[keep], problem.basis[keep], predicted[keep]
     seen = np.isfinite(y) & np.isfinite(left)
     lags = _lags(t.shape[1], seen)
     scaled = np.where(seen, left * problem.weight, 0.0)
-    measured, sure = _increments(_projected(scaled, basis), seen, lags, settings=settings)  # (C, L)
+    projected = _projected(scaled, basis)
+    measured, sure = _increments(projected, seen, lags, settings=settings)  # (C, L)
     period = float(np.nanmedian(np.diff(t, axis=1)))
     times = [time for time in tuned.times if time > 0.7 * period]
     rng = np.random.default_rng(0)
@@ -113,13 +120,23 @@ def fit_noise(
     size = fit_envelope(
         measured, parts, sure, *bounds, settings=settings
     )  # (C, 1 + times) squared, in units of the white noise
+    free = ~encoders  # whose coloured parts may exceed the white noise
+    if (beyond := encoders & (size[:, 1:].sum(axis=1) > np.maximum(data.sigma * problem.weight, 1e-300) ** 2)).any():
+        few = lags[lags * period <= tuned.compared]
+        draws = [
+            _projected(np.where(seen, _drawn(t, period, np.sqrt(size), times, rng), 0.0), basis)
+            for _ in range(tuned.even_draws)
+        ]
+        chance = np.max([unevenness(d, seen, predicted, few, tuned) for d in draws], axis=0)
+        most_uneven = np.minimum(chance, tuned.uneven)
+        free = free | (beyond & (unevenness(projected, seen, predicted, few, tuned) <= most_uneven))
     out = []
     known = (sure > 0.0).sum(axis=1) >= tuned.fewest_lags
-    for k, channel in enumerate(data.channels):
+    for k in range(len(data.channels)):
         if not known[k] or not size[k, 1:].any():  # white, or too few samples in a window to tell
             out.append(ChannelNoise(float(data.sigma[k])))
             continue
-        most = np.inf if channel.startswith(LOCALISED) else float(data.sigma[k])
+        most = np.inf if free[k] else float(data.sigma[k])
         rounding = float(data.steps[k]) / np.sqrt(12.0)
         out.append(_channel_noise(np.sqrt(size[k]) / problem.weight[k], times, rounding, most))
     return tuple(out)
@@ -196,6 +213,19 @@ def _unit(t: np.ndarray, period: float, time: float, rng: np.random.Generator) -
     if time == 0.0:
         return rng.standard_normal(t.shape)
     return ornstein_uhlenbeck(np.arange(t.shape[1]) * period, time, len(t), rng)
+
+
+def _drawn(
+    t: np.ndarray, period: float, sigma: np.ndarray, times: Sequence[float], rng: np.random.Generator
+) -> np.ndarray:
+    """(W, M, C) noise whose parts have the sizes (C, 1 + times), white first."""
+    parts = [0.0, *times]
+    out = np.zeros((*t.shape, len(sigma)))
+    for k, sizes in enumerate(sigma):
+        for s, time in zip(sizes, parts, strict=True):
+            if s > 0.0:
+                out[..., k] += s * _unit(t, period, time, rng)
+    return out
 
 
 def _increments(

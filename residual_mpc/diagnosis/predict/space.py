@@ -11,8 +11,10 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.predict.references import HIGHEST, LOWEST, RUN, longest_run, measure_references, turned_of
+from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, HOSTED, LIBRARY, holder
+from residual_mpc.effects.sensor import SENSOR_DELAY
 from residual_mpc.effects.surroundings import TORQUE_OFFSET
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
@@ -41,6 +43,21 @@ class Space:
     fixed: Values = field(default_factory=dict, kw_only=True)
     # values worth a first look that what is left suggests, of the effects that are looked at nowhere else
     suggested: Mapping[Term, tuple[Values, ...]] = field(default_factory=dict, kw_only=True)
+    twins: tuple[frozenset[Term], ...] = field(default=(), kw_only=True)  # pairs that no run here can tell apart
+
+    def may_join(self, term: Term, terms: Sequence[Term]) -> bool:
+        """Whether a term may join others: not twice the same, never an effect both on all targets and on one, and not
+        beside what the runs cannot tell from it."""
+        return not any(
+            self.are_twins(t, term) if t.effect != term.effect else t.target is None or term.target is None or t == term
+            for t in terms
+        )
+
+    def are_twins(self, one: Term, other: Term) -> bool:
+        """Whether no run here can tell these terms apart, both of both sets of runs or both changes."""
+        if one.changed != other.changed:
+            return False
+        return frozenset({one._replace(changed=False), other._replace(changed=False)}) in self.twins
 
     def knobs(self, term: Term) -> tuple[Knob, ...]:
         """The free numbers of a term, less those that stay at their null value unless the runs show them."""
@@ -207,7 +224,14 @@ def build_space(
     free = tuple(
         Knob(TUNE, None, name) for name in robot.nominal() if any(fnmatch.fnmatchcase(name, p) for p in tunable)
     )
-    return Space(robot, slots, candidates, free, references, ruled_out)
+    return Space(robot, slots, candidates, free, references, ruled_out, twins=_twins(data))
+
+
+def _twins(data: Dataset) -> tuple[frozenset[Term], ...]:
+    """Commands that all take effect late and readings that all arrive late are the same shift of time, unless a motor
+    is switched off in between: it stops at once."""
+    switched = any(b.drive.enabled is not None and not (b.drive.enabled == 1.0).all() for b in data.blocks)
+    return () if switched else (frozenset({Term(COMMAND_DELAY.name, None), Term(SENSOR_DELAY.name, None)}),)
 
 
 def _uncovered(term: Term, slots: tuple[str, ...], robot: Robot, references: Mapping[tuple[str, str], float]) -> str:

@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.remainder.records import Resemblance
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.diagnosis.search.acceptance import Ruler
-from residual_mpc.diagnosis.search.additions import compatible, distinct, mixed
+from residual_mpc.diagnosis.search.additions import distinct, mixed
 from residual_mpc.diagnosis.search.screen import glance, rankings
 from residual_mpc.models.settings import Term, Values
 
@@ -39,7 +39,8 @@ def closest(
     small = problem if keep.all() else part_of(problem, keep)
     small = on_longer_steps(small, judge.scales, current.values, settings=settings.predict)
     here = on_problem(small, current, settings=settings.fit)
-    eligible = tuple(t for t in problem.space.candidates if t not in vetoed and compatible(t, current.terms))
+    space = problem.space
+    eligible = tuple(t for t in space.candidates if t not in vetoed and space.may_join(t, current.terms))
     if not eligible:
         return None
     leads = glance(small, here, eligible, settings=settings.search)

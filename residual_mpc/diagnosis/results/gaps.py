@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust
+from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust, without_worst
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
@@ -143,13 +143,13 @@ def measure_gaps(
     # outliers count as a gap if they are named, or if their effect is excluded
     jumps = of.unnamed_outliers or (of.with_outliers and helps)
     # beyond the noise on all windows, and on the very windows that the figures are printed for
-    whole = gap_of(raw, scales, errors["before"]) if jumps else _nominal_gap(of.clean, scales, rows)
-    anywhere = beyond(whole, everywhere, settings=settings.predict) and _lucky(looks[0])
+    whole = (raw, errors["before"]) if jumps else _nominal_errors(of.clean, rows)
+    anywhere = _beyond(whole, scales, everywhere, settings) and _lucky(looks[0])
     for look in longer:
         more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, jumps, settings=settings)
         if all_floor.total < FORETOLD:
             looks.append(more)
-            anywhere = anywhere or beyond(all_before, all_floor, settings=settings.predict)
+            anywhere = anywhere or _beyond(all_before, look.scales, all_floor, settings)
     helps = helps and anywhere  # nothing to explain is no gap, whatever fits better
     return ExplanationGaps(
         replace(of, raw=raw, clean=replace(of.clean, noise=noise)),
@@ -259,8 +259,8 @@ def _longer(
     rng: np.random.Generator,
     jumps: bool,
     settings: ResultSettings,
-) -> tuple[HorizonGaps, Gap, NoiseFloor]:
-    """The gaps over a longer horizon on the windows that are judged, and gap and floor of the model on all of them;
+) -> tuple[HorizonGaps, tuple[Dataset, np.ndarray], NoiseFloor]:
+    """The gaps over a longer horizon on the windows that are judged, and errors and floor of the model on all of them;
     jumps: with the samples that jump away."""
     raw = replace(look.raw, noise=noise)
     seen = replace(look.clean, noise=noise) if of.with_outliers else raw
@@ -271,13 +271,21 @@ def _longer(
         floor if look.test.all() else floor_of(seen.take(look.test), look.scales, row, rng, settings=settings.predict)
     )
     here = _look(raw, look.scales, errors, look.test, bool(look.held.any()), judged, settings=settings)
-    whole = gap_of(raw, look.scales, errors["before"]) if jumps else _nominal_gap(look.clean, look.scales, rows)
+    whole = (raw, errors["before"]) if jumps else _nominal_errors(look.clean, rows)
     return here, whole, floor
 
 
-def _nominal_gap(data: Dataset, scales: Scales, rows: Settings) -> Gap:
-    """The gap of the model with its tunable numbers fitted, the second of `rows`, on all windows."""
-    return gap_of(data, scales, data.y - predict(data, rows.take(np.array([1])))[0])
+def _nominal_errors(data: Dataset, rows: Settings) -> tuple[Dataset, np.ndarray]:
+    """The windows, and what the model with its tunable numbers fitted, the second of `rows`, leaves there (W, M, C)."""
+    return data, data.y - predict(data, rows.take(np.array([1])))[0]
+
+
+def _beyond(whole: tuple[Dataset, np.ndarray], scales: Scales, floor: NoiseFloor, settings: ResultSettings) -> bool:
+    """Whether errors are beyond the noise on these windows, and not because of one window, whose start a spike or a
+    pause may have spoilt."""
+    (data, error), tuned = whole, settings.predict
+    every, most = gap_of(data, scales, error), without_worst(data, scales, error, tuned.floor.without_worst)
+    return beyond(every, floor, settings=tuned) and beyond(most, floor, settings=tuned)
 
 
 def quantiles(square: np.ndarray) -> dict[str, float]:

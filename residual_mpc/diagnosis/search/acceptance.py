@@ -62,7 +62,7 @@ def build_ruler(
 ) -> Ruler:
     """The ruler of a search; its floor comes from noise drawn by rng."""
     data = replays.data
-    errors = noise_errors(data, replays.space.settings([base.values]), rng, 2)
+    errors = noise_errors(data, replays.space.settings([base.values]), rng, 2, exact=replays.own)
     return Ruler(replays, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])), settings)
 
 

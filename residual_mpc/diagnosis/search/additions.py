@@ -8,7 +8,6 @@ import numpy as np
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
 from residual_mpc.diagnosis.fit.start_values import possible
-from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.optional_numbers import at_bounds, may_be_shown, with_shown
 from residual_mpc.diagnosis.search.screen import (
@@ -39,13 +38,6 @@ class OfTerm(Protocol):
 RankedTerm = TypeVar("RankedTerm", bound=OfTerm)
 
 
-def compatible(term: Term, terms: EffectSet) -> bool:
-    """Whether a term may join: not twice the same, and never an effect both on all targets and on one."""
-    return all(
-        t.effect != term.effect or (t.target is not None and term.target is not None and t != term) for t in terms
-    )
-
-
 def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: SearchSettings) -> list[Fit]:
     """The best sets with one more term than a set of the beam, cheapest first; each set of terms once.
 
@@ -56,7 +48,7 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
     promised = 0.0
     eligible = problem.space.candidates
     for place, parent in enumerate(beam):
-        candidates = tuple(c for c in eligible if compatible(c, parent.terms))
+        candidates = tuple(c for c in eligible if problem.space.may_join(c, parent.terms))
         leads = (
             screen(problem, parent, candidates, settings=settings)
             if place == 0

@@ -67,21 +67,25 @@ def _within_what_is_left(
     problem: Problem, ruler: Ruler, fit: Fit, rivals: list[Rival], settings: SearchSettings
 ) -> list[bool]:
     """Which of these rivals imitate the effect that they replace, and leave hardly more of the squared gap than the
-    fit: less than a share of what both leave beyond the noise, or, where there are small differences elsewhere, too
-    little to see.
+    fit: less than a share of what both leave beyond the noise, than the error of the model's own time step, or, where
+    there are small differences elsewhere, too little to see. What no run here can tell from it is one of them as long
+    as one does not see the difference.
 
     A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
     """
-    like = [len(r.gone) == len(r.came) == 1 and _imitate(r.gone[0], r.came[0]) for r in rivals]
+    pairs = [(r.gone[0], r.came[0]) if len(r.gone) == len(r.came) == 1 else None for r in rivals]
+    twins = [p is not None and problem.space.are_twins(*p) for p in pairs]
+    like = [t or (p is not None and _imitate(*p)) for p, t in zip(pairs, twins, strict=True)]
     if not any(like):
         return like
     imitators = [r.fit for r, s in zip(rivals, like, strict=True) if s]
     *others, own = ruler.squared(without_small_differences(problem, [*imitators, fit], settings))
-    most = max(settings.rivals.of_left * (own - ruler.floor), 0.0)
+    most = max(settings.rivals.of_left * (own - ruler.floor), ruler.step_error(fit))
     if problem.marginal is not None:
         most = max(most, settings.rivals.visible * ruler.floor)
+    seen = max(most, settings.rivals.visible * ruler.floor, settings.rivals.share * own)
     more = iter(others)
-    return [s and bool(next(more) - own < most) for s in like]
+    return [s and bool(next(more) - own < (seen if t else most)) for s, t in zip(like, twins, strict=True)]
 
 
 def _imitate(one: Term, other: Term) -> bool:

@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.problem import Problem, part_of
-from residual_mpc.diagnosis.search.additions import closer, compatible, distinct, mixed
+from residual_mpc.diagnosis.search.additions import closer, distinct, mixed
 from residual_mpc.diagnosis.search.screen import drawn, gap_weights, smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import TUNE, Values
@@ -31,7 +31,7 @@ def pairs(problem: Problem, alone: Fit, blocks: np.ndarray, settings: SearchSett
     quick = part_of(small, quarter > 0, quarter[quarter > 0])
     probes = [(t, p) for t in problem.space.candidates if t.target is None for p in problem.space.probes(t)]
     starts: list[Values] = [
-        {**alone.values, **p, **q} for (a, p), (b, q) in combinations(probes, 2) if compatible(b, (a,))
+        {**alone.values, **p, **q} for (a, p), (b, q) in combinations(probes, 2) if problem.space.may_join(b, (a,))
     ]
     if not starts:
         return []

@@ -62,6 +62,8 @@ def find_rivals(
         seen = _seen_larger(found, fit, here, settings=settings)
         here = [_told_apart(r, settings=settings) if larger else r for r, larger in zip(here, seen, strict=True)]
         same = too_close(found.problem, found.ruler, fit, here, settings=settings)
+        # what no run can tell apart is equally likely: a likelihood sees how each rounds the shift to steps
+        same = [s or (r.alike and _are_twins(found.problem, r)) for r, s in zip(here, same, strict=True)]
         here = [replace(r, ratio=0.0, alike=True) if s else r for r, s in zip(here, same, strict=True)]
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
@@ -93,22 +95,30 @@ def holds_elsewhere(
     return fits[best] if much and gaps[best] < tuned.far_smaller * gaps[0] else None
 
 
+def _are_twins(problem: Problem, rival: Rival) -> bool:
+    """Whether the runs cannot tell the one effect that came from the one that went."""
+    return len(rival.gone) == len(rival.came) == 1 and problem.space.are_twins(rival.gone[0], rival.came[0])
+
+
 def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
     """The rival as one that the data tell from the chosen set."""
     return replace(rival, ratio=max(rival.ratio, settings.steps.alike), alike=False)
 
 
 def _seen_larger(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSettings) -> list[bool]:
-    """Which rivals leave a gap that one would see to be larger than the chosen fit's. Precise encoders may outweigh the
-    pose in the likelihood, and what they show is no reason to give up what the pose shows."""
+    """Which rivals leave a gap that one would see to be larger than the chosen fit's, by more than the error of the
+    model's own time step. Precise encoders may outweigh the pose in the likelihood, and what they show is no reason to
+    give up what the pose shows."""
     tuned = settings.rivals
     close = [i for i, r in enumerate(rivals) if r.alike or r.ratio < tuned.better]
     if not close:
         return [False] * len(rivals)
     fits = without_small_differences(found.problem, [fit, *(rivals[i].fit for i in close)], settings)
     own, *gaps = found.ruler.squared(fits[::-1])[::-1]
-    most = own + max(tuned.visible * found.ruler.floor, tuned.share * own)
-    larger = {i for i, g in zip(close, gaps, strict=True) if g > most}
+    least = max(tuned.visible * found.ruler.floor, tuned.share * own)
+    if max(gaps) > own + least:  # the step's error asks for replays
+        least = max(least, found.ruler.step_error(fit))
+    larger = {i for i, g in zip(close, gaps, strict=True) if g > own + least}
     return [i in larger for i in range(len(rivals))]
 
 

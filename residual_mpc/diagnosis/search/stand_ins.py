@@ -4,7 +4,6 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.search.additions import compatible
 from residual_mpc.diagnosis.search.screen import glance, smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.effects.equivalents import together
@@ -15,11 +14,13 @@ from residual_mpc.models.settings import Knob, Term, Values
 def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], settings: SearchSettings) -> list[Values]:
     """What may stand in for the terms that are gone, with the values of the rest. rest: fit without them."""
     tuned, kept = settings.rivals, rest.terms
-    candidates = tuple(c for c in problem.space.candidates if compatible(c, kept))
+    candidates = tuple(c for c in problem.space.candidates if problem.space.may_join(c, kept))
     starts = _on_all(problem, rest, fit, gone, candidates)
     if len(gone) == 1:
         starts = _on_other_targets(problem, rest, fit, gone[0], candidates, settings=settings)
-        seen = {gone[0]} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
+        twins = tuple(c for c in candidates if problem.space.are_twins(c, gone[0]))
+        seen = {gone[0], *twins} | {k.term for s in starts for k in s if k.effect == gone[0].effect}
+        starts += [_as_twin(problem, fit, gone[0], twin) for twin in twins]
         most = tuned.looked_at + len(starts)
         leads = glance(problem, rest, candidates, settings=settings)
         own = max((lead.gain for lead in leads if lead.term == gone[0]), default=0.0)
@@ -34,7 +35,7 @@ def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], set
             starts += [
                 {**rest.values, **problem.space.probes(a)[-1], **problem.space.probes(b)[-1]}
                 for b in rims[i + 1 :]
-                if compatible(b, (*kept, a))
+                if problem.space.may_join(b, (*kept, a))
             ]
     return starts
 
@@ -80,6 +81,14 @@ def _on_other_targets(
         costs = np.einsum("hwn,hwn->h", r := small.residuals(starts), r)
         starts = [starts[i] for i in np.argsort(costs)[: settings.rivals.best]]
     return starts
+
+
+def _as_twin(problem: Problem, fit: Fit, gone: Term, twin: Term) -> Values:
+    """The whole fit with the numbers of a term as those of one that no run here can tell from it."""
+    return {
+        Knob(twin.effect, twin.target, k.parameter, twin.changed) if k.term == gone else k: v
+        for k, v in fit.values.items()
+    }
 
 
 def _with(problem: Problem, rest: Fit, found: Values) -> Values:
