@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from plants.diff_drive_step import RATES, drive_step
 from plants.outline import two_wheels
-from residual_mpc.effects.chain import OUTPUT, speed_chain
+from residual_mpc.effects.chain import OUTPUT, in_turn, speed_chain, where_it_acts
+from residual_mpc.effects.effect import Effect, Values
 from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.library import Effects, Sites, present, slots_of
 from residual_mpc.effects.ops import NUMPY
@@ -156,14 +158,17 @@ def _motor_speed(effects: Effects, drive: Drive, lead: int) -> np.ndarray:
 def _wheel_speed(effects: Effects, motor: np.ndarray, dt: float) -> np.ndarray:
     """(B, lead + K, 2) rad/s: the wheels' speeds behind the play of their gears."""
     for effect, p in present(effects, "play"):
-        assert effect.start is not None and effect.step is not None
-        moving = np.argmax(motor != 0, axis=1)  # (B, 2) first step in motion: it tells which stop the play rests on
-        x = effect.start(NUMPY, p, np.take_along_axis(motor, moving[:, None, :], axis=1)[:, 0])
-        wheel = np.empty_like(motor)
-        for k in range(motor.shape[1]):
-            wheel[:, k], x = effect.step(NUMPY, p, x, motor[:, k], np.zeros(1), dt)
-        motor = wheel
+        motor = where_it_acts(effect, p, motor, partial(_behind_play, effect, dt))
     return motor
+
+
+def _behind_play(effect: Effect, dt: float, p: Values, motor: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(B, K, 2) rad/s: wheels' speeds behind a play, in all of these rows."""
+    assert effect.start is not None and effect.step is not None
+    step, clock = effect.step, np.zeros(1)
+    moving = np.argmax(motor != 0, axis=1)  # (B, 2) first step in motion: it tells which stop the play rests on
+    x = effect.start(NUMPY, p, np.take_along_axis(motor, moving[:, None, :], axis=1)[:, 0])
+    return in_turn(lambda k, now, x: step(NUMPY, p, x, now, clock, dt), motor, x)
 
 
 def _acceleration(wheel: np.ndarray, lead: int, dt: float) -> np.ndarray:

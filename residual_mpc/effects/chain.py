@@ -64,27 +64,56 @@ def on_errors(effects: Effects, servo: np.ndarray) -> list[tuple[Effect, Values]
 
 def through_commands(effect: Effect, p: Values, u: np.ndarray, dt: float) -> np.ndarray:
     """What an effect at the command port makes of u (B, K, nu); before its beginning the first command is held."""
-    if effect.sequence is not None:
-        return np.asarray(effect.sequence(p, u, dt))
-    assert effect.start is not None and effect.step is not None
-    memory = effect.start(NUMPY, p, u[:, 0], dt)
-    out = np.empty_like(u)
-    for k in range(u.shape[1]):
-        out[:, k], memory = effect.step(NUMPY, p, memory, u[:, k], dt)
-    return out
+
+    def through(p: Values, u: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        if effect.sequence is not None:
+            return np.asarray(effect.sequence(p, u, dt))
+        assert effect.start is not None and effect.step is not None
+        step, memory = effect.step, effect.start(NUMPY, p, u[:, 0], dt)
+        return in_turn(lambda k, now, memory: step(NUMPY, p, memory, now, dt), u, memory)
+
+    return where_it_acts(effect, p, u, through)
 
 
 def through_outputs(effect: Effect, p: Values, y: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
     """What an effect at the output port makes of y (B, K, nu); clock (B, K, 1) s since the run began."""
-    assert effect.start is not None and effect.step is not None
-    if not effect.remembers:
-        out, _ = effect.step(NUMPY, {k: v[:, None, :] for k, v in p.items()}, (), y, clock, dt)
-        return np.asarray(out)
-    memory = effect.start(NUMPY, p, y[:, 0])
-    out = np.empty_like(y)
-    for k in range(y.shape[1]):
-        out[:, k], memory = effect.step(NUMPY, p, memory, y[:, k], clock[:, k], dt)
+
+    def through(p: Values, y: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        assert effect.start is not None and effect.step is not None
+        time = clock[rows]
+        if not effect.remembers:
+            out, _ = effect.step(NUMPY, {k: v[:, None, :] for k, v in p.items()}, (), y, time, dt)
+            return np.asarray(out)
+        step, memory = effect.step, effect.start(NUMPY, p, y[:, 0])
+        return in_turn(lambda k, now, memory: step(NUMPY, p, memory, now, time[:, k], dt), y, memory)
+
+    return where_it_acts(effect, p, y, through)
+
+
+def where_it_acts(
+    effect: Effect, p: Values, u: np.ndarray, through: Callable[[Values, np.ndarray, np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """What an effect makes of u (B, K, n), by way of `through` (parameters, signal and numbers of some rows): the rows
+    whose parameters are null are left out where they are most, since they stay as they are to the last bit."""
+    acts = np.zeros(len(u), dtype=bool)
+    for q in effect.parameters:
+        acts |= (not q.shape) & (p[q.name] != q.null).any(axis=1)
+    rows = np.flatnonzero(acts)
+    if 2 * len(rows) > len(u):
+        return through(p, u, np.arange(len(u)))
+    out = u.copy()
+    if len(rows):
+        out[rows] = through({k: v[rows] for k, v in p.items()}, u[rows], rows)
     return out
+
+
+def in_turn(step: Callable[[int, np.ndarray, Any], tuple[Array, Any]], u: np.ndarray, memory: Any) -> np.ndarray:
+    """(B, K, n): u stepped through `step` (number of the step, signal (B, n), memory), time first in memory."""
+    signal = np.ascontiguousarray(u.transpose(1, 0, 2))
+    out = np.empty_like(signal)
+    for k, now in enumerate(signal):
+        out[k], memory = step(k, now, memory)
+    return np.ascontiguousarray(out.transpose(1, 0, 2))
 
 
 def scaled(ops: Ops, effects: Sequence[tuple[Effect, Values]], factor: Array, clock: Array, dt: float) -> Array:

@@ -245,6 +245,26 @@ def test_a_held_command_before_the_window_has_let_the_robot_come_to_rest(tmp_pat
     assert np.abs(came - truth)[:300].max() < 1e-4
 
 
+@pytest.mark.parametrize("feedback", ["motor", "link"])
+def test_windows_at_rest_and_in_motion_begin_beside_each_other_as_alone(tmp_path: Path, feedback: str) -> None:
+    """What led to a window is replayed for those alone whose commands moved."""
+    robot = robot_of(tmp_path, spring(feedback).xml % (0.001, "implicitfast"), servo_feedback=feedback)
+    lead, held = 700, np.full((1, 900, 1), 0.3)
+    moved = 0.3 + 0.2 * np.sin(0.02 * np.arange(900))[None, :, None]
+    command, start = np.concatenate([held, moved, held - 0.1]), np.array([0.28, 0.31, 0.19])
+    soft = {("joint_compliance", None, "stiffness"): K}
+
+    def replayed(rows: list[int]) -> np.ndarray:
+        begun = {"position.shoulder": start[rows], "velocity.shoulder": np.zeros(len(rows))}
+        drive = Drive(0.001, lead, command[rows], None, np.zeros(len(rows)))
+        settings = settings_of(robot, *[soft] * len(rows))
+        return np.asarray(robot.replay(begun, drive, settings, ("position.shoulder",))["position.shoulder"])
+
+    together = replayed([0, 1, 2])
+    np.testing.assert_allclose(together, np.concatenate([replayed([k]) for k in range(3)]), rtol=0.0, atol=1e-9)
+    assert np.ptp(together, axis=1).min() > 1e-3
+
+
 @pytest.mark.parametrize("sensor", ["link", "motor"])
 def test_a_start_in_motion_is_known_from_the_commands_before(tmp_path: Path, sensor: str) -> None:
     """Windows cut out of a long swing with jumps, in which the spring still rings from the last one."""

@@ -24,23 +24,23 @@ def begin(
 
     How far the link is ahead is not measured. The rule (see `settle`) says where it is but for its fast motion, and
     that is taken from a replay of the commands before the window, u[:, :warm] (B, warm + K, nu): what lies between this
-    replay's end and the rule's word on that end, and its rate.
+    replay's end and the rule's word on that end, and its rate. A command that has long been held has let the robot come
+    to rest, which a replay's own start has not: there is nothing to replay.
     """
     gears = robot.gears
     assert gears is not None
     q, v = batch.bind("qpos"), batch.bind("qvel")
     start = q.copy(), v.copy()
     fast, rate = np.zeros((settings.rows, len(gears.joints))), np.zeros((settings.rows, len(gears.joints)))
-    if warm and "torque" not in robot.command_kinds:  # torques alone, without a servo, would lead anywhere
-        _lead(batch, robot, settings, u[:, :warm], u[:, warm], servos)
+    moving = (np.abs(u[:, :warm] - u[:, :1]) > HELD).any(axis=(1, 2))
+    if moving.any() and "torque" not in robot.command_kinds:  # torques alone, without a servo, would lead anywhere
+        _lead(batch, robot, settings, u[:, :warm], u[:, warm], servos, np.flatnonzero(moving))
         end = q.copy(), v.copy()
         on_link_side(robot, q, v)
         _unwind(q, v, gears)
         settle(batch, robot, settings, u[:, warm], servos)
-        # a command that has long been held has let the robot come to rest, which the replay's own start has not
-        moving = (np.abs(u[:, :warm] - u[:, :1]) > HELD).any(axis=(1, 2))[:, None]
-        fast = np.where(moving, np.nan_to_num(end[0][:, gears.places] - q[:, gears.places]), 0.0)
-        rate = np.where(moving, np.nan_to_num(end[1][:, gears.dofs]), 0.0)
+        fast = np.where(moving[:, None], np.nan_to_num(end[0][:, gears.places] - q[:, gears.places]), 0.0)
+        rate = np.where(moving[:, None], np.nan_to_num(end[1][:, gears.dofs]), 0.0)
         q[:], v[:] = start
     settle(batch, robot, settings, u[:, warm], servos, fast)
     v[:, gears.dofs] = rate
@@ -49,9 +49,16 @@ def begin(
 
 
 def _lead(
-    batch: Any, robot: CompiledRobot, settings: Settings, u: np.ndarray, now: np.ndarray, servos: Feedback | None
+    batch: Any,
+    robot: CompiledRobot,
+    settings: Settings,
+    u: np.ndarray,
+    now: np.ndarray,
+    servos: Feedback | None,
+    moving: np.ndarray,
 ) -> None:
-    """Replay commands u (B, K, nu) that end at the window's start, from where the servos would have held the robot.
+    """Replay commands u (B, K, nu) that end at the window's start, from where the servos would have held the robot, in
+    the rows numbered `moving` (m,); the others stay there.
 
     Where a spring's own swing would outlast the replay, they are taken to err as they do at the window's start, under
     the command now (B, nu)."""
@@ -70,14 +77,14 @@ def _lead(
             q[:, at] -= u[:, :, i].sum(axis=1) * robot.substeps * model.opt.timestep / gear[i]
     settle(batch, robot, settings, u[:, 0], servos)
     if servos is None:
-        held = np.repeat(u, robot.substeps, axis=1)
-        batch.rollout(held.shape[1], np.ascontiguousarray(held), int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
+        held = np.repeat(u[moving], robot.substeps, axis=1)
+        batch.rollout(held.shape[1], np.ascontiguousarray(held), int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",), moving)
         return
     control = batch.bind("ctrl")
     for k in range(u.shape[1]):
         control[:] = u[:, k]
         servos.correct(control, robot, q, v)
-        batch.step(nstep=robot.substeps)
+        batch.step(moving, nstep=robot.substeps)
 
 
 def _unwind(q: np.ndarray, v: np.ndarray, gears: Gears) -> None:

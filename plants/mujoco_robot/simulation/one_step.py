@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,15 @@ class OneStep:
     dt: float
     integrals: ServoIntegrals | None = None
 
+    @cached_property
+    def _state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Live positions (B, nq), velocities (B, nv), controls (B, nu): to bind them takes as long as to use them."""
+        return self.batch.bind("qpos"), self.batch.bind("qvel"), self.batch.bind("ctrl")
+
     def __call__(self, k: int, u: np.ndarray, force: np.ndarray) -> None:
         """Step number k under commands u (B, nu) that have gone through the chain; force (B, nu): the last step's."""
         robot, batch = self.robot, self.batch
-        q, v, ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
+        q, v, ctrl = self._state
         ctrl[:] = u
         if self.errors or self.integrals is not None:
             seen = q[:, robot.places[robot.driven]] if self.servos is None else self.servos.seen(robot, q)

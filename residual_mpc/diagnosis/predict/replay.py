@@ -246,7 +246,10 @@ def _local(data: Dataset, block: Block, channel: str, shift: np.ndarray) -> Loca
     signal = data.signals.joined(channel)
     if signal is None:
         return LocalValue(*(np.full(shift.shape, np.nan) for _ in range(3)))
-    distinct, back = np.unique(shift, axis=0, return_inverse=True)
+    if (shift == shift[:1]).all():  # as in most batches: nothing to sort
+        distinct, back = shift[:1], np.zeros(len(shift), dtype=int)
+    else:
+        distinct, back = np.unique(shift, axis=0, return_inverse=True)
     query = (data.start[block.where][None, :] + distinct).ravel()
     fit = local_fits(signal, np.tile(data.run[block.where], len(distinct)), query)
     found = (fit.value(signal.y), fit.slope(signal.y), fit.curvature(signal.y))

@@ -36,7 +36,8 @@ class AdditionSettings:
     early: times the margin by which what was fitted on part of the windows may lie behind on the whole. probes: of one
     effect that are fitted. promising: one in so many probes of the best set is tried on the beam's other sets as well,
     where a glance takes over once their probes cost more than glance_from simulation steps. generous: a fit may find
-    this many times the drop that the screening's line search promises."""
+    this many times the drop that the screening's line search promises. inside: shares of the range at which a number
+    begins again that says how an effect acts and rests at a bound; again: steps of these fits."""
 
     hopeless: float = 150.0
     rough: int = 3
@@ -45,8 +46,11 @@ class AdditionSettings:
     promising: int = 3
     glance_from: int = 150_000
     generous: float = 4.0
+    inside: tuple[float, ...] = (0.15, 0.5)
+    again: int = 12
 
     def __post_init__(self) -> None:
+        check_positive(self, "again")
         check_positive(self, "hopeless", "rough", "early", "probes", "promising", "glance_from", "generous")
 
 

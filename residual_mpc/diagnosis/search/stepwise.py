@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, about
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.additions import NONE, additions, distinct
+from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import Makeup, freed, makeup, with_shown, without_numbers
 from residual_mpc.diagnosis.search.pairs import pairs
 from residual_mpc.diagnosis.search.settings import SearchSettings
@@ -168,7 +169,7 @@ class Forward:
             ruler = self.ruler_at(problem)
             here = judge(problem, beam[0], self.noise, ruler.scales, settings=settings)
             looked_on = refit(here, beam[1:], settings.additions.rough, settings=settings)
-            beam = refit(here, beam[:1], settings=settings) + looked_on
+            beam = [off_bounds(here, f, settings) for f in refit(here, beam[:1], settings=settings)] + looked_on
             here = replace(here, space=replace(here.space, suggested=self.suggest(here, beam[0])))
             named = len(beam[0].terms)
             text = f"searching ({named} effect{'' if named == 1 else 's'} so far)"
