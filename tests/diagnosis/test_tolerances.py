@@ -103,3 +103,24 @@ def test_the_level_is_found(level: float) -> None:
     r = a @ (level * rng.standard_normal(30)) + rng.standard_normal(2000)
     found = likeliest_level(a.T @ a, a.T @ r, 1.0, settings=PredictSettings())
     assert abs(LEVELS.index(found) - LEVELS.index(level)) <= 1
+
+
+def test_columns_about_nearly_the_same_numbers_are_taken_over() -> None:
+    """They are derivatives; those about other numbers, or of another set, are measured."""
+    problem = problem_of(LITTLE)
+
+    def columns(lag: float) -> np.ndarray:
+        found = carrying(problem, {LAG: lag}, settings=FitSettings()).tolerances
+        assert found is not None
+        return found.columns
+
+    step = problem.space.scale(LAG)
+    first = columns(0.1)
+    assert columns(0.1 + 0.09 * step) is first
+    assert columns(0.1 + 3.0 * step) is not first
+    assert columns(0.1) is not first  # the latest alone are kept
+    assert carrying(problem, {RADIUS: 1.02}, settings=FitSettings()).tolerances is not None
+    fresh = carrying(problem_of(LITTLE), {LAG: 0.1 + 0.09 * step}, settings=FitSettings()).tolerances
+    assert fresh is not None
+    apart = np.linalg.norm(fresh.columns - first) / np.linalg.norm(fresh.columns)
+    assert 0.0 < apart < 0.05

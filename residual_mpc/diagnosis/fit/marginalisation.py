@@ -7,7 +7,7 @@ import numpy as np
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.fit.settings import FitSettings
-from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.prediction_cache import Carried, PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating, whitened
 from residual_mpc.diagnosis.predict.step_error import finer_prediction
 from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level, small_differences
@@ -42,7 +42,12 @@ def carrying(
     """The problem with the columns of its tolerances measured at these values, not yet marginalised; none of `free`.
 
     by: predictions on the same windows that differ from the problem's in their steps alone, None for the problem's.
-    What the model's own time step lacks is one of them: it is a small difference like the others."""
+    What the model's own time step lacks is one of them: it is a small difference like the others. Columns that were
+    measured at nearly the same values before are taken over: they are derivatives."""
+    known = problem.replays.carried
+    reusable = by is None and not free
+    if reusable and known and known[-1].near(problem.space, values, settings.predict.tolerances.near):
+        return tolerating(problem, Tolerances(known[-1].columns, 0.0))
     rows = small_differences(problem.space, values, free, settings=settings.predict)
     here, *moved = (by or problem.replays)([values, *rows])
     seen = np.isfinite(problem.data.y)
@@ -51,5 +56,7 @@ def carrying(
     finer = finer_prediction(problem.data if own is None else own, row, here if exact else None)
     changes = [m - here for m in moved] + ([] if finer is None else [finer])
     columns = [np.clip(np.nan_to_num(np.where(seen, m, 0.0)), -1e6, 1e6).reshape(len(here), -1) for m in changes]
-    none = np.zeros((len(here), here[0].size, 0))
-    return tolerating(problem, Tolerances(np.stack(columns, axis=-1) if columns else none, 0.0))
+    stacked = np.stack(columns, axis=-1) if columns else np.zeros((len(here), here[0].size, 0))
+    if reusable:
+        known[:] = [Carried(values, problem.space.candidates, stacked)]
+    return tolerating(problem, Tolerances(stacked, 0.0))

@@ -5,11 +5,33 @@ model gets wrong of a force, a speed or a time grows with speed or acceleration.
 by how much the prediction moves meanwhile, and by how much its speed changes, and their mean squares are compared.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from residual_mpc.diagnosis.fit.settings import NoiseFitSettings
+
+
+def as_even_as_noise(
+    which: np.ndarray,
+    left: np.ndarray,
+    seen: np.ndarray,
+    predicted: np.ndarray,
+    lags: Sequence[int] | np.ndarray,
+    draw: Callable[[], np.ndarray],
+    tuned: NoiseFitSettings,
+) -> np.ndarray:
+    """(C,) bool: of the channels `which` (C,), those that leave increments as even as noise does in one of several
+    draws, and never more uneven than `tuned.uneven`. draw: noise (W, M, C) of the size in question; for the others
+    see `unevenness`."""
+    if not which.any():
+        return which
+    found = unevenness(left, seen, predicted, lags, tuned)
+    even = which & (found <= tuned.uneven)
+    most = np.zeros(len(which))
+    for _ in range(tuned.even_draws if even.any() else 0):
+        most = np.maximum(most, unevenness(draw(), seen, predicted, lags, tuned))
+    return np.asarray(even & (found <= most))
 
 
 def unevenness(

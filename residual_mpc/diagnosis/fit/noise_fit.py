@@ -21,7 +21,7 @@ from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise, ornstein_uhlenbeck
 from residual_mpc.diagnosis.fit.cross_validation import folds_of
 from residual_mpc.diagnosis.fit.noise_envelope import difference_bounds, fit_envelope
-from residual_mpc.diagnosis.fit.noise_evenness import unevenness
+from residual_mpc.diagnosis.fit.noise_evenness import as_even_as_noise
 from residual_mpc.diagnosis.fit.ridge import fit_ridge, subtract_ridge
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
@@ -120,16 +120,13 @@ def fit_noise(
     size = fit_envelope(
         measured, parts, sure, *bounds, settings=settings
     )  # (C, 1 + times) squared, in units of the white noise
-    free = ~encoders  # whose coloured parts may exceed the white noise
-    if (beyond := encoders & (size[:, 1:].sum(axis=1) > np.maximum(data.sigma * problem.weight, 1e-300) ** 2)).any():
-        few = lags[lags * period <= tuned.compared]
-        draws = [
-            _projected(np.where(seen, _drawn(t, period, np.sqrt(size), times, rng), 0.0), basis)
-            for _ in range(tuned.even_draws)
-        ]
-        chance = np.max([unevenness(d, seen, predicted, few, tuned) for d in draws], axis=0)
-        most_uneven = np.minimum(chance, tuned.uneven)
-        free = free | (beyond & (unevenness(projected, seen, predicted, few, tuned) <= most_uneven))
+    beyond = encoders & (size[:, 1:].sum(axis=1) > (data.sigma * problem.weight) ** 2)
+
+    def draw() -> np.ndarray:
+        return _projected(np.where(seen, _drawn(t, period, np.sqrt(size), times, rng), 0.0), basis)
+
+    few = lags[lags * period <= tuned.compared]
+    free = ~encoders | as_even_as_noise(beyond, projected, seen, predicted, few, draw, tuned)
     out = []
     known = (sure > 0.0).sum(axis=1) >= tuned.fewest_lags
     for k in range(len(data.channels)):

@@ -14,12 +14,27 @@ from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.predict.step_lengths import shorter_steps
 from residual_mpc.effects.effect import Site
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import TUNE, Knob, Values
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 ROOM = 16_000_000  # numbers that are kept
 APART: tuple[Site, ...] = ("play", "spring")  # between a motor and its link
 
 Key = frozenset[tuple[Knob, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """Columns (W, M * C, K) of the small differences about these values, in the order of the candidates."""
+
+    values: Values
+    candidates: tuple[Term, ...]
+    columns: np.ndarray
+
+    def near(self, space: Space, values: Values, steps: float) -> bool:
+        """Whether they hold for other values of the same numbers: all within so many typical steps."""
+        if space.candidates != self.candidates or set(values) != set(self.values):
+            return False
+        return all(abs(v - self.values[k]) <= steps * space.scale(k) for k, v in values.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +53,7 @@ class PredictionCache:
     own: Dataset | None = None
     change: np.ndarray | None = None
     kept: "OrderedDict[Key, np.ndarray]" = field(default_factory=OrderedDict)
+    carried: "list[Carried]" = field(default_factory=list)  # the latest alone
 
     def __call__(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M, C) channel units; see `predict`."""
@@ -61,7 +77,7 @@ class PredictionCache:
         seen = np.isfinite(self.data.y) & np.isfinite(size)
         left = _mean_squares(self.data.y - exact, size, seen)
         for data in shorter_steps(self.data, self.own):
-            here = self if data is self.data else replace(self, data=data, kept=OrderedDict())
+            here = self if data is self.data else replace(self, data=data, kept=OrderedDict(), carried=[])
             change = exact - here._on_these_steps([values])[0]
             changed = _mean_squares(change, size, seen)
             if changed.max() <= tuned.error**2 and (changed <= tuned.of_left**2 * left).all():  # nan is not

@@ -75,14 +75,16 @@ class FloorSettings:
 class ToleranceSettings:
     """levels: in units of each number's tolerance, 0 first, of which the likeliest is taken; beyond: log-likelihood by
     which a level has to beat 0, since one number that is a little off is a cause or chance; shapes: values of a number
-    that says how an effect acts, from which its directions are made."""
+    that says how an effect acts, from which its directions are made. near: typical steps of each number within which
+    the directions are the same."""
 
     levels: tuple[float, ...] = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
     beyond: float = 10.0
     shapes: int = 2
+    near: float = 0.1
 
     def __post_init__(self) -> None:
-        check_positive(self, "shapes")
+        check_positive(self, "shapes", "near")
         if not self.levels or self.levels[0] != 0.0:
             raise ValueError(f"ToleranceSettings.levels must begin with 0, got {self.levels}")
 
