@@ -16,12 +16,13 @@ from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.noise_errors import start_bias
-from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search import pairs as search_pairs
 from residual_mpc.diagnosis.search.pairs import pairs
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Settings
+from residual_mpc.models.settings import Settings, Term, Values
 
 KP, KV, INERTIA, MASS, LENGTH = 12.0, 0.5, 0.02, 0.5, 0.2  # N m/rad, N m s/rad, kg m^2, kg, m
 SIGMA = {"position.shoulder": 1e-3, "velocity.shoulder": 1e-2}  # rad, rad/s
@@ -88,6 +89,30 @@ def test_a_weak_servo_that_friction_holds_is_found_as_a_pair(tmp_path: Path) -> 
     gain = next(v for k, v in best.values.items() if k.effect == "actuator_gain")
     assert gain == pytest.approx(0.25, rel=0.1)
     assert all(f.cost >= best.cost for f in others)
+
+
+def test_few_probes_go_into_every_pair_and_all_into_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stiff = XML.replace(f'kp="{KP}"', f'kp="{KP / 0.25}"').replace(f'kv="{KV}"', f'kv="{KV / 0.25}"')
+    data = build_dataset([swing(1, 0.4)], [robot_of(tmp_path, stiff)], SIGMA)
+    problem = build_problem(data, build_space(data, ()), data.sigma, np.ones(len(data.channels)))
+    alone = fit_all(problem, [{}])[0]
+    asked: list[frozenset[tuple[str, str, float]]] = []
+    scores = search_pairs._scores
+
+    def counted(problem: Problem, starts: list[Values]) -> list[tuple[float, float]]:
+        asked.extend(frozenset((k.effect, k.parameter, v) for k, v in s.items()) for s in starts)
+        return scores(problem, starts)
+
+    monkeypatch.setattr(search_pairs, "_scores", counted)
+    pairs(problem, alone, blocks_of(data, settings=FitSettings()), settings=SearchSettings())
+    assert len(asked) == len(set(asked))
+    every = [(t, p) for t in problem.space.candidates if t.target is None for p in problem.space.probes(t)]
+    assert len(asked) < 0.7 * len(every) * (len(every) - 1) / 2
+    named = [frozenset(effect for effect, _, _ in a) for a in asked]
+    assert not any("sensor_delay" in n for n in named)
+    probes = [problem.space.probes(Term(e, None)) for e in ("actuator_gain", "coulomb_friction")]
+    grid = [len({frozenset(p.items()) for p in of_one}) for of_one in probes]
+    assert named.count(frozenset({"actuator_gain", "coulomb_friction"})) == grid[0] * grid[1]
 
 
 # with jumps between two samples the local quadratic is biased, and the floor has to know it

@@ -177,7 +177,10 @@ def _on(
             problem, scales, settings.search, rng, report, earlier, bool(earlier), accepted, suggest=ripples
         )
     search = settings.search
-    longer = replace(search, over_floor=search.over_floor_longer, largest=search.largest_longer)
+    # what helps only together was looked for over the headline's horizon: too dear to ask a physics engine again
+    equations = space.robot.step is None
+    again = replace(search.pairs, sought=equations and search.pairs.sought)
+    longer = replace(search, over_floor=search.over_floor_longer, largest=search.largest_longer, pairs=again)
     start_from = start.fit.values
     return stepwise_search(problem, scales, longer, rng, report, start_from, accepted=accepted, suggest=ripples)
 

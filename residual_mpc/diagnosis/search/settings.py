@@ -56,13 +56,18 @@ class AdditionSettings:
 
 @dataclass(frozen=True)
 class PairSettings:
-    """tried: pairs that are fitted; each: how many of these may hold one effect."""
+    """sought: whether pairs are looked for at all. sketched: probes of each effect that go into every pair; closely:
+    pairs of effects of which all probes are combined. tried: pairs that are fitted; each: how many of these may hold
+    one effect."""
 
+    sought: bool = True
+    sketched: int = 4
+    closely: int = 8
     tried: int = 6
     each: int = 2
 
     def __post_init__(self) -> None:
-        check_positive(self, "tried", "each")
+        check_positive(self, "sketched", "closely", "tried", "each")
 
 
 @dataclass(frozen=True)

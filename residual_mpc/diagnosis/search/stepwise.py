@@ -175,7 +175,8 @@ class Forward:
             text = f"searching ({named} effect{'' if named == 1 else 's'} so far)"
             self.report(text, named / settings.largest)
             children = additions(here, beam, blocks, settings)
-            if named == 0 and children and self._leaves_much(ruler, beam[0], children[0]):
+            alone = named == 0 and settings.pairs.sought and bool(children)
+            if alone and self._leaves_much(ruler, beam[0], children[0]):
                 children = sorted([*pairs(here, beam[0], blocks, settings=settings), *children], key=lambda f: f.cost)
             children = trimmed(here, children, blocks, seen, settings=settings)
             met = distinct([*children[: settings.steps.met], *met[: settings.steps.met]])
