@@ -39,6 +39,7 @@ slow: $(VENV)/.installed-test
 
 bench: $(VENV)/.installed-test
 	$(BIN)/python -m benchmarks.diagnosis
+	$(BIN)/python -m benchmarks.profile
 	$(BIN)/python -m benchmarks.control
 	$(BIN)/python -m benchmarks.own_arm
 	$(BIN)/python -m benchmarks.learning
