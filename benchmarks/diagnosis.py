@@ -77,7 +77,7 @@ def draw(family: str, level: str, seed: int, joints: int | None, place: Path) ->
     from residual_mpc.blind.families import make_case
 
     for s in range(seed, seed + 50):
-        click.echo(f"drawing a {family} robot (seed {s})", err=True)
+        click.echo(f"drawing a robot of family {family} (seed {s})", err=True)
         shutil.rmtree(place, ignore_errors=True)
         answer = make_case(family, level, s, place)
         if joints is None or answer.notes.get("joints") == joints:
