@@ -80,17 +80,20 @@ def draw_runs(
 
 
 def one_draw(robot: Path, files: Sequence[Path], some: Sequence[int], out: Path) -> Draw:
-    """The draw of these of the files; read from `out` if the same code has made it before."""
+    """The draw of these of the files; read from `out` if committed code has made it from the same files before."""
     kept, code = out / "draw.json", commit()
-    if kept.is_file() and (was := json.loads(kept.read_text(encoding="utf-8")))["code"] == code:
-        return read(was)
-    begin = perf_counter()
     chosen = [str(files[i]) for i in some]
     others = [str(f) for i, f in enumerate(files) if i not in set(some)]
+    made = {"code": code, "runs": chosen, "others": others}
+    if kept.is_file() and code and "changed" not in code:
+        was = json.loads(kept.read_text(encoding="utf-8"))
+        if all(was.get(key) == value for key, value in made.items()):
+            return read(was)
+    begin = perf_counter()
     diagnosis = _run(["diagnose", "--robot", str(robot), *chosen, "--out", str(out)])
     seconds = perf_counter() - begin
     gap = _run(["gap", "--robot", str(robot), *others, "--model", str(out / "diagnosis.json")])
-    was = {"code": code, "runs": chosen, "diagnosis": diagnosis, "gap": gap, "seconds": seconds}
+    was = {**made, "diagnosis": diagnosis, "gap": gap, "seconds": seconds}
     kept.write_text(json.dumps(was), encoding="utf-8")
     return read(was)
 

@@ -29,11 +29,14 @@ ROBOTS = {  # family, level, first seed, joints
 }
 BEGINS = {  # what `diagnose` reports -> the stage that begins there
     "splitting the runs into windows": "windows and noise",
+    "taking a first look": "first look",
     "searching for effects": "search",
+    "searching over windows of": "search, longer",
     "testing each effect by removing it": "removal of effects",
     "comparing with alternative explanations": "rivals",
     "fitting on all windows": "last fit",
     "evaluating on the held-out windows": "held-out windows",
+    "looking for a law in what is left": "laws",
     "analysing the remaining error": "remainder",
     "attributing the gap to the stages": "description",
 }
@@ -59,7 +62,7 @@ class Clock:
 
     def progress(self, text: str, done: float) -> None:
         """What `diagnose` calls."""
-        self.enter(next((stage for begin, stage in BEGINS.items() if text == begin), self.now))
+        self.enter(next((stage for begin, stage in BEGINS.items() if text.startswith(begin)), self.now))
 
     def enter(self, stage: str) -> None:
         """A stage begins, or goes on."""
@@ -119,7 +122,7 @@ def measured(case: Path) -> tuple[Clock, tuple[str, ...]]:
 
 
 def table(robot: str, clock: Clock, named: tuple[str, ...]) -> str:
-    """The stages down; shares of all processor time."""
+    """One line for each stage, as shares of the processor time."""
     whole = sum(s.seconds for s in clock.stages.values())
     lines = [
         f"\n{robot}: names {', '.join(named) or 'nothing'}; {whole:.1f} s here",

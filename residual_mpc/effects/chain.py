@@ -93,8 +93,8 @@ def through_outputs(effect: Effect, p: Values, y: np.ndarray, clock: np.ndarray,
 def where_it_acts(
     effect: Effect, p: Values, u: np.ndarray, through: Callable[[Values, np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """What an effect makes of u (B, K, n), by way of `through` (parameters, signal and numbers of some rows): the rows
-    whose parameters are null are left out where they are most, since they stay as they are to the last bit."""
+    """What an effect makes of u (B, K, n), by way of `through` (parameters, signal and numbers of some rows): rows
+    whose parameters are null are skipped if they are at least half of all: their output is their input."""
     acts = np.zeros(len(u), dtype=bool)
     for q in effect.parameters:
         acts |= (not q.shape) & (p[q.name] != q.null).any(axis=1)

@@ -10,7 +10,7 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.data.gap import gap_of, measure_scales, without_worst
+from residual_mpc.diagnosis.data.gap import gap_of, measure_scales, with_sound_starts
 from residual_mpc.diagnosis.predict.noise_floor import floor_of, poorly_begun
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import PredictSettings
@@ -63,9 +63,19 @@ def test_the_floor_of_few_windows_counts_those_with_a_poor_start() -> None:
     assert few == pytest.approx(every, rel=0.2)
 
 
-def test_the_gap_without_its_worst_window() -> None:
+def test_a_window_that_misses_from_its_start_makes_no_gap_alone() -> None:
     data = data_of({1: (14.78, 15.18)})
     scales, error = measure_scales(data), data.y - predict(data, Settings(1))[0]
-    worst = (data.run == 1) & (data.start == 15.0)
-    assert without_worst(data, scales, error, 4).total == pytest.approx(gap_of(data, scales, error, ~worst).total)
-    assert without_worst(data, scales, error, data.count + 1).total == pytest.approx(gap_of(data, scales, error).total)
+    spoilt = (data.run == 1) & (data.start == 15.0)
+    error[spoilt] += 0.2  # m, rad
+    assert with_sound_starts(data, scales, error, 4).total == pytest.approx(gap_of(data, scales, error, ~spoilt).total)
+    every = gap_of(data, scales, error).total
+    assert with_sound_starts(data, scales, error, data.count + 1).total == pytest.approx(every)
+
+
+def test_one_that_begins_well_counts() -> None:
+    """An impact, or a wheel that slips once."""
+    data = data_of({})
+    scales, error = measure_scales(data), data.y - predict(data, Settings(1))[0]
+    error[3] += 0.2 * (data.t[3] > 2.0)[:, None]
+    assert with_sound_starts(data, scales, error, 4).total == pytest.approx(gap_of(data, scales, error).total)

@@ -24,8 +24,8 @@ def begin(
 
     How far the link is ahead is not measured. The rule (see `settle`) says where it is but for its fast motion, and
     that is taken from a replay of the commands before the window, u[:, :warm] (B, warm + K, nu): what lies between this
-    replay's end and the rule's word on that end, and its rate. A command that has long been held has let the robot come
-    to rest, which a replay's own start has not: there is nothing to replay.
+    replay's end and the rule's word on that end, and its rate. If the command has not changed, the robot is at
+    rest, and nothing is replayed.
     """
     gears = robot.gears
     assert gears is not None

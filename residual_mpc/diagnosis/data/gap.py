@@ -86,12 +86,23 @@ def gap_of(data: Dataset, scales: Scales, error: np.ndarray, windows: np.ndarray
     return Gap(float(np.sqrt(np.nanmean(channels**2))), channels)
 
 
-def without_worst(data: Dataset, scales: Scales, error: np.ndarray, fewest: int) -> Gap:
-    """The gap of an error (W, M, C) without the window that adds most to it; of all with fewer windows than that."""
+EARLY, AT_ONCE = 0.1, 0.5  # of a window, and of its error: from where on its start is taken to be wrong
+
+
+def with_sound_starts(data: Dataset, scales: Scales, error: np.ndarray, fewest: int) -> Gap:
+    """The gap of an error (W, M, C) without its worst window, if that one misses from its very start: the state that it
+    begins with is wrong, as after a spike or in a pause of a sensor. What a model gets wrong grows from nothing. The
+    gap on all windows where these are fewer than that."""
     size = per_window(data, scales, error)
     if np.isfinite(size).sum() < fewest:
         return gap_of(data, scales, error)
-    return gap_of(data, scales, error, np.arange(data.count) != np.nanargmax(size))
+    worst = int(np.nanargmax(size))
+    with np.errstate(invalid="ignore"):
+        early = np.where((data.t <= EARLY * data.horizon)[:, :, None], error, np.nan)
+    at_once = per_window(data, scales, early)[worst]
+    if not at_once > AT_ONCE**2 * size[worst]:
+        return gap_of(data, scales, error)
+    return gap_of(data, scales, error, np.arange(data.count) != worst)
 
 
 def window_squares(data: Dataset, scales: Scales, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

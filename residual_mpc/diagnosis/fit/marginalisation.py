@@ -43,7 +43,7 @@ def carrying(
 
     by: predictions on the same windows that differ from the problem's in their steps alone, None for the problem's.
     What the model's own time step lacks is one of them: it is a small difference like the others. Columns that were
-    measured at nearly the same values before are taken over: they are derivatives."""
+    measured at nearly the same values before are taken over: they hardly change."""
     known = problem.replays.carried
     reusable = by is None and not free
     if reusable and known and known[-1].near(problem.space, values, settings.predict.tolerances.near):

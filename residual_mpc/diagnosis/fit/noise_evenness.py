@@ -21,9 +21,9 @@ def as_even_as_noise(
     draw: Callable[[], np.ndarray],
     tuned: NoiseFitSettings,
 ) -> np.ndarray:
-    """(C,) bool: of the channels `which` (C,), those that leave increments as even as noise does in one of several
-    draws, and never more uneven than `tuned.uneven`. draw: noise (W, M, C) of the size in question; for the others
-    see `unevenness`."""
+    """(C,) bool: of the channels `which` (C,), those that leave increments hardly more uneven than noise does in the
+    most uneven of several draws, and never more uneven than `tuned.uneven`. draw: noise (W, M, C) of the size in
+    question; for the others see `unevenness`."""
     if not which.any():
         return which
     found = unevenness(left, seen, predicted, lags, tuned)
@@ -31,7 +31,7 @@ def as_even_as_noise(
     most = np.zeros(len(which))
     for _ in range(tuned.even_draws if even.any() else 0):
         most = np.maximum(most, unevenness(draw(), seen, predicted, lags, tuned))
-    return np.asarray(even & (found <= most))
+    return np.asarray(even & (found <= tuned.luck * most))
 
 
 def unevenness(
@@ -40,8 +40,8 @@ def unevenness(
     """(C,) the largest mean square of the increments in a third over the smallest, of thirds by speed and by
     acceleration of the prediction (W, M, C); infinity where there are too few to compare.
 
-    left, seen (W, M, C): what the model leaves, and where that is known. lags: samples; the larger of those over which
-    an increment is compared decide little, since the motion changes meanwhile.
+    left, seen (W, M, C): what the model leaves, and where that is known. lags: samples; long ones say little, since the
+    motion changes meanwhile.
     """
     rate = np.abs(np.gradient(predicted, axis=1))
     change = np.abs(np.gradient(np.gradient(predicted, axis=1), axis=1))

@@ -83,7 +83,7 @@ def fit_noise(
     tuned = settings.noise
     problem, predicted = _steady(problem, scales, predicted, settings=settings)
     data = problem.data
-    # what an error of a window's start makes of it is no noise, and would be learned from a few windows
+    # errors of the start states go first: they are not noise, and the regression would learn them from a few windows
     seen = np.isfinite(data.y)
     weight = np.maximum(problem.weight, 1e-12)
     error = np.where(seen, _projected(np.where(seen, data.y - predicted, 0.0) * weight, problem.basis) / weight, np.nan)

@@ -86,8 +86,8 @@ class NoiseFitSettings:
     from which increments tell white noise from coloured; fewest_pairs: of samples that make a mean. learned: windows
     that the regression on the motion looks at. size_rounds: of scaling the noise down to what is left, until every
     factor exceeds `enough`. uneven: ratio of increments in fast and in slow motion up to which an encoder's may be
-    noise that is larger than its jitter, but no more than noise reaches in even_draws draws; compared: s, the longest
-    increments that are compared for it."""
+    noise that is larger than its jitter, but no more than `luck` times what noise reaches in even_draws draws;
+    compared: s, the longest increments that are compared for it."""
 
     times: tuple[float, ...] = (0.03, 0.1, 0.3, 1.0, 3.0)
     draws: int = 3
@@ -107,10 +107,11 @@ class NoiseFitSettings:
     enough: float = 0.98
     uneven: float = 1.5
     even_draws: int = 12
+    luck: float = 1.1
     compared: float = 0.35
 
     def __post_init__(self) -> None:
-        check_positive(self, "uneven", "even_draws", "compared")
+        check_positive(self, "uneven", "even_draws", "luck", "compared")
         check_positive(self, "draws", "windows", "leeway", "excess", "rounds", "beyond_white", "rounded")
         check_positive(self, "least_seconds", "fewest_lags", "fewest_pairs", "learned", "size_rounds")
         check_share(self, "enough")

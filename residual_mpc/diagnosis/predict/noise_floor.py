@@ -8,7 +8,7 @@ from scipy.special import chdtri
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window
-from residual_mpc.diagnosis.data.local_fit import local_fits
+from residual_mpc.diagnosis.data.local_fit import NEAREST, local_fits
 from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
@@ -34,8 +34,8 @@ class NoiseFloor:
 def floor_of(
     data: Dataset, scales: Scales, row: Settings, rng: np.random.Generator, settings: PredictSettings
 ) -> NoiseFloor:
-    """The noise floor of the model `row` on these windows (of very many, evenly chosen ones and those whose start is
-    poorly measured), with the data's noise."""
+    """The noise floor of the model `row` on these windows (of very many, evenly chosen ones, and those whose start is
+    poorly measured if these are few), with the data's noise."""
     poor = poorly_begun(data, settings)
     keep = evenly(data, settings.floor.steps, settings=settings.data) | poor
     some = data if keep.all() else data.take(keep)
@@ -50,7 +50,8 @@ def floor_of(
 
 def poorly_begun(data: Dataset, settings: PredictSettings) -> np.ndarray:
     """(W,) bool: windows that begin in a pause of a channel that the start state is taken from: the samples that it
-    comes from are spread over a multiple of what is usual. Few windows, which may make most of the noise floor."""
+    comes from are fewer, or spread over a multiple of what is usual. Such windows are few, but can dominate the noise
+    floor; none where they are many, or cost more than the floor's share of simulation steps."""
     tuned = settings.floor
     spread = np.zeros(data.count)
     for channel in {c for b in data.blocks for s in b.robot.states for c, _, _ in s.sources}:
@@ -58,10 +59,15 @@ def poorly_begun(data: Dataset, settings: PredictSettings) -> np.ndarray:
         if signal is None:
             continue
         fit = local_fits(signal, data.run, data.start)
+        full = fit.count == NEAREST
+        if not full.any():
+            continue
         far = np.abs(signal.t[fit.index] - data.start[:, None]).max(axis=1)  # (W,) s
-        spread = np.maximum(spread, np.where(fit.count > 0, far / max(float(np.median(far)), 1e-9), 0.0))
+        usual = max(float(np.median(far[full])), 1e-9)
+        spread = np.maximum(spread, np.where(full, far / usual, np.where(fit.count > 0, np.inf, 0.0)))
     poor = spread > tuned.poor_spread
-    if poor.sum() > tuned.most_poor * data.count:  # the log is like that everywhere: evenly chosen ones will do
+    many = poor.sum() > tuned.most_poor * data.count
+    if many or poor.sum() * data.cost > tuned.steps * data.count:  # evenly chosen ones will do
         return np.zeros(data.count, dtype=bool)
     return np.asarray(poor)
 

@@ -46,8 +46,8 @@ class FloorSettings:
     fewest_draws: of the headline's floor, which hangs on a few windows with poorly measured starts (three draws scatter
     by a fifth), on few and on very many windows. poor_start: times the median of the windows' squared noise, from which
     a window's start is too poorly measured to search on; poor_spread: times the usual spread of the samples that a
-    start comes from, beyond which every floor draws it, if that holds for at most the share most_poor of the windows.
-    without_worst: windows from which a gap has to be beyond the noise without the worst of them as well."""
+    start comes from, beyond which the window is part of every floor, if that holds for at most the share most_poor of
+    the windows. sound_from: windows from which a gap has to be beyond the noise without one whose start is wrong."""
 
     luck: float = 5e-4
     few: float = 5.0
@@ -62,10 +62,10 @@ class FloorSettings:
     fewest_draws: int = 6
     poor_spread: float = 2.5
     most_poor: float = 0.2
-    without_worst: int = 4
+    sound_from: int = 4
 
     def __post_init__(self) -> None:
-        check_positive(self, "poor_spread", "without_worst")
+        check_positive(self, "poor_spread", "sound_from")
         check_share(self, "most_poor")
         check_positive(self, "luck", "few", "freedom_per_window", "margin", "channel_margin", "draws", "steps")
         check_positive(self, "poor_start", "most_draws", "fewest_draws")

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust, without_worst
+from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust, with_sound_starts
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
@@ -281,11 +281,10 @@ def _nominal_errors(data: Dataset, rows: Settings) -> tuple[Dataset, np.ndarray]
 
 
 def _beyond(whole: tuple[Dataset, np.ndarray], scales: Scales, floor: NoiseFloor, settings: ResultSettings) -> bool:
-    """Whether errors are beyond the noise on these windows, and not because of one window, whose start a spike or a
-    pause may have spoilt."""
+    """Whether errors are beyond the noise on these windows, and not because of one window whose start is wrong."""
     (data, error), tuned = whole, settings.predict
-    every, most = gap_of(data, scales, error), without_worst(data, scales, error, tuned.floor.without_worst)
-    return beyond(every, floor, settings=tuned) and beyond(most, floor, settings=tuned)
+    every, sound = gap_of(data, scales, error), with_sound_starts(data, scales, error, tuned.floor.sound_from)
+    return beyond(every, floor, settings=tuned) and beyond(sound, floor, settings=tuned)
 
 
 def quantiles(square: np.ndarray) -> dict[str, float]:

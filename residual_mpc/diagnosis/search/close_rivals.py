@@ -68,8 +68,8 @@ def _within_what_is_left(
 ) -> list[bool]:
     """Which of these rivals imitate the effect that they replace, and leave hardly more of the squared gap than the
     fit: less than a share of what both leave beyond the noise, than the error of the model's own time step, or, where
-    there are small differences elsewhere, too little to see. What no run here can tell from it is one of them as long
-    as one does not see the difference.
+    there are small differences elsewhere, too little to see. A twin, which no run here can tell apart, counts unless
+    its gap is visibly larger.
 
     A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
     """

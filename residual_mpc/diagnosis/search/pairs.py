@@ -1,7 +1,7 @@
 """Two effects that help only together.
 
 A servo that is too weak sags unless friction holds the joint, for example: neither of the two is worth adding alone.
-What a sensor does to its readings adds to what the robot does, and is worth adding alone if it is worth anything.
+Effects of sensors are left out to save time: they mostly add to what the robot does.
 """
 
 from collections import Counter

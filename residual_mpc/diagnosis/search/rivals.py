@@ -54,7 +54,8 @@ def find_rivals(
     """Replace each term (each pair of rim scales, and one effect on several targets) by what resembles it; swap, `most`
     times, where that is better. prefer_first: whether the first of a confounded group takes the chosen one's place.
     """
-    most = settings.rivals.swaps if most is None else most
+    tuned = settings.rivals
+    most = tuned.swaps if most is None else most
     fit, rivals = found.fit, list[Rival]()
     places, swaps = _places(fit), 0
     while places:
@@ -62,12 +63,14 @@ def find_rivals(
         seen = _seen_larger(found, fit, here, settings=settings)
         here = [_told_apart(r, settings=settings) if larger else r for r, larger in zip(here, seen, strict=True)]
         same = too_close(found.problem, found.ruler, fit, here, settings=settings)
-        # what no run can tell apart is equally likely: a likelihood sees how each rounds the shift to steps
-        same = [s or (r.alike and _are_twins(found.problem, r)) for r, s in zip(here, same, strict=True)]
+        # twins are equally likely: their likelihoods differ because each rounds the delay to time steps in its own way.
+        # One that fits far better still takes the place: the other rests in a poorer minimum
+        twins = [r.alike and r.ratio >= tuned.better and _are_twins(found.problem, r) for r in here]
+        same = [s or t for s, t in zip(same, twins, strict=True)]
         here = [replace(r, ratio=0.0, alike=True) if s else r for r, s in zip(here, same, strict=True)]
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
-        if better is not None and better.ratio < settings.rivals.better and swaps < most:
+        if better is not None and better.ratio < tuned.better and swaps < most:
             fit, rivals = on_problem(found.problem, better.fit, settings=settings.fit), []
             places, swaps = _places(fit), swaps + 1
     order = [(t,) for t in fit.terms] + _several(fit)
