@@ -29,8 +29,8 @@ from residual_mpc.diagnosis.predict.problem import Problem, part_of
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.models.settings import Settings
 
-# reported by a filter or a scan matching; an encoder wanders by no more than it jitters, unless its residual is as large
-# in slow motion as in fast
+# reported by a filter or a scan matching; an encoder wanders by no more than it jitters, unless its residual is as
+# large in slow motion as in fast
 LOCALISED = ("pose.", "twist.")
 
 
