@@ -86,7 +86,7 @@ def gap_of(data: Dataset, scales: Scales, error: np.ndarray, windows: np.ndarray
     return Gap(float(np.sqrt(np.nanmean(channels**2))), channels)
 
 
-EARLY, AT_ONCE = 0.1, 0.5  # of a window, and of its error: from where on its start is taken to be wrong
+EARLY, AT_ONCE = 0.1, 0.5  # shares: of the window, and of its error that is there by then if its start is wrong
 
 
 def with_sound_starts(data: Dataset, scales: Scales, error: np.ndarray, fewest: int) -> Gap:
