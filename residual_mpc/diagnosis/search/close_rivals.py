@@ -27,6 +27,11 @@ class Rival:
     ratio: float
     alike: bool
 
+    @property
+    def exchange(self) -> tuple[Term, Term] | None:
+        """The one effect that went and the one that came; None where several did."""
+        return (self.gone[0], self.came[0]) if len(self.gone) == len(self.came) == 1 else None
+
 
 def too_close(
     problem: Problem, ruler: Ruler, fit: Fit, rivals: Sequence[Rival], settings: SearchSettings
@@ -73,9 +78,8 @@ def _within_what_is_left(
 
     A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
     """
-    pairs = [(r.gone[0], r.came[0]) if len(r.gone) == len(r.came) == 1 else None for r in rivals]
-    twins = [p is not None and problem.space.are_twins(*p) for p in pairs]
-    like = [t or (p is not None and _imitate(*p)) for p, t in zip(pairs, twins, strict=True)]
+    twins = [are_twins(problem, r) for r in rivals]
+    like = [t or (r.exchange is not None and _imitate(*r.exchange)) for r, t in zip(rivals, twins, strict=True)]
     if not any(like):
         return like
     imitators = [r.fit for r, s in zip(rivals, like, strict=True) if s]
@@ -86,6 +90,11 @@ def _within_what_is_left(
     seen = max(most, settings.rivals.visible * ruler.floor, settings.rivals.share * own)
     more = iter(others)
     return [s and bool(next(more) - own < (seen if t else most)) for s, t in zip(like, twins, strict=True)]
+
+
+def are_twins(problem: Problem, rival: Rival) -> bool:
+    """Whether the runs cannot tell the one effect that came from the one that went."""
+    return rival.exchange is not None and problem.space.are_twins(*rival.exchange)
 
 
 def _imitate(one: Term, other: Term) -> bool:

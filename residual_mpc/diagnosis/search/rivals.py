@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.additions import NONE, closer
-from residual_mpc.diagnosis.search.close_rivals import Rival, too_close, without_small_differences
+from residual_mpc.diagnosis.search.close_rivals import Rival, are_twins, too_close, without_small_differences
 from residual_mpc.diagnosis.search.optional_numbers import with_shown
 from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
@@ -65,7 +65,7 @@ def find_rivals(
         same = too_close(found.problem, found.ruler, fit, here, settings=settings)
         # twins are equally likely: their likelihoods differ because each rounds the delay to time steps in its own way.
         # One that fits far better still takes the place: the other rests in a poorer minimum
-        twins = [r.alike and r.ratio >= tuned.better and _are_twins(found.problem, r) for r in here]
+        twins = [r.alike and r.ratio >= tuned.better and are_twins(found.problem, r) for r in here]
         same = [s or t for s, t in zip(same, twins, strict=True)]
         here = [replace(r, ratio=0.0, alike=True) if s else r for r, s in zip(here, same, strict=True)]
         rivals += here
@@ -96,11 +96,6 @@ def holds_elsewhere(
     best = min(near.tolist(), key=lambda i: (len(fits[i].knobs), gaps[i]))  # the simplest of those that do as well
     much = gaps[0] > ruler.much
     return fits[best] if much and gaps[best] < tuned.far_smaller * gaps[0] else None
-
-
-def _are_twins(problem: Problem, rival: Rival) -> bool:
-    """Whether the runs cannot tell the one effect that came from the one that went."""
-    return len(rival.gone) == len(rival.came) == 1 and problem.space.are_twins(rival.gone[0], rival.came[0])
 
 
 def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
