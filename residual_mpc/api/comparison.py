@@ -13,9 +13,9 @@ from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.run_models import RunModels
 from residual_mpc.api.runs import Runs, usable
-from residual_mpc.comparison.compare import ComparisonInput
 from residual_mpc.comparison.compare import compare as run_comparison
 from residual_mpc.comparison.document import to_document
+from residual_mpc.comparison.prepare import ComparisonInput
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.search.measured_commands import not_commanded

@@ -1,56 +1,43 @@
 """The whole comparison: cut both sets into windows, account for the robot, look for changes, and judge them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from residual_mpc.comparison.account import account_of
-from residual_mpc.comparison.conditions import balanced, conditions_of, driving_of
 from residual_mpc.comparison.gaps import compared_gap
 from residual_mpc.comparison.named import named_changes, other_candidates, plain
 from residual_mpc.comparison.outliers import changed_outliers
 from residual_mpc.comparison.position_gain import doubted, notes_on, servo_doubts
+from residual_mpc.comparison.prepare import (
+    ComparisonInput,
+    cut_sets,
+    problem_on,
+    space_for,
+    units_for,
+    windows_for,
+)
 from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison, GapRise
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
-from residual_mpc.comparison.sets import TwoSets, cut, units_of, windows_of
+from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.sizes import came_to_nothing, jackknife, to_the_end
-from residual_mpc.comparison.space import ChangeSpace, change_space
-from residual_mpc.comparison.units import Units, averaged, build_units
+from residual_mpc.comparison.space import ChangeSpace
+from residual_mpc.comparison.units import Units
 from residual_mpc.comparison.visible import smallest_visible
-from residual_mpc.diagnosis.data.dataset import Dataset, joined
+from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
-from residual_mpc.diagnosis.data.subsampling import evenly
-from residual_mpc.diagnosis.fit.channel_weights import weighed_by_residuals
 from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import fit_all, on_problem
-from residual_mpc.diagnosis.options import Options, Progress
-from residual_mpc.diagnosis.predict.horizons import foretold, longer_horizons
+from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
-from residual_mpc.diagnosis.predict.problem import Problem, build_problem, reweigh
-from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.predict.problem import Problem, reweigh
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.search.testable import not_testable
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
-from residual_mpc.errors import BadInput
-from residual_mpc.logs.run import Run
-from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values
-
-
-@dataclass(frozen=True, eq=False)
-class ComparisonInput:
-    """robots: the nominal model of each run, those before first; noise, tunable: as a diagnosis has them."""
-
-    before: tuple[Run, ...]
-    after: tuple[Run, ...]
-    robots: tuple[Robot, ...]
-    noise: Mapping[str, float]
-    tunable: tuple[str, ...]
-    options: Options
 
 
 def compare(
@@ -65,21 +52,21 @@ def compare(
     """
     with threadpool_limits(1, "blas"):
         progress("splitting the runs into windows", 0.02)
-        sets = _cut(given, settings)
+        sets = cut_sets(given, settings)
         progress("accounting for the robot", 0.05)
         account = account_of(
             given.before, given.robots[: len(given.before)], given.noise, given.tunable, given.options,
             settings.account, rng, lambda stage, done: progress(stage, 0.05 + 0.45 * done),
         )  # fmt: skip
-        space = _space(given, sets)
+        space = space_for(given, sets)
         progress("searching for changes", 0.5)
         searched = None
-        windows = _windows(given, sets, rng, settings)
+        windows = windows_for(given, sets, rng, settings)
         for data, scales in windows:
             values = account if searched is None else searched.found.fit.values
-            exact = _problem(data, scales, space, values, settings.search.steps, settings)
+            exact = problem_on(data, scales, space, values, settings.search.steps, settings)
             problem = on_longer_steps(exact, scales, values, settings=settings.results.predict)
-            units = _units(problem.data, sets, given, settings)
+            units = units_for(problem.data, sets, given, settings)
             start = None if searched is None else searched.found
             searched = Searched(search_changes(problem, account, units, settings, start), problem, units)
         assert searched is not None
@@ -121,83 +108,13 @@ def _on_all_windows(
     if len(found.changes) >= settings.search.most:
         return searched
     assert isinstance(space, ChangeSpace)
-    exact = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
+    exact = problem_on(*windows, space, found.fit.values, settings.search.final_steps, settings)
     if exact.data.count <= searched.problem.data.count:
         return searched
     whole = on_longer_steps(exact, windows[1], found.fit.values, settings=settings.results.predict)
-    units = _units(whole.data, sets, given, settings)
+    units = units_for(whole.data, sets, given, settings)
     choice = (searched.problem, searched.units)
     return Searched(search_changes(whole, account, units, settings, found, choice), whole, units)
-
-
-def _cut(given: ComparisonInput, settings: ComparisonSettings) -> TwoSets:
-    data = settings.results.data
-    return cut(given.before, given.after, given.robots, given.noise, given.options.horizon, data)
-
-
-def _windows(
-    given: ComparisonInput, sets: TwoSets, rng: np.random.Generator, settings: ComparisonSettings
-) -> list[tuple[Dataset, Scales]]:
-    """The windows of the fits and the test: those of the headline's horizon, and with them longer ones, where the
-    motion can be predicted that far: what adds up slowly shows there. Where it cannot, since errors grow, shorter ones
-    alone: the few windows that diverge hide there what changed."""
-    results, horizon = settings.results, given.options.horizon
-    here = (sets.clean, sets.scales)
-    for longer in longer_horizons(sets.raw.runs, horizon, settings=results.predict)[:1]:
-        whole = windows_of(sets, given.robots, given.noise, longer, results.data)
-        if whole is None:
-            continue
-        if foretold(*whole, rng, settings=results.predict):
-            return [here, (joined([sets.clean, whole[0]]), whole[1])]
-        shorter = horizon * results.predict.horizons.shorter
-        near = windows_of(sets, given.robots, given.noise, shorter, results.data)
-        return [here if near is None else near]
-    return [here]
-
-
-def _space(given: ComparisonInput, sets: TwoSets) -> ChangeSpace:
-    options = given.options
-    whole = build_space(sets.clean, given.tunable, options.only, options.without, options.without_because)
-    if not whole.candidates:
-        raise BadInput(
-            "no effect is left that these runs of this robot could show to have changed",
-            "--only" if options.only else "--without" if options.without else "",
-            "leave out fewer effects, or record longer runs",
-        )
-    return change_space(whole, given.robots[: len(given.before)], given.robots[len(given.before) :])
-
-
-def _problem(
-    data: Dataset, scales: Scales, space: ChangeSpace, values: Values, steps: int, settings: ComparisonSettings
-) -> Problem:
-    """The problem on `steps` simulation steps' worth of windows of each set, each channel weighed by what these values
-    leave, windows that are unlike the others weighing less."""
-    results = settings.results
-    keep = np.zeros(data.count, dtype=bool)
-    later = np.concatenate([np.full(b.where.stop - b.where.start, b.later) for b in data.blocks])
-    for side in (later, ~later):
-        keep[np.flatnonzero(side)[evenly(data.take(side), steps // 2, settings=results.data)]] = True
-    few = data.take(keep)
-    problem = build_problem(few, space, few.sigma, scales.motion, settings=results.predict)
-    return weighed_by_residuals(problem, scales, values, results.data)
-
-
-def _units(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: ComparisonSettings) -> Units:
-    number = units_of(data, sets.later, settings.contrast)
-    conditions = conditions_of(data, sets.scales, given.robots, sets.later)
-    units = build_units(number, sets.side(data), data.run, conditions)
-    tuned = settings.contrast
-    driving = averaged(driving_of(data), units.number, units.count)
-    extra = balanced(driving, units.later, units.count // tuned.units_per_condition, tuned.balanced)
-    units = replace(units, conditions=np.column_stack([units.conditions, extra]))
-    for name, n in (("before", int((~units.later).sum())), ("after", int(units.later.sum()))):
-        if n < settings.contrast.fewest:
-            raise BadInput(
-                f"at least {settings.contrast.fewest} independent stretches are needed {name} the change, got {n}",
-                f"--{name}",
-                f"record more or longer runs: a stretch has {settings.contrast.unit:g} s or more",
-            )
-    return units
 
 
 def _judged(
@@ -214,8 +131,8 @@ def _judged(
     found, fits = rivals.found, settings.results.fit
     searched, last = searches
     if found.changes:
-        whole = _problem(*windows, space, found.fit.values, settings.search.final_steps, settings)
-        units = _units(whole.data, sets, given, settings)
+        whole = problem_on(*windows, space, found.fit.values, settings.search.final_steps, settings)
+        units = units_for(whole.data, sets, given, settings)
         fit = to_the_end(whole, found.fit, settings.results)
         same = all(np.array_equal(getattr(whole.data, x), getattr(last.problem.data, x)) for x in ("run", "start"))
         as_tested = same and found.changes == last.found.changes

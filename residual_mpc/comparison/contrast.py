@@ -23,6 +23,7 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
 ROWS = 48  # hypotheses replayed at once, to limit memory use
+LEAST_LEFT = 0.05  # share of a unit's squares that a hypothesis leaves at least
 DIFFERS = 0.3  # typical steps: spread of a parameter of the account from unit to unit
 
 
@@ -63,6 +64,18 @@ class Contrasts:
         return min([self.scatter_p, *(c.p for c in self.told)])
 
 
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """What each of U units tells about N hypotheses. size, score (U, N): products of the hypothesis' direction with
+    itself and with the residuals; misfit (U, N): mean square of the residuals that the unit's own estimate leaves.
+    probes: two hypotheses each, and one more for the size of the residuals."""
+
+    size: np.ndarray
+    score: np.ndarray
+    misfit: np.ndarray
+    probes: tuple[tuple[Term, Values], ...]
+
+
 def contrasts(
     problem: Problem,
     current: Fit,
@@ -71,6 +84,11 @@ def contrasts(
     settings: ContrastSettings,
 ) -> Contrasts:
     """The contrasts of these probes against a fit. Each probe holds the knobs of a change."""
+    return tested(estimates_of(problem, current, units, probes), units, settings)
+
+
+def estimates_of(problem: Problem, current: Fit, units: Units, probes: Sequence[tuple[Term, Values]]) -> Estimates:
+    """The estimates of each unit; which set a unit belongs to does not matter."""
     j = current.jacobian
     own = _Known(
         units.summed(np.einsum("wnp,wnq->wpq", j, j, optimize=True)),
@@ -90,18 +108,39 @@ def contrasts(
             for products in ((size, score), own.without(term, along, size, score)):
                 sizes.append(products[0])
                 scores.append(products[1])
+    misfit = _misfit(
+        np.array(sizes).reshape(-1, units.count), np.array(scores).reshape(-1, units.count), current, units
+    )
     logs, there = _scatter(current, units)
-    size, score = np.array([*sizes, there]).T, np.array([*scores, -logs * there]).T
-    found = permuted(size, score, units, settings)
-    information = [size[side].sum(axis=0) for side in (~units.later, units.later)]
+    return Estimates(
+        np.array([*sizes, there]).T,
+        np.array([*scores, -logs * there]).T,
+        np.vstack([misfit, np.ones(units.count)]).T,
+        tuple(probes),
+    )
+
+
+def tested(of: Estimates, units: Units, settings: ContrastSettings) -> Contrasts:
+    """Whether the estimates of the two sets differ by more than within each set."""
+    found = permuted(of.size, of.score, of.misfit, units, settings)
+    information = [of.size[side].sum(axis=0) for side in (~units.later, units.later)]
     drop = found.dose**2 * information[0] * information[1] / np.maximum(sum(information), 1e-300)
     corrected = np.minimum(found.p / (1.0 - settings.of_size), 1.0)
     told = []
-    for i, (term, probe) in enumerate(probes):
+    for i, (term, probe) in enumerate(of.probes):
         k = 2 * i + int(found.p[2 * i + 1] < found.p[2 * i])
         numbers = (x[k] for x in (found.before, found.dose, drop, found.z, corrected, found.visible))
         told.append(Contrast(term, probe, *(float(n) for n in numbers)))
     return Contrasts(tuple(told), min(float(found.alone[-1]) / settings.of_size, 1.0))
+
+
+def _misfit(size: np.ndarray, score: np.ndarray, fit: Fit, units: Units) -> np.ndarray:
+    """(N, U) mean square of what each hypothesis leaves of a unit's residuals with the size that this unit alone tells;
+    size, score (N, U). A unit in which the model misses much else tells little, however far the hypothesis moves it."""
+    samples = units.summed(np.count_nonzero(fit.r, axis=1).astype(float))
+    squares = units.summed(fit.per_window)
+    taken = score**2 / np.where(size > 0.0, size, np.inf)
+    return np.asarray(np.maximum(squares - taken, LEAST_LEFT * squares) / np.maximum(samples, 1.0))
 
 
 def _scatter(fit: Fit, units: Units) -> tuple[np.ndarray, np.ndarray]:

@@ -34,7 +34,7 @@ def changed_outliers(sets: TwoSets, most_sure: float, settings: ContrastSettings
             continue
         p = min(1.0, len(channels) * float(mannwhitneyu(*sides).pvalue))
         found.append((p, -abs(float(sides[1].mean() - sides[0].mean())), channel))
-    if not found or min(found)[0] > settings.level:
+    if not found or min(found)[0] > settings.outliers:
         return None
     p, _, channel = min(found)
     shares, later = _shares(sets, _expected(sets, channel), channel, settings)

@@ -3,11 +3,10 @@ after.
 
 Each hypothesis gives every unit an estimate. A robust regression (Huber 1981, section 7.6) on the conditions alone
 yields a clipped residual per unit; the statistic is the sum of these residuals over the later set, after removing the
-part of the labels that the conditions predict. The residuals are permuted among the runs (Freedman and Lane 1983), and
-the largest statistic of all hypotheses is compared with its permutation distribution (Westfall and Young 1993,
-algorithm 2.8), so that neither heavy tails nor nearly equivalent hypotheses need a correction. If there are too few
-runs to permute, the stretches are permuted instead, and the statistic is reduced where runs scatter by more than their
-stretches explain.
+part of the labels that the conditions predict. The runs are divided anew (Draper and Stoneman 1966), and the largest
+statistic of all hypotheses is compared with its distribution over the divisions (Westfall and Young 1993, algorithm
+2.8), so that neither heavy tails nor nearly equivalent hypotheses need a correction. If there are too few runs, the
+stretches are divided instead, and the statistic is reduced where runs scatter by more than their stretches explain.
 """
 
 from dataclasses import dataclass
@@ -15,8 +14,9 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from scipy.special import fdtrc, ndtri, stdtr, stdtrit
+from scipy.special import ndtri, stdtr, stdtrit
 
+from residual_mpc.comparison.run_scatter import RunScatter, run_scatter
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.units import Units, averaged
 
@@ -24,7 +24,6 @@ FAINT = 1e-6  # of the most informative unit's size: a unit below it has no esti
 STEPS = 12  # of the robust regression
 MAD = 1.4826  # standard deviations in a median absolute deviation of a normal distribution
 TINY = 1e-300
-POOLED = 0.4  # level of the F test: with a larger p, the stretches count as independent
 POWER = float(ndtri(0.8))  # standard deviations beyond the threshold at which the power is 80 %
 
 
@@ -43,27 +42,34 @@ class Differences:
     visible: np.ndarray
 
 
-def permuted(size: np.ndarray, score: np.ndarray, units: Units, settings: ContrastSettings) -> Differences:
+def permuted(
+    size: np.ndarray, score: np.ndarray, misfit: np.ndarray, units: Units, settings: ContrastSettings
+) -> Differences:
     """size, score (U, N): for each unit and hypothesis, the products of a direction with itself and with the residuals;
-    a unit's estimate is -score / size."""
+    a unit's estimate is -score / size. misfit (U, N): mean square of the residuals that are left with it, so that the
+    information in an estimate is size / misfit."""
     seen = size > FAINT * size.max(axis=0, initial=TINY)
     estimate = np.where(seen, -score / np.where(seen, size, 1.0), 0.0)
     # even the most informative unit has at most twice the weight of one with the median information
-    middle = np.array([np.median(s[m]) if m.any() else 1.0 for s, m in zip(size.T, seen.T, strict=True)])
-    weight = np.where(seen, size / (size + middle), 0.0)
+    information = size / np.maximum(misfit, TINY)
+    middle = np.array([np.median(s[m]) if m.any() else 1.0 for s, m in zip(information.T, seen.T, strict=True)])
+    weight = np.where(seen, information / (information + middle), 0.0)
     x = np.column_stack([np.ones(units.count), units.conditions - units.conditions.mean(axis=0)])
     dosed, _, slope = _robust(estimate, weight, np.column_stack([x, units.later]), settings.clip)
     _, left, _ = _robust(estimate, weight, x, settings.clip)
-    z, lots, widened = _statistics(left, x, units, settings)
+    z, lots, scatter = _statistics(left, x, units, settings)
     largest = np.abs(lots).max(axis=1, initial=0.0)
     p = np.array([_share_beyond(largest, a) for a in np.abs(z)])
     alone = np.array([_share_beyond(np.abs(lot), a) for lot, a in zip(lots.T, np.abs(z), strict=True)])
-    if comb(units.count, int(units.later.sum())) < settings.divisions:
-        alone = _student_p(z, units.count - 1 - x.shape[1])
+    runs = len(np.unique(units.run))
+    if _many(runs, units, settings):
+        z = _normal_of(z, runs - 1 - x.shape[1], runs)
+    elif comb(units.count, int(units.later.sum())) < settings.divisions:
+        alone = _student_p(z, units.count - 1 - x.shape[1], units.count)
         p = np.minimum(1.0, len(z) * alone)
     sets = [np.count_nonzero(weight[side] > 0.0, axis=0) for side in (units.later, ~units.later)]
     there = np.minimum(*sets) > 0
-    visible = _visible(left, slope, largest, widened, x, units, settings)
+    visible = _visible(left, slope, largest, scatter, x, units, settings)
     return Differences(
         np.where(there, dosed[0], 0.0), np.where(there, dosed[-1], 0.0), z, np.where(there, p, 1.0),
         np.where(there, alone, 1.0), np.where(there, visible, np.inf),
@@ -71,13 +77,12 @@ def permuted(size: np.ndarray, score: np.ndarray, units: Units, settings: Contra
 
 
 def _unforeseen(later: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(n,) the part of the labels (n,) that the conditions x (n, k) do not predict."""
-    return np.asarray(later - x @ (np.linalg.pinv(x) @ later.astype(float)))
+    """(..., n) the part of the labels (..., n) that the conditions x (n, k) do not predict."""
+    labels = later.astype(float)
+    return np.asarray(labels - labels @ np.linalg.pinv(x).T @ x.T)
 
 
-def _robust(
-    y: np.ndarray, weight: np.ndarray, x: np.ndarray, clip: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _robust(y: np.ndarray, weight: np.ndarray, x: np.ndarray, clip: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Huber's regression of y (U, N) on x (U, k): coefficients (k, N); the units' clipped residuals (U, N), in standard
     deviations times the square root of their weights; and the derivatives of these residuals with respect to y."""
     root, w = np.sqrt(weight), weight
@@ -96,42 +101,47 @@ def _robust(
 
 def _statistics(
     left: np.ndarray, x: np.ndarray, units: Units, settings: ContrastSettings
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, RunScatter]:
     """z (N,), the statistic of the regression's residuals with the actual labels; lots (L, N), the same under L
-    permutations; (N,) the factor, at least 1, by which runs scatter more than their stretches explain."""
+    divisions; and by how much runs scatter more than their stretches explain."""
     at = np.unique(units.run, return_inverse=True)[1]
     runs = int(at.max()) + 1
+    scatter = run_scatter(left, at, units.later, x.shape[1])
     later = np.zeros(runs, dtype=bool)
     later[at] = units.later
     if _many(runs, units, settings):
         summed = np.zeros((runs, left.shape[1]))
         np.add.at(summed, at, left)
         z, lots = _against_lots(summed, averaged(x, at, runs), later, settings)
-        return z, lots, np.sqrt(_by_run(left, at, units.later, x.shape[1]))
+        return z, lots, scatter
     z, lots = _against_lots(left, x, units.later, settings)
-    ratio = _by_run(left, at, units.later, x.shape[1])
-    return _with_few_runs(z, ratio, runs - 1 - x.shape[1], units.count - 1 - x.shape[1]), lots, np.sqrt(ratio)
+    return _with_few_runs(z, scatter, units.count - 1 - x.shape[1], units.count), lots, scatter
 
 
 def _against_lots(
     left: np.ndarray, x: np.ndarray, later: np.ndarray, settings: ContrastSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    label = _unforeseen(later, x)
+    """The statistic of each division is what it would be had that division been the actual one, so that the test is
+    exact if the runs were divided at random (Draper and Stoneman 1966)."""
     left = left - left.mean(axis=0)
-    scale = np.sqrt(np.sum(left**2, axis=0) * np.sum(label**2) / max(len(later) - 1, 1)) + TINY
-    return (label @ left) / scale, (_lots(later, label, settings.lots) @ left) / scale
+    size = np.sqrt(np.sum(left**2, axis=0) / max(len(later) - 1, 1)) + TINY
+
+    def statistics(divisions: np.ndarray) -> np.ndarray:
+        label = _unforeseen(divisions, x)
+        return np.asarray(label @ left / (np.sqrt(np.sum(label**2, axis=1, keepdims=True)) * size + TINY))
+
+    return statistics(later[None, :])[0], statistics(_divisions(later, settings.lots))
 
 
-def _lots(later: np.ndarray, label: np.ndarray, most: int) -> np.ndarray:
-    """(L, n) the permuted labels: all other divisions of the units into two sets of these sizes, if there are few."""
+def _divisions(later: np.ndarray, most: int) -> np.ndarray:
+    """(L, n) bool: other divisions of the units into two sets of these sizes, all of them if there are few."""
     n, k = len(later), int(later.sum())
-    alike = 0 < k < n and np.ptp(label[later]) + np.ptp(label[~later]) < 1e-12
-    if alike and comb(n, k) <= most:
-        out = np.full((comb(n, k), n), label[~later][0])
-        for i, chosen in enumerate(combinations(range(n), k)):
-            out[i, list(chosen)] = label[later][0]
-        return out[~(np.abs(out - label).max(axis=1) < 1e-12)]
-    return np.random.default_rng(most).permuted(np.tile(label, (most, 1)), axis=1)
+    if comb(n, k) > most:
+        return np.random.default_rng(most).permuted(np.tile(later, (most, 1)), axis=1)
+    out = np.zeros((comb(n, k), n), dtype=bool)
+    for i, chosen in enumerate(combinations(range(n), k)):
+        out[i, list(chosen)] = True
+    return out[(out != later).any(axis=1)]
 
 
 def _share_beyond(lots: np.ndarray, a: float) -> float:
@@ -139,24 +149,31 @@ def _share_beyond(lots: np.ndarray, a: float) -> float:
     return (1.0 + np.count_nonzero(lots >= a * (1.0 - 1e-9))) / (1.0 + len(lots))
 
 
-def _student_p(z: np.ndarray, freedom: int) -> np.ndarray:
+def _student_p(z: np.ndarray, freedom: int, count: int) -> np.ndarray:
     """(N,) Student's p of each hypothesis by itself, for too few units to permute."""
     if freedom < 1:
         return np.ones(len(z))
-    return np.asarray(2.0 * stdtr(freedom, -np.abs(_student_of(z, freedom))))
+    return np.asarray(2.0 * stdtr(freedom, -np.abs(_student_of(z, freedom, count))))
+
+
+def _normal_of(z: np.ndarray, freedom: int, count: int) -> np.ndarray:
+    """A statistic of `count` observations as the normal variable with the same tail: that of few cannot be large."""
+    if freedom < 1:
+        return z
+    tail = np.maximum(stdtr(freedom, -np.abs(_student_of(z, freedom, count))), TINY)
+    return np.asarray(-np.sign(z) * ndtri(tail))
 
 
 def _visible(
     left: np.ndarray,
     slope: np.ndarray,
     largest: np.ndarray,
-    widened: np.ndarray,
+    scatter: RunScatter,
     x: np.ndarray,
     units: Units,
     settings: ContrastSettings,
 ) -> np.ndarray:
-    """(N,) the minimum detectable dose, with a power of at least 80 %. If there are too few runs to permute, the
-    threshold is the one that applies when runs scatter more than their stretches explain."""
+    """(N,) the minimum detectable dose, with a power of at least 80 %."""
     if not len(largest):
         return np.full(left.shape[1], np.inf)
     runs, known = len(np.unique(units.run)), 1 + x.shape[1]
@@ -164,51 +181,34 @@ def _visible(
     many = _many(runs, units, settings)
     # a change also increases the residuals of the regression, so the statistic itself grows less than Student's
     beyond = np.quantile(largest, [1.0 - settings.level * (1.0 - settings.of_size)])
-    threshold = _student_of(beyond, max(by_run if many else freedom, 1))
-    if runs < units.count and min(freedom, by_run) > 0 and not many:
-        threshold = -stdtrit(by_run, stdtr(freedom, -threshold))
+    threshold = _student_of(beyond, max(by_run if many else freedom, 1), runs if many else units.count)
+    if not many and freedom > 0:
+        tail = -stdtrit(scatter.freedom, stdtr(freedom, -threshold))
+        threshold = np.where(scatter.ratio > 1.0, tail, threshold)
     label = _unforeseen(units.later, x)
-    spread = np.sqrt(np.sum(label**2) * np.var(left, axis=0)) * widened
-    return np.asarray((threshold[0] + POWER) * spread / np.maximum(np.sum(label[:, None] ** 2 * slope, axis=0), TINY))
+    spread = np.sqrt(np.sum(label**2) * np.var(left, axis=0)) * np.sqrt(scatter.ratio)
+    return np.asarray((threshold + POWER) * spread / np.maximum(np.sum(label[:, None] ** 2 * slope, axis=0), TINY))
 
 
 def _many(runs: int, units: Units, settings: ContrastSettings) -> bool:
-    """Whether there are enough runs to permute."""
+    """Whether there are enough runs to divide anew. With many hypotheses and few runs, nearly every division has one
+    that fits it."""
     return comb(runs, len(np.unique(units.run[units.later]))) >= settings.labellings
 
 
-def _by_run(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int) -> np.ndarray:
-    """(N,) ratio of the variance of the sums over runs to the value that the variance of the stretches implies; 1 where
-    a preliminary F test accepts the stretches of one run as independent (Bancroft 1964)."""
-    runs = int(at.max()) + 1
-    freedom = runs - 1 - known
-    if freedom < 1:
-        return np.ones(left.shape[1])
-    centred = left.copy()
-    for side in (later, ~later):
-        centred[side] -= centred[side].mean(axis=0)
-    summed = np.zeros((runs, left.shape[1]))
-    np.add.at(summed, at, centred)
-    others = len(left) - 1 - known
-    by_run = np.sum(summed**2, axis=0) / freedom * runs
-    by_stretch = np.sum(centred**2, axis=0) / max(others, 1) * len(left)
-    ratio = by_run / np.maximum(by_stretch, TINY)
-    return np.where(fdtrc(freedom, max(others, 1), ratio) < POOLED, np.maximum(ratio, 1.0), 1.0)
-
-
-def _with_few_runs(z: np.ndarray, ratio: np.ndarray, runs: int, stretches: int) -> np.ndarray:
-    """The statistic of the stretches if there are too few runs to permute: reduced where runs scatter by more than
-    their stretches explain, and adjusted to the tails of Student's distribution with so few degrees of freedom. runs:
-    degrees of freedom of the variance of the runs; stretches: of that of the stretches."""
-    if runs < 1 or stretches < 1:
+def _with_few_runs(z: np.ndarray, scatter: RunScatter, stretches: int, count: int) -> np.ndarray:
+    """The statistic of `count` stretches if there are too few runs to divide: reduced where runs scatter by more than
+    their stretches explain, and adjusted to the tails of Student's distribution with so few degrees of freedom.
+    stretches: degrees of freedom of the variance of the stretches."""
+    if stretches < 1:
         return z
-    t = np.abs(_student_of(z, stretches)) / np.sqrt(ratio)
-    t = -stdtrit(stretches, np.maximum(stdtr(runs, -t), TINY))
-    lower = np.sqrt((stretches + 1) / (stretches + t**2)) * t
-    return np.asarray(np.where(ratio > 1.0, np.sign(z) * lower, z))
+    t = np.abs(_student_of(z, stretches, count)) / np.sqrt(scatter.ratio)
+    t = -stdtrit(stretches, np.maximum(stdtr(scatter.freedom, -t), TINY))
+    lower = np.sqrt((count - 1) / (stretches + t**2)) * t
+    return np.asarray(np.where(scatter.ratio > 1.0, np.sign(z) * lower, z))
 
 
-def _student_of(z: np.ndarray, freedom: int) -> np.ndarray:
-    """Student's t from a standardised statistic, which is a correlation times the square root of freedom + 1."""
-    share = np.minimum(z**2 / (freedom + 1), 1.0 - 1e-9)
+def _student_of(z: np.ndarray, freedom: int, count: int) -> np.ndarray:
+    """Student's t from a statistic of `count` observations, a correlation times the square root of count - 1."""
+    share = np.minimum(z**2 / (count - 1), 1.0 - 1e-9)
     return np.asarray(np.sign(z) * np.sqrt(freedom * share / (1.0 - share)))

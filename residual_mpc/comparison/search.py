@@ -92,10 +92,14 @@ def search_changes(
 
 def told_apart(problem: Problem, current: Fit, units: Units, settings: ComparisonSettings) -> Contrasts:
     """The contrast of every probe of every change that may be added to a fit."""
+    return contrasts(problem, current, units, probes_of(problem, current), settings.contrast)
+
+
+def probes_of(problem: Problem, current: Fit) -> list[tuple[Term, Values]]:
+    """Every probe of every change that may be added to a fit."""
     there = changed_terms(current)
     open_ = [t for t in problem.space.candidates if problem.space.may_join(t, there)]
-    probes = [(t, p) for t in open_ for p in problem.space.probes(t)]
-    return contrasts(problem, current, units, probes, settings.contrast)
+    return [(t, p) for t in open_ for p in problem.space.probes(t)]
 
 
 def changed_terms(fit: Fit) -> tuple[Term, ...]:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from residual_mpc.comparison.compare import ComparisonInput
 from residual_mpc.comparison.compare import compare as run_comparison
 from residual_mpc.comparison.document import to_document
+from residual_mpc.comparison.prepare import ComparisonInput
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.logs.run import Run

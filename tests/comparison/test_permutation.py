@@ -25,7 +25,8 @@ def units(runs: int, each: int, conditions: np.ndarray | None = None) -> Units:
 
 def differences_of(estimates: np.ndarray, given: Units, settings: ContrastSettings = SETTINGS) -> Differences:
     """Of hypotheses with these estimates (U, N) in units that all tell equally much."""
-    return permuted(np.ones_like(estimates), -estimates, given, settings)
+    equal = np.ones_like(estimates)
+    return permuted(equal, -estimates, equal, given, settings)
 
 
 @pytest.mark.parametrize("runs", [4, 12])
@@ -105,3 +106,49 @@ def test_a_hypothesis_by_itself_is_not_diluted_by_the_others() -> None:
     estimates[:, -1] += 1.6 * given.later
     found = differences_of(estimates, given)
     assert found.alone[-1] < 0.01 < 0.05 < found.p[-1]
+
+
+def nine_runs() -> Units:
+    """Five runs before, four after, three stretches each."""
+    run = np.repeat(np.arange(9), 3)
+    return Units(np.arange(27), run >= 5, run, np.zeros((27, 0)))
+
+
+def test_nine_runs_whose_stretches_are_alike_raise_no_more_alarms_than_the_level() -> None:
+    """A hundred hypotheses, of some of which the runs seem alike by chance."""
+    rng, given = np.random.default_rng(8), nine_runs()
+    mixed = np.random.default_rng(9).standard_normal((20, 100))
+    p = []
+    for _ in range(DRAWS):
+        runs, stretches = rng.standard_normal((9, 20))[given.run], rng.standard_normal((given.count, 20))
+        p.append(differences_of((runs + 0.4 * stretches) @ mixed, given).p.min())
+    for level in (0.02, 0.1):
+        assert (np.array(p) <= level).mean() <= level + 2.0 * np.sqrt(level * (1.0 - level) / DRAWS)
+
+
+def test_nine_runs_tell_a_change_that_is_larger_than_they_differ() -> None:
+    rng, given = np.random.default_rng(10), nine_runs()
+    found = []
+    for _ in range(20):
+        estimates = np.repeat(rng.standard_normal((9, 50)), 3, axis=0)
+        estimates[:, 0] += 8.0 * given.later
+        found.append(differences_of(estimates, given))
+    assert np.mean([f.p[0] <= 0.016 for f in found]) > 0.8
+    assert all(f.p[0] < f.p[1:].min() for f in found)
+
+
+def test_a_stretch_in_which_the_model_misses_much_tells_little() -> None:
+    """Two runs in which the prediction diverges, with estimates far off, among ten that agree."""
+    rng, given = np.random.default_rng(11), units(6, 2)
+    poor = np.isin(given.run, [2, 9])
+    misfit = np.where(poor, 400.0, 1.0)[:, None] * np.ones((1, 20))
+    found = []
+    for weigh in (misfit, np.ones_like(misfit)):
+        p = []
+        for _ in range(30):
+            estimates = rng.standard_normal((given.count, 20)) * np.sqrt(misfit)
+            estimates[:, 0] += 4.0 * given.later
+            one = np.ones_like(estimates)
+            p.append(permuted(one, -estimates, weigh, given, SETTINGS).p[0])
+        found.append(np.mean(np.array(p) <= 0.02))
+    assert found[0] > 0.9 and found[0] > found[1] + 0.2

@@ -1,0 +1,72 @@
+"""By how much runs scatter more than their stretches explain, where there are too few runs to divide them anew.
+
+A ratio of variances with so few degrees of freedom is mostly chance. All hypotheses are tested on the same runs, so the
+ratio of each is shrunk towards that of all of them, by as much as chance explains how they differ (Smyth 2004, section
+6.2, with variances in place of a variance and its prior).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import polygamma, psi
+
+TINY = 1e-300
+ALIKE = 1e6  # degrees of freedom of a prior from which no ratio departs
+
+
+@dataclass(frozen=True, eq=False)
+class RunScatter:
+    """One entry per hypothesis, (N,) each. ratio: variance of the sums over runs, at least 1, relative to what the
+    variance of the stretches implies; freedom: degrees of freedom of the variance of the sums."""
+
+    ratio: np.ndarray
+    freedom: np.ndarray
+
+
+def run_scatter(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int) -> RunScatter:
+    """left (U, N): residuals of the stretches; at (U,): number of each one's run; later (U,) bool; known: coefficients
+    of the regression, besides the label."""
+    count, n = left.shape
+    runs = int(at.max()) + 1
+    between, within = runs - 1 - known, count - runs
+    others = count - 1 - known
+    if between < 1 or within < 1:
+        return RunScatter(np.ones(n), np.full(n, float(max(others, 1))))
+    centred = left.copy()
+    for side in (later, ~later):
+        centred[side] -= centred[side].mean(axis=0)
+    summed = np.zeros((runs, n))
+    np.add.at(summed, at, centred)
+    of_runs = np.sum(summed**2, axis=0) / between * runs
+    of_stretches = np.sum(centred**2, axis=0) / max(others, 1) * count
+    seen = (of_stretches > TINY) & (of_runs > TINY)
+    own = np.where(seen, of_runs / np.maximum(of_stretches, TINY), 1.0)
+    centre, prior = _prior(np.log(own[seen]), between, others)
+    ratio = np.maximum((prior * centre + between * own) / (prior + between), 1.0)
+    # stretches of a run that are alike are no more than one observation
+    alike = np.clip((ratio - 1.0) / max(count / runs - 1.0, TINY), 0.0, 1.0)
+    freedom = 1.0 / (alike**2 / between + (1.0 - alike) ** 2 / others)
+    return RunScatter(ratio, np.minimum(freedom, prior + between))
+
+
+def _prior(logarithms: np.ndarray, between: int, others: int) -> tuple[float, float]:
+    """The ratio of all hypotheses, and the degrees of freedom that it is worth: from the mean and the variance of the
+    logarithms of their ratios, less what chance adds to each."""
+    if not len(logarithms):
+        return 1.0, ALIKE
+    bias = psi(0.5 * between) - np.log(0.5 * between) - psi(0.5 * others) + np.log(0.5 * others)
+    centre = float(np.exp(logarithms.mean() - bias))
+    differ = float(logarithms.var()) - float(polygamma(1, 0.5 * between) + polygamma(1, 0.5 * others))
+    return centre, ALIKE if differ <= 0.0 else 2.0 * _inverse_trigamma(differ)
+
+
+def _inverse_trigamma(y: float) -> float:
+    """x with trigamma(x) = y, by Newton's method (Smyth 2004, appendix)."""
+    x = 0.5 + 1.0 / y
+    for _ in range(50):
+        value = float(polygamma(1, x))
+        step = value * (1.0 - value / y) / float(polygamma(2, x))
+        x += step
+        if -step / x < 1e-8:
+            break
+    return x
