@@ -78,7 +78,8 @@ def search_changes(
     while True:
         differences = told_apart(problem, current, units, settings)
         best = None
-        if len(changes) < tuned.most and differences.p <= settings.contrast.level:
+        level = settings.contrast.left if changes else settings.contrast.level
+        if len(changes) < tuned.most and differences.p <= level:
             if choice is None:
                 best = _best(problem, current, units, differences.told, settings)
             else:

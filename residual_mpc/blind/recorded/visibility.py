@@ -22,11 +22,11 @@ from residual_mpc.models.robot_file import RobotFile
 
 STEPS = 60_000  # simulation steps of one replay of both halves
 STRETCH = 3.0  # s, length of a unit if there are few runs
-FEW_RUNS = 6  # runs in a half, below which stretches of runs are the units
+FEW_RUNS = 3  # runs in a half, below which stretches of runs are the units
 BINS = 10  # of a window
 MAD = 1.4826  # standard deviations in a median absolute deviation of a normal distribution
 ALTERNATIVES = 40  # changes that a comparison chooses from: about as many as the library has effects
-FALSE_ALARM = 0.02  # probability of a false change, over all of them together, as in `compare`
+FALSE_ALARM = 0.02  # probability of a false change, over all of them together
 CLIP = 1.5  # standard deviations at which Huber's estimate limits a unit
 CLIPPED = 0.7784  # mean square of a standard normal variable that is clipped there
 ROUNDS = 30  # of the iteration to that estimate
