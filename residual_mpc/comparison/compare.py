@@ -152,8 +152,10 @@ def _judged(
         verdict = "partial"  # the more likely change is not in the library
     sure = settings.sure if verdict == "changed" else settings.sure_partial * (1.0 - unexplained)
     named = named if sure == settings.sure else named_changes(whole, fit, rivals, spread, sure, settings)
-    changes = (*doubted(named, doubts, settings.doubtful), *jumping)
+    considered = (*doubted(named, doubts, settings.doubtful), *jumping)
     groups = tuple(tuple(tuple(plain(t) for t in m) for m in g) for g in rivals.groups)
+    changes, verdict = _worth_naming(considered, jumping, verdict, sure, settings)
+    groups = groups if changes == considered else ()
     by_noise = reweigh(searched.problem, searched.problem.data.sigma)
     base = on_problem(by_noise, found.account, settings=fits)
     unseen = not_testable(by_noise, base, tuple(c.term for c in found.changes), settings=settings.results.search)
@@ -162,7 +164,10 @@ def _judged(
         verdict=verdict,
         changes=changes,
         groups=groups,
-        candidates=(*(ChangeCandidate(c.term, c.probability, c.p) for c in changes), *other_candidates(rivals, sure)),
+        candidates=(
+            *(ChangeCandidate(c.term, c.probability, c.p) for c in considered),
+            *other_candidates(rivals, sure),
+        ),
         gap=gap,
         unexplained={"same": 0.0, "unknown": 1.0}.get(verdict, unexplained),
         not_testable=tuple(replace(n, term=plain(n.term)) for n in unseen),
@@ -193,6 +198,20 @@ def _verdict(named: bool, p_left: float, unexplained: float, settings: Compariso
     if not named:
         return "same" if p_left > settings.contrast.left else "unknown"
     return "changed" if p_left > settings.contrast.left and unexplained <= settings.unexplained else "partial"
+
+
+def _worth_naming(
+    considered: tuple[Change, ...],
+    jumping: tuple[Change, ...],
+    verdict: str,
+    sure: float,
+    settings: ComparisonSettings,
+) -> tuple[tuple[Change, ...], str]:
+    """The changes to name and the verdict. Changes that explain next to nothing of the rise are not named; outliers
+    are counted, not explained, and stay. sure: the largest probability that a change may have."""
+    if not considered or sure >= settings.named:
+        return considered, verdict
+    return jumping, verdict if jumping else "unknown"
 
 
 def _unexplained(rise: GapRise) -> float:

@@ -84,15 +84,16 @@ class ChangeSearchSettings:
 @dataclass(frozen=True)
 class ComparisonSettings:
     """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes,
-    times the share that these explain; doubtful: of a change with a number at a bound, one whose intervals
-    contain no change, or one that explains less than the share `faint` of what all changes explain: the model predicts
-    no large change better than that. unexplained: share of the rise that may be left where the changes are to explain
-    it. folds: of the cross-validation."""
+    times the share that these explain; named: its least value at which changes are named; doubtful: of a change with a
+    number at a bound, one whose intervals contain no change, or one that explains less than the share `faint` of what
+    all changes explain: the model predicts no large change better than that. unexplained: share of the rise that may be
+    left where the changes are to explain it. folds: of the cross-validation."""
 
     sure: float = 0.97
     sure_partial: float = 0.8
     doubtful: float = 0.45
     faint: float = 0.05
+    named: float = 0.1
     unexplained: float = 0.3
     folds: int = 4
     account: AccountSettings = field(default_factory=AccountSettings)
@@ -101,5 +102,5 @@ class ComparisonSettings:
     results: ResultSettings = field(default_factory=ResultSettings)
 
     def __post_init__(self) -> None:
-        check_share(self, "sure", "sure_partial", "doubtful", "faint", "unexplained")
+        check_share(self, "sure", "sure_partial", "doubtful", "faint", "named", "unexplained")
         check_positive(self, "folds")

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from residual_mpc.comparison.compare import _unexplained, _verdict
+from residual_mpc.comparison.compare import _unexplained, _verdict, _worth_naming
 from residual_mpc.comparison.gaps import rise_of
-from residual_mpc.comparison.records import GapRise
+from residual_mpc.comparison.records import Change, GapRise
 from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.models.settings import Term
 
 
 @pytest.mark.parametrize(
@@ -55,3 +56,12 @@ def test_a_prediction_that_diverges_does_not_hide_what_the_changes_leave() -> No
     same[77], changed[77] = 90.0, 80.0
     later, unit = np.arange(80) >= 40, np.arange(80) // 4
     assert _unexplained(rise_of(same, changed, later, unit)) == pytest.approx(0.122 / 0.171, abs=0.01)
+
+
+def test_changes_that_explain_next_to_nothing_are_not_named() -> None:
+    settings = ComparisonSettings()
+    one, jumps = (Change(Term(name, None), 0.05, 0.01, (), "", None) for name in ("payload", "sensor_outliers"))
+    assert _worth_naming((one,), (), "partial", 0.05, settings) == ((), "unknown")
+    assert _worth_naming((one, jumps), (jumps,), "partial", 0.05, settings) == ((jumps,), "partial")
+    assert _worth_naming((one,), (), "partial", 0.3, settings) == ((one,), "partial")
+    assert _worth_naming((), (), "same", 0.05, settings) == ((), "same")
