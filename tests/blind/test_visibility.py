@@ -46,17 +46,6 @@ def test_what_runs_scatter_by_counts_and_what_they_share_does_not():
     assert z[2] < 0.3 * z[0]
 
 
-@pytest.mark.parametrize("windows", [4, 12])
-def test_few_runs_whose_windows_are_alike_are_the_observations(windows):
-    """More windows of the same nine runs show no more, however long they are."""
-    rng, found = np.random.default_rng(5), []
-    for _ in range(40):
-        one = errors(rng, 9, windows, 0.01)
-        one = replace(one, start=3.0 * one.start, errors=one.errors + rng.normal(size=9)[one.key[:, 0], None, None])
-        found.append(visibility(one, replace(one, errors=one.errors + 3.0)))
-    assert np.median(found) == pytest.approx(3.0 / np.sqrt(1.0 / 4.0 + 1.0 / 5.0), rel=0.15)
-
-
 def test_a_change_that_no_window_shows_has_none():
     one = errors(np.random.default_rng(2), 12)
     assert visibility(one, one) == 0.0

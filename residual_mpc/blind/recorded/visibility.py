@@ -22,7 +22,7 @@ from residual_mpc.models.robot_file import RobotFile
 
 STEPS = 60_000  # simulation steps of one replay of both halves
 STRETCH = 3.0  # s, length of a unit if there are few runs
-FEW_RUNS = 3  # runs in a half, below which stretches of runs are the units
+FEW_RUNS = 6  # runs in a half, below which stretches of runs are the units
 BINS = 10  # of a window
 MAD = 1.4826  # standard deviations in a median absolute deviation of a normal distribution
 ALTERNATIVES = 40  # changes that a comparison chooses from: about as many as the library has effects
