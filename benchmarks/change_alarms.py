@@ -39,7 +39,7 @@ from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
 from residual_mpc.models.robot_file import noise_over
 
-LEVELS = (0.02, 0.1, 0.3)
+LEVELS = (0.02, 0.04, 0.1, 0.3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,7 @@ def permuted(
     seen = size > FAINT * size.max(axis=0, initial=TINY)
     estimate = np.where(seen, -score / np.where(seen, size, 1.0), 0.0)
     # even the most informative unit has at most twice the weight of one with the median information
-    information = size / np.maximum(misfit, TINY)
+    information = size / np.maximum(misfit, 1e-9 * misfit.max(axis=0, initial=0.0) + 1e-30)
     middle = np.array([np.median(s[m]) if m.any() else 1.0 for s, m in zip(information.T, seen.T, strict=True)])
     weight = np.where(seen, information / (information + middle), 0.0)
     x = np.column_stack([np.ones(units.count), units.conditions - units.conditions.mean(axis=0)])
@@ -106,7 +106,9 @@ def _statistics(
     divisions; and by how much runs scatter more than their stretches explain."""
     at = np.unique(units.run, return_inverse=True)[1]
     runs = int(at.max()) + 1
-    scatter = run_scatter(left, at, units.later, x.shape[1])
+    # the last hypothesis, on the size of the residuals, is of another kind
+    parts = [run_scatter(part, at, units.later, x.shape[1]) for part in (left[:, :-1], left[:, -1:])]
+    scatter = RunScatter(*(np.concatenate([getattr(p, k) for p in parts]) for k in ("ratio", "freedom")))
     later = np.zeros(runs, dtype=bool)
     later[at] = units.later
     if _many(runs, units, settings):
@@ -122,7 +124,7 @@ def _against_lots(
     left: np.ndarray, x: np.ndarray, later: np.ndarray, settings: ContrastSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """The statistic of each division is what it would be had that division been the actual one, so that the test is
-    exact if the runs were divided at random (Draper and Stoneman 1966)."""
+    nearly exact if the runs are divided, and were divided at random (Draper and Stoneman 1966)."""
     left = left - left.mean(axis=0)
     size = np.sqrt(np.sum(left**2, axis=0) / max(len(later) - 1, 1)) + TINY
 
@@ -145,7 +147,7 @@ def _divisions(later: np.ndarray, most: int) -> np.ndarray:
 
 
 def _share_beyond(lots: np.ndarray, a: float) -> float:
-    """Share of the permuted statistics (L,) that are at least a, the actual one included."""
+    """Share of the statistics of the other divisions (L,) that are at least a, the actual one included."""
     return (1.0 + np.count_nonzero(lots >= a * (1.0 - 1e-9))) / (1.0 + len(lots))
 
 
@@ -157,7 +159,7 @@ def _student_p(z: np.ndarray, freedom: int, count: int) -> np.ndarray:
 
 
 def _normal_of(z: np.ndarray, freedom: int, count: int) -> np.ndarray:
-    """A statistic of `count` observations as the normal variable with the same tail: that of few cannot be large."""
+    """A statistic of `count` observations, which is bounded, as the normal variable with the same tail."""
     if freedom < 1:
         return z
     tail = np.maximum(stdtr(freedom, -np.abs(_student_of(z, freedom, count))), TINY)
@@ -184,15 +186,15 @@ def _visible(
     threshold = _student_of(beyond, max(by_run if many else freedom, 1), runs if many else units.count)
     if not many and freedom > 0:
         tail = -stdtrit(scatter.freedom, stdtr(freedom, -threshold))
-        threshold = np.where(scatter.ratio > 1.0, tail, threshold)
+        threshold = np.where(scatter.freedom < freedom, tail, threshold)
     label = _unforeseen(units.later, x)
     spread = np.sqrt(np.sum(label**2) * np.var(left, axis=0)) * np.sqrt(scatter.ratio)
     return np.asarray((threshold + POWER) * spread / np.maximum(np.sum(label[:, None] ** 2 * slope, axis=0), TINY))
 
 
 def _many(runs: int, units: Units, settings: ContrastSettings) -> bool:
-    """Whether there are enough runs to divide anew. With many hypotheses and few runs, nearly every division has one
-    that fits it."""
+    """Whether there are enough runs to divide anew. With many hypotheses and few runs, some hypothesis fits nearly
+    every division by chance."""
     return comb(runs, len(np.unique(units.run[units.later]))) >= settings.labellings
 
 
@@ -205,7 +207,7 @@ def _with_few_runs(z: np.ndarray, scatter: RunScatter, stretches: int, count: in
     t = np.abs(_student_of(z, stretches, count)) / np.sqrt(scatter.ratio)
     t = -stdtrit(stretches, np.maximum(stdtr(scatter.freedom, -t), TINY))
     lower = np.sqrt((count - 1) / (stretches + t**2)) * t
-    return np.asarray(np.where(scatter.ratio > 1.0, np.sign(z) * lower, z))
+    return np.asarray(np.where(scatter.freedom < stretches, np.sign(z) * lower, z))
 
 
 def _student_of(z: np.ndarray, freedom: int, count: int) -> np.ndarray:

@@ -1,8 +1,8 @@
 """By how much runs scatter more than their stretches explain, where there are too few runs to divide them anew.
 
 A ratio of variances with so few degrees of freedom is mostly chance. All hypotheses are tested on the same runs, so the
-ratio of each is shrunk towards that of all of them, by as much as chance explains how they differ (Smyth 2004, section
-6.2, with variances in place of a variance and its prior).
+mean square between runs over that within them is shrunk towards the ratio of all of them, by as much as chance explains
+how they differ (empirical Bayes; Smyth 2004, section 6.2, with a ratio in place of a variance).
 """
 
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ class RunScatter:
 
 
 def run_scatter(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int) -> RunScatter:
-    """left (U, N): residuals of the stretches; at (U,): number of each one's run; later (U,) bool; known: coefficients
-    of the regression, besides the label."""
+    """left (U, N): residuals of the stretches for hypotheses of one kind; at (U,): number of each one's run; later (U,)
+    bool; known: coefficients of the regression, besides the label."""
     count, n = left.shape
     runs = int(at.max()) + 1
     between, within = runs - 1 - known, count - runs
@@ -34,29 +34,43 @@ def run_scatter(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int)
         return RunScatter(np.ones(n), np.full(n, float(max(others, 1))))
     centred = left.copy()
     for side in (later, ~later):
-        centred[side] -= centred[side].mean(axis=0)
+        if side.any():
+            centred[side] -= centred[side].mean(axis=0)
     summed = np.zeros((runs, n))
     np.add.at(summed, at, centred)
-    of_runs = np.sum(summed**2, axis=0) / between * runs
-    of_stretches = np.sum(centred**2, axis=0) / max(others, 1) * count
-    seen = (of_stretches > TINY) & (of_runs > TINY)
-    own = np.where(seen, of_runs / np.maximum(of_stretches, TINY), 1.0)
-    centre, prior = _prior(np.log(own[seen]), between, others)
-    ratio = np.maximum((prior * centre + between * own) / (prior + between), 1.0)
+    of_runs = np.sum(summed**2 / np.bincount(at)[:, None], axis=0)
+    whole = np.sum(centred**2, axis=0)
+    of_stretches = np.maximum(whole - of_runs, 1e-9 * whole)
+    seen = (of_runs > TINY) & (of_stretches > TINY)
+    own = np.where(seen, of_runs / between / np.maximum(of_stretches / within, TINY), 1.0)
+    centre, prior = _prior(np.log(own[seen]), between, within)
+    f = np.maximum((prior * centre + between * own) / (prior + between), 1.0)
     # stretches of a run that are alike are no more than one observation
-    alike = np.clip((ratio - 1.0) / max(count / runs - 1.0, TINY), 0.0, 1.0)
+    alike = (f - 1.0) / (f - 1.0 + count / runs)
     freedom = 1.0 / (alike**2 / between + (1.0 - alike) ** 2 / others)
+    ratio = np.maximum(f * others / (between * f + within), _common(own[seen], between, within, others))
     return RunScatter(ratio, np.minimum(freedom, prior + between))
 
 
-def _prior(logarithms: np.ndarray, between: int, others: int) -> tuple[float, float]:
-    """The ratio of all hypotheses, and the degrees of freedom that it is worth: from the mean and the variance of the
-    logarithms of their ratios, less what chance adds to each."""
+def _common(own: np.ndarray, between: int, within: int, others: int) -> float:
+    """The ratio of all hypotheses, at least 1, as if the variances of runs and of stretches were independent. They are
+    not, so it is too large where runs differ much, by about an eighth; clipped estimates of so few runs have shorter
+    tails than Student's distribution expects, and need as much."""
+    if not len(own):
+        return 1.0
+    whole = own * others / (between * own + within)
+    bias = psi(0.5 * between) - np.log(0.5 * between) - psi(0.5 * others) + np.log(0.5 * others)
+    return max(float(np.exp(np.log(whole).mean() - bias)), 1.0)
+
+
+def _prior(logarithms: np.ndarray, between: int, within: int) -> tuple[float, float]:
+    """The ratio of all hypotheses, as the geometric mean without the bias of its logarithm, and the degrees of freedom
+    that it is worth: from the variance of the logarithms, less what chance adds."""
     if not len(logarithms):
         return 1.0, ALIKE
-    bias = psi(0.5 * between) - np.log(0.5 * between) - psi(0.5 * others) + np.log(0.5 * others)
+    bias = psi(0.5 * between) - np.log(0.5 * between) - psi(0.5 * within) + np.log(0.5 * within)
     centre = float(np.exp(logarithms.mean() - bias))
-    differ = float(logarithms.var()) - float(polygamma(1, 0.5 * between) + polygamma(1, 0.5 * others))
+    differ = float(logarithms.var()) - float(polygamma(1, 0.5 * between) + polygamma(1, 0.5 * within))
     return centre, ALIKE if differ <= 0.0 else 2.0 * _inverse_trigamma(differ)
 
 

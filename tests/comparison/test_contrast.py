@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -89,12 +90,13 @@ def test_the_size_of_the_scatter_decides_and_not_the_number_of_samples() -> None
 
 
 def test_several_hypotheses_are_paid_for() -> None:
-    rng = np.random.default_rng(6)
+    """With runs of one stretch each, since the scatter of few runs is that of all hypotheses together."""
+    rng, apart = np.random.default_rng(6), replace(UNITS, run=np.arange(UNITS.count))
     state = rng.bit_generator.state
     sizes = 0.1 * LATER[DATA.run]
-    (alone,) = contrasts_of(sizes, rng)
+    (alone,) = contrasts_of(sizes, rng, apart)
     rng.bit_generator.state = state
-    first, _ = contrasts_of(sizes, rng, knobs=(SCALE, GAIN))
+    first, _ = contrasts_of(sizes, rng, apart, knobs=(SCALE, GAIN))
     assert first.z == pytest.approx(alone.z, rel=1e-12) and alone.p <= first.p <= 2.5 * alone.p
 
 

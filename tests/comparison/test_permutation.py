@@ -53,7 +53,6 @@ def test_an_outlying_stretch_hides_no_difference() -> None:
 
 @pytest.mark.parametrize("runs", [3, 12])
 def test_at_least_four_in_five_changes_of_the_smallest_visible_size_are_found(runs: int) -> None:
-    """Of runs that are few, nearly all: the size assumes that they scatter more than their stretches."""
     rng, given = np.random.default_rng(3), units(runs, 36 // runs)
     shape = (given.count, 10)
     size = float(np.median([differences_of(rng.standard_normal(shape), given).visible for _ in range(20)]))
@@ -124,6 +123,21 @@ def test_nine_runs_whose_stretches_are_alike_raise_no_more_alarms_than_the_level
         p.append(differences_of((runs + 0.4 * stretches) @ mixed, given).p.min())
     for level in (0.02, 0.1):
         assert (np.array(p) <= level).mean() <= level + 2.0 * np.sqrt(level * (1.0 - level) / DRAWS)
+
+
+@pytest.mark.parametrize("varying", [slice(0, 4), slice(39, 40)])
+def test_hypotheses_that_runs_differ_in_are_not_tested_as_if_they_did_not(varying: slice) -> None:
+    """Four among forty, or the last one, which is the size of the residuals."""
+    rng, given = np.random.default_rng(12), nine_runs()
+    p = []
+    for _ in range(2 * DRAWS):
+        estimates = rng.standard_normal((given.count, 40))
+        own = estimates[:, varying].shape[1]
+        estimates[:, varying] = rng.standard_normal((9, own))[given.run] + 0.2 * rng.standard_normal((27, own))
+        found = differences_of(estimates, given)
+        p.append(found.p.min() if own > 1 else found.alone[-1])
+    for level in (0.04, 0.1):
+        assert (np.array(p) <= level).mean() <= level + 2.0 * np.sqrt(level * (1.0 - level) / (2 * DRAWS))
 
 
 def test_nine_runs_tell_a_change_that_is_larger_than_they_differ() -> None:

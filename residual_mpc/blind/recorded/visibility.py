@@ -100,7 +100,7 @@ def visibility(untouched: WindowErrors, changed: WindowErrors) -> float:
     if min(np.count_nonzero(seen & later), np.count_nonzero(seen & ~later)) < 2:
         return 0.0
     estimate, later = score[seen] / size[seen], later[seen]
-    weight = size[seen] / (size[seen] + np.median(size[seen]))  # as in the test of `compare`
+    weight = size[seen] / (size[seen] + np.median(size[seen]))
     return 1.0 / (_standard_error(estimate, weight, later) + 1e-9)
 
 
