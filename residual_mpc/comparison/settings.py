@@ -84,8 +84,8 @@ class ChangeSearchSettings:
 @dataclass(frozen=True)
 class ComparisonSettings:
     """sure: the largest probability of a change; sure_partial: where the sets differ by more than the named changes,
-    times the share that these explain; named: if that product is lower, no change is named; doubtful: of a change with a
-    number at a bound, one whose intervals contain no change, or one that explains less than the share `faint` of what
+    times the share that these explain; named: if that product is lower, no change is named; doubtful: of a change with
+    a number at a bound, one whose intervals contain no change, or one that explains less than the share `faint` of what
     all changes explain: the model predicts no large change better than that. unexplained: share of the rise that may be
     left where the changes are to explain it. folds: of the cross-validation."""
 
