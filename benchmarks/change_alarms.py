@@ -2,9 +2,9 @@
 
 python -m benchmarks.change_alarms [--shared ../shared] [--source NAME ...] [--divisions 200] [--seed 0] [--draws 1]
 
-The recorded runs of a robot are divided at random into two sets. The common model and the estimates of each stretch are
-computed once a draw, from the first division; the test is then made on so many others. The wanted share of divisions
-with p at or below a level is at most that level. Source by source: a folder that is absent says so.
+The recorded runs of a robot are divided at random into two sets. Each draw computes the common model and the estimates
+of each stretch once, from a first division, and then runs the test on many other divisions. The share of divisions with
+p at or below a level should be at most that level. A source whose folder is absent says so.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def change_alarms(shared: Path, names: tuple[str, ...], divisions: int, draws: i
 
 
 def divided(folder: Path, rng: np.random.Generator) -> Untouched:
-    """One division of the runs, the common model of its first set, and what each stretch estimates beside it."""
+    """Divide the runs once, fit the common model to the first set, and compute the estimates of each stretch."""
     settings = ComparisonSettings()
     robot = load_robot(folder / "robot.toml")
     runs = usable(read_runs(robot, str(folder)))
@@ -107,7 +107,7 @@ def divided(folder: Path, rng: np.random.Generator) -> Untouched:
 
 
 def division(of: Untouched, rng: np.random.Generator) -> float:
-    """The smallest p where the runs are divided once more into sets of as many."""
+    """The smallest p after dividing the runs again into two sets of the same sizes."""
     settings = ComparisonSettings().contrast
     runs, first = np.unique(of.units.run, return_index=True)
     side = dict(zip(runs.tolist(), rng.permutation(of.units.later[first]).tolist(), strict=True))
