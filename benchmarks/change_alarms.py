@@ -20,20 +20,20 @@ from residual_mpc.api.robot import load_robot
 from residual_mpc.api.run_models import RunModels
 from residual_mpc.api.runs import read_runs, usable
 from residual_mpc.comparison.account import account_of
-from residual_mpc.comparison.conditions import conditions_of, driving_of
+from residual_mpc.comparison.conditions import driving_of
 from residual_mpc.comparison.contrast import Estimates, estimates_of, tested
 from residual_mpc.comparison.prepare import (
     ComparisonInput,
     cut_sets,
     problem_on,
     space_for,
+    stretches_of,
     windows_for,
     with_driving,
 )
 from residual_mpc.comparison.search import probes_of
-from residual_mpc.comparison.sets import units_of
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.units import Units, averaged, build_units
+from residual_mpc.comparison.units import Units, averaged
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
@@ -97,11 +97,7 @@ def divided(folder: Path, rng: np.random.Generator) -> Untouched:
     exact = problem_on(windows, scales, space_for(given, sets), account, settings.search.final_steps, settings)
     problem = on_longer_steps(exact, scales, account, settings=settings.results.predict)
     fit = fit_all(problem, [account], settings=settings.results.fit)[0]
-    number = units_of(problem.data, sets.later, settings.contrast)
-    units = build_units(
-        number, sets.side(problem.data), problem.data.run,
-        conditions_of(problem.data, sets.scales, given.robots, sets.later),
-    )  # fmt: skip
+    units = stretches_of(problem.data, sets, given, settings)
     driving = averaged(driving_of(problem.data), units.number, units.count)
     return Untouched(units, driving, estimates_of(problem, fit, units, probes_of(problem, fit)))
 

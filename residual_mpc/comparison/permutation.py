@@ -47,7 +47,7 @@ def permuted(
 ) -> Differences:
     """size, score (U, N): for each unit and hypothesis, the products of a direction with itself and with the residuals;
     a unit's estimate is -score / size. misfit (U, N): mean square of the residuals that are left with it, so that the
-    information in an estimate is size / misfit."""
+    information in an estimate is size / misfit. The last hypothesis is on the size of the residuals."""
     seen = size > FAINT * size.max(axis=0, initial=TINY)
     estimate = np.where(seen, -score / np.where(seen, size, 1.0), 0.0)
     # even the most informative unit has at most twice the weight of one with the median information

@@ -92,9 +92,7 @@ def problem_on(
 
 def units_for(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: ComparisonSettings) -> Units:
     """The stretches of these windows and how they were driven. Raises BadInput where a set has too few of them."""
-    number = units_of(data, sets.later, settings.contrast)
-    conditions = conditions_of(data, sets.scales, given.robots, sets.later)
-    units = build_units(number, sets.side(data), data.run, conditions)
+    units = stretches_of(data, sets, given, settings)
     units = with_driving(units, averaged(driving_of(data), units.number, units.count), settings.contrast)
     for name, n in (("before", int((~units.later).sum())), ("after", int(units.later.sum()))):
         if n < settings.contrast.fewest:
@@ -104,6 +102,13 @@ def units_for(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: Co
                 f"record more or longer runs: a stretch has {settings.contrast.unit:g} s or more",
             )
     return units
+
+
+def stretches_of(data: Dataset, sets: TwoSets, given: ComparisonInput, settings: ComparisonSettings) -> Units:
+    """The stretches of these windows, with the conditions that do not depend on which set a run belongs to."""
+    number = units_of(data, sets.later, settings.contrast)
+    conditions = conditions_of(data, sets.scales, given.robots, sets.later)
+    return build_units(number, sets.side(data), data.run, conditions)
 
 
 def with_driving(units: Units, driving: np.ndarray, settings: ContrastSettings) -> Units:
