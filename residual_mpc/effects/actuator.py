@@ -138,7 +138,7 @@ ACTUATOR_GAIN = Effect(
     rank=10,
     timed=False,
     steady=True,
-    imitates=frozenset({"time", "position", "speed"}),
+    imitates=frozenset({"time", "position", "speed", "load"}),
     interchangeable="rim speed",
     phrase=Phrase("{who} delivers {gain} of its modelled output", shares=("gain",)),
     nouns={"gain": Noun("actuator gain", "factor", targeted="gain")},

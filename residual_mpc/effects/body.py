@@ -125,7 +125,7 @@ LOAD_FRICTION = Effect(
     rank=30,
     stalls=("coefficient",),
     unseen="the torque hardly varies",
-    imitates=frozenset({"position"}),
+    imitates=frozenset({"position", "load"}),
     phrase=Phrase("friction in {who} takes {coefficient} of the transmitted torque", shares=("coefficient",)),
     nouns={"coefficient": Noun("load-dependent friction", article="", inside="in")},
     not_in_mjcf="MuJoCo's dry friction does not depend on the load",
@@ -250,7 +250,7 @@ GEAR_EFFICIENCY = Effect(
     rank=35,
     stalls=("forward", "backward"),
     unseen="the torque hardly varies, or the load never drives the motor",
-    imitates=frozenset({"position"}),
+    imitates=frozenset({"position", "load"}),
     phrase=Phrase(
         "the gear of {who} passes on {forward} of the torque while driving and {backward} while being driven",
         shares=("forward", "backward"),

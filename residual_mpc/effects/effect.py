@@ -49,7 +49,7 @@ Site = Literal[
     "filter",  # how fast a reading follows
     "point",  # the tracked point on the body
     "samples",  # single samples of a reading
-    "law",  # a torque on a joint that is any function of its position, its speed, its command or the time
+    "law",  # a torque on a joint that is any function of its position, speed, command, load or the time
     "law friction",  # a dry friction of a joint that is any function of its position or the time
     "rate",  # the base's own rates: forward, sideways, yaw
 ]

@@ -26,9 +26,10 @@ ROUNDED = 0.05  # of the stretch between two knots
 INF = float("inf")
 
 Of = Literal["torque", "friction", "rate", "strength"]
-On = Literal["position", "speed", "command", "time", "forward", "turning"]
+On = Literal["position", "speed", "command", "load", "time", "forward", "turning"]
 UNITS: Mapping[On, str] = {
-    "position": "rad", "speed": "rad/s", "command": "command unit", "time": "s", "forward": "m/s", "turning": "rad/s",
+    "position": "rad", "speed": "rad/s", "command": "command unit", "load": "N m", "time": "s", "forward": "m/s",
+    "turning": "rad/s",
 }  # fmt: skip
 
 
@@ -80,6 +81,12 @@ def strength(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float
     return ops.maximum(1.0 + curve(ops, p, clock), 0.0) * y, memory
 
 
+def load_strength(ops: Ops, p: Values, tau: Array, stretches: int = MOST_KNOTS - 1) -> Array:
+    """curve(|tau|) tau: what an actuator gives beside the modelled torque tau, N m (N), at the joint. Where the curve
+    falls, the actuator weakens under load, as one whose supply voltage falls with the current."""
+    return curve(ops, p, ops.absolute(tau), stretches) * tau
+
+
 def curve_shape(knots: Sequence[float]) -> dict[str, float]:
     """The fixed parameters of a curve with these knots; those that are not used lie beyond the last and rise by 0."""
     spare = range(1, MOST_KNOTS - len(knots) + 1)
@@ -99,10 +106,18 @@ def points_of(kind: LawKind, p: Mapping[str, float]) -> tuple[np.ndarray, np.nda
 
 def shortened(kind: LawKind, p: Mapping[str, np.ndarray]) -> tuple[Values, Callable[..., Array]]:
     """Parameters and equation that give the same in numpy, without the stretches in which no row rises."""
+    law = equation(kind)
     if kind.shape == "wave":
-        return p, wave
+        return p, law
     last = max((k for k, name in enumerate(LEVELS) if np.any(p[name] != 0.0)), default=0)
-    return p, partial(curve, stretches=last)
+    return p, partial(law, stretches=last)
+
+
+def equation(kind: LawKind) -> Callable[..., Array]:
+    """(ops, parameters, quantity) -> what a law on a joint or on the base's rates adds."""
+    if kind.shape == "wave":
+        return wave
+    return load_strength if kind.on == "load" else curve
 
 
 def rounded(kinks: Kinks) -> Ops:
@@ -125,8 +140,7 @@ def _parameters(kind: LawKind) -> tuple[Parameter, ...]:
 
 
 def _effect(kind: LawKind) -> Effect:
-    steps: Mapping[str, Callable[..., Any]] = {"curve": curve, "wave": wave}
-    chained = kind.of == "strength"  # one of the chain from the command to the joint
+    chained = kind.site == "strength"  # one of the chain from the command to the joint
     return Effect(
         name=kind.name,
         stage=kind.stage,
@@ -135,7 +149,7 @@ def _effect(kind: LawKind) -> Effect:
         parameters=_parameters(kind),
         summary=f"a {kind.of} that no named effect explains, as a function of one quantity",
         start=no_memory if chained else None,
-        step=strength if chained else steps[kind.shape],
+        step=strength if chained else equation(kind),
         null_target=chained,
         site=kind.site,
         not_in_mjcf="MJCF has no curves",
@@ -144,6 +158,7 @@ def _effect(kind: LawKind) -> Effect:
 
 KINDS: tuple[LawKind, ...] = (
     LawKind("strength", "time", "curve", "actuator", "actuator", "strength", "1", 0.05, "one"),
+    LawKind("strength", "load", "curve", "actuator", "joint", "law", "1", 0.05, "one"),
     LawKind("torque", "position", "wave", "body", "joint", "law", "N m", 0.1, "torque"),
     LawKind("torque", "position", "curve", "body", "joint", "law", "N m", 0.1, "torque"),
     LawKind("torque", "speed", "curve", "body", "joint", "law", "N m", 0.1, "torque"),
@@ -155,6 +170,7 @@ KINDS: tuple[LawKind, ...] = (
     LawKind("rate", "turning", "curve", "contact", "channel", "rate", "rate unit", 0.02, "one"),
 )  # fmt: skip
 KIND_OF: Mapping[str, LawKind] = {kind.name: kind for kind in KINDS}
+LOADED = next(kind.name for kind in KINDS if kind.on == "load")
 LAWS: tuple[Effect, ...] = tuple(_effect(kind) for kind in KINDS)
 
 

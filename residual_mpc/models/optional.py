@@ -30,6 +30,14 @@ class ActuatorJoints(Protocol):
 
 
 @runtime_checkable
+class GearRatios(Protocol):
+    @property
+    def gear_ratios(self) -> tuple[float, ...]:
+        """The torque (force) at the joint per unit of each actuator's output, in the order of `actuators`."""
+        ...
+
+
+@runtime_checkable
 class Joints(Protocol):
     @property
     def joints(self) -> tuple[str, ...]:
@@ -120,6 +128,12 @@ def actuator_joints(robot: Robot) -> tuple[str, ...]:
     """The joint that each actuator drives; by default they share their names."""
     robot = innermost(robot)
     return robot.actuator_joints if isinstance(robot, ActuatorJoints) else robot.actuators
+
+
+def gear_ratios(robot: Robot) -> tuple[float, ...]:
+    """The torque (force) at the joint per unit of each actuator's output; 1 by default."""
+    robot = innermost(robot)
+    return robot.gear_ratios if isinstance(robot, GearRatios) else (1.0,) * len(robot.actuators)
 
 
 def joints(robot: Robot) -> tuple[str, ...]:

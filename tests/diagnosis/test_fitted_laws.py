@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles.hidden_laws import knocked, one_sided_run, write_rotor
+from oracles.hidden_laws import knocked, one_sided_run, write_rotor, write_weakening
 from oracles.rover_log import ROBOT, write_run
 
 import residual_mpc as rm
@@ -85,6 +85,23 @@ def test_no_law_of_what_is_random(tmp_path: Path) -> None:
     found = rotor(tmp_path, only=(*NAMED, "fitted_law"))
     assert found.verdict == "unknown" and not found.explanation
     assert found.document["remainder"]["depends_on"] == []
+
+
+def test_a_supply_that_weakens_under_load_is_no_limit_and_no_gain(tmp_path: Path) -> None:
+    """These two together imitate it: they close most of the gap, and hide it if no law is tried in their place. The
+    friction that is there as well comes back by its name."""
+    write_weakening(tmp_path, 3.0, 0.05)
+    found = rotor(tmp_path, only=("saturation", "coulomb_friction", "actuator_gain", "fitted_law"))
+    by_name = {e["effect"]: e for e in found.explanation}
+    assert set(by_name) == {"fitted_law", "coulomb_friction"}
+    law = by_name["fitted_law"]
+    assert (law["of"], law["on"]) == ("strength", "the size of the load on j")
+    loads = np.array([1.0, 2.0, 3.0])  # N m; the first two knots are 0.6 apart
+    share = 1.0 + np.interp(loads, law["knots"], law["values"])
+    np.testing.assert_allclose(share, 1.0 / (1.0 + 3.0 * loads / 5.0), atol=0.06)
+    assert by_name["coulomb_friction"]["parameters"]["torque"]["value"] == pytest.approx(0.05, abs=0.01)
+    assert "weakens under load" in law["sentence"]
+    assert found.gap["after"] < 0.1 * found.gap["before"] and found.verdict == "partial"
 
 
 @pytest.fixture(scope="module")

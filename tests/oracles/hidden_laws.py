@@ -1,5 +1,5 @@
-"""Logs of robots with a cause that no library names: a rotor that cogs or is knocked about, a rover that turns less to
-one side."""
+"""Logs of robots with a cause that no library names: a rotor that cogs or is knocked about, an arm whose supply weakens
+under load, a rover that turns less to one side."""
 
 from __future__ import annotations
 
@@ -39,6 +39,46 @@ def rotor_run(seed: int, torque: Torque, seconds: float = 9.0) -> Run:
             mujoco.mj_step(model, data)
     columns = {"command.hub": sent, "position.hub": seen + SIGMA * rng.standard_normal(n)}
     return Run(f"run{seed}", t, columns)
+
+
+ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="arm">
+<joint name="j" type="hinge" axis="0 1 0" armature="0.0331"/><geom type="sphere" pos="0 0 -0.3" size="0.04" mass="1.1"
+contype="0" conaffinity="0"/></body></worldbody>
+<actuator><position name="m" joint="j" kp="6" kv="0.4" forcerange="-5 5"/></actuator></mujoco>"""
+INERTIA, WEIGHT = 0.0331 + 1.1 * 0.3**2 + 0.4 * 1.1 * 0.04**2, 1.1 * 9.81 * 0.3  # kg m^2, N m
+
+
+def weakening_run(seed: int, weakens: float, friction: float, seconds: float = 10.0) -> Run:
+    """An arm whose servo has 1 / (1 + weakens |current| / full current) of its voltage, the current 5 ms behind, and
+    dry friction; explicit Euler steps of 0.25 ms."""
+    rng, fine = np.random.default_rng(seed), 2.5e-4
+    every, n = round(0.01 / fine), round(seconds / 0.01)
+    t = np.arange(n) * 0.01
+    frequency, phase, size = rng.uniform(0.1, 0.7, 3), rng.uniform(0.0, 6.28, 3), rng.uniform(0.3, 0.9)
+    sent = size * np.sin(2 * np.pi * frequency * t[:, None] + phase).sum(axis=1)
+    q, w, current, seen = float(sent[0]), 0.0, 0.0, np.empty(n)
+    for k in range(n):
+        seen[k] = q
+        for _ in range(every):
+            asked = min(max(6.0 * (sent[k] - q) - 0.4 * w, -5.0), 5.0)
+            given = asked / (1.0 + weakens * abs(current) / 5.0)
+            current += fine / 0.005 * (asked - current)
+            w += fine * (given - WEIGHT * np.sin(q) - friction * np.tanh(w / 0.02)) / INERTIA
+            q += fine * w
+    columns = {"command.m": sent, "position.j": seen + 3e-4 * rng.standard_normal(n)}
+    return Run(f"run{seed}", t, columns)
+
+
+def write_weakening(folder: Path, weakens: float, friction: float, runs: int = 6) -> Path:
+    """Robot file, model and logs; the robot file."""
+    from oracles.rover_log import write_run
+
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "arm.xml").write_text(ARM)
+    (folder / "robot.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    for seed in range(runs):
+        write_run(weakening_run(seed, weakens, friction), folder)
+    return folder / "robot.toml"
 
 
 def knocked(seed: int, size: float) -> Torque:

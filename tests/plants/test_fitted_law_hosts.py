@@ -19,13 +19,16 @@ from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Knob, Settings, Values, assemble
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
-ON_JOINTS = [k for k in KINDS if k.of in ("torque", "friction")]
-ON_BASE = [k for k in KINDS if k.of in ("rate", "strength")]
+ON_JOINTS = [k for k in KINDS if k.target == "joint"]
+ON_BASE = [k for k in KINDS if k.target != "joint"]
+WEAKER = next(k for k in KINDS if k.on == "load")
 
 
 def law(kind: LawKind, target: str | None, size: float) -> Values:
     if kind.shape == "wave":
         numbers = {"cycles": 5.0, "offset": 0.2 * size, "cos": 0.6 * size, "sin": 0.5 * size}
+    elif kind is WEAKER:
+        numbers = {**curve_shape([2.0, 20.0]), "start": 0.01 * size, "rise2": -0.04 * size}
     else:
         bent = {"start": 0.5 * size, "rise2": 0.5 * size, "rise3": -0.8 * size}
         numbers = {**curve_shape([-0.5, 0.2, 1.5]), **bent}
@@ -83,6 +86,33 @@ def test_a_law_acts_in_the_step_as_in_the_replay(tmp_path: Path, kind: LawKind) 
     assert not model.stepped.left_out[1:]
     assert ("clock" in model.stepped.states) == (kind.on == "time")
     assert moving_apart(model, np.random.default_rng(1)) < 3e-3
+
+
+def test_an_actuator_that_weakens_under_load_is_a_weaker_servo(tmp_path: Path) -> None:
+    """Against mj_step with the servo's own law times the share that the load of the step before leaves."""
+    import mujoco
+
+    robot = robot_of(tmp_path, arm_xml(gravity=9.81))
+    drive, start = random_drive(robot, 1, 300), random_start(robot, 1)
+    knots, values = [0.0, 3.0], [-0.05, -0.55]
+    share = {**curve_shape(knots), "start": values[0], "rise2": values[1] - values[0]}
+    numbers = {Knob(WEAKER.name, "j2", name): value for name, value in share.items()}
+    wanted = ("position.j1", "position.j2", *(f"output.{a}" for a in robot.actuators))
+    found = robot.replay(start, drive, rows(robot, numbers), wanted)
+    second = robot.actuator_joints.index("j2")
+    data = mujoco.MjData(robot.model)
+    data.qpos[:] = [start["position.j1"][0], start["position.j2"][0]]
+    data.qvel[:] = [start["velocity.j1"][0], start["velocity.j2"][0]]
+    load = 0.0
+    for k in range(300):
+        data.ctrl[:] = drive.command[0, drive.lead + k]
+        data.qfrc_applied[1] = np.interp(abs(load), knots, values) * load
+        mujoco.mj_step(robot.model, data)
+        load = float(robot.model.actuator_gear[second, 0] * data.actuator_force[second])
+        assert found["position.j2"][0, k + 1] == pytest.approx(data.qpos[1], abs=1e-12)
+    assert np.abs(found[wanted[2 + second]][0]).max() > 0.5  # there is a load
+    plain, _, _ = literal(robot.model, start, drive.command[0, drive.lead :], 0)
+    assert np.abs(plain[-1, 1] - data.qpos[1]) > 1e-3
 
 
 @pytest.mark.parametrize("kind", ON_BASE, ids=lambda k: k.name)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.simulation.fitted_laws import any_law, joint_laws, law_torques, levels, signals_of
+from plants.mujoco_robot.simulation.fitted_laws import any_law, joint_laws, law_torques, levels, loads, signals_of
 from plants.mujoco_robot.simulation.gear_feedback import link_servos
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import limits_of, on_errors, scaled
@@ -111,7 +111,6 @@ def _friction(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive
     laws = joint_laws(effects, "law friction")
     if not constants and not varying and not laws:
         return None
-    model = robot.model
     dof = robot.dofs
     loss = batch.expand("dof_frictionloss")
     base = loss[:, dof].copy()
@@ -129,15 +128,11 @@ def _friction(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive
     if not varying and not laws:
         return None
     signals = signals_of(batch, robot, drive) if laws else None
-    drives, gear = robot.driven, model.actuator_gear[:, 0]
 
     def update(k: int, speed: np.ndarray, force: np.ndarray) -> None:
-        torque = np.zeros_like(speed)
-        for i, joint in enumerate(drives):
-            torque[:, joint] += gear[i] * force[:, i]
-        level = _braked(constant, varying, speed, torque)
+        level = _braked(constant, varying, speed, loads(robot, force))
         if signals is not None:
-            level = level + _spread(levels(laws, signals(k, speed)), ruled, level)
+            level = level + _spread(levels(laws, signals(k, speed, force)), ruled, level)
         loss[:, dof] = np.maximum(level, 0.0)
 
     return update

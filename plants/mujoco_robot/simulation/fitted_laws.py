@@ -1,5 +1,5 @@
 """Laws on joints, rippling torques and fitted laws: torques and dry frictions that are functions of position, speed,
-command or time."""
+command, load or time."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -48,22 +48,31 @@ def joint_laws(effects: Effects, site: Site) -> list[JointLaw]:
     return out
 
 
-def signals_of(batch: Any, robot: CompiledRobot, drive: Drive) -> Callable[[int, np.ndarray], Signals]:
-    """(step, joint speeds (B, njnt)) -> what the laws are functions of, at the beginning of the step; the time is that
-    of its middle, and the command of a joint without an actuator 0."""
+def signals_of(batch: Any, robot: CompiledRobot, drive: Drive) -> Callable[[int, np.ndarray, np.ndarray], Signals]:
+    """(step, joint speeds (B, njnt), last actuator force (B, nu)) -> what the laws are functions of, at the beginning
+    of the step; the time is that of its middle, and command and load of a joint without an actuator are 0."""
     at = [robot.joints.index(j) for j in robot.sites["law"]]
     places, driven = robot.places[at], {int(j): i for i, j in enumerate(robot.driven)}
     sent = [(column, driven[joint]) for column, joint in enumerate(at) if joint in driven]
     columns, actuators = [c for c, _ in sent], [a for _, a in sent]
     q, ctrl = batch.bind("qpos"), batch.bind("ctrl")
 
-    def signals(k: int, speed: np.ndarray) -> Signals:
+    def signals(k: int, speed: np.ndarray, force: np.ndarray) -> Signals:
         command = np.zeros((len(drive.clock), len(at)))
         command[:, columns] = ctrl[:, actuators]
         clock = np.broadcast_to((drive.clock + (k + 0.5) * drive.dt)[:, None], command.shape)
-        return {"position": q[:, places], "speed": speed[:, at], "command": command, "time": clock}
+        load = loads(robot, force)[:, at]
+        return {"position": q[:, places], "speed": speed[:, at], "command": command, "load": load, "time": clock}
 
     return signals
+
+
+def loads(robot: CompiledRobot, force: np.ndarray) -> np.ndarray:
+    """(B, joints) N m (N): the torques of the actuators at their joints, from their forces (B, nu)."""
+    out = np.zeros((len(force), len(robot.joints)))
+    for i, (joint, ratio) in enumerate(zip(robot.driven, robot.gear_ratios, strict=True)):
+        out[:, joint] += ratio * force[:, i]
+    return out
 
 
 def law_torques(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive) -> Any:
@@ -82,7 +91,7 @@ def law_torques(batch: Any, robot: CompiledRobot, settings: Settings, drive: Dri
     base = None if damping is None else damping[:, dofs].copy()
 
     def update(k: int, speed: np.ndarray, force: np.ndarray) -> None:
-        now = signals(k, speed)
+        now = signals(k, speed, force)
         torque = levels(laws, now)
         if damping is not None and base is not None:
             braking = braking_of(fast, now["speed"])

@@ -95,6 +95,11 @@ class CompiledRobot:
         """(nu,) index in `joints` of the joint that each actuator drives."""
         return np.searchsorted(self.numbers, self.model.actuator_trnid[:, 0])
 
+    @property
+    def gear_ratios(self) -> tuple[float, ...]:
+        """The torque (force) at the joint per unit of each actuator's force."""
+        return tuple(self.model.actuator_gear[:, 0].tolist())
+
     @cached_property
     def sliding(self) -> frozenset[str]:
         """Joints that slide; the others turn."""

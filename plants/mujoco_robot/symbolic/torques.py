@@ -47,7 +47,7 @@ class JointTorques:
             given[joint] = given[joint] + gear * force
             damping[joint] = damping[joint] + gear * gear * slope
             stiffness[joint] = stiffness[joint] + gear * gear * spring
-        whole = list(given)
+        whole, yields = list(given), list(zip(damping, stiffness, strict=True))
         for j in range(n):
             number = int(robot.model.dof_jntid[robot.dofs[j]])
             if robot.model.jnt_actfrclimited[number] and change is not None:
@@ -60,7 +60,7 @@ class JointTorques:
             at_zero, more = elastic_line(self.kinks.exact, beside) or (0.0, 0.0)
             whole[j] = whole[j] - drag * v[j] - spring * (q[j] - rest) + at_zero - more * q[j]
             damping[j], stiffness[j] = damping[j] + drag, stiffness[j] + spring + more
-            law, by_speed, by_position = self._law(j, self._signals(j, q, v, u, clock), p)
+            law, by_speed, by_position = self._law(j, self._signals(j, q, v, u, given, clock), yields[j], p)
             whole[j], damping[j], stiffness[j] = whole[j] + law, damping[j] - by_speed, stiffness[j] - by_position
         return Torques(whole, damping, stiffness, self._dry(q, v, u, given, p, clock))
 
@@ -173,26 +173,30 @@ class JointTorques:
         return own if change is None else self.kinks.exact.maximum(own + change, 0.0)
 
     def _signals(
-        self, j: int, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], clock: Any
+        self, j: int, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], given: Sequence[Any], clock: Any
     ) -> dict[str, Any]:
         """What a fitted law on a joint is a function of."""
         sent = next((u[i] for i, joint in enumerate(self.robot.driven.tolist()) if joint == j), 0.0)
-        return {"position": q[j], "speed": v[j], "command": sent, "time": clock}
+        return {"position": q[j], "speed": v[j], "command": sent, "load": given[j], "time": clock}
 
-    def _law(self, j: int, signals: dict[str, Any], p: Sequence[Any]) -> tuple[Any, Any, Any]:
-        """The torque of the fitted laws on a joint, and its derivatives by speed and position."""
+    def _law(
+        self, j: int, signals: dict[str, Any], yields: tuple[Any, Any], p: Sequence[Any]
+    ) -> tuple[Any, Any, Any]:
+        """The torque of the fitted laws on a joint, and its derivatives by speed and position; yields: minus those of
+        the actuators' torque."""
         laws = self.parameters.at(self.robot.joints[j], p, "law")
         if not laws:
             return 0.0, 0.0, 0.0
         slopes = []
-        for name in ("speed", "position"):
+        for name in ("speed", "position", "load"):
 
             def law(z: Any, name: str = name) -> Any:
                 return fitted_laws(rounded(self.kinks), laws, "law", {**signals, name: z})
 
             torque, by = slope(law, signals[name], NEAR)
             slopes.append(by)
-        return torque, slopes[0], slopes[1]
+        by_speed, by_position, by_load = slopes
+        return torque, by_speed - by_load * yields[0], by_position - by_load * yields[1]
 
     def _dry(
         self, q: Sequence[Any], v: Sequence[Any], u: Sequence[Any], given: Sequence[Any], p: Sequence[Any], clock: Any
@@ -211,7 +215,8 @@ class JointTorques:
                 level = level + effect.step(ops, values, v[j], given[j])
             laws = self.parameters.at(joint, p, sites[2])
             if laws:
-                level = level + fitted_laws(rounded(self.kinks), laws, sites[2], self._signals(j, q, v, u, clock))
+                signals = self._signals(j, q, v, u, given, clock)
+                level = level + fitted_laws(rounded(self.kinks), laws, sites[2], signals)
             out.append(ops.maximum(level, 0.0))
         return out
 

@@ -1,6 +1,6 @@
 """Laws added to an explanation one by one: fitted by replay, kept where they predict what they were not fitted to."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,17 +11,20 @@ from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.cross_validation import expected_errors
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
-from residual_mpc.diagnosis.laws.propose import propose, ripples
+from residual_mpc.diagnosis.laws.named import replaced, taken_up, with_a_name, without
+from residual_mpc.diagnosis.laws.propose import Proposal, propose, ripples
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
-from residual_mpc.effects.laws import is_law
+from residual_mpc.effects.laws import KNOTS, curve, is_law
+from residual_mpc.effects.ops import NUMPY
 from residual_mpc.effects.surroundings import TORQUE_RIPPLE
-from residual_mpc.models.settings import TUNE, Term, Values
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +42,19 @@ class Unexplained:
 
 @dataclass(frozen=True, eq=False)
 class WithLaws:
-    """The space that knows the laws' fixed numbers, the values of the explanation with the laws, and their shapes.
-    cost: of the fit that chose them, in units of its dispersion."""
+    """The space that knows the laws' fixed numbers, the values of the explanation with the laws, and the laws as they
+    were proposed. cost: of the fit that chose them; spread: its dispersion."""
 
     space: Space
     values: Values
-    forms: Mapping[Term, str]
+    laws: Mapping[Term, Proposal]
     cost: float
+    spread: float
+
+    @property
+    def forms(self) -> dict[Term, str]:
+        """The shape of each law."""
+        return {term: law.form for term, law in self.laws.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,64 +70,141 @@ class LawSearch:
 def add_laws(
     of: Unexplained, rng: np.random.Generator, tuning: RemainderSettings, settings: LawSettings
 ) -> WithLaws | None:
-    """The explanation with every law that is beyond doubt on these windows; None where there is none."""
+    """The explanation with every law that is beyond doubt on these windows; None where there is none.
+
+    Laws are added to the named effects, and to the model without them: effects that together imitate a law hide it.
+    What was named may then return.
+    """
     search = LawSearch(of, of.data.take(evenly(of.data, settings.steps, settings=tuning.data)), tuning, settings)
-    found = _first(search, rng)
-    for _ in range(settings.most - 1):
-        more = None if found is None else _added(search, found.space, found.values, rng)
-        if found is None or more is None:
+    begun = [WithLaws(of.space, of.values, {}, np.inf, np.inf)]
+    if any(k.effect != TUNE for k in of.values):
+        begun.append(WithLaws(of.space, of.base, {}, np.inf, np.inf))
+    grown = [g for b in begun if (g := _grown(search, b, rng)) is not None]
+    if not grown:
+        return None
+    spread = min(g.spread for g in grown)  # that of a fit that leaves much would hide what it leaves
+    doubt = tuning.search.beyond_doubt * spread
+    return min(grown, key=lambda g: g.cost + doubt * len({k.term for k in g.values if k.effect != TUNE}))
+
+
+def _grown(search: LawSearch, found: WithLaws, rng: np.random.Generator) -> WithLaws | None:
+    """An explanation with what is convincing on top of it, one after the other; None without a law among it."""
+    for _ in range(search.settings.passes):
+        more = _added(search, found.space, found.values, rng)
+        if more is None:
             break
-        found = replace(more, forms={**found.forms, **more.forms})
-    return found
+        found = replace(more, laws={**found.laws, **more.laws})
+    return _reshaped(search, found) if any(is_law(k.effect) for k in found.values) else None
 
 
-def _first(search: LawSearch, rng: np.random.Generator) -> WithLaws | None:
-    """The first law on top of the named effects; in their place where it does as well without them."""
-    of = search.of
-    beside = _added(search, of.space, of.values, rng)
-    if beside is None or not any(k.effect != TUNE for k in of.values):
-        return beside
-    alone = _added(search, of.space, of.base, rng)
-    doubt = search.tuning.search.beyond_doubt
-    return alone if alone is not None and alone.cost - beside.cost < doubt else beside
+def _reshaped(search: LawSearch, found: WithLaws) -> WithLaws:
+    """The laws in richer shapes where these do better beyond doubt now that the explanation is whole."""
+    laws = {t: law for t, law in found.laws.items() if any(k.term == t for k in found.values if is_law(k.effect))}
+    if not any(law.richer for law in laws.values()):
+        return found
+    problem = _problem(search, found.space, found.values)
+    (fit,) = fit_all(problem, [found.values], search.settings.fit_steps, settings=search.tuning.fit)
+    for term, law in laws.items():
+        laws[term], problem, fit = _shaped(search, problem, law, fit)
+    return _with_laws(search, problem.space, fit, laws)
 
 
 def _added(search: LawSearch, space: Space, values: Values, rng: np.random.Generator) -> WithLaws | None:
-    """The best law on top of the values, less the effects that it makes needless; None where none is convincing."""
+    """The best law on top of the values, or effect in its place, less the effects that it makes needless; None where
+    none is convincing."""
     of, few, tuning, settings = search.of, search.few, search.tuning, search.settings
     proposed = propose(of.data, of.scales, space.settings([values]), rng, tuning, settings)
     waves = {t for t in space.candidates if t.effect == TORQUE_RIPPLE.name}
     named = ripples(few, of.scales, space, values, tuning, settings) if waves else ()
-    new = (*named, *(p for p in proposed if not waves or p.form != "harmonic"))  # a wave of the angle has a name
-    new = tuple(p for p in new if not any(k.effect != TUNE and k.term == p.term for k in values))
+    laws = {k.term for k in values if is_law(k.effect)}
+    if len(laws) >= settings.most:
+        proposed = ()
+    simple = [with_a_name(p, space) for p in proposed if not waves or p.form != "harmonic"]  # a wave has a name, too
+    new = _addable([*(replaced(of.values, values) if laws else ()), *named, *simple], space, values)
     if not new:
         return None
     space = replace(space, fixed={**space.fixed, **{k: v for p in new for k, v in p.fixed.items()}})
-    exact = _trusting(build_problem(few, space, of.sigma, settings=tuning.predict), of, tuning)
-    problem = on_longer_steps(exact, of.scales, values, settings=tuning.predict)
+    problem = _problem(search, space, values)
     starts = [values, *({**values, **p.start} for p in new)]
-    current, *laws = fit_all(problem, starts, settings.fit_steps, settings=tuning.fit)
-    per_knob = tuning.search.per_knob
-    best = int(np.argmin([f.cost + per_knob * len(p.start) for f, p in zip(laws, new, strict=True)]))
-    if not _predicts(search, space, current, laws[best], rng):
+    current, *fits = fit_all(problem, starts, settings.fit_steps, settings=tuning.fit)
+    best = _cheapest(fits, new, tuning)
+    if not _predicts(search, space, current.values, fits[best], rng):
         return None
-    fit = _needed(search, problem, laws[best])
+    law, problem, fit = _shaped(search, problem, new[best], fits[best])
+    fit = _needed(search, problem, fit)
+    return _with_laws(search, problem.space, fit, {law.term: law} if is_law(law.term.effect) else {})
+
+
+def _problem(search: LawSearch, space: Space, values: Values) -> Problem:
+    """The windows that choose, on the longest steps that change little about these values."""
+    of, tuning = search.of, search.tuning
+    exact = _trusting(build_problem(search.few, space, of.sigma, settings=tuning.predict), of, tuning)
+    return on_longer_steps(exact, of.scales, values, settings=tuning.predict)
+
+
+def _with_laws(search: LawSearch, space: Space, fit: Fit, laws: Mapping[Term, Proposal]) -> WithLaws:
+    """A fit with the fixed numbers of its own terms alone."""
     chosen = {k.term for k in fit.values if k.effect != TUNE}
     fixed = {k: v for k, v in space.fixed.items() if k.term in chosen}
-    cost = fit.cost / dispersion(fit, blocks_of(few, settings=tuning.fit))
-    return WithLaws(replace(space, fixed=fixed), fit.values, {new[best].term: new[best].form}, cost)
+    spread = dispersion(fit, blocks_of(search.few, settings=search.tuning.fit))
+    return WithLaws(replace(space, fixed=fixed), fit.values, laws, fit.cost, spread)
 
 
-def _predicts(search: LawSearch, space: Space, current: Fit, law: Fit, rng: np.random.Generator) -> bool:
-    """Whether the law makes the gap smaller beyond doubt on folds that the fit does without: by some of the jackknife's
-    standard errors over stretches of time, and by something that an engineer would see above the noise."""
+def _shaped(search: LawSearch, problem: Problem, law: Proposal, fit: Fit) -> tuple[Proposal, Problem, Fit]:
+    """The law in a richer shape where that does better beyond doubt: far from the truth, what is left asks for too
+    simple a shape."""
+    tuning, settings = search.tuning, search.settings
+    found, where, most = law, problem, fit
+    for i, other in enumerate(law.richer):
+        space = replace(problem.space, fixed={**_fixed_elsewhere(problem.space, law.term), **other.fixed})
+        begun = {**without(fit.values, law.term), **_on_knots(problem.space, fit.values, other)}
+        known = PredictionCache(problem.data, space, own=problem.replays.own, change=problem.replays.change)
+        reshaped = replace(problem, space=space, replays=known)
+        (tried,) = fit_all(reshaped, [begun], settings.shape_steps, settings=tuning.fit)
+        spread = dispersion(tried, blocks_of(search.few, settings=tuning.fit))
+        price = tuning.search.beyond_doubt + tuning.search.per_knob * (len(tried.values) - len(most.values))
+        if most.cost - tried.cost > price * spread:
+            found, where, most = replace(other, richer=law.richer[i + 1 :]), reshaped, tried
+    return found, where, most
+
+
+def _fixed_elsewhere(space: Space, term: Term) -> Values:
+    return {k: v for k, v in space.fixed.items() if k.term != term}
+
+
+def _on_knots(space: Space, values: Values, law: Proposal) -> Values:
+    """The free numbers with which a law of this shape goes through the present one's values at its knots."""
+    now = {k.parameter: v for k, v in space.whole(values).items() if k.effect != TUNE and k.term == law.term}
+    knots = [law.fixed[Knob(*law.term[:2], name)] for name in KNOTS[: len(law.start)]]
+    level = np.asarray(curve(NUMPY, now, np.array(knots)))
+    return dict(zip(law.start, [float(level[0]), *np.diff(level).tolist()], strict=True))
+
+
+def _addable(proposed: Sequence[Proposal], space: Space, values: Values) -> list[Proposal]:
+    """Those that may join the terms of an explanation, each term once."""
+    terms = list(dict.fromkeys(k.term for k in values if k.effect != TUNE))
+    first = {p.term: p for p in reversed(proposed)}
+    return [p for t, p in first.items() if t not in terms and space.may_join(t, terms)][::-1]
+
+
+def _cheapest(fits: Sequence[Fit], new: Sequence[Proposal], tuning: RemainderSettings) -> int:
+    """The place of the cheapest; of a named effect where it does as well as the best law beyond doubt."""
+    costs = np.array([f.cost + tuning.search.per_knob * len(p.start) for f, p in zip(fits, new, strict=True)])
+    named = np.array([not is_law(p.term.effect) for p in new])
+    return int(np.argmin(np.where(named, costs - tuning.search.beyond_doubt, costs)))
+
+
+def _predicts(search: LawSearch, space: Space, before: Values, law: Fit, rng: np.random.Generator) -> bool:
+    """Whether a law on top of what was there before makes the gap smaller beyond doubt on folds that the fit does
+    without: by some of the jackknife's standard errors over stretches of time, and by something that an engineer would
+    see above the noise."""
     few, scales, tuning, settings = search.few, search.of.scales, search.tuning, search.settings
-    error = few.y - predict(few, space.settings([current.values]))[0]
+    error = few.y - predict(few, space.settings([before]))[0]
     trust = fit_trust(few, scales, error, settings=tuning.data)
     folded = expected_errors(few, space, law, settings=tuning.fit)
-    before, after = (np.nan_to_num(trust * per_window(few, scales, e)) for e in (error, folded))
+    squares = (np.nan_to_num(trust * per_window(few, scales, e)) for e in (error, folded))
     blocks = blocks_of(few, settings=tuning.fit)
-    was, now = (np.bincount(blocks, weights=x) for x in (before, after))
+    was, now = (np.bincount(blocks, weights=x) for x in squares)
     left = 1.0 - (now.sum() - now) / (was.sum() - was)  # without each stretch
     sigma = np.sqrt(np.var(left) * (len(left) - 1))
     gain = 1.0 - now.sum() / was.sum()
@@ -132,19 +218,14 @@ def _needed(search: LawSearch, problem: Problem, fit: Fit) -> Fit:
     tuning = search.tuning
     blocks = blocks_of(search.few, settings=tuning.fit)
     while named := [t for t in fit.terms if not is_law(t.effect)]:
-        fewer = fit_all(
-            problem, [_without(fit.values, t) for t in named], search.settings.fit_steps, settings=tuning.fit
-        )
+        starts = [taken_up(fit.values, t, problem.space) for t in named]
+        fewer = fit_all(problem, starts, search.settings.fit_steps, settings=tuning.fit)
         rises = [(f.cost - fit.cost) / dispersion(fit, blocks) for f in fewer]
         k = int(np.argmin(rises))
         if rises[k] >= tuning.search.beyond_doubt:
             return fit
         fit = fewer[k]
     return fit
-
-
-def _without(values: Values, term: Term) -> Values:
-    return {k: v for k, v in values.items() if k.effect == TUNE or k.term != term}
 
 
 def _trusting(problem: Problem, of: Unexplained, tuning: RemainderSettings) -> Problem:

@@ -103,6 +103,8 @@ def words_of(space: Space, term: Term) -> str:
         joints = optional.actuator_joints(space.robot)
         named = [a for a, j in zip(space.robot.actuators, joints, strict=True) if j == term.target]
         return f"the command of {named[0] if named else term.target}"
+    if kind.on == "load":
+        return f"the size of the load on {term.target}"
     return f"the {'angle' if kind.shape == 'wave' else kind.on} of {term.target}"
 
 
@@ -117,8 +119,11 @@ def units_of(space: Space, term: Term) -> tuple[str, str]:
         joints = optional.actuator_joints(robot)
         sent = [k for k, j in zip(robot.command_kinds, joints, strict=True) if j == term.target]
         return unit, {"position": turn, "torque": "N" if sliding else "N m"}.get(sent[0] if sent else "", f"{turn}/s")
-    on = {"position": turn, "speed": f"{turn}/s", "time": "s", "forward": "m/s", "turning": "rad/s"}[kind.on]
-    return unit, on
+    on = {
+        "position": turn, "speed": f"{turn}/s", "load": "N" if sliding else "N m", "time": "s", "forward": "m/s",
+        "turning": "rad/s",
+    }  # fmt: skip
+    return unit, on[kind.on]
 
 
 def _closed_form(kind: LawKind, form: str, p: Mapping[str, float]) -> dict[str, float]:
@@ -154,7 +159,8 @@ def _unit_of(name: str, unit: str, on_unit: str) -> str:
 
 SLOPES = {
     ("N m", "rad"): "N m/rad", ("N m", "rad/s"): "N m s/rad", ("N m", "s"): "N m/s", ("1", "s"): "1/s",
-    ("rad/s", "m/s"): "rad/m", ("m/s", "rad/s"): "m/rad", ("N", "m"): "N/m", ("N", "m/s"): "N s/m",
+    ("1", "N m"): "1/(N m)", ("1", "N"): "1/N", ("rad/s", "m/s"): "rad/m", ("m/s", "rad/s"): "m/rad",
+    ("N", "m"): "N/m", ("N", "m/s"): "N s/m",
 }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, per_window
 from residual_mpc.diagnosis.laws.ripples import RippleFinder
 from residual_mpc.diagnosis.laws.settings import LawSettings
-from residual_mpc.diagnosis.laws.shapes import Shape, best_shape
+from residual_mpc.diagnosis.laws.shapes import Shape, best_shape, richer
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
@@ -17,6 +17,7 @@ from residual_mpc.diagnosis.remainder.bases import factor, tooth_counts
 from residual_mpc.diagnosis.remainder.coordinates import Coordinate, coordinates, own_motion
 from residual_mpc.diagnosis.remainder.dependence import Tried, folds_across, try_all
 from residual_mpc.diagnosis.remainder.description import beyond_chance, evenly_spread
+from residual_mpc.diagnosis.remainder.loads import joint_loads
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate, missed_of, tempered
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.effects.laws import KINDS, LawKind
@@ -29,18 +30,22 @@ BY_KIND: Mapping[tuple[str, str, str], LawKind] = {(k.of, k.on, k.shape): k for 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A law that may be fitted. fixed: its numbers that say how it acts; start: where the fit of the others begins."""
+    """A law that may be fitted. fixed: its numbers that say how it acts; start: where the fit of the others begins.
+    richer: the same law in shapes of more numbers, which a linear look at what is left did not ask for."""
 
     term: Term
     form: str
     fixed: Values
     start: Values
+    richer: "tuple[Proposal, ...]" = ()
 
 
-def proposal(kind: LawKind, target: str | None, shape: Shape) -> Proposal:
+def proposal(kind: LawKind, target: str | None, shape: Shape, richer: Sequence[Shape] = ()) -> Proposal:
     """The law of this shape; its free numbers begin at nothing."""
     fixed = {Knob(kind.name, target, name): v for name, v in shape.fixed.items()}
-    return Proposal(Term(kind.name, target), shape.form, fixed, {Knob(kind.name, target, n): 0.0 for n in shape.free})
+    start = {Knob(kind.name, target, n): 0.0 for n in shape.free}
+    more = tuple(proposal(kind, target, r) for r in richer)
+    return Proposal(Term(kind.name, target), shape.form, fixed, start, more)
 
 
 def propose(
@@ -62,15 +67,15 @@ def propose(
     if not asked or whole <= 0.0:
         return ()
     motion = own_motion(few, predicted)
-    every = [c for c in coordinates(few, predicted, settings=tuning) if c.kind in SUPPORTED]
+    every = [c for c in coordinates(few, predicted, joint_loads(few, row), settings=tuning) if c.kind in SUPPORTED]
     tried = beyond_chance(try_all(few, asked, every, motion, rng, settings=tuning), tuning.description.worth)
     out: dict[Term, Proposal] = {}
     for t in tried:
         for kind, target, m in _hosts(t, asked, few.blocks[0].robot, settings):
             if len(out) < settings.tried and Term(kind.name, target) not in out:
-                shape = _shape(kind, m, t.coordinate, few, motion, tuning, settings)
-                if shape is not None:
-                    out[Term(kind.name, target)] = proposal(kind, target, shape)
+                shapes = _shapes(kind, m, t.coordinate, few, motion, tuning, settings)
+                if shapes:
+                    out[Term(kind.name, target)] = proposal(kind, target, shapes[0], shapes[1:])
     return tuple(out.values())
 
 
@@ -92,6 +97,7 @@ JOINT_LAWS: Mapping[tuple[str, str], tuple[tuple[str, str, str], ...]] = {
     ("speed", "added"): (("torque", "speed", "curve"),),
     ("direction", "added"): (("torque", "speed", "curve"),),
     ("command", "added"): (("torque", "command", "curve"),),
+    ("load", "added"): (("strength", "load", "curve"),),
     ("time", "added"): (("torque", "time", "curve"),),
     ("time", "direction"): (("friction", "time", "curve"),),
     ("time", "speed"): (("friction", "time", "curve"),),
@@ -133,16 +139,21 @@ def _there(robot: Robot, kind: LawKind, target: str | None) -> bool:
     return bool(slots) and (target is None or target in slots)
 
 
-def _shape(
+def _shapes(
     kind: LawKind, m: MissingRate, c: Coordinate, data: Dataset, motion: Mapping[str, np.ndarray],
     tuning: RemainderSettings, settings: LawSettings,
-) -> Shape | None:  # fmt: skip
+) -> tuple[Shape, ...]:  # fmt: skip
+    """The simplest shape that does nearly as well as any, and richer ones over the same quantity; none where none
+    predicts anything."""
     z, times = c.z, np.ones_like(c.z)
     if c.kind == "direction":
         z = motion[f"position.{c.of}"]
     if kind.of == "friction":
         times = -factor("direction", motion[m.name])
+    elif kind.on == "load":
+        z, times = np.abs(z), z
     elif kind.of == "strength":
         times = motion[m.name]
     turns = tooth_counts(c, settings=tuning) if kind.shape == "wave" else ()
-    return best_shape(kind, m, z, times, folds_across(data, settings=tuning), turns, settings)
+    best = best_shape(kind, m, z, times, folds_across(data, settings=tuning), turns, settings)
+    return () if best is None else (best, *richer(kind, best, z, settings))

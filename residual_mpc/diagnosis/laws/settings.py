@@ -29,20 +29,23 @@ class RippleSettings:
 
 @dataclass(frozen=True)
 class LawSettings:
-    """most: laws of one explanation; tried: quantities that a law is fitted in before the best is chosen. windows: that
-    a proposal looks at; steps: simulation steps that one hypothesis may cost in the fits that choose, of `fit_steps`
-    steps each. knots: of a curve; places: at which a step or bend is tried; widths: of a step or a saturation, of the
-    quantity's range. as_well: share of the squares that the best shape leaves on unseen blocks, by which a simpler one
-    may leave more. other_target: share of the main component's gain from which a law that belongs to no joint is tried
-    at another one as well. worth: share by which the gap on held-out windows, and the squared one on folds, has to
-    shrink; sure: standard errors that are beyond doubt."""
+    """most: laws of one explanation; passes: laws and effects that are added to one another at most; tried: quantities
+    that a law is fitted in before the best is chosen. windows: that a proposal looks at; steps: simulation steps that
+    one hypothesis may cost in the fits that choose, of `fit_steps` steps each, `shape_steps` for a richer shape. knots:
+    of a curve; places: at which a step or bend is tried; widths: of a step or a saturation, of the quantity's range.
+    as_well: share of the squares that the best shape leaves on unseen blocks, by which a simpler one may leave more.
+    other_target: share of the main component's gain from which a law that belongs to no joint is tried at another one
+    as well. worth: share by which the gap on held-out windows, and the squared one on folds, has to shrink; sure:
+    standard errors that are beyond doubt."""
 
     most: int = 2
+    passes: int = 5
     tried: int = 4
     windows: int = 160
     floor_draws: int = 2
     steps: int = 12_000
     fit_steps: int = 5
+    shape_steps: int = 15
     knots: int = 8
     places: int = 11
     widths: tuple[float, ...] = (0.02, 0.1, 0.2, 0.3, 0.45, 0.6)
@@ -53,7 +56,8 @@ class LawSettings:
     ripples: RippleSettings = field(default_factory=RippleSettings)
 
     def __post_init__(self) -> None:
-        check_positive(self, "most", "tried", "windows", "floor_draws", "steps", "fit_steps", "places", "sure")
+        check_positive(self, "most", "passes", "tried", "windows", "floor_draws")
+        check_positive(self, "steps", "fit_steps", "shape_steps", "places", "sure")
         check_share(self, "as_well", "other_target", "worth")
         if not 3 < self.knots <= 10:
             raise ValueError(f"LawSettings.knots must be from 4 to 10, got {self.knots}")

@@ -66,6 +66,18 @@ def best_shape(
     return min(good, key=lambda g: (SIMPLEST.index(g[1].form), not _about_zero(g[1]), -g[0]))[1]
 
 
+def richer(kind: LawKind, shape: Shape, z: np.ndarray, settings: LawSettings) -> tuple[Shape, ...]:
+    """Shapes of more numbers over the values z of the quantity: a bend in its middle, and a curve."""
+    if kind.shape == "wave" or shape.form == "curve" or (shape.form == "constant" and kind.on != "load"):
+        return ()
+    low, high = (float(x) for x in np.quantile(z, (0.01, 0.99)))
+    if not high > low:
+        return ()
+    knots = [float(k) for k in knots_of(z, settings.knots, even=True)]
+    bend = [_curve("bend", [low, 0.5 * (low + high), high])] if len(shape.free) < 3 else []
+    return (*bend, _curve("curve", knots))
+
+
 def _curve(form: str, knots: list[float]) -> Shape:
     return Shape(form, curve_shape(knots), LEVELS[: len(knots)])
 

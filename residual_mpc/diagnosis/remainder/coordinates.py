@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.remainder.loads import Loads
 from residual_mpc.diagnosis.remainder.missing_rates import POSE, travelled
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.logs.run import Run, held
+from residual_mpc.models import optional
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +29,15 @@ class Coordinate:
 
 KINDS = (
     "steady", "speed", "turning", "cornering", "command", "command_rate", "position", "direction", "angle",
-    "wheel_angle", "heading", "place", "time", "work", "run", "order", "logged",
+    "load", "wheel_angle", "heading", "place", "time", "work", "run", "order", "logged",
 )  # fmt: skip
 PER_RUN = ("wheel_angle", "run", "order")  # these are told from each other within runs, the others across runs
 
 
-def coordinates(data: Dataset, predicted: np.ndarray, settings: RemainderSettings) -> tuple[Coordinate, ...]:
-    """Every candidate of these runs; predicted (W, M, C): by the model at hand, which has no sensor's noise."""
+def coordinates(
+    data: Dataset, predicted: np.ndarray, loads: Loads, settings: RemainderSettings
+) -> tuple[Coordinate, ...]:
+    """Every candidate of these runs; predicted (W, M, C) and loads: by the model at hand, which has no sensor noise."""
     out = [Coordinate("nothing that changes", "steady", None, "", np.zeros(data.t.shape))]
     out += _planar_motion(data, predicted)
     for k, c in enumerate(data.channels):
@@ -49,6 +53,8 @@ def coordinates(data: Dataset, predicted: np.ndarray, settings: RemainderSetting
                 ),
             ]
     out += _commands(data, settings=settings)
+    slides = optional.sliding(data.blocks[0].robot)
+    out += [Coordinate(f"the load on {j}", "load", j, "N" if j in slides else "N m", z) for j, z in loads.items()]
     out += _slow(data)
     out += _logged(data)
     seen = np.isfinite(data.t)

@@ -13,6 +13,7 @@ LIKE = {
     ("torque", "position"): "like a cable or a spring",
     ("friction", "position"): "like friction that is not the same everywhere",
     ("friction", "time"): "like grease that warms up",
+    ("strength", "load"): "like a supply or a motor that weakens under load",
     ("strength", "time"): "like motors or a battery that change during a run",
     ("rate", "turning"): "like wheels that do not grip alike in all turns",
 }
@@ -22,20 +23,36 @@ WHAT = {"torque": "a torque", "friction": "a dry friction"}
 def law_sentence(law: Law) -> str:
     """One clause without a full stop."""
     target = law.get("target") or law.get("only_target")
-    shape, like = _shape(law), LIKE.get((law["of"], _quantity(law)), "")
+    shape, like = _shape(law), _like(law)
     if law["of"] == "rate":
         clause = f"the model lacks a {RATES.get(str(target), 'rate')} {shape}"
+    elif law["of"] == "strength" and law["form"] == "curve":
+        low, high = (percent(1.0 + v) for v in (min(law["values"]), max(law["values"])))
+        clause = f"{_actuator(law, target)} gives {low} to {high} of its modelled output, depending on {law['on']}"
     elif law["of"] == "strength":
-        clause = f"{f'actuator {target}' if target else 'every actuator'} gives more than modelled by a share {shape}"
+        clause = f"{_actuator(law, target)} gives more than modelled by a share {shape}"
     else:
         where = f"joint {target}" if target else "the joint"
         clause = f"{WHAT.get(law['of'], 'a ' + str(law['of']))} {shape} acts at {where}"
     return clause + (f", {like}" if like else "")
 
 
+def _like(law: Law) -> str:
+    """A known thing that acts like it; empty where there is none."""
+    if _quantity(law) == "load" and law["values"][-1] >= law["values"][0]:
+        return ""
+    return LIKE.get((law["of"], _quantity(law)), "")
+
+
+def _actuator(law: Law, target: object) -> str:
+    if _quantity(law) == "load":  # a law on a joint
+        return f"the actuator of joint {target}" if target else "the actuator of the joint"
+    return f"actuator {target}" if target else "every actuator"
+
+
 def _quantity(law: Law) -> str:
     words = str(law["on"]).split()
-    return next((w for w in words if w in ("angle", "position", "speed", "time", "command", "turning")), "")
+    return next((w for w in words if w in ("angle", "position", "speed", "time", "command", "load", "turning")), "")
 
 
 def _shape(law: Law) -> str:

@@ -19,6 +19,7 @@ HINTS = {
     "time": "warm-up, run-in or a falling supply voltage",
     "work": "warm-up, run-in or a falling supply voltage",
     "position": "a dragging cable, a spring or an end stop",
+    "load": "a supply that weakens under load, or friction that grows with it",
     "direction": "backlash or friction",
     "run": "a change between the runs",
     "order": "a gradual change from run to run",

@@ -1,0 +1,56 @@
+"""What the actuators of a model give at its joints along its own motion."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.dataset import Block, Dataset
+from residual_mpc.diagnosis.predict.replay import earliest, start_states
+from residual_mpc.effects.laws import LOADED
+from residual_mpc.models import optional
+from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Settings
+
+Loads = Mapping[str, np.ndarray]  # joint -> (W, M) N m (N)
+
+
+def joint_loads(data: Dataset, settings: Settings) -> Loads:
+    """The actuators' torques at every sample, by the model (settings, one row); 0 where padded.
+
+    Only of joints that can have a law of their load, and not of those whose commands are torques: a law of the command
+    is the same there.
+    """
+    out: dict[str, np.ndarray] = {}
+    for block in data.blocks:
+        for joint, load in _of_block(data, block, settings).items():
+            out.setdefault(joint, np.zeros(data.t.shape))[block.where] = load
+    return out
+
+
+def _of_block(data: Dataset, block: Block, settings: Settings) -> Loads:
+    robot, here = block.robot, data.t[block.where]
+    shares = _shares(robot)
+    if not shares:
+        return {}
+    start = {k: v[0] for k, v in start_states(data, block, settings).items()}
+    wanted = tuple(f"output.{a}" for a in shares)
+    nodes = robot.replay(start, block.drive, settings.take(np.zeros(len(here), dtype=int)), wanted)
+    since = np.nan_to_num(here) + earliest(block, settings)[0][:, None]  # (W, M) s from the first node
+    at = np.arange(block.drive.steps + 1) * block.drive.dt
+    out: dict[str, np.ndarray] = {}
+    for a, (joint, ratio) in shares.items():
+        given = ratio * np.nan_to_num(nodes[f"output.{a}"])
+        load = np.stack([np.interp(t, at, y) for t, y in zip(since, given, strict=True)])
+        out[joint] = out.get(joint, 0.0) + np.where(np.isfinite(here), load, 0.0)
+    return out
+
+
+def _shares(robot: Robot) -> dict[str, tuple[str, float]]:
+    """Actuator -> its joint, and the torque there per unit of its output."""
+    hosts = robot.slots(LOADED)
+    if not hosts:
+        return {}
+    every = zip(
+        robot.actuators, optional.actuator_joints(robot), optional.gear_ratios(robot), robot.command_kinds, strict=True
+    )
+    return {a: (joint, ratio) for a, joint, ratio, kind in every if joint in hosts and kind != "torque"}

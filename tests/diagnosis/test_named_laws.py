@@ -1,0 +1,88 @@
+"""Laws beside effects with names: what is simple enough gets its name, and a law takes up what it contains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.arms import arm_xml, robot_of
+
+from residual_mpc.diagnosis.laws.named import replaced, taken_up, with_a_name
+from residual_mpc.diagnosis.laws.propose import Proposal, proposal
+from residual_mpc.diagnosis.laws.settings import LawSettings
+from residual_mpc.diagnosis.laws.shapes import Shape, richer
+from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.effects.laws import KINDS, LawKind, curve_shape
+from residual_mpc.effects.library import HOSTED
+from residual_mpc.models.settings import Knob, Term
+
+OFFSET = Term("torque_offset", "j1")
+
+
+def kind_of(of: str, on: str) -> LawKind:
+    return next(k for k in KINDS if (k.of, k.on, k.shape) == (of, on, "curve"))
+
+
+@pytest.fixture
+def space(tmp_path: Path) -> Space:
+    robot = robot_of(tmp_path, arm_xml())
+    candidates = tuple(Term(e, j) for e in ("coulomb_friction", "torque_offset", "joint_spring") for j in robot.joints)
+    return Space(robot, {e.name: robot.slots(e.name) for e in HOSTED}, candidates, (), {}, {})
+
+
+def law(of: str, on: str, form: str, knots: tuple[float, ...] = (0.0,), target: str = "j2") -> Proposal:
+    free = ("start", *(f"rise{i}" for i in range(2, len(knots) + 1)))
+    return proposal(kind_of(of, on), target, Shape(form, curve_shape(knots), free))
+
+
+@pytest.mark.parametrize(
+    ("of", "on", "form", "name"),
+    [
+        ("friction", "time", "constant", "coulomb_friction"),
+        ("friction", "position", "constant", "coulomb_friction"),
+        ("torque", "speed", "constant", "torque_offset"),
+        ("torque", "position", "line", "joint_spring"),
+        ("torque", "time", "line", None),
+        ("friction", "position", "line", None),
+        ("strength", "load", "constant", None),
+        ("torque", "speed", "line", "viscous_friction"),
+    ],
+)
+def test_a_simple_law_is_called_by_its_name(space: Space, of: str, on: str, form: str, name: str | None) -> None:
+    """Of its own joint, and only where the name is a candidate: viscous friction is not among these."""
+    given = law(of, on, form, (0.0, 1.0) if form == "line" else (0.0,))
+    found = with_a_name(given, space)
+    if name is None or name == "viscous_friction":
+        assert found is given
+    else:
+        assert found.term == Term(name, "j2") and found.start and not found.fixed
+
+
+def test_a_law_takes_up_the_effect_that_is_its_level(space: Space) -> None:
+    of = law("torque", "position", "line", (-1.0, 1.0), "j1")
+    start, rise = (Knob(of.term.effect, "j1", n) for n in ("start", "rise2"))
+    values = {Knob("torque_offset", "j1", "torque"): 0.3, start: -0.1, rise: 0.5}
+    assert taken_up(values, OFFSET, space) == {start: pytest.approx(0.2), rise: 0.5}
+    elsewhere = {Knob("torque_offset", "j2", "torque"): 0.3, start: -0.1, rise: 0.5}
+    assert taken_up(elsewhere, Term("torque_offset", "j2"), space) == {start: -0.1, rise: 0.5}
+
+
+def test_effects_that_a_law_replaced_come_back_with_their_numbers() -> None:
+    before = {Knob("torque_offset", "j1", "torque"): 0.3, Knob("coulomb_friction", None, "torque"): 0.1}
+    now = {Knob("coulomb_friction", None, "torque"): 0.2}
+    (back,) = replaced(before, now)
+    assert back.term == OFFSET and back.start == {Knob("torque_offset", "j1", "torque"): 0.3}
+
+
+def test_richer_shapes_span_the_quantity() -> None:
+    z, settings = np.linspace(-1.0, 3.0, 400), LawSettings()
+    line = Shape("line", curve_shape([-1.0, 3.0]), ("start", "rise2"))
+    bend, curve = richer(kind_of("torque", "position"), line, z, settings)
+    assert (bend.form, curve.form) == ("bend", "curve")
+    assert bend.fixed["knot2"] == pytest.approx(1.0) and len(curve.free) == settings.knots
+    assert richer(kind_of("torque", "position"), curve, z, settings) == ()
+    constant = replace(line, form="constant", free=("start",))
+    assert richer(kind_of("torque", "position"), constant, z, settings) == ()  # an offset, which has a name
+    assert [s.form for s in richer(kind_of("strength", "load"), constant, z, settings)] == ["bend", "curve"]
