@@ -1,5 +1,5 @@
-"""How often `remainder` names the right dependence, and how much a fitted law closes, on blind cases whose cause no
-library holds.
+"""How often a fitted law, or else `remainder`, names the right dependence, and how much a fitted law closes, on blind
+cases whose cause no library holds.
 
 residual-mpc blind make --out unknowns --family wheeled=16 --level unknown --seed 7100
 residual-mpc blind run unknowns --out unknowns-results
@@ -79,13 +79,17 @@ def unknowns(results: Path, answers: Path) -> None:
             lawful["closed"] += bool(kinds) and closed >= CLOSED
             lawful["laws"] += bool(kinds)
             lawful["right"] += any(kind in RIGHT[cause] for kind in kinds)
-        depends = [d["kind"] for d in rest["depends_on"]] if rest else []
+        depends = kinds + [d["kind"] for d in rest["depends_on"]] if rest else kinds
         counts[cause] += 1
         good[cause] += right(cause, depends)
-        said = rest["sentence"] if rest else "nothing is said of the remainder"
+        said = rest["sentence"] if rest else "nothing is left to describe"
         mark = "right" if right(cause, depends) else "WRONG"
         click.echo(f"{path.parent.name} {cause} {found['verdict']}: {mark}. {said}")
-        click.echo(f"  laws of {', '.join(kinds) or 'nothing'}; {closed:.0%} of the gap closed")
+        left = found["unexplained"]["share"]
+        click.echo(
+            f"  laws of {', '.join(kinds) or 'nothing'}; {closed:.0%} of the gap closed, {1.0 - left:.0%} of its squares beyond "
+            "the noise"
+        )
     for cause, n in sorted(counts.items()):
         click.echo(f"{cause}: {good[cause]} of {n}")
     click.echo(

@@ -52,7 +52,10 @@ def law_curve(law: Mapping[str, Any], name: str) -> "Markup":
     se = (high - low) / 4.0
     if law["form"] != "harmonic":
         beyond = 0.15 * max(float(np.ptp(x)), 1e-6 + 0.1 * abs(float(x[0])))
-        x = np.concatenate([[x[0] - beyond], x, [x[-1] + beyond]])
+        begin = x[0] - beyond
+        if str(law["on"]).startswith("the size of "):
+            begin = max(begin, 0.0)
+        x = np.concatenate([[begin], x, [x[-1] + beyond]])
         y, se = np.pad(y, 1, "edge"), np.pad(se, 1, "edge")
     what = f"the {law['of']}" + (f" of {law['target']}" if law.get("target") else "")
     shown = {"component": what, "x": x, "y": y, "se": se, "x_unit": law["on_unit"], "y_unit": law["unit"],
