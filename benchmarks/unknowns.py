@@ -86,10 +86,8 @@ def unknowns(results: Path, answers: Path) -> None:
         mark = "right" if right(cause, depends) else "WRONG"
         click.echo(f"{path.parent.name} {cause} {found['verdict']}: {mark}. {said}")
         left = found["unexplained"]["share"]
-        click.echo(
-            f"  laws of {', '.join(kinds) or 'nothing'}; {closed:.0%} of the gap closed, {1.0 - left:.0%} of its squares beyond "
-            "the noise"
-        )
+        of = ", ".join(kinds) or "nothing"
+        click.echo(f"  laws of {of}; {closed:.0%} of the gap closed, {1.0 - left:.0%} of its squares beyond the noise")
     for cause, n in sorted(counts.items()):
         click.echo(f"{cause}: {good[cause]} of {n}")
     click.echo(
