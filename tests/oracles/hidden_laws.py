@@ -48,7 +48,7 @@ contype="0" conaffinity="0"/></body></worldbody>
 INERTIA, WEIGHT = 0.0331 + 1.1 * 0.3**2 + 0.4 * 1.1 * 0.04**2, 1.1 * 9.81 * 0.3  # kg m^2, N m
 
 
-def weakening_run(seed: int, weakens: float, friction: float, seconds: float = 10.0) -> Run:
+def weakening_run(seed: int, weakens: float, friction: float, seconds: float = 8.0) -> Run:
     """An arm whose servo has 1 / (1 + weakens |current| / full current) of its voltage, the current 5 ms behind, and
     dry friction; explicit Euler steps of 0.25 ms."""
     rng, fine = np.random.default_rng(seed), 2.5e-4

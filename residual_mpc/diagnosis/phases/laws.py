@@ -16,8 +16,9 @@ from residual_mpc.diagnosis.phases.validate import Validated, validate
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.shrink import shrink_of
+from residual_mpc.diagnosis.results.verdict import AS_GOOD
 from residual_mpc.diagnosis.search.rivals import Rivalry
-from residual_mpc.effects.laws import FITTED_LAW
+from residual_mpc.effects.laws import FITTED_LAW, KIND_OF, is_law
 from residual_mpc.models.settings import TUNE
 
 
@@ -30,15 +31,29 @@ def find_laws(
     """
     options = validated.options
     wanted = FITTED_LAW not in options.without and (not options.only or FITTED_LAW in options.only)
-    if not wanted or validated.gaps.verdict[0] in ("no_gap", "effects") or not validated.explanation.held.any():
+    if not wanted or not validated.explanation.held.any() or not _more_to_explain(validated):
         return validated
     progress("looking for a law in what is left", 0.87)
     rng = deepcopy(rng)
     found = add_laws(_unexplained(validated), rng, options.settings.remainder, options.settings.laws)
-    if found is None:
+    if found is None or not (validated.gaps.verdict[0] != "effects" or _replaces(validated, found)):
         return validated
     again = validate(replace(refined, explanation=_explained(prepared, refined, found, rng)), rng, progress)
     return again if _predicts(validated, again, rng) else validated
+
+
+def _more_to_explain(validated: Validated) -> bool:
+    """Whether what is left may have a cause of its own: a small gap proves no effects."""
+    gaps = validated.gaps
+    told = all(x.steady.total <= AS_GOOD * x.floor.total for x in gaps.looks)
+    return gaps.verdict[0] not in ("no_gap", "effects") or (gaps.verdict[0] == "effects" and not told)
+
+
+def _replaces(validated: Validated, found: WithLaws) -> bool:
+    """Whether laws take the place of an effect that a small gap seemed to prove. A law of the speed does not: it is a
+    friction by another shape."""
+    named, now = ({k.term for k in v if k.effect != TUNE} for v in (validated.explanation.final.values, found.values))
+    return not named <= now and not any(is_law(t.effect) and KIND_OF[t.effect].on == "speed" for t in now)
 
 
 def _unexplained(validated: Validated) -> Unexplained:
