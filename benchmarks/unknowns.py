@@ -78,7 +78,10 @@ def unknowns(results: Path, answers: Path) -> None:
             lawful["cases"] += 1
             lawful["closed"] += bool(kinds) and closed >= CLOSED
             lawful["laws"] += bool(kinds)
-            lawful["right"] += any(kind in RIGHT[cause] for kind in kinds)
+            lawful["right"] += bool(kinds) and all(kind in RIGHT[cause] for kind in kinds)
+        else:
+            lawful["none"] += 1
+            lawful["false"] += bool(kinds)
         depends = kinds + [d["kind"] for d in rest["depends_on"]] if rest else kinds
         counts[cause] += 1
         good[cause] += right(cause, depends)
@@ -92,7 +95,8 @@ def unknowns(results: Path, answers: Path) -> None:
         click.echo(f"{cause}: {good[cause]} of {n}")
     click.echo(
         f"with a law, {CLOSED:.0%} closed: {lawful['closed']} of {lawful['cases']} whose cause depends on a quantity; "
-        f"right quantity: {lawful['right']} of {lawful['laws']} with a law"
+        f"right quantity, all laws: {lawful['right']} of {lawful['laws']} with a law; laws where nothing logged is the "
+        f"cause: {lawful['false']} of {lawful['none']}"
     )
 
 

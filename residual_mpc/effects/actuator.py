@@ -139,6 +139,7 @@ ACTUATOR_GAIN = Effect(
     timed=False,
     steady=True,
     imitates=frozenset({"time", "position", "speed", "load"}),
+    laws=(("strength", "time", "constant"),),  # not of the load: a gain changes what that is a law of
     interchangeable="rim speed",
     phrase=Phrase("{who} delivers {gain} of its modelled output", shares=("gain",)),
     nouns={"gain": Noun("actuator gain", "factor", targeted="gain")},
@@ -170,6 +171,7 @@ SATURATION = Effect(
     timed=False,
     steady=True,
     kink="signal",
+    imitates=frozenset({"load"}),
     unseen="no command near the actuator's limit",
     phrase=Phrase("the {quantity} of {who} saturates at {limit}"),
     nouns={"limit": Noun("output limit", article="an")},

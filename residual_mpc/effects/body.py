@@ -62,6 +62,7 @@ COULOMB = Effect(
     steady=True,
     stalls=("torque",),
     imitates=frozenset({"time", "position"}),
+    laws=(("friction", None, "constant"),),
     phrase=Phrase("{who} has {torque} more dry friction than modelled"),
     nouns={"torque": Noun("dry friction", "excess")},
 )
@@ -88,6 +89,7 @@ VISCOUS = Effect(
     step=viscous_torque,
     site="damping",
     imitates=frozenset({"time", "speed"}),
+    laws=(("torque", "speed", "line"),),
     phrase=Phrase("{who} has {coefficient} more viscous friction than modelled"),
     nouns={"coefficient": Noun("viscous friction", "excess")},
 )

@@ -169,6 +169,8 @@ class Effect:
     lacking: str = ""  # why a robot whose joints are measured cannot show it, where it has no place for the effect
     unseen: str = "its strongest plausible dose moves the prediction by less than the noise"  # why runs do not show it
     imitates: frozenset[str] = frozenset()  # dependences of a remainder that this effect is mistaken for
+    # fitted laws that are this effect: what they add, the quantity (None for any) and their form
+    laws: tuple[tuple[str, str | None, str], ...] = ()
     shadows: tuple[tuple[Quantity, float], ...] = ()  # (quantity, share): its size that such a number may feign
     interchangeable: str = ""  # effects with the same word do the same in pairs
 

@@ -82,9 +82,14 @@ def strength(ops: Ops, p: Values, memory: Any, y: Array, clock: Array, dt: float
 
 
 def load_strength(ops: Ops, p: Values, tau: Array, stretches: int = MOST_KNOTS - 1) -> Array:
-    """curve(|tau|) tau: what an actuator gives beside the modelled torque tau, N m (N), at the joint. Where the curve
-    falls, the actuator weakens under load, as one whose supply voltage falls with the current."""
-    return curve(ops, p, ops.absolute(tau), stretches) * tau
+    """curve(|tau|) tau, N m (N): added to the actuators' modelled torque tau at a joint. Where the curve falls, they
+    weaken under load, like a motor whose supply voltage falls with the current.
+
+    They never push backwards, and no more than twice as hard: a replay knows tau of the step before only, and a larger
+    gain of that would run away.
+    """
+    size = ops.where(tau > 0.0, tau, -tau)  # times tau it is smooth as it is
+    return clip(ops, curve(ops, p, size, stretches), -1.0, 1.0) * tau
 
 
 def curve_shape(knots: Sequence[float]) -> dict[str, float]:

@@ -37,6 +37,7 @@ JOINT_SPRING = Effect(
     null_target=False,
     site="elastic",
     imitates=frozenset({"position"}),
+    laws=(("torque", "position", "line"),),
     phrase=Phrase("a spring of {stiffness} pulls {who} towards {rest}"),
     nouns={"stiffness": Noun("stiffness", appears="spring", size="stiffness")},
 )
@@ -52,6 +53,7 @@ TORQUE_OFFSET = Effect(
     null_target=False,
     site="elastic",
     imitates=frozenset({"position"}),
+    laws=(("torque", None, "constant"),),
     phrase=Phrase("{who} carries a constant torque of {torque} that the model lacks"),
     nouns={"torque": Noun("constant torque", "excess")},
 )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from oracles.arms import arm_xml, robot_of
 
-from residual_mpc.diagnosis.laws.named import replaced, taken_up, with_a_name
+from residual_mpc.diagnosis.laws.named import named_twin, replaced, taken_up
 from residual_mpc.diagnosis.laws.propose import Proposal, proposal
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.laws.shapes import Shape, richer
@@ -50,14 +50,14 @@ def law(of: str, on: str, form: str, knots: tuple[float, ...] = (0.0,), target: 
         ("torque", "speed", "line", "viscous_friction"),
     ],
 )
-def test_a_simple_law_is_called_by_its_name(space: Space, of: str, on: str, form: str, name: str | None) -> None:
+def test_a_simple_law_is_an_effect_with_a_name(space: Space, of: str, on: str, form: str, name: str | None) -> None:
     """Of its own joint, and only where the name is a candidate: viscous friction is not among these."""
     given = law(of, on, form, (0.0, 1.0) if form == "line" else (0.0,))
-    found = with_a_name(given, space)
+    found = named_twin(given, space)
     if name is None or name == "viscous_friction":
-        assert found is given
+        assert found is None
     else:
-        assert found.term == Term(name, "j2") and found.start and not found.fixed
+        assert found is not None and found.term == Term(name, "j2") and found.start and not found.fixed
 
 
 def test_a_law_takes_up_the_effect_that_is_its_level(space: Space) -> None:

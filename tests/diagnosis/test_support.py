@@ -50,7 +50,12 @@ def test_a_doubtful_effect_widens_the_intervals_of_the_others() -> None:
 
 
 @pytest.mark.parametrize(
-    ("law", "doubted"), [("fitted_law_torque_position", True), ("fitted_law_torque_command", False)]
+    ("law", "doubted"),
+    [
+        ("fitted_law_torque_position", True),
+        ("fitted_law_strength_load", True),
+        ("fitted_law_torque_command", False),
+    ],
 )
 def test_a_law_leaves_doubt_on_what_would_imitate_it(law: str, doubted: bool) -> None:
     """A gain that is fitted beside a law of the position may stand for a part of what the law describes."""

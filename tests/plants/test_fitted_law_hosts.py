@@ -12,6 +12,7 @@ from oracles.own_arms import UR5E
 from plants.diff_drive import DiffDrive
 from residual_mpc.effects.laws import KINDS, LawKind, curve_shape
 from residual_mpc.effects.library import HOSTED
+from residual_mpc.effects.ops import NUMPY
 from residual_mpc.export import Build, augment
 from residual_mpc.export.moving import moving_apart
 from residual_mpc.models.contract import check_robot
@@ -113,6 +114,45 @@ def test_an_actuator_that_weakens_under_load_is_a_weaker_servo(tmp_path: Path) -
     assert np.abs(found[wanted[2 + second]][0]).max() > 0.5  # there is a load
     plain, _, _ = literal(robot.model, start, drive.command[0, drive.lead :], 0)
     assert np.abs(plain[-1, 1] - data.qpos[1]) > 1e-3
+
+
+@pytest.mark.parametrize("joint", ["j1", "j2"])
+def test_a_law_of_the_load_in_the_step_is_that_of_the_replay(tmp_path: Path, joint: str) -> None:
+    """j1 has a gear of 2: without the gear half of the law would be missing, without the law all of what it moves."""
+    robot = robot_of(tmp_path, arm_xml(gravity=9.81))
+    share = {**curve_shape([0.0, 4.0]), "start": -0.1, "rise2": -0.5}
+    values = {Knob(WEAKER.name, joint, name): value for name, value in share.items()}
+    model = augment(robot, values, None, Build(DT))
+    drive, start = random_drive(robot, 1, 150), random_start(robot, 1)
+    wanted = ("position.j1", "position.j2")
+    plain, weak = (robot.replay(start, drive, rows(robot, v), wanted) for v in ({}, values))
+    x = np.array([start[s][0] if s in start else 0.0 for s in model.stepped.states])
+    for k in range(150):
+        x = model.numpy_step(x, drive.command[0, drive.lead + k])
+    at = [model.stepped.states.index(c) for c in wanted]
+    moved = max(abs(weak[c][0, -1] - plain[c][0, -1]) for c in wanted)
+    assert moved > 0.02
+    assert max(abs(x[i] - weak[c][0, -1]) for i, c in zip(at, wanted, strict=True)) < moved / 3.0
+
+
+def test_the_load_is_what_the_joint_lets_through(tmp_path: Path) -> None:
+    """A joint's own limit of force, as a URDF's effort limit becomes one, comes before the law."""
+    limited = arm_xml(gravity=0.0).replace('name="j2" axis', 'name="j2" actuatorfrcrange="-0.2 0.2" axis')
+    assert "actuatorfrcrange" in limited
+    robot = robot_of(tmp_path, limited)
+    share = {**curve_shape([0.2, 5.0]), "start": 0.0, "rise2": -0.9}  # nothing within the limit
+    values = {Knob(WEAKER.name, "j2", name): value for name, value in share.items()}
+    drive, start = random_drive(robot, 1, 150), random_start(robot, 1)
+    plain, weak = (robot.replay(start, drive, rows(robot, v), ("position.j2",)) for v in ({}, values))
+    np.testing.assert_allclose(weak["position.j2"], plain["position.j2"], atol=1e-12)
+
+
+def test_no_law_of_the_load_turns_an_actuator_round() -> None:
+    numbers = {**curve_shape([0.0, 1.0]), "start": -3.0, "rise2": 9.0}
+    kind = next(e for e in HOSTED if e.name == WEAKER.name)
+    assert kind.step is not None
+    tau = np.array([-2.0, -0.1, 0.0, 0.1, 2.0])
+    np.testing.assert_allclose(tau + kind.step(NUMPY, numbers, tau), [-4.0, 0.0, 0.0, 0.0, 4.0])
 
 
 @pytest.mark.parametrize("kind", ON_BASE, ids=lambda k: k.name)

@@ -68,11 +68,14 @@ def signals_of(batch: Any, robot: CompiledRobot, drive: Drive) -> Callable[[int,
 
 
 def loads(robot: CompiledRobot, force: np.ndarray) -> np.ndarray:
-    """(B, joints) N m (N): the torques of the actuators at their joints, from their forces (B, nu)."""
+    """(B, joints) N m (N): the torques of the actuators at their joints, from their forces (B, nu), within the joints'
+    own limits."""
     out = np.zeros((len(force), len(robot.joints)))
     for i, (joint, ratio) in enumerate(zip(robot.driven, robot.gear_ratios, strict=True)):
         out[:, joint] += ratio * force[:, i]
-    return out
+    limited = robot.model.jnt_actfrclimited[robot.numbers].astype(bool)
+    low, high = robot.model.jnt_actfrcrange[robot.numbers].T
+    return np.clip(out, np.where(limited, low, -np.inf), np.where(limited, high, np.inf))
 
 
 def law_torques(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive) -> Any:

@@ -47,20 +47,21 @@ class JointTorques:
             given[joint] = given[joint] + gear * force
             damping[joint] = damping[joint] + gear * gear * slope
             stiffness[joint] = stiffness[joint] + gear * gear * spring
-        whole, yields = list(given), list(zip(damping, stiffness, strict=True))
+        whole = list(given)
         for j in range(n):
             number = int(robot.model.dof_jntid[robot.dofs[j]])
             if robot.model.jnt_actfrclimited[number] and change is not None:
                 low, high = robot.model.jnt_actfrcrange[number].tolist()
                 laws = whole[j], damping[j], stiffness[j]
                 whole[j], damping[j], stiffness[j] = self._limited(*laws, v[j], change[0][j], change[1], low, high)
+            given[j], yields = whole[j], (damping[j], stiffness[j])
             drag, spring = self._damping(j, p), float(robot.model.jnt_stiffness[number])
             rest = float(robot.model.qpos_spring[robot.places[j]])
             beside = self.parameters.at(robot.joints[j], p, "elastic")
             at_zero, more = elastic_line(self.kinks.exact, beside) or (0.0, 0.0)
             whole[j] = whole[j] - drag * v[j] - spring * (q[j] - rest) + at_zero - more * q[j]
             damping[j], stiffness[j] = damping[j] + drag, stiffness[j] + spring + more
-            law, by_speed, by_position = self._law(j, self._signals(j, q, v, u, given, clock), yields[j], p)
+            law, by_speed, by_position = self._law(j, self._signals(j, q, v, u, given, clock), yields, p)
             whole[j], damping[j], stiffness[j] = whole[j] + law, damping[j] - by_speed, stiffness[j] - by_position
         return Torques(whole, damping, stiffness, self._dry(q, v, u, given, p, clock))
 
@@ -196,6 +197,7 @@ class JointTorques:
             torque, by = slope(law, signals[name], NEAR)
             slopes.append(by)
         by_speed, by_position, by_load = slopes
+        by_load = self.kinks.exact.maximum(by_load, -1.0)  # no load makes an actuator push less than nothing
         return torque, by_speed - by_load * yields[0], by_position - by_load * yields[1]
 
     def _dry(

@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.cross_validation import expected_errors
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
-from residual_mpc.diagnosis.laws.named import replaced, taken_up, with_a_name, without
+from residual_mpc.diagnosis.laws.named import named_twin, replaced, taken_up, without
 from residual_mpc.diagnosis.laws.propose import Proposal, propose, ripples
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
@@ -82,23 +82,33 @@ def add_laws(
     grown = [g for b in begun if (g := _grown(search, b, rng)) is not None]
     if not grown:
         return None
-    spread = min(g.spread for g in grown)  # that of a fit that leaves much would hide what it leaves
-    doubt = tuning.search.beyond_doubt * spread
-    return min(grown, key=lambda g: g.cost + doubt * len({k.term for k in g.values if k.effect != TUNE}))
+    spread = min(g.spread for g in grown)  # a poor fit has a large dispersion, which would excuse what it leaves
+    return min(grown, key=lambda g: g.cost + spread * _price(g.values, tuning))
+
+
+def _price(values: Values, tuning: RemainderSettings) -> float:
+    """By how much an explanation has to be better than none, in units of the dispersion of its cost."""
+    knobs = [k for k in values if k.effect != TUNE]
+    return tuning.search.beyond_doubt * len({k.term for k in knobs}) + tuning.search.per_knob * len(knobs)
 
 
 def _grown(search: LawSearch, found: WithLaws, rng: np.random.Generator) -> WithLaws | None:
-    """An explanation with what is convincing on top of it, one after the other; None without a law among it."""
+    """An explanation extended by convincing terms, one at a time; None where no term is added or dropped."""
+    first = terms = _terms(found.values)
     for _ in range(search.settings.passes):
         more = _added(search, found.space, found.values, rng)
-        if more is None:
+        if more is None or _terms(more.values) == terms:  # what was added is needless: it would be added again
             break
-        found = replace(more, laws={**found.laws, **more.laws})
-    return _reshaped(search, found) if any(is_law(k.effect) for k in found.values) else None
+        found, terms = replace(more, laws={**found.laws, **more.laws}), _terms(more.values)
+    return None if terms == first else _reshaped(search, found)
+
+
+def _terms(values: Values) -> frozenset[Term]:
+    return frozenset(k.term for k in values if k.effect != TUNE)
 
 
 def _reshaped(search: LawSearch, found: WithLaws) -> WithLaws:
-    """The laws in richer shapes where these do better beyond doubt now that the explanation is whole."""
+    """The laws in richer shapes where these fit better beyond doubt once all terms are there."""
     laws = {t: law for t, law in found.laws.items() if any(k.term == t for k in found.values if is_law(k.effect))}
     if not any(law.richer for law in laws.values()):
         return found
@@ -113,21 +123,21 @@ def _added(search: LawSearch, space: Space, values: Values, rng: np.random.Gener
     """The best law on top of the values, or effect in its place, less the effects that it makes needless; None where
     none is convincing."""
     of, few, tuning, settings = search.of, search.few, search.tuning, search.settings
-    proposed = propose(of.data, of.scales, space.settings([values]), rng, tuning, settings)
+    laws = {k.term for k in values if is_law(k.effect)}
+    room = len(laws) < settings.most
+    proposed = propose(of.data, of.scales, space.settings([values]), rng, tuning, settings) if room else ()
     waves = {t for t in space.candidates if t.effect == TORQUE_RIPPLE.name}
     named = ripples(few, of.scales, space, values, tuning, settings) if waves else ()
-    laws = {k.term for k in values if is_law(k.effect)}
-    if len(laws) >= settings.most:
-        proposed = ()
-    simple = [with_a_name(p, space) for p in proposed if not waves or p.form != "harmonic"]  # a wave has a name, too
-    new = _addable([*(replaced(of.values, values) if laws else ()), *named, *simple], space, values)
+    fitted = [p for p in proposed if not waves or p.form != "harmonic"]  # a wave of the angle has a name
+    twins = [twin for p in fitted if (twin := named_twin(p, space)) is not None]
+    new = _addable([*(replaced(of.values, values) if laws else ()), *named, *twins, *fitted], space, values)
     if not new:
         return None
     space = replace(space, fixed={**space.fixed, **{k: v for p in new for k, v in p.fixed.items()}})
     problem = _problem(search, space, values)
     starts = [values, *({**values, **p.start} for p in new)]
     current, *fits = fit_all(problem, starts, settings.fit_steps, settings=tuning.fit)
-    best = _cheapest(fits, new, tuning)
+    best = _cheapest(fits, new, search)
     if not _predicts(search, space, current.values, fits[best], rng):
         return None
     law, problem, fit = _shaped(search, problem, new[best], fits[best])
@@ -151,7 +161,7 @@ def _with_laws(search: LawSearch, space: Space, fit: Fit, laws: Mapping[Term, Pr
 
 
 def _shaped(search: LawSearch, problem: Problem, law: Proposal, fit: Fit) -> tuple[Proposal, Problem, Fit]:
-    """The law in a richer shape where that does better beyond doubt: far from the truth, what is left asks for too
+    """The law in a richer shape where that fits better beyond doubt: far from the optimum, the remainder suggests too
     simple a shape."""
     tuning, settings = search.tuning, search.settings
     found, where, most = law, problem, fit
@@ -187,11 +197,12 @@ def _addable(proposed: Sequence[Proposal], space: Space, values: Values) -> list
     return [p for t, p in first.items() if t not in terms and space.may_join(t, terms)][::-1]
 
 
-def _cheapest(fits: Sequence[Fit], new: Sequence[Proposal], tuning: RemainderSettings) -> int:
-    """The place of the cheapest; of a named effect where it does as well as the best law beyond doubt."""
-    costs = np.array([f.cost + tuning.search.per_knob * len(p.start) for f, p in zip(fits, new, strict=True)])
-    named = np.array([not is_law(p.term.effect) for p in new])
-    return int(np.argmin(np.where(named, costs - tuning.search.beyond_doubt, costs)))
+def _cheapest(fits: Sequence[Fit], new: Sequence[Proposal], search: LawSearch) -> int:
+    """The place of the cheapest fit; a law has to be better than a named effect beyond doubt."""
+    tuning = search.tuning
+    spread = dispersion(min(fits, key=lambda f: f.cost), blocks_of(search.few, settings=tuning.fit))
+    price = [tuning.search.per_knob * len(p.start) + is_law(p.term.effect) * tuning.search.beyond_doubt for p in new]
+    return int(np.argmin([f.cost + spread * x for f, x in zip(fits, price, strict=True)]))
 
 
 def _predicts(search: LawSearch, space: Space, before: Values, law: Fit, rng: np.random.Generator) -> bool:
@@ -214,7 +225,7 @@ def _predicts(search: LawSearch, space: Space, before: Values, law: Fit, rng: np
 
 
 def _needed(search: LawSearch, problem: Problem, fit: Fit) -> Fit:
-    """The fit without the named effects that are not beyond doubt beside the law: what imitated it."""
+    """The fit without the named effects that are not beyond doubt beside the law, which they imitated."""
     tuning = search.tuning
     blocks = blocks_of(search.few, settings=tuning.fit)
     while named := [t for t in fit.terms if not is_law(t.effect)]:

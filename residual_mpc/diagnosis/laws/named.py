@@ -1,41 +1,28 @@
-"""Named effects beside fitted laws: a law that is so simple that it has a name, and effects that a law has replaced."""
-
-from collections.abc import Mapping
+"""Named effects beside fitted laws: laws that are equivalent to an effect, and effects that a law has replaced."""
 
 from residual_mpc.diagnosis.laws.propose import Proposal
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.laws import KIND_OF, LawKind, is_law
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models import optional
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
-# What a law of this sort and form is called; the quantity is None where it does not matter. A constant share of the
-# load has no name here: a gain changes the load itself, and with it what the other law beside it is of.
-NAMES: Mapping[tuple[str, str | None, str], str] = {
-    ("strength", "time", "constant"): "actuator_gain",
-    ("friction", None, "constant"): "coulomb_friction",
-    ("torque", None, "constant"): "torque_offset",
-    ("torque", "position", "line"): "joint_spring",
-    ("torque", "speed", "line"): "viscous_friction",
-}
-LEVEL = {"curve": "start", "wave": "offset"}  # a law's number that adds the same everywhere
+LEVEL = {"curve": "start", "wave": "offset"}  # the number that shifts the whole law
 
 
-def with_a_name(law: Proposal, space: Space) -> Proposal:
-    """The effect that is this law; the law itself if it has no name, or its name is no candidate."""
+def named_twin(law: Proposal, space: Space) -> Proposal | None:
+    """The effect that is equivalent to a law, if it is a candidate."""
     kind = KIND_OF[law.term.effect]
-    name = _name(kind, law.form)
-    for term in space.candidates:
-        if term.effect == name and _same_place(term, law.term, space):
-            return beside(term, _smallest(term, space))
-    return law
+    terms = [t for t in space.candidates if _is(t, kind, law.form) and _same_place(t, law.term, space)]
+    return beside(terms[0], _smallest(terms[0], space)) if terms else None
 
 
 def taken_up(values: Values, term: Term, space: Space) -> Values:
-    """The values without an effect, which a law takes up if it contains it: a constant friction, torque or gain."""
+    """The values without an effect; a law that contains it (a constant friction, torque or gain) absorbs its size."""
     out = dict(without(values, term))
     for law in dict.fromkeys(k.term for k in out if is_law(k.effect)):
         kind = KIND_OF[law.effect]
-        if term.effect != _name(kind, "constant") or not _same_place(term, law, space):
+        if not _is(term, kind, "constant") or not _same_place(term, law, space):
             continue
         (size,) = (v for k, v in values.items() if k.effect != TUNE and k.term == term)
         level = Knob(law.effect, law.target, LEVEL[kind.shape])
@@ -53,19 +40,24 @@ def without(values: Values, term: Term) -> Values:
     return {k: v for k, v in values.items() if k.effect == TUNE or k.term != term}
 
 
-def _name(kind: LawKind, form: str) -> str | None:
-    return NAMES.get((kind.of, None, form)) or NAMES.get((kind.of, kind.on, form))
+def _is(term: Term, kind: LawKind, form: str) -> bool:
+    """Whether an effect is what a law of this kind and form is."""
+    return any(of in BY_NAME[term.effect].laws for of in ((kind.of, None, form), (kind.of, kind.on, form)))
 
 
 def _same_place(term: Term, law: Term, space: Space) -> bool:
-    """Whether an effect acts on just the joint that a law acts on, or a law on all."""
+    """Whether an effect acts on just the joints that a law acts on."""
     joints = dict(zip(space.robot.actuators, optional.actuator_joints(space.robot), strict=True))
-    slots = space.slots[term.effect] if term.target is None else (term.target,)
-    return law.target is None or {joints.get(s, s) for s in slots} == {law.target}
+
+    def places(t: Term) -> set[str]:
+        slots = space.robot.slots(t.effect) if t.target is None else (t.target,)
+        return {joints.get(s, s) for s in slots}
+
+    return places(term) == places(law)
 
 
 def replaced(before: Values, now: Values) -> list[Proposal]:
-    """The effects that an explanation had and has no more, with their numbers of then."""
+    """The effects that an explanation had and has no more, with their earlier numbers."""
     terms = dict.fromkeys(k.term for k in before if k.effect != TUNE)
     gone = [t for t in terms if not any(k.effect != TUNE and k.term == t for k in now)]
     return [beside(t, {k: v for k, v in before.items() if k.effect != TUNE and k.term == t}) for t in gone]
@@ -77,7 +69,7 @@ def beside(term: Term, start: Values) -> Proposal:
 
 
 def _smallest(term: Term, space: Space) -> Values:
-    """The plausible numbers that are nearest to none."""
+    """The plausible numbers that are closest to no effect."""
 
     def size(values: Values) -> float:
         return sum(abs(v - space.null(k)) / space.scale(k) for k, v in values.items())

@@ -31,7 +31,7 @@ BY_KIND: Mapping[tuple[str, str, str], LawKind] = {(k.of, k.on, k.shape): k for 
 @dataclass(frozen=True, eq=False)
 class Proposal:
     """A law that may be fitted. fixed: its numbers that say how it acts; start: where the fit of the others begins.
-    richer: the same law in shapes of more numbers, which a linear look at what is left did not ask for."""
+    richer: the same law in shapes of more numbers, which the linear analysis of the remainder did not select."""
 
     term: Term
     form: str
@@ -156,4 +156,4 @@ def _shapes(
         times = motion[m.name]
     turns = tooth_counts(c, settings=tuning) if kind.shape == "wave" else ()
     best = best_shape(kind, m, z, times, folds_across(data, settings=tuning), turns, settings)
-    return () if best is None else (best, *richer(kind, best, z, settings))
+    return () if best is None else (best, *richer(kind, best, z[np.isfinite(data.t)], settings))

@@ -29,7 +29,7 @@ class RippleSettings:
 
 @dataclass(frozen=True)
 class LawSettings:
-    """most: laws of one explanation; passes: laws and effects that are added to one another at most; tried: quantities
+    """most: laws of one explanation; passes: how many laws and effects are added at most; tried: quantities
     that a law is fitted in before the best is chosen. windows: that a proposal looks at; steps: simulation steps that
     one hypothesis may cost in the fits that choose, of `fit_steps` steps each, `shape_steps` for a richer shape. knots:
     of a curve; places: at which a step or bend is tried; widths: of a step or a saturation, of the quantity's range.

@@ -67,7 +67,7 @@ def best_shape(
 
 
 def richer(kind: LawKind, shape: Shape, z: np.ndarray, settings: LawSettings) -> tuple[Shape, ...]:
-    """Shapes of more numbers over the values z of the quantity: a bend in its middle, and a curve."""
+    """Shapes of more numbers over the values z of the quantity: a bend at the middle of their range, and a curve."""
     if kind.shape == "wave" or shape.form == "curve" or (shape.form == "constant" and kind.on != "load"):
         return ()
     low, high = (float(x) for x in np.quantile(z, (0.01, 0.99)))

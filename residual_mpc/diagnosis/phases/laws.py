@@ -43,17 +43,18 @@ def find_laws(
 
 
 def _more_to_explain(validated: Validated) -> bool:
-    """Whether what is left may have a cause of its own: a small gap proves no effects."""
+    """Whether what is left may have a cause of its own: a small gap alone does not confirm effects."""
     gaps = validated.gaps
     told = all(x.steady.total <= AS_GOOD * x.floor.total for x in gaps.looks)
     return gaps.verdict[0] not in ("no_gap", "effects") or (gaps.verdict[0] == "effects" and not told)
 
 
 def _replaces(validated: Validated, found: WithLaws) -> bool:
-    """Whether laws take the place of an effect that a small gap seemed to prove. A law of the speed does not: it is a
-    friction by another shape."""
+    """Whether laws take the place of an effect that a small gap seemed to confirm. A law of the speed does not: it is
+    friction with another curve."""
     named, now = ({k.term for k in v if k.effect != TUNE} for v in (validated.explanation.final.values, found.values))
-    return not named <= now and not any(is_law(t.effect) and KIND_OF[t.effect].on == "speed" for t in now)
+    laws = [KIND_OF[t.effect] for t in now if is_law(t.effect)]
+    return not named <= now and bool(laws) and not any(law.on == "speed" for law in laws)
 
 
 def _unexplained(validated: Validated) -> Unexplained:

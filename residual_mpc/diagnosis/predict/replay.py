@@ -98,7 +98,7 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
         start = {k: v + nudge[k][block.where] if k in nudge else v for k, v in start.items()}
     each = settings.take(np.repeat(np.arange(h), w))
     early = earliest(block, settings)
-    drive = _begin_earlier(block.drive, early, beyond(block, settings))
+    drive = begin_earlier(block.drive, early, beyond(block, settings))
     wanted = tuple(c for c in data.channels if c in block.robot.channels)
     nodes = block.robot.replay({k: v.reshape(h * w) for k, v in start.items()}, drive, each, wanted)
     t = data.t[block.where]  # (W, M)
@@ -160,7 +160,7 @@ def memory_of(channel: str) -> str:
     return f"memory.{channel}"
 
 
-def _begin_earlier(drive: Drive, early: np.ndarray, beyond: float = 0.0) -> Drive:
+def begin_earlier(drive: Drive, early: np.ndarray, beyond: float = 0.0) -> Drive:
     """The drive of W windows for H hypotheses, (H * W) rows, each begun `early` (H, W) s sooner, and all of them long
     enough to end `beyond` s after the windows."""
     h = len(early)
@@ -218,7 +218,7 @@ def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tu
     early = earliest(block, settings) + sooner
     reaches = data.start[block.where] - early[0] >= first - 1e-9  # (W_block,)
     start = {k: v[0] for k, v in start_states(data, block, settings, sooner).items()}
-    drive = _begin_earlier(block.drive, early)
+    drive = begin_earlier(block.drive, early)
     wanted = tuple(c for s in block.robot.states for c in (s.position, s.velocity) if c is not None)
     each = settings.take(np.zeros(len(first), dtype=int))
     nodes = block.robot.replay(start, drive, each, wanted)

@@ -1,11 +1,11 @@
-"""What the actuators of a model give at its joints along its own motion."""
+"""Joint torques from the actuators of a model, along its own motion."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
-from residual_mpc.diagnosis.predict.replay import earliest, start_states
+from residual_mpc.diagnosis.predict.replay import begin_earlier, beyond, earliest, start_states
 from residual_mpc.effects.laws import LOADED
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
@@ -17,8 +17,8 @@ Loads = Mapping[str, np.ndarray]  # joint -> (W, M) N m (N)
 def joint_loads(data: Dataset, settings: Settings) -> Loads:
     """The actuators' torques at every sample, by the model (settings, one row); 0 where padded.
 
-    Only of joints that can have a law of their load, and not of those whose commands are torques: a law of the command
-    is the same there.
+    Only of joints that can have a law of their load, and not of those whose commands are all torques: a law of the
+    command is the same there.
     """
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
@@ -34,9 +34,11 @@ def _of_block(data: Dataset, block: Block, settings: Settings) -> Loads:
         return {}
     start = {k: v[0] for k, v in start_states(data, block, settings).items()}
     wanted = tuple(f"output.{a}" for a in shares)
-    nodes = robot.replay(start, block.drive, settings.take(np.zeros(len(here), dtype=int)), wanted)
-    since = np.nan_to_num(here) + earliest(block, settings)[0][:, None]  # (W, M) s from the first node
-    at = np.arange(block.drive.steps + 1) * block.drive.dt
+    early = earliest(block, settings)  # (1, W) s
+    drive = begin_earlier(block.drive, early, beyond(block, settings))
+    nodes = robot.replay(start, drive, settings.take(np.zeros(len(here), dtype=int)), wanted)
+    since = np.nan_to_num(here) + early[0][:, None]  # (W, M) s from the first node
+    at = np.arange(drive.steps + 1) * drive.dt
     out: dict[str, np.ndarray] = {}
     for a, (joint, ratio) in shares.items():
         given = ratio * np.nan_to_num(nodes[f"output.{a}"])
@@ -50,7 +52,7 @@ def _shares(robot: Robot) -> dict[str, tuple[str, float]]:
     hosts = robot.slots(LOADED)
     if not hosts:
         return {}
-    every = zip(
-        robot.actuators, optional.actuator_joints(robot), optional.gear_ratios(robot), robot.command_kinds, strict=True
-    )
-    return {a: (joint, ratio) for a, joint, ratio, kind in every if joint in hosts and kind != "torque"}
+    joints = optional.actuator_joints(robot)
+    asked = {j for j, kind in zip(joints, robot.command_kinds, strict=True) if j in hosts and kind != "torque"}
+    every = zip(robot.actuators, joints, optional.gear_ratios(robot), strict=True)
+    return {a: (joint, ratio) for a, joint, ratio in every if joint in asked}
