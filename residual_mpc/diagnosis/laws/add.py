@@ -11,7 +11,7 @@ from residual_mpc.diagnosis.data.subsampling import evenly
 from residual_mpc.diagnosis.fit.cross_validation import expected_errors
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
-from residual_mpc.diagnosis.laws.named import named_twin, replaced, taken_up, without
+from residual_mpc.diagnosis.laws.named import named_twin, replaced, taken_up
 from residual_mpc.diagnosis.laws.propose import Proposal, propose, ripples
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
+from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.laws import KNOTS, curve, is_law
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.effects.surroundings import TORQUE_RIPPLE

@@ -2,6 +2,7 @@
 
 from residual_mpc.diagnosis.laws.propose import Proposal
 from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.laws import KIND_OF, LawKind, is_law
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models import optional
@@ -33,11 +34,6 @@ def taken_up(values: Values, term: Term, space: Space) -> Values:
             out[level] += size
         break
     return out
-
-
-def without(values: Values, term: Term) -> Values:
-    """The values without those of a term."""
-    return {k: v for k, v in values.items() if k.effect == TUNE or k.term != term}
 
 
 def _is(term: Term, kind: LawKind, form: str) -> bool:
