@@ -14,10 +14,9 @@ from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.remainder.bases import factor, tooth_counts
-from residual_mpc.diagnosis.remainder.coordinates import Coordinate, coordinates, own_motion
+from residual_mpc.diagnosis.remainder.coordinates import Coordinate, coordinates, load_coordinates, own_motion
 from residual_mpc.diagnosis.remainder.dependence import Tried, folds_across, try_all
 from residual_mpc.diagnosis.remainder.description import beyond_chance, evenly_spread
-from residual_mpc.diagnosis.remainder.loads import joint_loads
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate, missed_of, tempered
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.effects.laws import KINDS, LawKind
@@ -67,7 +66,8 @@ def propose(
     if not asked or whole <= 0.0:
         return ()
     motion = own_motion(few, predicted)
-    every = [c for c in coordinates(few, predicted, joint_loads(few, row), settings=tuning) if c.kind in SUPPORTED]
+    known = (*coordinates(few, predicted, settings=tuning), *load_coordinates(few, row))
+    every = [c for c in known if c.kind in SUPPORTED]
     tried = beyond_chance(try_all(few, asked, every, motion, rng, settings=tuning), tuning.description.worth)
     out: dict[Term, Proposal] = {}
     for t in tried:

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.remainder.loads import Loads
+from residual_mpc.diagnosis.remainder.loads import joint_loads
 from residual_mpc.diagnosis.remainder.missing_rates import POSE, travelled
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.logs.run import Run, held
 from residual_mpc.models import optional
+from residual_mpc.models.settings import Settings
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +35,9 @@ KINDS = (
 PER_RUN = ("wheel_angle", "run", "order")  # these are told from each other within runs, the others across runs
 
 
-def coordinates(
-    data: Dataset, predicted: np.ndarray, loads: Loads, settings: RemainderSettings
-) -> tuple[Coordinate, ...]:
-    """Every candidate of these runs; predicted (W, M, C) and loads: by the model at hand, which has no sensor noise."""
+def coordinates(data: Dataset, predicted: np.ndarray, settings: RemainderSettings) -> tuple[Coordinate, ...]:
+    """Every candidate of these runs but the loads; predicted (W, M, C): by the model at hand, which has no sensor's
+    noise."""
     out = [Coordinate("nothing that changes", "steady", None, "", np.zeros(data.t.shape))]
     out += _planar_motion(data, predicted)
     for k, c in enumerate(data.channels):
@@ -53,12 +53,23 @@ def coordinates(
                 ),
             ]
     out += _commands(data, settings=settings)
-    slides = optional.sliding(data.blocks[0].robot)
-    out += [Coordinate(f"the load on {j}", "load", j, "N" if j in slides else "N m", z) for j, z in loads.items()]
     out += _slow(data)
     out += _logged(data)
+    return _moving(data, out)
+
+
+def load_coordinates(data: Dataset, settings: Settings) -> tuple[Coordinate, ...]:
+    """The loads on the joints of these runs by the model (settings, one row), which costs a replay."""
+    slides = optional.sliding(data.blocks[0].robot)
+    loads = joint_loads(data, settings).items()
+    return _moving(
+        data, [Coordinate(f"the load on {j}", "load", j, "N" if j in slides else "N m", z) for j, z in loads]
+    )
+
+
+def _moving(data: Dataset, some: list[Coordinate]) -> tuple[Coordinate, ...]:
     seen = np.isfinite(data.t)
-    return tuple(c for c in out if c.kind == "steady" or float(np.std(c.z[seen])) > 1e-9)
+    return tuple(c for c in some if c.kind == "steady" or float(np.std(c.z[seen])) > 1e-9)
 
 
 def rate(x: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -7,9 +7,8 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, per_window
 from residual_mpc.diagnosis.data.where import locate
-from residual_mpc.diagnosis.remainder.coordinates import KINDS, Coordinate, coordinates, own_motion
+from residual_mpc.diagnosis.remainder.coordinates import KINDS, Coordinate, coordinates, load_coordinates, own_motion
 from residual_mpc.diagnosis.remainder.dependence import Tried, try_all
-from residual_mpc.diagnosis.remainder.loads import joint_loads
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate, missed_of, tempered
 from residual_mpc.diagnosis.remainder.records import Component, Dependence, Resemblance, Rest
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
@@ -30,7 +29,7 @@ def describe_remainder(
 ) -> Rest:
     """predicted, error (W, M, C): of the model with all that is named (settings, one row); floors (draws, W, M, C):
     errors of a perfect one."""
-    every = coordinates(data, predicted, joint_loads(data, settings), settings=tuning)
+    every = coordinates(data, predicted, settings=tuning)
     where = locate(data, scales, error, settings=tuning.data)
     burst = _half_within(per_window(data, scales, error))
     keep = evenly_spread(data.count, tuning.description.windows)
@@ -39,7 +38,8 @@ def describe_remainder(
     motion = {k: v[keep] for k, v in own_motion(data, predicted).items()}
     whole = sum(m.beyond for m in missed)
     asked = tuple(tempered(m, settings=tuning) for m in missed if m.beyond > tuning.description.small * whole)
-    depends = _depends(few, asked, [_take(c, keep) for c in every], motion, rng, settings=tuning)
+    candidates = [*(_take(c, keep) for c in every), *load_coordinates(few, settings)]
+    depends = _depends(few, asked, candidates, motion, rng, settings=tuning)
     return Rest(_components(missed), where, burst, depends, resemblance)
 
 
