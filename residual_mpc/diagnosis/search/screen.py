@@ -11,6 +11,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.subsampling import shorten
 from residual_mpc.diagnosis.fit.least_squares import Fit, on_problem
 from residual_mpc.diagnosis.predict.problem import Problem, on_part, part_of, tolerating, weighed
+from residual_mpc.diagnosis.search.between_probes import between_probes
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
@@ -36,7 +37,8 @@ class ScreenedTerm:
 def screen(
     problem: Problem, current: Fit, candidates: tuple[Term, ...], settings: SearchSettings
 ) -> list[ScreenedTerm]:
-    """The best lead of each probe, largest gain first; probes of the same term stay apart.
+    """The best lead of each probe, and of further doses of thresholds, largest gain first; those of the same term stay
+    apart.
 
     Where there are many probes (an arm of many joints), all of them are tried on a quarter of the windows, and only
     the better third of them on the others as well: better by any of the gains.
@@ -44,8 +46,12 @@ def screen(
     small, current, weight = _on_smaller(problem, current, settings=settings)
     probes = _probes(problem, candidates)
     if len(probes) * _steps(small) <= settings.screen.many:
-        return sorted(_leads(small, current, probes, weight), key=_gain)
+        leads = _leads(small, current, probes, weight)
+        between = between_probes(problem.space, leads, weight * current.cost)
+        return sorted(leads + _leads(small, current, between, weight), key=_gain)
     leads = _by_quarter(small, current, probes, weight, settings=settings)
+    between = between_probes(problem.space, leads, weight * current.cost)
+    probes, leads = probes + between, leads + _by_quarter(small, current, between, weight, settings=settings)
     third = len(leads) // 3
     good = {id(lead) for key in (_gain, _compared, _gap) for lead in sorted(leads, key=key)[:third]}
     again = [p for p, lead in zip(probes, leads, strict=True) if id(lead) in good]

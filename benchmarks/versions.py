@@ -1,0 +1,134 @@
+"""What a diagnosis costs beside an earlier version: processor seconds and memory of both on the same cases.
+
+residual-mpc blind make --out suite --family wheeled=40 --family arm=20 --seed 30000
+python -m benchmarks.versions suite --old 676a877 --out build/versions
+residual-mpc blind score suite --results build/versions/old
+residual-mpc blind score suite --results build/versions/new
+
+Each case is diagnosed by the earlier version and by the files of this folder in turn, one process at a time, in the
+same environment. A case is a folder with a robot.toml and its runs; CASES are such folders, or suites of them. Cases
+that have been diagnosed are not diagnosed again.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+import tarfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import click
+
+ROOT = Path(__file__).parents[1]
+PROGRAM = "import sys; from residual_mpc.cli.main import main; sys.argv[0] = 'residual-mpc'; main()"
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # of linear algebra
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one diagnosis: processor time of all its threads and processes, s; the largest memory, bytes; exit status."""
+
+    seconds: float
+    memory: int
+    status: int
+
+
+@click.command()
+@click.argument("cases", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--old", default="676a877", show_default=True, help="Commit to compare with.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
+@click.option("--most", type=click.IntRange(min=1), help="Number of cases.  [default: all]")
+def versions(cases: tuple[Path, ...], old: str, out: Path, most: int | None) -> None:
+    """Diagnose every case with both versions and print a row for each, and the medians by family."""
+    trees = {"old": unpacked(old, out / "tree"), "new": ROOT}
+    rows: dict[str, list[tuple[Cost, Cost]]] = {}
+    click.echo("| case | s before | s now | ratio | GB before | GB now | before | now |")
+    click.echo("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    for case in folders(cases)[:most]:
+        both = {name: diagnosed(case, tree, out / name / case.name) for name, tree in trees.items()}
+        before, now = both["old"], both["new"]
+        rows.setdefault(family(case), []).append((before, now))
+        said = " | ".join(answer(out / name / case.name) for name in trees)
+        click.echo(
+            f"| {case.name} | {before.seconds:.1f} | {now.seconds:.1f} | {now.seconds / before.seconds:.2f} | "
+            f"{before.memory / 1e9:.2f} | {now.memory / 1e9:.2f} | {said} |"
+        )
+    for name, costs in rows.items():
+        click.echo(summary(name, costs))
+
+
+def folders(places: Sequence[Path]) -> list[Path]:
+    """The cases among these folders: the folder itself, or all below it that hold a robot file."""
+    return [found.parent for place in places for found in sorted(place.rglob("robot.toml"))]
+
+
+def family(case: Path) -> str:
+    """What a case's robot is called."""
+    import tomllib
+
+    return str(tomllib.loads((case / "robot.toml").read_text(encoding="utf-8")).get("plant", "robot"))
+
+
+def unpacked(commit: str, place: Path) -> Path:
+    """The files of a commit, below a folder."""
+    tree = place / commit
+    if not tree.exists():
+        packed = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True).stdout
+        with tarfile.open(fileobj=io.BytesIO(packed)) as archive:
+            archive.extractall(tree, filter="data")
+    return tree
+
+
+def diagnosed(case: Path, tree: Path, out: Path) -> Cost:
+    """What a diagnosis by the files of `tree` costs; read from `out` where it was made before."""
+    kept = out.with_suffix(".cost.json")
+    if kept.exists():
+        return Cost(**json.loads(kept.read_text(encoding="utf-8")))
+    runs = sorted(str(path) for path in case.iterdir() if path.suffix in {".csv", ".parquet"} or _holds_runs(path))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-c", PROGRAM, "diagnose", "--robot", str(case / "robot.toml"), *runs, "--out", str(out)]
+    environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(tree)}
+    with out.with_suffix(".log").open("w", encoding="utf-8") as log:
+        process = subprocess.Popen(command, cwd=tree, env=environment, stdout=log, stderr=log)
+        _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    cost = Cost(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024, process.returncode)
+    kept.write_text(json.dumps(asdict(cost)), encoding="utf-8")
+    return cost
+
+
+def _holds_runs(path: Path) -> bool:
+    return path.is_dir() and path.name.startswith("run")
+
+
+def answer(out: Path) -> str:
+    """The verdict and the names of a diagnosis, or that it failed."""
+    document = out / "diagnosis.json"
+    if not document.exists():
+        return "failed"
+    found: dict[str, Any] = json.loads(document.read_text(encoding="utf-8"))
+    named = (f"{e['effect']} {e['target'] or ''}".strip() + f" {e['probability']:.2f}" for e in found["explanation"])
+    return f"`{found['verdict']}` {', '.join(named)}".strip()
+
+
+def summary(name: str, costs: Sequence[tuple[Cost, Cost]]) -> str:
+    """The medians of one family and the range of its ratios."""
+    ratios = [now.seconds / before.seconds for before, now in costs]
+    before, now = (median(pair[i].seconds for pair in costs) for i in range(2))
+    return (
+        f"{name}, {len(costs)} cases: median {before:.1f} s before, {now:.1f} s now; ratio of each case "
+        f"{median(ratios):.2f} in the median ({min(ratios):.2f} to {max(ratios):.2f}); all together "
+        f"{sum(pair[1].seconds for pair in costs) / sum(pair[0].seconds for pair in costs):.2f}; largest memory "
+        f"{max(pair[0].memory for pair in costs) / 1e9:.2f} and {max(pair[1].memory for pair in costs) / 1e9:.2f} GB"
+    )
+
+
+if __name__ == "__main__":
+    versions()
