@@ -18,10 +18,11 @@ class PhaseSettings:
     hypothesis costs at most `bearable` steps on `blocks` windows; what may be a gap is searched on `few` windows or
     more, what is one for certain on any number. near: times the noise floor within which longer
     windows sharpen the numbers of the last fit. marginal_steps: steps of the last fit with small differences, from
-    where the plain one ended; marginal_columns: numbers in the columns of all small differences, above which they are
-    not marginalised (memory). outliers_worth: times the squared noise floor that a few jumping samples have to make of
-    the gap to be a cause. first_look: simulation steps that the first look may cost; most_steps: that one hypothesis
-    may cost on all windows that fits may see, of which evenly fewer are taken where a log is long."""
+    where the plain one ended; marginal_cost: simulation steps that the columns of all small differences may cost;
+    marginal_columns: numbers in them, above which they are not marginalised (memory). outliers_worth: times the squared
+    noise floor that a few jumping samples have to make of the gap to be a cause. first_look: simulation steps that the
+    first look may cost; most_steps: that one hypothesis may cost on all windows that fits may see, of which evenly
+    fewer are taken where a log is long."""
 
     blocks: int = 10
     cheap: int = 30_000
@@ -29,6 +30,7 @@ class PhaseSettings:
     few: int = 5
     near: float = 2.0
     marginal_steps: int = 4
+    marginal_cost: int = 4_000_000
     marginal_columns: int = 40_000_000
     outliers_worth: float = 0.6
     first_look: int = 120_000
@@ -36,6 +38,7 @@ class PhaseSettings:
 
     def __post_init__(self) -> None:
         check_positive(self, "blocks", "cheap", "bearable", "few", "near", "marginal_steps", "marginal_columns")
+        check_positive(self, "marginal_cost")
         check_positive(self, "outliers_worth", "first_look", "most_steps")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from residual_mpc.effects.effect import Effect, Parameter, Values, no_memory
 from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
+from residual_mpc.effects.recursion import first_order
 
 TINY = 1e-12  # s: keeps exp(-dt / tau) defined at tau = 0, where it is exactly 0
 
@@ -30,14 +31,12 @@ def lag_sequence(p: Values, u: np.ndarray, dt: float) -> np.ndarray:
 
     p (B, nu), u (B, K, nu) -> (B, K, nu).
     """
-    from scipy.signal import lfilter  # slow to import
-
     tau, out = p["time_constant"], u.copy()
     for value in np.unique(tau[tau > 0]):
         row, actuator = np.nonzero(tau == value)
         line = u[row, :, actuator]  # (n, K)
         e = np.exp(-dt / value)
-        end, _ = lfilter([1.0 - e], [1.0, -e], line, axis=1, zi=e * line[:, :1])
+        end = first_order(e, (1.0 - e) * line, line[:, 0])
         begin = np.concatenate([line[:, :1], end[:, :-1]], axis=1)
         out[row, :, actuator] = line + (begin - line) * (value / dt) * (1.0 - e)
     return out

@@ -65,6 +65,8 @@ def curve(ops: Ops, p: Values, z: Array, stretches: int = MOST_KNOTS - 1) -> Arr
     """
     total = p["start"] + 0.0 * z
     for k, rise in enumerate(LEVELS[1 : stretches + 1]):
+        if ops is NUMPY and not np.any(p[rise]):  # knots that no row uses
+            continue
         low, high = p[KNOTS[k]], p[KNOTS[k + 1]]
         total = total + p[rise] * clip(ops, (z - low) / (high - low), 0.0, 1.0)
     return total

@@ -7,6 +7,7 @@ import numpy as np
 from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
+from residual_mpc.effects.recursion import first_order
 
 EVERY_SENSOR = "sensors"  # the target that is all sensors of a robot together
 READ_ELSEWHERE = "sensor effects are not part of the model"
@@ -27,14 +28,11 @@ def unmounted(ops: Ops, p: Values, x: Array, y: Array, theta: Array) -> tuple[Ar
 def low_pass(x: np.ndarray, y0: np.ndarray, tau: float, h: float) -> np.ndarray:
     """(..., K + 1) the solution of tau dy/dt = x - y on nodes h s apart, for an input x (..., K + 1) that is straight
     between them, exactly; from the memory y0 (...). The input itself where tau is 0."""
-    from scipy.signal import lfilter
-
     if tau <= 0.0:
         return x
     a, reach = math.exp(-h / tau), -math.expm1(-h / tau) * tau / h
     old, new = reach - a, 1.0 - reach  # weights of the input at the ends of a step
-    state = a * y0 + old * x[..., 0]
-    y, _ = lfilter([new, old], [1.0, -a], x[..., 1:], axis=-1, zi=state[..., None])
+    y = first_order(a, new * x[..., 1:] + old * x[..., :-1], y0)
     return np.concatenate([y0[..., None], y], axis=-1)
 
 

@@ -40,9 +40,14 @@ class Experiment:
     switches: bool
 
     @property
+    def losses(self) -> np.ndarray:
+        """(n, n) of all that is played: the likelihood ratios of separate runs add."""
+        return np.asarray(np.sum([s.losses for s in self.played], axis=0))
+
+    @property
     def ratio(self) -> float:
-        """Of all that is played, the smallest over all pairs: the likelihood ratios of separate runs add."""
-        return float(np.sum([s.losses for s in self.played], axis=0).min())
+        """The smallest over all pairs."""
+        return float(self.losses.min())
 
     @property
     def parts(self) -> bool:
@@ -86,22 +91,30 @@ def protocol(
 
 
 def _clearly_better(simple: Experiment, other: Experiment) -> Experiment:
-    """The one that asks for more only where it is worth that."""
-    return other if other.ratio >= max(PARTS, 2.0 * simple.ratio) else simple
+    """The one that asks for more only where it is worth that: where it parts a pair that the other hardly parts."""
+    worth = (other.losses >= PARTS) & (other.losses >= 2.0 * simple.losses)
+    return other if bool(worth.any()) and _told(other.losses) > _told(simple.losses) else simple
+
+
+def _told(losses: np.ndarray) -> tuple[int, float]:
+    """How many pairs of explanations come apart, either way round, and the smallest ratio: some pairs no motion parts,
+    and these must not decide which motion is the best for the others."""
+    return int(np.count_nonzero(losses >= PARTS)), float(losses.min())
 
 
 def _of(ranked: tuple[Separation, ...], sensors: tuple[str, ...], switches: bool) -> Experiment:
-    """The best motion alone, or with as many more as it takes to part every pair: not every motion shows everything."""
+    """The best motion alone, or with as many more as help to part further pairs: not every motion shows everything."""
     played, left = [ranked[0]], list(ranked[1:])
-    so_far = ranked[0].losses
+    so_far = best = ranked[0].losses
+    needed = 1  # of those that are played
     while so_far.min() < PARTS and left and len(played) < MOST:
-        add = max(left, key=lambda s: float((so_far + s.losses).min()))
+        add = max(left, key=lambda s: _told(so_far + s.losses))
         played.append(add)
         left.remove(add)
         so_far = so_far + add.losses
-    if so_far.min() < PARTS:  # in vain
-        played = played[:1]
-    return Experiment(ranked, tuple(played), sensors, switches)
+        if _told(so_far)[0] > _told(best)[0]:
+            needed, best = len(played), so_far
+    return Experiment(ranked, tuple(played[:needed]), sensors, switches)
 
 
 def _ranked(
@@ -120,4 +133,4 @@ def _ranked(
         progress(motion.name, begin + (end - begin) * k / len(tried))
         step = f"{','.join(setup.sigma)}: {motion.name}{', switched' if motion.enabled is not None else ''}"
         found.append(keep(step, partial(separation, robot, setup, motion, explanations, rng)))
-    return tuple(sorted(found, key=lambda s: -s.ratio))
+    return tuple(sorted(found, key=lambda s: _told(s.losses), reverse=True))

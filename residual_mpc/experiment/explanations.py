@@ -1,6 +1,6 @@
 """What a diagnosis.json leaves open: its explanation, and those that its runs could not tell from it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,15 +19,19 @@ class Explanation:
     values: Values
 
 
-def explanations_of(document: Mapping[str, Any], robot: Robot, where: str) -> tuple[Explanation, ...]:
-    """The explanation of a diagnosis.json, then its alternatives; without these there is one.
+def explanations_of(
+    document: Mapping[str, Any], robot: Robot, where: str, parts: Collection[str] = ()
+) -> tuple[Explanation, ...]:
+    """The explanation of a diagnosis.json, then its alternatives; without these there is one. parts: effects that are
+    to be told apart, whose alternatives alone count; all where there are none, or none is an alternative.
 
     Raises BadInput where the diagnosis is of another robot, cannot be read, or names what the robot lacks.
     """
     try:
         of = document["robot"]
         rows = [(document["explanation"], document["model"]["values"])]
-        rows += [(a["effects"], a["values"]) for a in document.get("alternatives", ())]
+        others = [(a["effects"], a["values"]) for a in document.get("alternatives", ())]
+        rows += [o for o in others if any(e["effect"] in parts for e in o[0])] or others
         found = tuple(Explanation(_named(effects), values_of(values)) for effects, values in rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"its explanations cannot be read: {error!r}", where, "diagnose the runs again") from error

@@ -1,6 +1,6 @@
 """From a diagnosis.json to the runs that it is worth driving next."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,11 +41,13 @@ def plan_next(
     rng: np.random.Generator,
     progress: Progress = lambda text, done: None,
     keep: Keep = at_once,
+    parts: Collection[str] = (),
 ) -> Plan:
     """What a diagnosis leaves open decides: explanations that were not told apart, a gap that nothing explains, or
-    nothing. keep: see `choose`. Raises BadInput where the diagnosis cannot be read, or is of another robot."""
+    nothing. keep: see `choose`; parts: see `explanations_of`. Raises BadInput where the diagnosis cannot be read, or is
+    of another robot."""
     setup = setup_from_runs(document, robot, where, limits)
-    explanations = explanations_of(document, robot, where)
+    explanations = explanations_of(document, robot, where, parts)
     if len(explanations) > 1:
         found = choose(robot, setup, [e.values for e in explanations], seconds, rng, progress, keep)
         return Plan("tell apart", setup, tuple(s.planned for s in found.played), {

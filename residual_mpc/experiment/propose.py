@@ -43,7 +43,8 @@ def propose(
         return Proposal(said, None)
     try:
         seconds = _seconds(said["parts"])
-        plan = plan_next(document, robot, "diagnosis.json", {}, seconds, np.random.default_rng(seed))
+        rng = np.random.default_rng(seed)
+        plan = plan_next(document, robot, "diagnosis.json", {}, seconds, rng, parts=said["parts"])
     except BadInput:
         return Proposal(said, None)  # a robot that cannot be planned for keeps the words
     if plan.purpose == "protocol":

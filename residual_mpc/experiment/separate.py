@@ -52,7 +52,7 @@ def separation(
     for i, true in enumerate(explanations):
         wrong = [k for k in range(len(explanations)) if k != i]
         problem = _problem(robot, simulate_run(robot, setup, planned.motion, true, rng), setup, explanations)
-        own, *others = fit_all(problem, [true, *(explanations[k] for k in wrong)])
+        own, *others = fit_all(problem, [true, *(explanations[k] for k in wrong)], rough=True)
         losses[i, wrong] = [(other.cost - own.cost) / setup.dispersion for other in others]
     return Separation(planned, losses)
 

@@ -171,8 +171,9 @@ def test_an_interval_holds_that_of_the_fit_with_small_differences_elsewhere() ->
     """Four times the noise, so four times the interval, about that fit's own value."""
     of = known()
     louder = linear(4.0 * of.problem.noise)
-    tolerated = SimpleNamespace(problem=louder, fit=fitted(louder, of.final.values))
-    alone = estimates(explained(louder, tolerated.fit))["scale"]
+    fit = fitted(louder, of.final.values)
+    tolerated = SimpleNamespace(problem=louder, fit=fit, part=of.problem, plain=of.final)
+    alone = estimates(explained(louder, fit))["scale"]
     both = estimates(known(tolerated=tolerated))["scale"]
     assert both.ci95 == pytest.approx(alone.ci95) and both.value == pytest.approx(of.final.values[SCALE])
 

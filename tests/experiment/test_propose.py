@@ -19,7 +19,7 @@ class Planned(Exception):
     ("joints", "step", "at_once"), [(1, None, True), (1, 0.001, False), (2, None, False), (6, 0.002, False)]
 )
 def test_arms_of_more_than_one_joint_and_physics_engines_are_left_to_excite(joints, step, at_once, monkeypatch):
-    def plan(*_):
+    def plan(*_, **__):
         raise Planned
 
     monkeypatch.setattr(module, "plan_next", plan)

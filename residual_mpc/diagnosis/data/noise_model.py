@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual_mpc.effects.recursion import first_order
+
 
 @dataclass(frozen=True)
 class ChannelNoise:
@@ -43,11 +45,9 @@ def draw_coloured(noise: ChannelNoise, t: np.ndarray, rng: np.random.Generator) 
 def ornstein_uhlenbeck(t: np.ndarray, time: float, rows: int, rng: np.random.Generator) -> np.ndarray:
     """(rows, n) stationary, unit variance, exp(-dt / time) from one stamp of t (n,) s to the next: exact for stamps
     that are evenly spaced, and by the median spacing otherwise (Gillespie 1996, eq. 3.1)."""
-    from scipy.signal import lfilter  # slow to import, and only noise that is drawn needs it
-
     x = rng.standard_normal((rows, len(t)))
     if len(t) < 2:
         return np.asarray(x)
     rho = float(np.exp(-np.median(np.diff(t)) / time))
     x[:, 1:] *= np.sqrt(1.0 - rho * rho)
-    return np.asarray(lfilter([1.0], [1.0, -rho], x, axis=1))
+    return first_order(rho, x, np.zeros(rows))

@@ -19,7 +19,7 @@ from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.problem import Problem, build_problem
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
@@ -81,21 +81,29 @@ def trusting(problem: Problem, values: Values, scales: Scales, settings: ResultS
 
 
 def _marginalised(problem: Problem, scales: Scales, final: Fit, options: Options) -> MarginalisedFit | None:
-    """The last fit with small differences marginalised in every number that it does not free; None where there are
-    none, and where their columns would not fit into memory."""
+    """The last fit with small differences marginalised in every number that it does not free, on evenly chosen windows
+    where their columns would cost too much on all; None where there are none, and where their columns would not fit
+    into memory."""
     settings, phases = options.settings.fit, options.phases
     if not final.terms:
         return None
     differences = small_differences(problem.space, final.values, settings=settings.predict)
-    if problem.data.y.size * len(differences) > phases.marginal_columns:
+    keep = evenly(problem.data, phases.marginal_cost // max(len(differences), 1), settings=options.settings.data)
+    part, plain = problem, final
+    if not keep.all():
+        part = part_of(problem, keep)
+        plain = fit_all(part, [final.values], phases.marginal_steps, settings=settings)[0]
+    if part.data.y.size * len(differences) > phases.marginal_columns:
         return None
-    quick = quickened(problem.data, scales, settings=settings.predict)
-    by = None if quick is problem.data else PredictionCache(quick, problem.space)
-    carried = carrying(problem, final.values, final.knobs, by, settings=settings)
-    wide = tolerant(carried, final, settings=settings)
+    quick = quickened(part.data, scales, settings=settings.predict)
+    by = None if quick is part.data else PredictionCache(quick, part.space)
+    carried = carrying(part, final.values, final.knobs, by, settings=settings)
+    wide = tolerant(carried, plain, settings=settings)
     if wide.marginal is None:
         return None
-    return MarginalisedFit(wide, fit_all(wide, [final.values], phases.marginal_steps, settings=settings)[0])
+    return MarginalisedFit(
+        wide, fit_all(wide, [final.values], phases.marginal_steps, settings=settings)[0], part, plain
+    )
 
 
 def cross_validated_shrink(

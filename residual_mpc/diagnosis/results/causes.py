@@ -118,12 +118,16 @@ def _beside_others(of: FittedExplanation) -> dict[Knob, tuple[float, ...]]:
 
 
 def _aside(of: FittedExplanation, settings: ResultSettings) -> dict[Knob, tuple[float, float]]:
-    """The interval of each number, limits included, from the fit in which small differences are marginalised."""
+    """The interval of each number, limits included, moved and widened as marginalising small differences does."""
     if of.tolerated is None:
         return {}
-    problem, fit = of.tolerated.problem, of.tolerated.fit
-    half = T95 * sigmas(problem, fit, settings=settings)
-    return {k: (fit.values[k] - h, fit.values[k] + h) for k, h in zip(fit.knobs, half, strict=True)}
+    wide, plain = of.tolerated.fit, of.tolerated.plain
+    own = sigmas(of.problem, of.final, settings=settings)
+    more = sigmas(of.tolerated.problem, wide, settings=settings) ** 2
+    more -= sigmas(of.tolerated.part, plain, settings=settings) ** 2
+    half = T95 * np.sqrt(own**2 + np.maximum(more, 0.0))
+    centre = {k: of.final.values[k] + wide.values[k] - plain.values[k] for k in of.final.knobs}
+    return {k: (centre[k] - h, centre[k] + h) for k, h in zip(of.final.knobs, half, strict=True)}
 
 
 def _estimate(

@@ -20,10 +20,13 @@ from residual_mpc.models.settings import Knob, Term
 
 @dataclass(frozen=True, eq=False)
 class MarginalisedFit:
-    """The last fit once more, with small differences marginalised in every number that it does not free."""
+    """The last fit once more, with small differences marginalised in every number that it does not free; part, plain:
+    the same windows, maybe some of all, and the fit to them without that."""
 
     problem: Problem
     fit: Fit
+    part: Problem
+    plain: Fit
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 STRIP = 30  # px below the picture, for the legend
 LETTERS = 14  # px
 EDGE = 96  # brightness from which a pixel belongs to the robot in full
+OUTLINE = 2  # px
 DASH = 5  # px of a dashed outline
 
 
@@ -38,21 +39,30 @@ def overlay(
 def _shapes(base: np.ndarray, shades: np.ndarray, inks: Sequence[Ink]) -> np.ndarray:
     """(height, width, 3) the shapes (N, height, width) over the background, each filled and outlined by its ink."""
     out = base.copy()
-    for shade, ink in [*zip(shades, inks, strict=False)][::-1]:  # the measured one over the others
+    drawn = [(shade[(box := _box(shade))], ink, box) for shade, ink in zip(shades, inks, strict=False) if shade.any()]
+    for shade, ink, box in drawn[::-1]:  # the measured one over the others
         alpha = np.minimum(shade / EDGE, 1.0)[..., None]
         light = (0.75 + 0.5 * shade / 255.0)[..., None]
         lit = np.clip(np.array(ink.colour) * light + 30.0 * (light - 0.75), 0, 255)
-        out += ink.fill * alpha * (lit - out)
-    for shade, ink in zip(shades, inks, strict=False):
+        out[box] += ink.fill * alpha * (lit - out[box])
+    for shade, ink, box in drawn:
         if ink.fill != MEASURED.fill:
-            out[_outline(shade >= EDGE // 2, ink)] = ink.colour
+            out[box][_outline(shade >= EDGE // 2, ink, box[0].start + box[1].start)] = ink.colour
     return out
 
 
-def _outline(inside: np.ndarray, ink: Ink) -> np.ndarray:
-    """(height, width) bool: the two outermost pixels of a shape, broken where the ink is dashed."""
+def _box(shade: np.ndarray) -> tuple[slice, slice]:
+    """The rows and columns of a picture that a shape (height, width) covers, and its outline's width around them."""
+    rows, columns = (np.flatnonzero(shade.any(axis=axis)) for axis in (1, 0))
+    high, wide = (slice(max(k[0] - OUTLINE, 0), k[-1] + 1 + OUTLINE) for k in (rows, columns))
+    return high, wide
+
+
+def _outline(inside: np.ndarray, ink: Ink, first: int) -> np.ndarray:
+    """(height, width) bool: the outermost pixels of a shape, broken where the ink is dashed; first: row + column of the
+    first pixel in the picture."""
     core = inside.copy()
-    for _ in range(2):
+    for _ in range(OUTLINE):
         inner = core.copy()
         inner[1:] &= core[:-1]
         inner[:-1] &= core[1:]
@@ -62,7 +72,7 @@ def _outline(inside: np.ndarray, ink: Ink) -> np.ndarray:
     edge = inside & ~core
     if ink.dash is not None:
         rows, columns = np.indices(edge.shape)
-        edge &= (rows + columns) // DASH % 2 == 0
+        edge &= (rows + columns + first) // DASH % 2 == 0
     return np.asarray(edge)
 
 
