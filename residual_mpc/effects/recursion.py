@@ -12,9 +12,9 @@ def first_order(a: float, x: np.ndarray, before: np.ndarray) -> np.ndarray:
     from scipy.linalg.lapack import dtbtrs
 
     count = x.shape[-1]
+    if not x.size:
+        return np.zeros(x.shape)
     right = np.array(x, dtype=float, order="C").reshape(-1, count)
-    if not right.size:
-        return right.reshape(x.shape)
     right[:, 0] += a * np.broadcast_to(before, x.shape[:-1]).ravel()
     if count == 1:
         return right.reshape(x.shape)

@@ -60,6 +60,31 @@ def test_two_motions_where_each_parts_another_pair(monkeypatch):
     assert found.parts and found.ratio == 101.0
 
 
+def test_a_pair_that_no_motion_parts_does_not_choose_the_motion(monkeypatch):
+    """The third explanation is the second in other words: straights part both from the first, spins none."""
+
+    def losses(bench, motion):
+        out = np.full((3, 3), 100.0 if "straight" in motion.name else 1.0)
+        out[1, 2] = out[2, 1] = 0.0 if "straight" in motion.name else 0.1  # noise
+        return out + np.diag([np.inf] * 3)
+
+    found = chosen_by(ROVER, monkeypatch, losses)
+    assert [s.planned.motion.name for s in found.played] == ["straight both ways at two headings"]
+    assert not found.parts and not found.sensors
+
+
+def test_encoders_that_part_one_more_pair_are_asked_for(monkeypatch):
+    """Though another pair stays."""
+
+    def losses(bench, motion):
+        out = np.full((3, 3), 100.0 if "velocity.left" in bench.sigma else 1.0)
+        out[1, 2] = out[2, 1] = 0.0
+        return out + np.diag([np.inf] * 3)
+
+    found = chosen_by(ROVER, monkeypatch, losses)
+    assert not found.parts and found.sensors == ("velocity.left", "velocity.right")
+
+
 def test_wheels_get_encoders(monkeypatch):
     found = chosen(ROVER, monkeypatch, lambda encoders, off: 100.0 if encoders else 0.1)
     assert found.parts and found.sensors == ("velocity.left", "velocity.right")
