@@ -80,7 +80,7 @@ def _animated(films: Sequence[np.ndarray], durations: Sequence[list[int]], kind:
 
     pictures = [Image.fromarray(f) for film in films for f in film]
     out = io.BytesIO()
-    more = {"quality": QUALITY, "method": 2} if kind == "WEBP" else {}
+    more = {"quality": QUALITY, "method": 2, "kmax": 0} if kind == "WEBP" else {}
     pictures[0].save(
         out, format=kind, save_all=True, append_images=pictures[1:], duration=sum(durations, []), loop=0, **more
     )

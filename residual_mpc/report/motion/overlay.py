@@ -26,7 +26,7 @@ def overlay(
     shades (N, F, height, width) uint8: brightness of the robot in each motion, 0 where it is not; trails (N, F, 2) px:
     where its point is at each instant; seconds: from the first instant to the last.
     """
-    base = np.asarray(background, dtype=float)
+    base = np.asarray(background)
     clock = np.linspace(0.0, seconds, shades.shape[1])
     return np.stack(
         [
@@ -37,23 +37,28 @@ def overlay(
 
 
 def _shapes(base: np.ndarray, shades: np.ndarray, inks: Sequence[Ink]) -> np.ndarray:
-    """(height, width, 3) the shapes (N, height, width) over the background, each filled and outlined by its ink."""
+    """(height, width, 3) uint8: the shapes (N, height, width) over the background, each in its ink."""
     out = base.copy()
-    drawn = [(shade[(box := _box(shade))], ink, box) for shade, ink in zip(shades, inks, strict=False) if shade.any()]
-    for shade, ink, box in drawn[::-1]:  # the measured one over the others
+    if not shades.any():
+        return out
+    box = _box(np.asarray(shades.any(axis=0)))
+    drawn = [(shade[box], ink) for shade, ink in zip(shades, inks, strict=False)]
+    within = out[box].astype(float)
+    for shade, ink in drawn[::-1]:  # the measured one over the others
         alpha = np.minimum(shade / EDGE, 1.0)[..., None]
         light = (0.75 + 0.5 * shade / 255.0)[..., None]
         lit = np.clip(np.array(ink.colour) * light + 30.0 * (light - 0.75), 0, 255)
-        out[box] += ink.fill * alpha * (lit - out[box])
-    for shade, ink, box in drawn:
+        within += ink.fill * alpha * (lit - within)
+    for shade, ink in drawn:
         if ink.fill != MEASURED.fill:
-            out[box][_outline(shade >= EDGE // 2, ink, box[0].start + box[1].start)] = ink.colour
+            within[_outline(shade >= EDGE // 2, ink, box[0].start + box[1].start)] = ink.colour
+    out[box] = np.clip(within, 0, 255)
     return out
 
 
-def _box(shade: np.ndarray) -> tuple[slice, slice]:
-    """The rows and columns of a picture that a shape (height, width) covers, and its outline's width around them."""
-    rows, columns = (np.flatnonzero(shade.any(axis=axis)) for axis in (1, 0))
+def _box(covered: np.ndarray) -> tuple[slice, slice]:
+    """The rows and columns of a picture in which a mask (height, width) is true, and an outline's width around them."""
+    rows, columns = (np.flatnonzero(covered.any(axis=axis)) for axis in (1, 0))
     high, wide = (slice(max(k[0] - OUTLINE, 0), k[-1] + 1 + OUTLINE) for k in (rows, columns))
     return high, wide
 
@@ -77,20 +82,29 @@ def _outline(inside: np.ndarray, ink: Ink, first: int) -> np.ndarray:
 
 
 def _lines(picture: np.ndarray, trails: np.ndarray, inks: Sequence[Ink]) -> "Image":
-    """The picture with the trails (N, f, 2) px so far, and a dot where each ends."""
+    """The picture (height, width, 3) uint8 with the trails (N, f, 2) px so far, and a dot where each ends."""
     from PIL import Image, ImageDraw
 
-    height, width = picture.shape[:2]
-    flat = Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8))
-    fine = flat.resize((FINE * width, FINE * height), Image.Resampling.NEAREST)  # unchanged where no line is
+    size = np.array(picture.shape[1::-1])
+    flat = Image.fromarray(picture)
+    known = [(trail[np.isfinite(trail).all(axis=1)], ink) for trail, ink in zip(trails, inks, strict=False)]
+    drawn = np.concatenate([there for there, _ in known])
+    reach = max(ink.width for ink in inks) + 2.0  # of a line's ends and of a dot, px
+    low = np.clip(np.floor(drawn.min(axis=0) - reach), 0, size).astype(int)
+    high = np.clip(np.ceil(drawn.max(axis=0) + reach), 0, size).astype(int)
+    if (high <= low).any():
+        return flat
+    box = (*low.tolist(), *high.tolist())
+    # only the part with lines is enlarged and averaged
+    fine = flat.crop(box).resize(tuple(FINE * (high - low)), Image.Resampling.NEAREST)
     draw = ImageDraw.Draw(fine)
-    for trail, ink in zip(trails, inks, strict=False):
-        there = trail[np.isfinite(trail).all(axis=1)]
-        line(draw, there, ink)
-        x, y = FINE * there[-1]
+    for there, ink in known:
+        line(draw, there - low, ink)
+        x, y = FINE * (there[-1] - low)
         r = FINE * (ink.width + 1.0)
         draw.ellipse((x - r, y - r, x + r, y + r), fill=ink.colour, outline=PAPER, width=FINE)
-    return fine.reduce(FINE)
+    flat.paste(fine.reduce(FINE), box)
+    return flat
 
 
 def _with_strip(picture: "Image", t: float, inks: Sequence[Ink]) -> np.ndarray:
