@@ -258,6 +258,20 @@ def test_a_group_in_words():
     )
 
 
+@pytest.mark.parametrize(
+    ("named", "other", "end"),
+    [
+        (0.02, 0.76, "cannot be told apart; wheel radius mismatch is likelier (0.76)."),
+        (0.40, 0.45, "cannot be told apart."),
+        (0.76, 0.02, "cannot be told apart."),
+    ],
+)
+def test_a_group_says_which_member_is_clearly_likelier_than_the_named_one(named, other, end):
+    group = [{"effect": "actuator_gain", "target": "right"}, {"effect": "wheel_radius_mismatch", "target": None}]
+    candidates = [{**member, "probability": p} for member, p in zip(group, (named, other), strict=True)]
+    assert group_sentence(group, candidates) == f"On these runs actuator gain (right) and wheel radius mismatch {end}"
+
+
 def test_what_is_left_in_words():
     assert plain(rest_sentence(document("unknown")["remainder"])) == (
         "The remaining error is mainly in elbow at low speed and depends on the angle of elbow (62 % of it, 12 times "

@@ -6,6 +6,8 @@ from typing import Any
 from residual_mpc.report.words.effects import name
 from residual_mpc.report.words.numbers import listed
 
+LIKELIER = 2.0  # times the probability of a group's named member, from which another is worth a word
+
 Member = Mapping[str, Any] | Sequence[Mapping[str, Any]]  # several act together
 
 
@@ -21,6 +23,19 @@ def member_name(member: Member) -> str:
     )
 
 
-def group_sentence(group: Sequence[Member]) -> str:
-    """ "On these runs command delay and sensor delay cannot be told apart."."""
-    return f"On these runs {listed([member_name(member) for member in group])} cannot be told apart."
+def group_sentence(group: Sequence[Member], candidates: Sequence[Mapping[str, Any]] = ()) -> str:
+    """ "On these runs command delay and sensor delay cannot be told apart."; candidates: those of diagnosis.json, for
+    the member that is clearly likelier than the one that stands in the explanation."""
+    text = f"On these runs {listed([member_name(member) for member in group])} cannot be told apart"
+    probability = {(c["effect"], c.get("target")): float(c["probability"]) for c in candidates}
+    known = [
+        (probability.get((e["effect"], e.get("target")), 0.0), member_name(m))
+        for m in group
+        for e in effects_of(m)
+        if len(effects_of(m)) == 1
+    ]
+    if len(known) > 1:
+        (named, _), (best, likelier) = known[0], max(known)
+        if best > LIKELIER * named:
+            return f"{text}; {likelier} is likelier ({best:.2f})."
+    return f"{text}."
