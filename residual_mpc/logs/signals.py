@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from residual_mpc.logs.by_content import by_content
 from residual_mpc.logs.run import FloatArray
 from residual_mpc.logs.window_polynomials import line_at_zero, quadratic
 
@@ -97,6 +98,7 @@ def _sensor_period(values: FloatArray) -> int:
     return max(2, int(np.quantile(hold, 0.9, method="nearest")))
 
 
+@by_content
 def resolution(y: FloatArray) -> float:
     """The step of a quantised channel, in its unit; 0 where its values lie on no common grid.
 
@@ -130,6 +132,7 @@ def _grid(gaps: FloatArray, step: float, rounding: float) -> float:
     return step
 
 
+@by_content
 def noise_sigma(t: FloatArray, y: FloatArray) -> float:
     """A robust 1-sigma of a channel's white sensor noise, in its unit; 0 where it shows none.
 

@@ -28,6 +28,7 @@ def drive_of(
     steps = int(np.ceil(horizon / dt - 1e-9))
     lead, after = (int(np.ceil(x / dt)) for x in (settings.dataset.lead, settings.dataset.after))
     commands, enabled, clocks, angles = [], [], [], []
+    switched = any(f"enabled.{a}" in run.columns for run in runs for a in robot.actuators)
     rolls = has_round_wheels(robot) and all((i, s.position) in signals for s in robot.states for i in index)
     for run, t0, i in zip(runs, starts, index, strict=True):
         edges = t0[:, None] + dt * np.arange(-lead, steps + after + 1)[None, :]
@@ -43,6 +44,8 @@ def drive_of(
             mine = {c: (s.t, s.y) for (j, c), s in signals.items() if j == i}
             angles.append(wheel_angles(robot, run, t0, horizon, mine, settings.wheel_angle))
         clocks.append(t0 - run.t[0])
+        if not switched:
+            continue
         centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
         at = np.clip(np.searchsorted(run.t, centres, side="right") - 1, 0, len(run.t) - 1)
         on = [
@@ -50,7 +53,8 @@ def drive_of(
             for a in robot.actuators
         ]
         enabled.append(np.where(np.isnan(on), 1.0, on).transpose(1, 2, 0))
-    sent, on_all, end = np.concatenate(commands), np.concatenate(enabled), lead + steps
+    sent, end = np.concatenate(commands), lead + steps
+    on_all = np.concatenate(enabled) if switched else np.ones((1, 1, 1))
     always = bool((on_all[:, :end] == 1).all())
     return Drive(
         dt,

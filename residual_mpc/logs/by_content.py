@@ -1,0 +1,29 @@
+"""Numbers that are asked for again and again of the same samples, such as a channel's noise."""
+
+from collections.abc import Callable
+from functools import wraps
+from hashlib import blake2b
+
+import numpy as np
+
+MOST = 10_000  # numbers that are kept of one function
+
+
+def by_content(function: Callable[..., float]) -> Callable[..., float]:
+    """The function of arrays (n,), computed once for the same content; it must depend on nothing else."""
+    known: dict[bytes, float] = {}
+
+    @wraps(function)
+    def call(*arrays: np.ndarray) -> float:
+        digest = blake2b(digest_size=16)
+        for array in arrays:
+            digest.update(f"{array.dtype.str}{array.shape}".encode())
+            digest.update(array.tobytes())
+        key = digest.digest()
+        if key not in known:
+            if len(known) >= MOST:
+                known.clear()
+            known[key] = function(*arrays)
+        return known[key]
+
+    return call
