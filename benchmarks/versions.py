@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
+from time import perf_counter
 from typing import Any
 
 import click
@@ -33,11 +34,13 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one diagnosis: processor time of all its threads and processes, s; the largest memory, bytes; exit status."""
+    """Of one diagnosis: processor time of all its threads and processes, s; the largest memory, bytes; exit status;
+    first: s from its start until it has said how large the gap is and what it resembles, None where it never did."""
 
     seconds: float
     memory: int
     status: int
+    first: float | None = None
 
 
 @click.command()
@@ -49,15 +52,16 @@ def versions(cases: tuple[Path, ...], old: str, out: Path, most: int | None) -> 
     """Diagnose every case with both versions and print a row for each, and the medians by family."""
     trees = {"old": unpacked(old, out / "tree"), "new": ROOT}
     rows: dict[str, list[tuple[Cost, Cost]]] = {}
-    click.echo("| case | s before | s now | ratio | GB before | GB now | before | now |")
-    click.echo("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    click.echo("| case | s before | s now | ratio | first answer, s | GB before | GB now | before | now |")
+    click.echo("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for case in folders(cases)[:most]:
         both = {name: diagnosed(case, tree, out / name / case.name) for name, tree in trees.items()}
         before, now = both["old"], both["new"]
         rows.setdefault(family(case), []).append((before, now))
         said = " | ".join(answer(out / name / case.name) for name in trees)
+        first = "" if now.first is None else f"{now.first:.1f}"
         click.echo(
-            f"| {case.name} | {before.seconds:.1f} | {now.seconds:.1f} | {now.seconds / before.seconds:.2f} | "
+            f"| {case.name} | {before.seconds:.1f} | {now.seconds:.1f} | {now.seconds / before.seconds:.2f} | {first} | "
             f"{before.memory / 1e9:.2f} | {now.memory / 1e9:.2f} | {said} |"
         )
     for name, costs in rows.items():
@@ -95,11 +99,19 @@ def diagnosed(case: Path, tree: Path, out: Path) -> Cost:
     out.parent.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-c", PROGRAM, "diagnose", "--robot", str(case / "robot.toml"), *runs, "--out", str(out)]
     environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(tree)}
+    begin, first = perf_counter(), None
     with out.with_suffix(".log").open("w", encoding="utf-8") as log:
-        process = subprocess.Popen(command, cwd=tree, env=environment, stdout=log, stderr=log)
+        process = subprocess.Popen(
+            command, cwd=tree, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        assert process.stdout is not None
+        for line in process.stdout:
+            log.write(line)
+            if first is None and line.startswith("first look"):
+                first = perf_counter() - begin
         _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
-    cost = Cost(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024, process.returncode)
+    cost = Cost(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024, process.returncode, first)
     kept.write_text(json.dumps(asdict(cost)), encoding="utf-8")
     return cost
 
