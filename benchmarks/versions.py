@@ -59,9 +59,9 @@ def versions(cases: tuple[Path, ...], old: str, out: Path, most: int | None) -> 
         before, now = both["old"], both["new"]
         rows.setdefault(family(case), []).append((before, now))
         said = " | ".join(answer(out / name / case.name) for name in trees)
-        first = "" if now.first is None else f"{now.first:.1f}"
+        first, ratio = "" if now.first is None else f"{now.first:.1f}", now.seconds / before.seconds
         click.echo(
-            f"| {case.name} | {before.seconds:.1f} | {now.seconds:.1f} | {now.seconds / before.seconds:.2f} | {first} | "
+            f"| {case.name} | {before.seconds:.1f} | {now.seconds:.1f} | {ratio:.2f} | {first} | "
             f"{before.memory / 1e9:.2f} | {now.memory / 1e9:.2f} | {said} |"
         )
     for name, costs in rows.items():
