@@ -1,4 +1,4 @@
-"""What a diagnosis costs beside an earlier version: processor seconds and memory of both on the same cases.
+"""What a diagnosis costs compared with an earlier version: processor seconds and memory on the same cases.
 
 residual-mpc blind make --out suite --family wheeled=40 --family arm=20 --seed 30000
 python -m benchmarks.versions suite --old 676a877 --out build/versions
@@ -6,8 +6,8 @@ residual-mpc blind score suite --results build/versions/old
 residual-mpc blind score suite --results build/versions/new
 
 Each case is diagnosed by the earlier version and by the files of this folder in turn, one process at a time, in the
-same environment. A case is a folder with a robot.toml and its runs; CASES are such folders, or suites of them. Cases
-that have been diagnosed are not diagnosed again.
+same environment. PLACES are suites, or folders with a robot.toml and runs. Cases that have been diagnosed are not
+diagnosed again.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,9 +29,21 @@ from typing import Any
 
 import click
 
+from residual_mpc.blind.suite import read_suite, write_json
+
 ROOT = Path(__file__).parents[1]
 PROGRAM = "import sys; from residual_mpc.cli.main import main; sys.argv[0] = 'residual-mpc'; main()"
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # of linear algebra
+
+
+@dataclass(frozen=True)
+class Case:
+    """name: unique in a call; folder: with robot.toml and runs; without: effects that the diagnosis is not to name."""
+
+    name: str
+    folder: Path
+    family: str
+    without: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -44,40 +58,51 @@ class Cost:
 
 
 @click.command()
-@click.argument("cases", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument(
+    "places", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, file_okay=False, resolve_path=True)
+)
 @click.option("--old", default="676a877", show_default=True, help="Commit to compare with.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False, resolve_path=True), required=True)
 @click.option("--most", type=click.IntRange(min=1), help="Number of cases.  [default: all]")
-def versions(cases: tuple[Path, ...], old: str, out: Path, most: int | None) -> None:
+def versions(places: tuple[Path, ...], old: str, out: Path, most: int | None) -> None:
     """Diagnose every case with both versions and print a row for each, and the medians by family."""
     trees = {"old": unpacked(old, out / "tree"), "new": ROOT}
-    rows: dict[str, list[tuple[Cost, Cost]]] = {}
+    cases = cases_of(places)[:most]
+    rows: dict[str, list[tuple[Cost, Cost]]] = {case.family: [] for case in cases}
     click.echo("| case | s before | s now | ratio | first answer, s | GB before | GB now | before | now |")
     click.echo("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    for case in folders(cases)[:most]:
-        both = {name: diagnosed(case, tree, out / name / case.name) for name, tree in trees.items()}
-        before, now = both["old"], both["new"]
-        rows.setdefault(family(case), []).append((before, now))
+    for case in cases:
+        before, now = (diagnosed(case, tree, out / name / case.name) for name, tree in trees.items())
         said = " | ".join(answer(out / name / case.name) for name in trees)
+        if before.status or now.status:
+            click.echo(f"| {case.name} | | | | | | | {said} |")
+            continue
+        rows[case.family].append((before, now))
         first, ratio = "" if now.first is None else f"{now.first:.1f}", now.seconds / before.seconds
         click.echo(
             f"| {case.name} | {before.seconds:.1f} | {now.seconds:.1f} | {ratio:.2f} | {first} | "
             f"{before.memory / 1e9:.2f} | {now.memory / 1e9:.2f} | {said} |"
         )
     for name, costs in rows.items():
-        click.echo(summary(name, costs))
+        if costs:
+            click.echo(summary(name, costs))
 
 
-def folders(places: Sequence[Path]) -> list[Path]:
-    """The cases among these folders: the folder itself, or all below it that hold a robot file."""
-    return [found.parent for place in places for found in sorted(place.rglob("robot.toml"))]
-
-
-def family(case: Path) -> str:
-    """What a case's robot is called."""
-    import tomllib
-
-    return str(tomllib.loads((case / "robot.toml").read_text(encoding="utf-8")).get("plant", "robot"))
+def cases_of(places: Sequence[Path]) -> list[Case]:
+    """The cases of these suites and folders. Raises click.UsageError where two have the same name."""
+    found: list[Case] = []
+    for place in places:
+        if (place / "suite.json").exists():
+            suite = read_suite(place)
+            found += [Case(e.name, suite.case(e), e.family, e.without) for e in suite.cases]
+        else:
+            found.append(Case(place.name, place, "robot"))
+    twice = sorted(name for name, n in Counter(c.name for c in found).items() if n > 1)
+    if twice:
+        raise click.UsageError(
+            f"cases must have different names, got {', '.join(twice)} twice: call once for each suite"
+        )
+    return found
 
 
 def unpacked(commit: str, place: Path) -> Path:
@@ -90,20 +115,23 @@ def unpacked(commit: str, place: Path) -> Path:
     return tree
 
 
-def diagnosed(case: Path, tree: Path, out: Path) -> Cost:
-    """What a diagnosis by the files of `tree` costs; read from `out` where it was made before."""
-    kept = out.with_suffix(".cost.json")
+def diagnosed(case: Case, tree: Path, out: Path) -> Cost:
+    """What a diagnosis by the files of `tree` costs; read from beside `out` where it was made before."""
+    kept, log_file = (out.parent / f"{out.name}.{end}" for end in ("cost.json", "log"))
     if kept.exists():
         return Cost(**json.loads(kept.read_text(encoding="utf-8")))
-    runs = sorted(str(path) for path in case.iterdir() if path.suffix in {".csv", ".parquet"} or _holds_runs(path))
+    shutil.rmtree(out, ignore_errors=True)  # one that was stopped would go on where it was
     out.parent.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-c", PROGRAM, "diagnose", "--robot", str(case / "robot.toml"), *runs, "--out", str(out)]
+    runs = sorted(str(path) for path in case.folder.iterdir() if path.suffix in {".csv", ".parquet"})
+    left_out = [word for effect in case.without for word in ("--without", effect)]
+    what = ["--robot", str(case.folder / "robot.toml"), *runs, *left_out, "--out", str(out)]
     environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(tree)}
     begin, first = perf_counter(), None
-    with out.with_suffix(".log").open("w", encoding="utf-8") as log:
+    with log_file.open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
-            command, cwd=tree, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
+            [sys.executable, "-c", PROGRAM, "diagnose", *what],
+            cwd=tree, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
         assert process.stdout is not None
         for line in process.stdout:
             log.write(line)
@@ -112,12 +140,11 @@ def diagnosed(case: Path, tree: Path, out: Path) -> Cost:
         _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     cost = Cost(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024, process.returncode, first)
-    kept.write_text(json.dumps(asdict(cost)), encoding="utf-8")
+    ended = "done" if not cost.status else f"exit status {cost.status}"
+    out.mkdir(exist_ok=True)
+    write_json(out / "run.json", {"status": ended, "seconds": cost.seconds})  # for `residual-mpc blind score`
+    write_json(kept, asdict(cost))
     return cost
-
-
-def _holds_runs(path: Path) -> bool:
-    return path.is_dir() and path.name.startswith("run")
 
 
 def answer(out: Path) -> str:

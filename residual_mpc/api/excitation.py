@@ -124,11 +124,15 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
     if result["switches"]:
         out.append("  switch the motors off at times (enabled.*); motions alone are not enough")
     out.append(f"  motions: {', then '.join(result['played'])}")
+    pairs, separates = result["pairs"], result["separates"]
     for m in result["motions"]:
-        out.append(f"    {m['name']}: expected likelihood ratio in favour of the true cause {m['ratio']:.3g}")
+        ratio = f"expected likelihood ratio in favour of the true cause {m['ratio']:.3g}"
+        out.append(f"    {m['name']}: " + (ratio if pairs == 1 else f"separates {m['separates']} of {pairs} pairs"))
     if not result["told_apart"]:
+        some = f"together they separate {separates} of {pairs} pairs; " if separates else ""
+        which = "the others" if separates else "them"
         out.append(
-            f"  no motion is expected to separate them reliably (likelihood ratio {PARTS:g}); "
+            f"  {some}no motion is expected to separate {which} reliably (likelihood ratio {PARTS:g}); "
             "another sensor or a known load may"
         )
     return out

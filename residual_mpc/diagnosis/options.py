@@ -19,10 +19,10 @@ class PhaseSettings:
     more, what is one for certain on any number. near: times the noise floor within which longer
     windows sharpen the numbers of the last fit. marginal_steps: steps of the last fit with small differences, from
     where the plain one ended; marginal_cost: simulation steps that the columns of all small differences may cost;
-    marginal_columns: numbers in them, above which they are not marginalised (memory). outliers_worth: times the squared
-    noise floor that a few jumping samples have to make of the gap to be a cause. first_look: simulation steps that the
-    first look may cost; most_steps: that one hypothesis may cost on all windows that fits may see, of which evenly
-    fewer are taken where a log is long."""
+    marginal_columns: numbers in them (memory); beyond either, fewer windows are taken. outliers_worth: times the
+    squared noise floor that a few jumping samples have to make of the gap to be a cause. first_look: simulation steps
+    that the first look may cost; most_steps: that one hypothesis may cost on all windows that fits may see, of which
+    evenly fewer are taken where a log is long."""
 
     blocks: int = 10
     cheap: int = 30_000
@@ -31,15 +31,14 @@ class PhaseSettings:
     near: float = 2.0
     marginal_steps: int = 4
     marginal_cost: int = 4_000_000
-    marginal_columns: int = 40_000_000
+    marginal_columns: int = 10_000_000
     outliers_worth: float = 0.6
     first_look: int = 120_000
     most_steps: int = 150_000
 
     def __post_init__(self) -> None:
         check_positive(self, "blocks", "cheap", "bearable", "few", "near", "marginal_steps", "marginal_columns")
-        check_positive(self, "marginal_cost")
-        check_positive(self, "outliers_worth", "first_look", "most_steps")
+        check_positive(self, "marginal_cost", "outliers_worth", "first_look", "most_steps")
 
 
 @dataclass(frozen=True)

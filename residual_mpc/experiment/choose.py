@@ -91,15 +91,22 @@ def protocol(
 
 
 def _clearly_better(simple: Experiment, other: Experiment) -> Experiment:
-    """The one that asks for more only where it is worth that: where it parts a pair that the other hardly parts."""
-    worth = (other.losses >= PARTS) & (other.losses >= 2.0 * simple.losses)
-    return other if bool(worth.any()) and _told(other.losses) > _told(simple.losses) else simple
+    """The one that asks for more only where it is worth that: where it parts further pairs, and by far."""
+    worth = (simple.losses < PARTS) & (other.losses >= PARTS) & (other.losses >= 2.0 * simple.losses)
+    return other if bool(worth.any()) and _told(other.losses)[0] > _told(simple.losses)[0] else simple
 
 
-def _told(losses: np.ndarray) -> tuple[int, float]:
-    """How many pairs of explanations come apart, either way round, and the smallest ratio: some pairs no motion parts,
-    and these must not decide which motion is the best for the others."""
-    return int(np.count_nonzero(losses >= PARTS)), float(losses.min())
+def parted(losses: np.ndarray) -> int:
+    """How many pairs of explanations come apart whichever of the two is true, of (n, n) likelihood ratios."""
+    return (int(np.count_nonzero((losses >= PARTS) & (losses.T >= PARTS))) - len(losses)) // 2
+
+
+def _told(losses: np.ndarray) -> tuple[int, int, float]:
+    """What a motion is ranked by: the pairs that it parts; how far the others are on their way; the least ratio of
+    those that it parts. The ratio of a pair that no motion parts is noise and must not decide."""
+    clear = losses[(losses >= PARTS) & (losses.T >= PARTS)]
+    on_the_way = round(2.0 * float(np.clip(losses, 0.0, PARTS).sum()) / PARTS)  # coarse enough to be no noise
+    return parted(losses), on_the_way, float(clear.min(initial=np.inf))
 
 
 def _of(ranked: tuple[Separation, ...], sensors: tuple[str, ...], switches: bool) -> Experiment:

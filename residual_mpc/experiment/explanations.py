@@ -30,8 +30,10 @@ def explanations_of(
     try:
         of = document["robot"]
         rows = [(document["explanation"], document["model"]["values"])]
-        others = [(a["effects"], a["values"]) for a in document.get("alternatives", ())]
-        rows += [o for o in others if any(e["effect"] in parts for e in o[0])] or others
+        others = document.get("alternatives", ())
+        asked = [a for a in others if _names(a["effects"]) & set(parts) and _names(a["instead_of"]) & set(parts)]
+        asked = asked or [a for a in others if _names(a["effects"]) & set(parts)] or others
+        rows += [(a["effects"], a["values"]) for a in asked]
         found = tuple(Explanation(_named(effects), values_of(values)) for effects, values in rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"its explanations cannot be read: {error!r}", where, "diagnose the runs again") from error
@@ -42,6 +44,10 @@ def explanations_of(
     for explanation in found:
         check_fits(explanation.values, robot, of, where)
     return found
+
+
+def _names(effects: Sequence[Mapping[str, Any]]) -> set[str]:
+    return {e["effect"] for e in effects}
 
 
 def _named(effects: Sequence[Mapping[str, Any]]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from residual_mpc.checkpoint import at_once
 from residual_mpc.errors import BadInput
-from residual_mpc.experiment.choose import Keep, choose, protocol
+from residual_mpc.experiment.choose import Keep, choose, parted, protocol
 from residual_mpc.experiment.drive_setup import DriveSetup, setup_from_model, setup_from_runs
 from residual_mpc.experiment.explanations import explanations_of
 from residual_mpc.experiment.explore import explore, regimes_of
@@ -52,7 +52,8 @@ def plan_next(
         found = choose(robot, setup, [e.values for e in explanations], seconds, rng, progress, keep)
         return Plan("tell apart", setup, tuple(s.planned for s in found.played), {
             "purpose": "tell apart", "parts": [e.name for e in explanations],
-            "motions": [_described(s.planned, s.ratio) for s in found.motions],
+            "motions": [{**_described(s.planned, s.ratio), "separates": parted(s.losses)} for s in found.motions],
+            "pairs": len(explanations) * (len(explanations) - 1) // 2, "separates": parted(found.losses),
             "played": [s.planned.motion.name for s in found.played], "ratio": found.ratio,
             "told_apart": found.parts, "sensors": list(found.sensors), "switches": found.switches, "not_testable": [],
         })  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a diagnosis proposes to do next: its words made concrete where planning costs next to nothing."""
+"""What a diagnosis proposes to do next: its words made concrete where planning costs little."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from residual_mpc.experiment.sensors import sensors_for
 from residual_mpc.models.protocol import Robot
 
 FILE = "next.csv"
-# numbers in the start state: a plan for a robot of equations and of this size costs a second; for a larger one, or one
+# numbers in the start state: a plan for a robot of equations and of this size costs seconds; for a larger one, or one
 # that a physics engine simulates, it costs minutes and is left to `excite`
 AT_ONCE = 3
 LISTED = 4  # sensors in the sentence

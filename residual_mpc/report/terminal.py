@@ -29,7 +29,7 @@ def diagnosis_lines(document: Document) -> list[str]:
             for line in (_cause(effect), *_sizes(effect), *_motor(effect))
         ),
         *servo_lines(document),
-        *(group_sentence(group, document.get("candidates") or ()) for group in document.get("confounded") or []),
+        *(group_sentence(group, document) for group in document.get("confounded") or []),
     ]
     if document.get("remainder"):
         details.append(rest_sentence(document["remainder"]))

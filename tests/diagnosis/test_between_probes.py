@@ -66,6 +66,24 @@ def test_close_doses_leave_nothing_between_them() -> None:
     assert found == []
 
 
+def test_nothing_lies_beyond_a_bound() -> None:
+    assert max(doses(Bounded(0.0, 0.4), screened(DEAD_ZONE, {0.2: 1.0, 0.4: 5.0}))) < 0.4
+
+
+def test_probes_that_a_bound_makes_zero_are_left_alone() -> None:
+    assert doses(Bounded(0.0, 0.0), screened(DEAD_ZONE, {0.0: 0.0}, reach=0.0)) == []
+
+
+def test_a_part_is_looked_at_once_where_likelihood_and_gap_choose_its_two_ends() -> None:
+    knob = Knob("dead_zone", "j2", "width")
+    leads = [
+        ScreenedTerm(DEAD_ZONE, {knob: dose}, gain, 0.0, gap, 5.0)
+        for dose, gain, gap in ((0.1, -1.0, -1.0), (0.2, 5.0, 1.0), (0.4, 1.0, 5.0), (0.8, -1.0, -1.0))
+    ]
+    found = doses(Bounded(0.0, 1.0), leads)
+    assert len(found) == 3 * MOST == len({round(dose, 6) for dose in found})
+
+
 @pytest.mark.parametrize("effect", ["viscous_friction", "end_stop", "command_delay"])
 def test_other_effects_have_no_threshold_between_doses(effect: str) -> None:
     term = Term(effect, "j2")

@@ -178,6 +178,21 @@ def test_an_interval_holds_that_of_the_fit_with_small_differences_elsewhere() ->
     assert both.ci95 == pytest.approx(alone.ci95) and both.value == pytest.approx(of.final.values[SCALE])
 
 
+def test_small_differences_on_some_windows_shift_and_widen_an_interval_by_what_they_change_there() -> None:
+    """With 2 and 4 times the noise, so about values that are 2 and 4 times as far from the truth: shifted by twice the
+    error, with the variances of 16 - 4 + 1."""
+    of = known()
+    part, louder = linear(2.0 * of.problem.noise), linear(4.0 * of.problem.noise)
+    plain, wide = fitted(part, of.final.values), fitted(louder, of.final.values)
+    own = estimates(of)["scale"]
+    found = estimates(known(tolerated=SimpleNamespace(problem=louder, fit=wide, part=part, plain=plain)))["scale"]
+    centre = of.final.values[SCALE] + wide.values[SCALE] - plain.values[SCALE]
+    assert centre - TRUTH[SCALE] == pytest.approx(3.0 * (of.final.values[SCALE] - TRUTH[SCALE]), rel=1e-3)
+    half = 13.0**0.5 * half_width(own)
+    wanted = (min(own.ci95[0], centre - half), max(own.ci95[1], centre + half))
+    assert found.ci95 == pytest.approx(wanted, abs=0.01 * half)
+
+
 def test_an_interval_ends_at_the_bound_of_what_is_possible() -> None:
     low, _ = SPACE.bounds(SCALE)
     found = estimates(known(), lacking={SCALE: (low - 1.0,)})["scale"]

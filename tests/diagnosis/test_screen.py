@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from residual_mpc.diagnosis.search.additions import varied
-from residual_mpc.diagnosis.search.screen import ScreenedTerm, drawn
+from residual_mpc.diagnosis.search.screen import ScreenedTerm, _best_of_terms, drawn
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import Term
 
@@ -50,3 +50,11 @@ def test_many_doses_of_one_effect_leave_room_for_the_next() -> None:
         ScreenedTerm(limit, {}, 1.0, 0.0, 0.0, 1.0)
     ]
     assert varied(leads, settings=SearchSettings()) == [*leads[: SearchSettings().additions.probes], leads[5]]
+
+
+def test_of_the_further_doses_of_a_threshold_the_best_ones_are_kept() -> None:
+    zone, limit = Term("dead_zone", "j2"), Term("rate_limit", "j2")
+    leads = [ScreenedTerm(zone, {}, gain, 0.0, gap, 1.0) for gain, gap in ((1.0, 9.0), (5.0, 2.0), (4.0, 3.0))]
+    other = ScreenedTerm(limit, {}, 0.5, 0.0, 0.5, 1.0)
+    kept = _best_of_terms([*leads, other])
+    assert {id(lead) for lead in kept} == {id(leads[0]), id(leads[1]), id(other)}

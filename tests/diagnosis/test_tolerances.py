@@ -8,9 +8,12 @@ from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.marginalisation import carrying, tolerant
 from residual_mpc.diagnosis.fit.settings import FitSettings
+from residual_mpc.diagnosis.options import Options, PhaseSettings
+from residual_mpc.diagnosis.phases.refine import _marginalised
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of, tolerating, whitened
 from residual_mpc.diagnosis.predict.settings import PredictSettings, ToleranceSettings
 from residual_mpc.diagnosis.predict.space import build_space
@@ -124,3 +127,19 @@ def test_columns_about_nearly_the_same_numbers_are_taken_over() -> None:
     assert fresh is not None
     apart = np.linalg.norm(fresh.columns - first) / np.linalg.norm(fresh.columns)
     assert 0.0 < apart < 0.05
+
+
+@pytest.mark.parametrize(
+    ("limit", "some"), [({}, False), ({"marginal_cost": 1}, True), ({"marginal_columns": 60_000}, True)]
+)
+def test_where_columns_cost_too_much_some_windows_tell_as_much(limit: dict[str, int], some: bool) -> None:
+    """The shift and the added variance are those of all windows, to the accuracy of a smaller sample."""
+    problem = problem_of({**LITTLE, "actuator_lag": {"time_constant": 0.15}})
+    final = fit_all(problem, [{LAG: 0.1}])[0]
+    options = Options(phases=PhaseSettings(**limit))
+    found = _marginalised(problem, measure_scales(problem.data), final, options)
+    assert found is not None and (found.part.data.count < problem.data.count) == some
+    assert (found.plain is final) == (not some) == (found.part is problem)
+    assert found.problem.data is found.part.data
+    assert abs(found.fit.values[LAG] - found.plain.values[LAG]) < 0.02
+    assert found.fit.values[LAG] == pytest.approx(0.15, abs=0.02)

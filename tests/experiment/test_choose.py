@@ -73,6 +73,36 @@ def test_a_pair_that_no_motion_parts_does_not_choose_the_motion(monkeypatch):
     assert not found.parts and not found.sensors
 
 
+def of_pairs(first, second, third):
+    """Losses of three explanations, one number a pair."""
+    out = np.full((3, 3), np.inf)
+    out[0, 1] = out[1, 0] = first
+    out[0, 2] = out[2, 0] = second
+    out[1, 2] = out[2, 1] = third
+    return out
+
+
+def test_among_motions_that_part_the_same_pairs_the_noise_of_another_pair_does_not_decide(monkeypatch):
+    def losses(bench, motion):
+        return of_pairs(100.0, 100.0, 0.0) if "straight" in motion.name else of_pairs(15.0, 15.0, 0.04)
+
+    found = chosen_by(ROVER, monkeypatch, losses)
+    assert [s.planned.motion.name for s in found.played] == ["straight both ways at two headings"]
+
+
+@pytest.mark.parametrize(
+    ("motion", "encoders"),
+    [
+        (of_pairs(0.1, 0.1, 0.1), of_pairs(0.12, 0.12, 0.12)),
+        (of_pairs(100.0, 100.0, 0.0), of_pairs(100.0, 100.0, 0.01)),
+        (of_pairs(0.9 * PARTS, 100.0, 100.0), of_pairs(1.1 * PARTS, 100.0, 100.0)),
+    ],
+)
+def test_encoders_that_hardly_tell_more_are_not_asked_for(monkeypatch, motion, encoders):
+    found = chosen_by(ROVER, monkeypatch, lambda bench, _: encoders if "velocity.left" in bench.sigma else motion)
+    assert not found.sensors
+
+
 def test_encoders_that_part_one_more_pair_are_asked_for(monkeypatch):
     """Though another pair stays."""
 

@@ -20,10 +20,22 @@ DOCUMENT = {
     "explanation": effects("command_delay"),
     "model": {"values": values(command_delay=0.05)},
     "alternatives": [
-        {"effects": effects("sensor_delay"), "values": values(sensor_delay=0.05)},
-        {"effects": effects("track_width"), "values": values(track_width=1.1)},
+        {
+            "effects": effects("sensor_delay"),
+            "instead_of": effects("command_delay"),
+            "values": values(sensor_delay=0.05),
+        },
+        {"effects": effects("track_width"), "instead_of": effects("command_delay"), "values": values(track_width=1.1)},
+        {
+            "effects": effects("sensor_delay", "track_width"),
+            "instead_of": effects("slope"),
+            "values": values(sensor_delay=0.05, track_width=1.1),
+        },
     ],
 }
+
+
+EVERY = ["command_delay", "sensor_delay", "track_width", "sensor_delay + track_width"]
 
 
 def names(parts=()):
@@ -31,7 +43,7 @@ def names(parts=()):
 
 
 def test_all_alternatives_where_nothing_is_asked_for():
-    assert names() == ["command_delay", "sensor_delay", "track_width"]
+    assert names() == EVERY
 
 
 def test_the_alternatives_of_what_is_to_be_told_apart_alone():
@@ -39,4 +51,8 @@ def test_the_alternatives_of_what_is_to_be_told_apart_alone():
 
 
 def test_all_where_none_of_the_alternatives_is_asked_for():
-    assert names(["payload", "armature"]) == ["command_delay", "sensor_delay", "track_width"]
+    assert names(["payload", "armature"]) == EVERY
+
+
+def test_those_that_only_came_in_place_of_others_where_no_other_is_asked_for():
+    assert names(["track_width", "payload"]) == ["command_delay", "track_width", "sensor_delay + track_width"]

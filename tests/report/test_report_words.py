@@ -258,18 +258,27 @@ def test_a_group_in_words():
     )
 
 
+GAIN = {"effect": "actuator_gain", "target": "right"}
+RATIO = {"effect": "wheel_radius_mismatch", "target": None}
+DELAY = {"effect": "command_delay", "target": None}
+
+
 @pytest.mark.parametrize(
-    ("named", "other", "end"),
+    ("group", "probabilities", "end"),
     [
-        (0.02, 0.76, "cannot be told apart; wheel radius mismatch is likelier (0.76)."),
-        (0.40, 0.45, "cannot be told apart."),
-        (0.76, 0.02, "cannot be told apart."),
+        ([GAIN, RATIO], (0.02, 0.76), "; wheel radius mismatch (0.76) is likelier."),
+        ([RATIO, GAIN], (0.02, 0.76), "; wheel radius mismatch (0.76) is likelier."),  # wherever the named one stands
+        ([GAIN, RATIO], (0.40, 0.45), "."),
+        ([GAIN, RATIO], (0.76, 0.02), "."),
+        ([DELAY, RATIO], (0.02, 0.76), "."),  # none of them is named
+        ([RATIO, [GAIN, DELAY]], (0.02, 0.76), "."),  # a pair has no probability of its own
+        ([GAIN, DELAY], (0.02, 0.76), "."),  # nor has what was not a candidate
     ],
 )
-def test_a_group_says_which_member_is_clearly_likelier_than_the_named_one(named, other, end):
-    group = [{"effect": "actuator_gain", "target": "right"}, {"effect": "wheel_radius_mismatch", "target": None}]
-    candidates = [{**member, "probability": p} for member, p in zip(group, (named, other), strict=True)]
-    assert group_sentence(group, candidates) == f"On these runs actuator gain (right) and wheel radius mismatch {end}"
+def test_a_group_says_which_member_is_clearly_likelier_than_the_named_one(group, probabilities, end):
+    candidates = [{**member, "probability": p} for member, p in zip((GAIN, RATIO), probabilities, strict=True)]
+    found = group_sentence(group, {"explanation": [GAIN], "candidates": candidates})
+    assert found == group_sentence(group)[:-1] + end
 
 
 def test_what_is_left_in_words():

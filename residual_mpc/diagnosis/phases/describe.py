@@ -1,6 +1,6 @@
 """The last phase: the answer as records, what the explanation leaves, and the stages' shares of the gap."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +9,7 @@ from residual_mpc.diagnosis.data.where import locate
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.validate import Validated
+from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.remainder.description import describe_remainder
 from residual_mpc.diagnosis.remainder.learning import NOTHING, Learned, Learner, learn, remainder_of
@@ -26,6 +27,7 @@ from residual_mpc.diagnosis.results.support import doubts
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, left_share
 from residual_mpc.diagnosis.search.acceptance import Ruler
+from residual_mpc.models.settings import Term
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         stages=extras.stages,
         where=locate(of.raw, of.scales, found.errors["before"], settings=settings.data),
         causes=tuple(replace(c, variation=validated.varying.get(c.term)) for c in causes),
-        candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, doubt) if helps else (),
+        candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, shared(doubt, groups)) if helps else (),
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),
         alternatives=others,
@@ -106,6 +108,17 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         values=of.space.whole(final.values) if helps else of.base.values,
         notes=notes(of, found, settings=settings),
     )
+
+
+def shared(doubt: Mapping[Term, float], groups: Sequence[ConfoundedGroup]) -> dict[Term, float]:
+    """The factors with those of the other members of each group: what makes one that is named doubtful would make
+    another doubtful in its place."""
+    out = dict(doubt)
+    for group in groups:
+        named = [doubt[t] for member in group for t in member if t in doubt]
+        if named:
+            out |= {t: min(named) for member in group for t in member if t not in doubt}
+    return out
 
 
 def _steady(variation: Variation | None, settings: ResultSettings) -> float:

@@ -37,6 +37,8 @@ from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.settings import Settings, Term, Values
 
+LAST_RESORT = 4  # times the columns that small differences may have, on the fewest windows that will do
+
 
 @dataclass(frozen=True, eq=False)
 class Refined:
@@ -82,23 +84,24 @@ def trusting(problem: Problem, values: Values, scales: Scales, settings: ResultS
 
 def _marginalised(problem: Problem, scales: Scales, final: Fit, options: Options) -> MarginalisedFit | None:
     """The last fit with small differences marginalised in every number that it does not free, on evenly chosen windows
-    where their columns would cost too much on all; None where there are none, and where their columns would not fit
-    into memory."""
+    where their columns would take too much time or memory on all; None where there are none, and where not even the
+    fewest windows would do."""
     settings, phases = options.settings.fit, options.phases
     if not final.terms:
         return None
-    differences = small_differences(problem.space, final.values, settings=settings.predict)
-    keep = evenly(problem.data, phases.marginal_cost // max(len(differences), 1), settings=options.settings.data)
-    part, plain = problem, final
-    if not keep.all():
-        part = part_of(problem, keep)
-        plain = fit_all(part, [final.values], phases.marginal_steps, settings=settings)[0]
-    if part.data.y.size * len(differences) > phases.marginal_columns:
+    count = len(small_differences(problem.space, final.values, settings=settings.predict))
+    size = problem.data.y.size * count
+    if not count:
         return None
+    steps = min(phases.marginal_cost // count, problem.data.cost * phases.marginal_columns // size)
+    keep = evenly(problem.data, steps, settings=options.settings.data)
+    part = problem if keep.all() else part_of(problem, keep)
+    if part.data.y.size * count > LAST_RESORT * phases.marginal_columns:
+        return None
+    plain = final if part is problem else fit_all(part, [final.values], phases.marginal_steps, settings=settings)[0]
     quick = quickened(part.data, scales, settings=settings.predict)
     by = None if quick is part.data else PredictionCache(quick, part.space)
-    carried = carrying(part, final.values, final.knobs, by, settings=settings)
-    wide = tolerant(carried, plain, settings=settings)
+    wide = tolerant(carrying(part, final.values, final.knobs, by, settings=settings), plain, settings=settings)
     if wide.marginal is None:
         return None
     return MarginalisedFit(

@@ -16,7 +16,7 @@ from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
-ROOM = 24_000_000  # numbers that one chunk of hypotheses may hold
+ROOM = 8_000_000  # numbers in the commands and channels of one chunk of hypotheses; a replay holds several times that
 
 Start = Mapping[str, np.ndarray]
 

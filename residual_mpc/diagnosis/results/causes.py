@@ -44,7 +44,7 @@ def causes_of(
     supports and doubt: of each effect, see `support`; lacking: see `without_doubtful`."""
     final, problem = of.final, of.problem
     sigma = sigmas(problem, final, settings=settings)
-    aside = _aside(of, settings=settings)
+    aside = _aside(of, sigma, settings=settings)
     finer = finely_stepped(problem, final)
     within = {k: (*aside.get(k, ()), *lacking.get(k, ()), *([finer[k]] if k in finer else [])) for k in final.knobs}
     others = _beside_others(of)
@@ -117,15 +117,17 @@ def _beside_others(of: FittedExplanation) -> dict[Knob, tuple[float, ...]]:
     return {k: tuple(values[k] for values in alike if k in values) for k in of.final.knobs}
 
 
-def _aside(of: FittedExplanation, settings: ResultSettings) -> dict[Knob, tuple[float, float]]:
-    """The interval of each number, limits included, moved and widened as marginalising small differences does."""
+def _aside(of: FittedExplanation, sigma: np.ndarray, settings: ResultSettings) -> dict[Knob, tuple[float, float]]:
+    """The interval of each number, limits included, shifted and widened as marginalising small differences does; sigma
+    (P,): without that."""
     if of.tolerated is None:
         return {}
     wide, plain = of.tolerated.fit, of.tolerated.plain
-    own = sigmas(of.problem, of.final, settings=settings)
+    assert wide.knobs == plain.knobs == of.final.knobs
     more = sigmas(of.tolerated.problem, wide, settings=settings) ** 2
-    more -= sigmas(of.tolerated.part, plain, settings=settings) ** 2
-    half = T95 * np.sqrt(own**2 + np.maximum(more, 0.0))
+    same = of.tolerated.part is of.problem
+    more -= (sigma if same else sigmas(of.tolerated.part, plain, settings=settings)) ** 2
+    half = T95 * np.sqrt(sigma**2 + np.maximum(more, 0.0))
     centre = {k: of.final.values[k] + wide.values[k] - plain.values[k] for k in of.final.knobs}
     return {k: (centre[k] - h, centre[k] + h) for k, h in zip(of.final.knobs, half, strict=True)}
 

@@ -13,7 +13,7 @@ from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
 
-FINEST = 1.15  # ratio of neighbouring doses below which a fit finds its way
+FINEST = 1.15  # ratio of neighbouring doses below which a fit converges on its own
 MOST = 3  # doses between two
 OUTSIDE = 2.0  # ratio that is looked at beyond the last of the probes
 LITTLE = 0.1  # of the norm of what is left: a dose that moves the prediction by less explains nothing yet
@@ -69,28 +69,33 @@ def _doses(space: Space, knob: Knob, leads: Sequence[Screened], little: float) -
     """The further doses of one threshold."""
     low, high = space.bounds(knob)
     known = sorted({lead.start[knob] for lead in leads})
+    if not (0.0 < known[0] and math.isfinite(known[-1])):
+        return []
     outwards = -1.0 if math.isinf(space.null(knob)) else 1.0  # where the effect becomes stronger
     ends = [low, *known, high]
-    more: dict[float, None] = {}
+    parts: dict[tuple[float, float], None] = {}
     for key in ("gain", "gap"):
         best = max(leads, key=lambda lead: float(getattr(lead, key)))
         if getattr(best, key) > 0.0:
             dose = best.start[knob]
-            more |= dict.fromkeys(_steps(dose, _next(dose, ends, 1.0)) + _steps(dose, _next(dose, ends, -1.0)))
+            parts |= dict.fromkeys(((dose, _next(dose, ends, 1.0)), (_next(dose, ends, -1.0), dose)))
     still = [lead.start[knob] for lead in leads if lead.reach < little]
     if still:
         last = max(still, key=lambda dose: outwards * dose)
-        more |= dict.fromkeys(_steps(last, _next(last, ends, outwards)))
-    return list(more)
+        beyond = _next(last, ends, outwards)
+        parts[min(last, beyond), max(last, beyond)] = None
+    return [dose for part in parts for dose in _steps(*part)]
 
 
 def _next(dose: float, doses: Sequence[float], way: float) -> float:
-    """The next dose above (way 1) or below (-1), at most `OUTSIDE` times as large or small."""
+    """The next dose above (way 1) or below (-1), at most `OUTSIDE` times as large or small; itself on a bound."""
     beyond = [d for d in doses if way * d > way * dose]
+    if not beyond:
+        return dose
     return min([*beyond, dose * OUTSIDE]) if way > 0.0 else max([*beyond, dose / OUTSIDE])
 
 
-def _steps(dose: float, end: float) -> list[float]:
+def _steps(low: float, high: float) -> list[float]:
     """Doses in geometric steps between two."""
-    n = min(max(math.ceil(abs(math.log(end / dose)) / math.log(FINEST)) - 1, 0), MOST)
-    return [dose * (end / dose) ** (k / (n + 1)) for k in range(1, n + 1)]
+    n = min(max(math.ceil(math.log(high / low) / math.log(FINEST)) - 1, 0), MOST)
+    return [low * (high / low) ** (k / (n + 1)) for k in range(1, n + 1)]

@@ -48,15 +48,24 @@ def screen(
     if len(probes) * _steps(small) <= settings.screen.many:
         leads = _leads(small, current, probes, weight)
         between = between_probes(problem.space, leads, weight * current.cost)
-        return sorted(leads + _leads(small, current, between, weight), key=_gain)
+        return sorted(leads + _best_of_terms(_leads(small, current, between, weight)), key=_gain)
     leads = _by_quarter(small, current, probes, weight, settings=settings)
     between = between_probes(problem.space, leads, weight * current.cost)
-    probes, leads = probes + between, leads + _by_quarter(small, current, between, weight, settings=settings)
-    third = len(leads) // 3
-    good = {id(lead) for key in (_gain, _compared, _gap) for lead in sorted(leads, key=key)[:third]}
+    good = {id(lead) for key in (_gain, _compared, _gap) for lead in sorted(leads, key=key)[: len(leads) // 3]}
     again = [p for p, lead in zip(probes, leads, strict=True) if id(lead) in good]
+    # a threshold's lead starts at its own dose
+    again += [
+        (lead.term, lead.start)
+        for lead in _best_of_terms(_by_quarter(small, current, between, weight, settings=settings))
+    ]
     leads = [lead for lead in leads if id(lead) not in good] + _leads(small, current, again, weight)
     return sorted(leads, key=_gain)
+
+
+def _best_of_terms(leads: list[ScreenedTerm]) -> list[ScreenedTerm]:
+    """Of each term the best lead by the likelihood and by the gap: its other doses would crowd out other effects."""
+    best = {(lead.term, key): lead for key in (_gain, _gap) for lead in sorted(leads, key=key, reverse=True)}
+    return list({id(lead): lead for lead in best.values()}.values())
 
 
 def glance(
@@ -111,6 +120,8 @@ def _by_quarter(
 ) -> list[ScreenedTerm]:
     """The leads by a quarter of the windows, those that hold most of the cost before others: a limit that is seldom
     reached shows nowhere else."""
+    if not probes:
+        return []
     quarter = drawn(current.per_window, max(settings.screen.fewest_quick, problem.data.count // 4), power=1.0)
     quick = part_of(problem, quarter > 0, quarter[quarter > 0])
     return _leads(quick, on_problem(quick, current, settings=settings.fit), probes, weight)

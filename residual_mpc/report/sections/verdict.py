@@ -41,7 +41,7 @@ def verdict(document: Document, evidence: Evidence) -> Section:
         shrink=document.get("shrink"),
         unseen=unseen(document["held_out"]),
         rest=rest_sentence(document["remainder"]) if document.get("remainder") else "",
-        doubts=[group_sentence(group, document.get("candidates") or ()) for group in document.get("confounded") or []],
+        doubts=[group_sentence(group, document) for group in document.get("confounded") or []],
         notes=document.get("notes") or [],
     )
     return Section("verdict", "Verdict", body)

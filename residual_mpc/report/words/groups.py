@@ -23,19 +23,27 @@ def member_name(member: Member) -> str:
     )
 
 
-def group_sentence(group: Sequence[Member], candidates: Sequence[Mapping[str, Any]] = ()) -> str:
-    """ "On these runs command delay and sensor delay cannot be told apart."; candidates: those of diagnosis.json, for
-    the member that is clearly likelier than the one that stands in the explanation."""
+def group_sentence(group: Sequence[Member], document: Mapping[str, Any] | None = None) -> str:
+    """ "On these runs command delay and sensor delay cannot be told apart."; document: the diagnosis.json, for a member
+    that is clearly likelier than the one that stands in the explanation."""
     text = f"On these runs {listed([member_name(member) for member in group])} cannot be told apart"
-    probability = {(c["effect"], c.get("target")): float(c["probability"]) for c in candidates}
-    known = [
-        (probability.get((e["effect"], e.get("target")), 0.0), member_name(m))
-        for m in group
-        for e in effects_of(m)
-        if len(effects_of(m)) == 1
-    ]
-    if len(known) > 1:
-        (named, _), (best, likelier) = known[0], max(known)
-        if best > LIKELIER * named:
-            return f"{text}; {likelier} is likelier ({best:.2f})."
-    return f"{text}."
+    likelier = None if document is None else _likelier(group, document)
+    return f"{text}." if likelier is None else f"{text}; {likelier} is likelier."
+
+
+def _likelier(group: Sequence[Member], document: Mapping[str, Any]) -> str | None:
+    """The likeliest member and its probability, where that is `LIKELIER` times that of the named member; None where it
+    is not, or the group has members whose own probability is not known, such as pairs."""
+    probability = {(c["effect"], c.get("target")): float(c["probability"]) for c in document.get("candidates") or ()}
+    named = {(e["effect"], e.get("target")) for e in document.get("explanation") or ()}
+    known = {}
+    for member in group:
+        (first, *more) = ((e["effect"], e.get("target")) for e in effects_of(member))
+        if more or first not in probability:
+            return None
+        known[first] = (probability[first], member_name(member))
+    here = [known[key] for key in known if key in named]
+    if len(here) != 1:
+        return None
+    best, name_of_best = max(known.values())
+    return f"{name_of_best} ({best:.2f})" if best > LIKELIER * here[0][0] else None
