@@ -223,9 +223,9 @@ def _jumps(t: FloatArray, y: FloatArray, floor: float) -> Jumps:
     powers = np.stack([np.ones_like(tau), tau, square, square * tau, square * square])  # (5, n, REACH)
     values = y[window] - y[:, None]  # about the sample itself, for the sake of the digits
     # start: distance from the window's median, which three bad samples of eleven cannot move away
-    error = values - np.median(values, axis=1, keepdims=True)
+    error = values - _ranked(values, REACH // 2)
     for _ in range(6):  # reweighted least squares, without the sample itself
-        scale = np.median(np.abs(error), axis=1, keepdims=True) + 0.1 * floor + 1e-300
+        scale = _ranked(np.abs(error), REACH // 2) + 0.1 * floor + 1e-300
         weight = np.where(own, 0.0, 1.0 / (1.0 + np.minimum(np.abs(error) / scale, 1e6) ** 2))
         fit, slope = quadratic(powers, values, weight)
         error = values - fit
@@ -235,8 +235,8 @@ def _jumps(t: FloatArray, y: FloatArray, floor: float) -> Jumps:
         line = -line_at_zero(powers, values, weight * side)
         seen = np.count_nonzero(side, axis=1) >= 3
         nearest = np.where(seen, np.minimum(nearest, np.where(line * away > 0.0, np.abs(line), 0.0)), nearest)
-    others = np.sort(np.where(own, np.inf, np.abs(error)), axis=1)
-    local = others[:, REACH - 2 - BURST]  # the largest three of the ten neighbours may be spikes themselves
+    others = np.where(own, np.inf, np.abs(error))
+    local = _ranked(others, REACH - 2 - BURST)[:, 0]  # the largest three of the ten neighbours may be spikes themselves
     usual = _running_quantile(np.abs(away), 0.8) / 1.28  # 1 sigma of normal errors, with room for 20 % spikes
     threshold = np.maximum(floor, SPIKE * np.maximum(local, usual))
     slope /= reach
@@ -246,6 +246,11 @@ def _jumps(t: FloatArray, y: FloatArray, floor: float) -> Jumps:
     place = np.arange(n) - first
     before, after = (np.abs(error[np.arange(n), np.clip(place + k, 0, REACH - 1)]) for k in (-1, 1))
     return Jumps(_bursts(jump, before < FLANK * np.abs(away), after < FLANK * np.abs(away)), late)
+
+
+def _ranked(x: FloatArray, place: int) -> FloatArray:
+    """(n, 1) the value at that place of each sorted row of x (n, REACH), without NaN; the median in the middle."""
+    return np.partition(x, place, axis=1)[:, place, None]
 
 
 def _unexplained(away: FloatArray, slope: FloatArray, times: FloatArray, place: NDArray[np.intp]) -> FloatArray:
