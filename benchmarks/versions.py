@@ -49,12 +49,14 @@ class Case:
 @dataclass(frozen=True)
 class Cost:
     """Of one diagnosis: processor time of all its threads and processes, s; the largest memory, bytes; exit status;
-    first: s from its start until it has said how large the gap is and what it resembles, None where it never did."""
+    first: s from its start until it has said how large the gap is and what it resembles, None where it never did;
+    version: of the program."""
 
     seconds: float
     memory: int
     status: int
     first: float | None = None
+    version: str = ""
 
 
 @click.command()
@@ -66,13 +68,13 @@ class Cost:
 @click.option("--most", type=click.IntRange(min=1), help="Number of cases.  [default: all]")
 def versions(places: tuple[Path, ...], old: str, out: Path, most: int | None) -> None:
     """Diagnose every case with both versions and print a row for each, and the medians by family."""
-    trees = {"old": unpacked(old, out / "tree"), "new": ROOT}
+    trees = {"old": (unpacked(old, out / "tree"), old), "new": (ROOT, _described())}
     cases = cases_of(places)[:most]
     rows: dict[str, list[tuple[Cost, Cost]]] = {case.family: [] for case in cases}
     click.echo("| case | s before | s now | ratio | first answer, s | GB before | GB now | before | now |")
     click.echo("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for case in cases:
-        before, now = (diagnosed(case, tree, out / name / case.name) for name, tree in trees.items())
+        before, now = (diagnosed(case, *tree, out / name / case.name) for name, tree in trees.items())
         said = " | ".join(answer(out / name / case.name) for name in trees)
         if before.status or now.status:
             click.echo(f"| {case.name} | | | | | | | {said} |")
@@ -96,6 +98,10 @@ def cases_of(places: Sequence[Path]) -> list[Case]:
             suite = read_suite(place)
             found += [Case(e.name, suite.case(e), e.family, e.without) for e in suite.cases]
         else:
+            if not (place / "robot.toml").exists() or not _runs(place):
+                raise click.UsageError(
+                    f"{place}: neither a suite nor a folder with a robot.toml and runs (.csv, .parquet)"
+                )
             found.append(Case(place.name, place, "robot"))
     twice = sorted(name for name, n in Counter(c.name for c in found).items() if n > 1)
     if twice:
@@ -115,16 +121,27 @@ def unpacked(commit: str, place: Path) -> Path:
     return tree
 
 
-def diagnosed(case: Case, tree: Path, out: Path) -> Cost:
-    """What a diagnosis by the files of `tree` costs; read from beside `out` where it was made before."""
+def _described() -> str:
+    """The commit of this folder, and whether it has changed since."""
+    said = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return said.stdout.strip()
+
+
+def _runs(folder: Path) -> list[str]:
+    return sorted(str(path) for path in folder.iterdir() if path.suffix in {".csv", ".parquet"})
+
+
+def diagnosed(case: Case, tree: Path, version: str, out: Path) -> Cost:
+    """What a diagnosis by the files of `tree` costs; read from beside `out` where this version made it before."""
     kept, log_file = (out.parent / f"{out.name}.{end}" for end in ("cost.json", "log"))
-    if kept.exists():
-        return Cost(**json.loads(kept.read_text(encoding="utf-8")))
+    if kept.exists() and (known := Cost(**json.loads(kept.read_text(encoding="utf-8")))).version == version:
+        return known
     shutil.rmtree(out, ignore_errors=True)  # one that was stopped would go on where it was
     out.parent.mkdir(parents=True, exist_ok=True)
-    runs = sorted(str(path) for path in case.folder.iterdir() if path.suffix in {".csv", ".parquet"})
     left_out = [word for effect in case.without for word in ("--without", effect)]
-    what = ["--robot", str(case.folder / "robot.toml"), *runs, *left_out, "--out", str(out)]
+    what = ["--robot", str(case.folder / "robot.toml"), *_runs(case.folder), *left_out, "--out", str(out)]
     environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(tree)}
     begin, first = perf_counter(), None
     with log_file.open("w", encoding="utf-8") as log:
@@ -137,12 +154,15 @@ def diagnosed(case: Case, tree: Path, out: Path) -> Cost:
             log.write(line)
             if first is None and line.startswith("first look"):
                 first = perf_counter() - begin
+        process.stdout.close()
         _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
-    cost = Cost(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024, process.returncode, first)
+    cost = Cost(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024, process.returncode, first, version)
     ended = "done" if not cost.status else f"exit status {cost.status}"
     out.mkdir(exist_ok=True)
-    write_json(out / "run.json", {"status": ended, "seconds": cost.seconds})  # for `residual-mpc blind score`
+    write_json(
+        out / "run.json", {"status": ended, "seconds": cost.seconds, "version": version}
+    )  # for `residual-mpc blind score`
     write_json(kept, asdict(cost))
     return cost
 

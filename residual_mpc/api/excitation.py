@@ -129,7 +129,8 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
         ratio = f"expected likelihood ratio in favour of the true cause {m['ratio']:.3g}"
         out.append(f"    {m['name']}: " + (ratio if pairs == 1 else f"separates {m['separates']} of {pairs} pairs"))
     if not result["told_apart"]:
-        some = f"together they separate {separates} of {pairs} pairs; " if separates else ""
+        who = "it separates" if len(result["played"]) == 1 else "together they separate"
+        some = f"{who} {separates} of {pairs} pairs; " if separates else ""
         which = "the others" if separates else "them"
         out.append(
             f"  {some}no motion is expected to separate {which} reliably (likelihood ratio {PARTS:g}); "

@@ -92,21 +92,27 @@ def protocol(
 
 def _clearly_better(simple: Experiment, other: Experiment) -> Experiment:
     """The one that asks for more only where it is worth that: where it parts further pairs, and by far."""
-    worth = (simple.losses < PARTS) & (other.losses >= PARTS) & (other.losses >= 2.0 * simple.losses)
-    return other if bool(worth.any()) and _told(other.losses)[0] > _told(simple.losses)[0] else simple
+    before, after = _of_pairs(simple.losses), _of_pairs(other.losses)
+    worth = (before < PARTS) & (after >= PARTS) & (after >= 2.0 * before)
+    return other if bool(worth.any()) and parted(other.losses) > parted(simple.losses) else simple
+
+
+def _of_pairs(losses: np.ndarray) -> np.ndarray:
+    """(n (n - 1) / 2,) the smaller ratio of each pair, whichever of the two is true."""
+    return np.asarray(np.minimum(losses, losses.T)[np.triu_indices(len(losses), 1)])
 
 
 def parted(losses: np.ndarray) -> int:
-    """How many pairs of explanations come apart whichever of the two is true, of (n, n) likelihood ratios."""
-    return (int(np.count_nonzero((losses >= PARTS) & (losses.T >= PARTS))) - len(losses)) // 2
+    """How many pairs of explanations come apart, of (n, n) likelihood ratios."""
+    return int(np.count_nonzero(_of_pairs(losses) >= PARTS))
 
 
 def _told(losses: np.ndarray) -> tuple[int, int, float]:
-    """What a motion is ranked by: the pairs that it parts; how far the others are on their way; the least ratio of
-    those that it parts. The ratio of a pair that no motion parts is noise and must not decide."""
-    clear = losses[(losses >= PARTS) & (losses.T >= PARTS)]
-    on_the_way = round(2.0 * float(np.clip(losses, 0.0, PARTS).sum()) / PARTS)  # coarse enough to be no noise
-    return parted(losses), on_the_way, float(clear.min(initial=np.inf))
+    """What a motion is ranked by: the pairs that it parts; how many others it brings half of the way or more; the least
+    ratio of those that it parts. The ratio of a pair that no motion parts is noise and must not decide."""
+    pairs = _of_pairs(losses)
+    clear = pairs[pairs >= PARTS]
+    return len(clear), int(np.count_nonzero(pairs >= 0.5 * PARTS)), float(clear.min(initial=np.inf))
 
 
 def _of(ranked: tuple[Separation, ...], sensors: tuple[str, ...], switches: bool) -> Experiment:

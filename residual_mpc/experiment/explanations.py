@@ -31,9 +31,9 @@ def explanations_of(
         of = document["robot"]
         rows = [(document["explanation"], document["model"]["values"])]
         others = document.get("alternatives", ())
-        asked = [a for a in others if _names(a["effects"]) & set(parts) and _names(a["instead_of"]) & set(parts)]
-        asked = asked or [a for a in others if _names(a["effects"]) & set(parts)] or others
-        rows += [(a["effects"], a["values"]) for a in asked]
+        came = [a for a in others if _names(a["effects"]) & set(parts)]
+        swapped = [a for a in came if _names(a.get("instead_of", ())) & set(parts)]
+        rows += [(a["effects"], a["values"]) for a in swapped or came or others]
         found = tuple(Explanation(_named(effects), values_of(values)) for effects, values in rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"its explanations cannot be read: {error!r}", where, "diagnose the runs again") from error

@@ -10,13 +10,14 @@ MOST = 10_000  # numbers that are kept of one function
 
 
 def by_content(function: Callable[..., float]) -> Callable[..., float]:
-    """The function of arrays (n,), computed once for the same content; it must depend on nothing else."""
+    """The function of arrays of numbers (n,), given by position, computed once for the same content; it must depend on
+    nothing else."""
     known: dict[bytes, float] = {}
 
     @wraps(function)
     def call(*arrays: np.ndarray) -> float:
         digest = blake2b(digest_size=16)
-        for array in arrays:
+        for array in map(np.asarray, arrays):
             digest.update(f"{array.dtype.str}{array.shape}".encode())
             digest.update(array.tobytes())
         key = digest.digest()

@@ -16,6 +16,10 @@ def cost(seconds, memory=1e9):
 def test_cases_are_those_of_suites_and_folders_by_themselves(tmp_path):
     for name in ("suite/cases/case-0001", "suite/cases/case-0002", "alone"):
         (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "alone" / "robot.toml").write_text('name = "r"\n')
+    with pytest.raises(click.UsageError, match="neither a suite"):
+        cases_of([tmp_path / "alone"])
+    (tmp_path / "alone" / "run1.csv").write_text("t\n0\n")
     entries = [
         {"name": f"case-000{k}", "family": "arm", "commitment": "00", "without": without}
         for k, without in ((2, ["payload"]), (1, []))
@@ -61,7 +65,7 @@ def test_each_version_runs_its_own_files(case, tmp_path):
     for name in ("__init__.py", "cli/__init__.py"):
         (tree / "residual_mpc" / name).write_text("")
     (tree / "residual_mpc" / "cli" / "main.py").write_text("import sys\ndef main(): print('here', *sys.argv[1:])\n")
-    assert diagnosed(case, tree, tmp_path / "out" / "case.1").status == 0
+    assert diagnosed(case, tree, "abc", tmp_path / "out" / "case.1").status == 0
     said = (tmp_path / "out" / "case.1.log").read_text().split()
     assert said[:2] == ["here", "diagnose"] and said[-4:-1] == ["--without", "payload", "--out"]
     assert str(case.folder / "run1.csv") in said
@@ -70,12 +74,13 @@ def test_each_version_runs_its_own_files(case, tmp_path):
 def test_a_child_is_timed_with_its_first_answer_and_not_run_again(case, tmp_path, monkeypatch):
     program = "import sys, time; print('first look: here'); sys.stdout.flush(); time.sleep(0.3); sum(range(10**6))"
     monkeypatch.setattr(module, "PROGRAM", program)
-    found = diagnosed(case, tmp_path, tmp_path / "out" / "case.1")
+    found = diagnosed(case, tmp_path, "abc", tmp_path / "out" / "case.1")
     assert found.status == 0 and 0.0 < found.seconds < 10.0 and found.memory > 1e6
     assert found.first is not None and found.first > 0.0
     assert json.loads((tmp_path / "out" / "case.1" / "run.json").read_text())["status"] == "done"
     monkeypatch.setattr(module, "PROGRAM", "raise SystemExit(3)")
-    assert diagnosed(case, tmp_path, tmp_path / "out" / "case.1") == found
-    other = diagnosed(case, tmp_path, tmp_path / "out" / "case.2")  # the names differ behind a dot
+    assert diagnosed(case, tmp_path, "abc", tmp_path / "out" / "case.1") == found
+    assert diagnosed(case, tmp_path, "def", tmp_path / "out" / "case.1").status == 3  # another version
+    other = diagnosed(case, tmp_path, "abc", tmp_path / "out" / "case.2")  # the names differ behind a dot
     assert other.status == 3 and other.first is None
     assert json.loads((tmp_path / "out" / "case.2" / "run.json").read_text())["status"] == "exit status 3"

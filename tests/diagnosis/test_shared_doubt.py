@@ -19,5 +19,17 @@ def test_a_pair_of_members_shares_it_and_named_effects_keep_their_own() -> None:
     assert shared(doubt, [((GAIN,), (DELAY,))]) == doubt
 
 
+def test_a_member_shares_the_doubt_of_the_one_whose_place_it_would_take() -> None:
+    """Not that of an effect that is named elsewhere and stands beside it in the group."""
+    doubt = {GAIN: 0.9, DELAY: 0.25}
+    assert shared(doubt, [((GAIN,), (RATIO, DELAY))]) == {**doubt, RATIO: 0.9}
+
+
+def test_of_two_groups_the_less_doubtful_counts_in_either_order() -> None:
+    doubt = {GAIN: 0.25, DELAY: 0.9}
+    groups = [((GAIN,), (RATIO,)), ((DELAY,), (RATIO,))]
+    assert shared(doubt, groups) == shared(doubt, groups[::-1]) == {**doubt, RATIO: 0.9}
+
+
 def test_a_group_without_a_named_effect_changes_nothing() -> None:
     assert shared({DELAY: 0.9}, [((RADIUS,), (RATIO,))]) == {DELAY: 0.9}

@@ -84,7 +84,7 @@ def of_pairs(first, second, third):
 
 def test_among_motions_that_part_the_same_pairs_the_noise_of_another_pair_does_not_decide(monkeypatch):
     def losses(bench, motion):
-        return of_pairs(100.0, 100.0, 0.0) if "straight" in motion.name else of_pairs(15.0, 15.0, 0.04)
+        return of_pairs(100.0, 100.0, 0.0) if "straight" in motion.name else of_pairs(15.0, 15.0, 6.0)
 
     found = chosen_by(ROVER, monkeypatch, losses)
     assert [s.planned.motion.name for s in found.played] == ["straight both ways at two headings"]
@@ -99,6 +99,14 @@ def test_among_motions_that_part_the_same_pairs_the_noise_of_another_pair_does_n
     ],
 )
 def test_encoders_that_hardly_tell_more_are_not_asked_for(monkeypatch, motion, encoders):
+    found = chosen_by(ROVER, monkeypatch, lambda bench, _: encoders if "velocity.left" in bench.sigma else motion)
+    assert not found.sensors
+
+
+def test_encoders_are_not_asked_for_by_one_direction_of_a_pair(monkeypatch):
+    """They bring one pair from just below to just above, and one direction of another far, which is not enough."""
+    motion, encoders = of_pairs(0.9 * PARTS, 1.0, 100.0), of_pairs(1.1 * PARTS, 1.0, 100.0)
+    encoders[0, 2] = 3.0 * PARTS
     found = chosen_by(ROVER, monkeypatch, lambda bench, _: encoders if "velocity.left" in bench.sigma else motion)
     assert not found.sensors
 

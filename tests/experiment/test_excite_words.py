@@ -5,8 +5,8 @@ from residual_mpc.api.excitation import _lines
 
 def plan(separates, motions, told_apart, pairs=3):
     return {
-        "purpose": "tell apart", "parts": ["a", "b", "c"], "sensors": [], "switches": False, "played": ["spins"],
-        "told_apart": told_apart, "pairs": pairs, "separates": separates,
+        "purpose": "tell apart", "parts": ["a", "b", "c"], "sensors": [], "switches": False,
+        "played": [name for name, _ in motions], "told_apart": told_apart, "pairs": pairs, "separates": separates,
         "motions": [{"name": name, "ratio": 0.1, "separates": count} for name, count in motions],
     }  # fmt: skip
 
@@ -18,9 +18,9 @@ def test_pairs_are_counted_where_there_are_several():
 
 def test_a_plan_that_leaves_pairs_says_how_many():
     said = _lines(plan(2, [("spins", 2)], False))[-1]
-    assert said.startswith(
-        "  together they separate 2 of 3 pairs; no motion is expected to separate the others reliably"
-    )
+    assert said.startswith("  it separates 2 of 3 pairs; no motion is expected to separate the others reliably")
+    both = _lines(plan(2, [("spins", 1), ("steps", 1)], False))[-1]
+    assert both.startswith("  together they separate 2 of 3 pairs; ")
 
 
 def test_a_plan_in_vain_says_so():

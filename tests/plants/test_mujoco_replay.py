@@ -150,31 +150,6 @@ def test_a_servo_that_is_off_swings_freely(tmp_path: Path) -> None:
     agree(came, 0, np.vstack([q, q_free[1:]]), np.vstack([v, v_free[1:]]), atol=1e-11)
 
 
-@pytest.mark.parametrize(("stretch", "atol"), [(0.0, 1e-12), (module.STRETCH, 1e-5)])
-def test_motors_that_weaken_with_time_are_rolled_out_in_stretches(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stretch: float, atol: float
-) -> None:
-    """One strength for each stretch, that of its middle; a twentieth a second is a supply that is empty in 20 s. Rows
-    without that are rolled out at once, and motors may be off in between."""
-    robot = robot_of(tmp_path, arm_xml())
-    drive = replace(random_drive(robot, ROWS, STEPS), clock=np.full(ROWS, 8.0))
-    start = random_start(robot, ROWS)
-    on = np.ones((ROWS, STEPS, 2))
-    on[0, 23:51, 0], on[2, 5:9] = 0.0, 0.0
-    switched = replace(drive, enabled=on)
-    sags = Settings(ROWS, {"voltage_sag": {"rate": np.array([[0.05, 0.05], [0.0, 0.0], [0.02, 0.05]])}})
-    monkeypatch.setattr(module, "STRETCH", stretch)
-    for some in (drive, switched):
-        rolled = robot.replay(start, some, sags, CHANNELS)
-        stepped = robot.replay(start, some, sags, (*CHANNELS, *OUTPUTS))
-        for channel in CHANNELS:
-            size = atol * (100 if channel.startswith("velocity") else 1)
-            np.testing.assert_allclose(rolled[channel], stepped[channel], rtol=0, atol=size)
-            np.testing.assert_allclose(rolled[channel][1], stepped[channel][1], rtol=0, atol=1e-10)
-    plain, weak = (robot.replay(start, drive, s, CHANNELS)["position.j1"][0] for s in (Settings(ROWS), sags))
-    assert np.abs(plain - weak).max() > 2e-3
-
-
 def test_a_motor_may_come_on_again(tmp_path: Path) -> None:
     """Rolled out in parts and stepped: the same, whichever way the switching is done."""
     robot = robot_of(tmp_path, arm_xml())

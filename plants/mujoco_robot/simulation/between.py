@@ -25,7 +25,7 @@ def changing(robot: CompiledRobot, settings: Settings, wanted: tuple[str, ...]) 
         return np.ones(settings.rows, dtype=bool)
     slow = np.zeros(settings.rows, dtype=bool)
     effects = settings.effects
-    unsteady = [e for e, _ in present(effects, "limit", "speed limit", "friction") if not e.steady]
+    unsteady = [e for e, _ in present(effects, "strength", "limit", "speed limit", "friction") if not e.steady]
     for effect in (*unsteady, *(e for e, _ in on_errors(effects, robot.servo))):
         slow |= ~is_null(effect.name, effects[effect.name]).all(axis=1)
     for effect, p in present(effects, "servo"):
@@ -35,19 +35,8 @@ def changing(robot: CompiledRobot, settings: Settings, wanted: tuple[str, ...]) 
     return slow
 
 
-def clocked(settings: Settings) -> np.ndarray:
-    """(B,) bool: rows whose actuators weaken with time alone, whatever the robot does."""
-    effects = settings.effects
-    found = np.zeros(settings.rows, dtype=bool)
-    for effect, _ in present(effects, "strength"):
-        if not effect.steady:
-            found |= ~is_null(effect.name, effects[effect.name]).all(axis=1)
-    return found
-
-
 def between_steps(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive) -> list[Any]:
-    """Functions (step, joint speeds (B, njnt), last actuator force (B, nu)) that rewrite the batch before a step; half
-    a step more is the middle of two."""
+    """Functions (step, joint speeds (B, njnt), last actuator force (B, nu)) that rewrite the batch before a step."""
     updates = []
     actuators = _actuator_scale(batch, robot, settings, drive)
     if actuators is not None:
@@ -103,13 +92,13 @@ def _actuator_scale(batch: Any, robot: CompiledRobot, settings: Settings, drive:
     if steady and enabled is not None:
         same = np.concatenate([[False], (enabled[:, 1:] == enabled[:, :-1]).all(axis=(0, 2))])
 
-    def update(k: float, speed: np.ndarray, force: np.ndarray) -> None:
-        if same is not None and same[int(k)]:
+    def update(k: int, speed: np.ndarray, force: np.ndarray) -> None:
+        if same is not None and same[k]:
             return
         clock = (drive.clock + (k + 0.5) * drive.dt)[:, None]
         strength = scaled(NUMPY, supply, whole, clock, drive.dt)
         if enabled is not None:
-            strength = strength * enabled[:, int(k)]
+            strength = strength * enabled[:, k]
         write(strength, clock, speed)
 
     return update

@@ -10,7 +10,7 @@ import numpy as np
 from plants.mujoco_log import silence_mujoco
 from plants.mujoco_robot.edits.batch import edit_batch
 from plants.mujoco_robot.edits.split_gears import by_gears, edit_gears
-from plants.mujoco_robot.simulation.between import between_steps, changing, clocked
+from plants.mujoco_robot.simulation.between import between_steps, changing
 from plants.mujoco_robot.simulation.channels import read_channels, write_start
 from plants.mujoco_robot.simulation.gear_feedback import feedback
 from plants.mujoco_robot.simulation.gear_start import WARM, begin
@@ -25,7 +25,6 @@ from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
 FAR_AWAY = 1e10  # m, rad, m/s, rad/s: MuJoCo's own limit, mjMAXVAL
-STRETCH = 0.01  # s in which an actuator that weakens with time has one strength, that of their middle
 WORTH_A_THREAD = 24  # rows times degrees of freedom: with fewer, waking it at every step costs more than it brings
 
 
@@ -34,15 +33,14 @@ def replay(
 ) -> Mapping[str, np.ndarray]:
     """See Robot.replay. A row whose simulation diverges repeats its last state.
 
-    Rows whose actuators or frictions change with the motion are stepped one by one, those whose actuators weaken with
-    time by `STRETCH`, the others rolled out at once: between two steps of a small model, Python costs more than MuJoCo.
+    Rows whose actuators or frictions change from step to step are stepped one by one, the others rolled out at once:
+    between two steps of a small model, Python costs more than MuJoCo.
     """
     parts = []
     for apart, rows in by_gears(robot.own or robot, settings):
         apart = robot if apart is robot.own else apart
-        slow, timed = changing(apart, settings, wanted)[rows], clocked(settings)[rows]
-        kinds = ((slow, True), (~slow & timed, False), (~slow & ~timed, False))
-        parts += [(apart, some, stepped) for kind, stepped in kinds if len(some := rows[kind])]
+        slow = changing(apart, settings, wanted)[rows]
+        parts += [(apart, some, stepped) for stepped in (True, False) if len(some := rows[slow == stepped])]
     if len(parts) == 1:
         return _on_own_steps(robot, parts[0][0], start, drive, settings, wanted, parts[0][2])
     out = {c: np.empty((settings.rows, drive.steps + 1)) for c in wanted}
@@ -145,8 +143,7 @@ def _replay(
         step = OneStep(batch, robot, between, servos, on_errors(settings.effects, robot.servo), drive.dt, integrals)
         out = _step_by_step(step, u, wanted)
     else:
-        every = max(1, round(STRETCH / drive.dt)) if clocked(settings).any() else None
-        out = _roll_out(batch, robot, drive, u, between, wanted, every)
+        out = _roll_out(batch, robot, drive, u, between, wanted)
     if "pose.theta" in out:
         out["pose.theta"] = unwrapped(out["pose.theta"], start["pose.theta"])
     for channel, nodes in out.items():
@@ -157,30 +154,21 @@ def _replay(
 
 
 def _roll_out(
-    batch: Any,
-    robot: CompiledRobot,
-    drive: Drive,
-    u: np.ndarray,
-    between: list[Any],
-    wanted: tuple[str, ...],
-    every: int | None,
+    batch: Any, robot: CompiledRobot, drive: Drive, u: np.ndarray, between: list[Any], wanted: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
-    """All steps in one call, or in a few where actuators are switched on and off on the way. every: steps in which what
-    changes with time has one value, that of their middle; None where nothing does."""
+    """All steps in one call, or in a few where actuators are switched on and off on the way."""
     import mujoco
 
     model, (rows, steps, _) = robot.model, u.shape
-    switched = np.zeros(0, dtype=int)
+    cuts = [0]
     if drive.enabled is not None:
-        switched = 1 + np.flatnonzero((np.diff(drive.enabled, axis=1) != 0).any(axis=(0, 2)))
-    cuts = np.unique([*range(0, steps, every or steps), *switched]).tolist()
+        cuts += (1 + np.flatnonzero((np.diff(drive.enabled, axis=1) != 0).any(axis=(0, 2)))).tolist()
     control = int(mujoco.mjtState.mjSTATE_CTRL)
     finer = robot.substeps
     parts = {"qpos": [batch.bind("qpos")[:, None].copy()], "qvel": [batch.bind("qvel")[:, None].copy()]}
     for k, end in zip(cuts, [*cuts[1:], steps], strict=True):
         for update in between:
-            middle = k if every is None else k + 0.5 * (end - k - 1)
-            update(middle, batch.bind("qvel")[:, robot.dofs], np.zeros((rows, model.nu)))
+            update(k, batch.bind("qvel")[:, robot.dofs], np.zeros((rows, model.nu)))
         held = np.ascontiguousarray(u[:, k:end]) if finer == 1 else np.repeat(u[:, k:end], finer, axis=1)
         found = batch.rollout(finer * (end - k), held, control, ("qpos", "qvel"))
         for field, part in parts.items():

@@ -111,13 +111,13 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
 
 
 def shared(doubt: Mapping[Term, float], groups: Sequence[ConfoundedGroup]) -> dict[Term, float]:
-    """The factors with those of the other members of each group: what makes one that is named doubtful would make
-    another doubtful in its place."""
+    """The factors with those of the other members of each group, which would be as doubtful in the place of the member
+    that is named; of a term in several groups the largest."""
     out = dict(doubt)
     for group in groups:
-        named = [doubt[t] for member in group for t in member if t in doubt]
-        if named:
-            out |= {t: min(named) for member in group for t in member if t not in doubt}
+        here = next((m for m in group if all(t in doubt for t in m)), None)
+        for term in () if here is None else {t for m in group for t in m if t not in doubt}:
+            out[term] = max(out.get(term, 0.0), min(doubt[t] for t in here or ()))
     return out
 
 
