@@ -72,9 +72,11 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     beats = beats_forecast(found.looks[0], found.constant_velocity)
     sure = most_sure(verdict, unexplained, _times_floor(found), beats, settings=settings)
     sure = min(sure, settings.causes.coarse) if found.coarse else sure
-    doubt = doubts(supports, extras.rest, settings=settings)
-    doubt = {t: d * _steady(validated.varying.get(t), settings) for t, d in doubt.items()}
+    weak = doubts(supports, extras.rest, settings=settings)
+    doubt = {t: d * _steady(validated.varying.get(t), settings) for t, d in weak.items()}
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
+    # a size that varies with the motion speaks against the named member alone
+    every_doubt = {**shared(weak, groups), **doubt}
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
     causes = causes_of(of, share, sure, supports, doubt, validated.lacking, settings=settings) if helps else ()
     return Diagnosis(
@@ -87,7 +89,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         stages=extras.stages,
         where=locate(of.raw, of.scales, found.errors["before"], settings=settings.data),
         causes=tuple(replace(c, variation=validated.varying.get(c.term)) for c in causes),
-        candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, shared(doubt, groups)) if helps else (),
+        candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, every_doubt) if helps else (),
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),
         alternatives=others,
