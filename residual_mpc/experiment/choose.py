@@ -107,12 +107,14 @@ def parted(losses: np.ndarray) -> int:
     return int(np.count_nonzero(_of_pairs(losses) >= PARTS))
 
 
-def _told(losses: np.ndarray) -> tuple[int, int, float]:
-    """What a motion is ranked by: the pairs that it parts; how many others it brings half of the way or more; the least
-    ratio of those that it parts. The ratio of a pair that no motion parts is noise and must not decide."""
+def _told(losses: np.ndarray) -> tuple[int, int, float, float]:
+    """What a motion is ranked by: the pairs that it parts; how many more it brings half of the way; the least ratio of
+    those that it parts; and, where all that is equal, the least ratio of all. The ratio of a pair that no motion parts
+    is noise and must not decide before."""
     pairs = _of_pairs(losses)
     clear = pairs[pairs >= PARTS]
-    return len(clear), int(np.count_nonzero(pairs >= 0.5 * PARTS)), float(clear.min(initial=np.inf))
+    half_way = int(np.count_nonzero(pairs >= 0.5 * PARTS))
+    return len(clear), half_way, float(clear.min(initial=np.inf)), float(pairs.min())
 
 
 def _of(ranked: tuple[Separation, ...], sensors: tuple[str, ...], switches: bool) -> Experiment:

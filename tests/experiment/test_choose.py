@@ -90,6 +90,11 @@ def test_among_motions_that_part_the_same_pairs_the_noise_of_another_pair_does_n
     assert [s.planned.motion.name for s in found.played] == ["straight both ways at two headings"]
 
 
+def test_of_motions_in_vain_the_nearest_is_taken(monkeypatch):
+    found = chosen_by(ROVER, monkeypatch, lambda _, m: of_pairs(*[0.2 * PARTS * (1 + ("steps" in m.name))] * 3))
+    assert found.played[0].planned.motion.name.startswith("steps")
+
+
 @pytest.mark.parametrize(
     ("motion", "encoders"),
     [
