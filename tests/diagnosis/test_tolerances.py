@@ -108,6 +108,23 @@ def test_the_level_is_found(level: float) -> None:
     assert abs(LEVELS.index(found) - LEVELS.index(level)) <= 1
 
 
+def test_a_share_of_the_windows_has_to_show_a_share_of_the_evidence() -> None:
+    """A fifth of 2000 samples often does not show small differences clearly enough by itself; none are seen where there
+    are none."""
+    missed = found = false = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        a = rng.standard_normal((2000, 30))
+        noise = rng.standard_normal(2000)
+        r = a @ (0.06 * rng.standard_normal(30)) + noise
+        few, some = a[:400], r[:400]
+        settings = PredictSettings()
+        missed += likeliest_level(few.T @ few, few.T @ some, 1.0, settings) == 0.0
+        found += likeliest_level(few.T @ few, few.T @ some, 1.0, settings, share=0.2) > 0.0
+        false += likeliest_level(few.T @ few, few.T @ noise[:400], 1.0, settings, share=0.2) > 0.0
+    assert false == 0 and missed >= 5 and found >= 15
+
+
 def test_columns_about_nearly_the_same_numbers_are_taken_over() -> None:
     """They are derivatives; those about other numbers, or of another set, are measured."""
     problem = problem_of(LITTLE)

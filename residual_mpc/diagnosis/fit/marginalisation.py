@@ -14,8 +14,9 @@ from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_leve
 from residual_mpc.models.settings import Knob, Values
 
 
-def tolerant(problem: Problem, fit: Fit, settings: FitSettings) -> Problem:
-    """The problem with its tolerances at the level that this fit's residuals make likeliest."""
+def tolerant(problem: Problem, fit: Fit, settings: FitSettings, share: float = 1.0) -> Problem:
+    """The problem with its tolerances at the level that this fit's residuals make likeliest; share: of all windows that
+    the problem holds."""
     plain = tolerating(problem, None)
     if problem.tolerances is None or not problem.tolerances.columns.shape[2]:
         return plain
@@ -27,7 +28,7 @@ def tolerant(problem: Problem, fit: Fit, settings: FitSettings) -> Problem:
     scores = np.zeros((blocks.max() + 1, a.shape[1]))
     np.add.at(scores, blocks, np.einsum("wnk,wn->wk", a.reshape(*r.shape, -1), left))
     phi = max(1.0, float(np.einsum("kl,bk,bl->", inverse, scores, scores)) / a.shape[1])
-    level = likeliest_level(gram, score, phi, settings=settings.predict)
+    level = likeliest_level(gram, score, phi, settings=settings.predict, share=share)
     return tolerating(plain, replace(problem.tolerances, level=level, dispersion=phi))
 
 

@@ -101,7 +101,8 @@ def _marginalised(problem: Problem, scales: Scales, final: Fit, options: Options
     plain = final if part is problem else fit_all(part, [final.values], phases.marginal_steps, settings=settings)[0]
     quick = quickened(part.data, scales, settings=settings.predict)
     by = None if quick is part.data else PredictionCache(quick, part.space)
-    wide = tolerant(carrying(part, final.values, final.knobs, by, settings=settings), plain, settings=settings)
+    carried, share = carrying(part, final.values, final.knobs, by, settings=settings), float(keep.mean())
+    wide = tolerant(carried, plain, settings=settings, share=share)
     if wide.marginal is None:
         return None
     return MarginalisedFit(

@@ -72,10 +72,13 @@ def _moved(
     return out
 
 
-def likeliest_level(gram: np.ndarray, score: np.ndarray, phi: float, settings: PredictSettings) -> float:
+def likeliest_level(
+    gram: np.ndarray, score: np.ndarray, phi: float, settings: PredictSettings, share: float = 1.0
+) -> float:
     """The level with the largest marginal likelihood, 0 where that is not clearly larger than without.
 
-    gram (K, K): A'A of the whitened columns; score (K,): A'r of the residuals r; phi: their dispersion.
+    gram (K, K): A'A of the whitened columns; score (K,): A'r of the residuals r; phi: their dispersion. share: of the
+    windows that these come from; what they show in the likelihood grows with it, and so does what is clear.
     """
     tolerances = settings.tolerances
     g, v = np.linalg.eigh(gram)
@@ -83,4 +86,4 @@ def likeliest_level(gram: np.ndarray, score: np.ndarray, phi: float, settings: P
     parts = np.array(tolerances.levels)[:, None] ** 2 / phi
     likelihood = -0.5 * np.sum(np.log1p(parts * g) - parts * along / (phi * (1.0 + parts * g)), axis=1)
     best = int(np.argmax(likelihood))
-    return tolerances.levels[best] if likelihood[best] > likelihood[0] + tolerances.beyond else 0.0
+    return tolerances.levels[best] if likelihood[best] > likelihood[0] + share * tolerances.beyond else 0.0
