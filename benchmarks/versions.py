@@ -112,12 +112,17 @@ def cases_of(places: Sequence[Path]) -> list[Case]:
 
 
 def unpacked(commit: str, place: Path) -> Path:
-    """The files of a commit, below a folder."""
-    tree = place / commit
-    if not tree.exists():
-        packed = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True).stdout
-        with tarfile.open(fileobj=io.BytesIO(packed)) as archive:
-            archive.extractall(tree, filter="data")
+    """The files of a commit, below a folder. Raises click.UsageError for an unknown commit."""
+    tree, part = place / commit, place / f"{commit}.part"
+    if tree.exists():
+        return tree
+    packed = subprocess.run(["git", "archive", commit], cwd=ROOT, capture_output=True)
+    if packed.returncode:
+        raise click.UsageError(f"--old {commit}: {packed.stderr.decode(errors='replace').strip()}")
+    shutil.rmtree(part, ignore_errors=True)  # of a call that was stopped
+    with tarfile.open(fileobj=io.BytesIO(packed.stdout)) as archive:
+        archive.extractall(part, filter="data")
+    part.rename(tree)
     return tree
 
 
@@ -160,9 +165,8 @@ def diagnosed(case: Case, tree: Path, version: str, out: Path) -> Cost:
     cost = Cost(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024, process.returncode, first, version)
     ended = "done" if not cost.status else f"exit status {cost.status}"
     out.mkdir(exist_ok=True)
-    write_json(
-        out / "run.json", {"status": ended, "seconds": cost.seconds, "version": version}
-    )  # for `residual-mpc blind score`
+    # for `residual-mpc blind score`
+    write_json(out / "run.json", {"status": ended, "seconds": cost.seconds, "version": version})
     write_json(kept, asdict(cost))
     return cost
 

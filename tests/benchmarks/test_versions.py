@@ -6,7 +6,7 @@ import click
 import pytest
 
 from benchmarks import versions as module
-from benchmarks.versions import Case, Cost, answer, cases_of, diagnosed, summary
+from benchmarks.versions import Case, Cost, answer, cases_of, diagnosed, summary, unpacked
 
 
 def cost(seconds, memory=1e9):
@@ -84,3 +84,9 @@ def test_a_child_is_timed_with_its_first_answer_and_not_run_again(case, tmp_path
     other = diagnosed(case, tmp_path, "abc", tmp_path / "out" / "case.2")  # the names differ behind a dot
     assert other.status == 3 and other.first is None
     assert json.loads((tmp_path / "out" / "case.2" / "run.json").read_text())["status"] == "exit status 3"
+
+
+def test_an_unknown_commit_is_named_and_leaves_nothing(tmp_path):
+    with pytest.raises(click.UsageError, match="no-such-commit"):
+        unpacked("no-such-commit", tmp_path / "tree")
+    assert not (tmp_path / "tree").exists()

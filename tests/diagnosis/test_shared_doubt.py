@@ -20,7 +20,7 @@ def test_a_pair_of_members_shares_it_and_named_effects_keep_their_own() -> None:
 
 
 def test_a_member_shares_the_doubt_of_the_one_whose_place_it_would_take() -> None:
-    """Not that of an effect that is named elsewhere and stands beside it in the group."""
+    """A named effect that is only part of another member does not count."""
     doubt = {GAIN: 0.9, DELAY: 0.25}
     assert shared(doubt, [((GAIN,), (RATIO, DELAY))]) == {**doubt, RATIO: 0.9}
 

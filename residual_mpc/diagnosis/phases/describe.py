@@ -118,8 +118,10 @@ def shared(doubt: Mapping[Term, float], groups: Sequence[ConfoundedGroup]) -> di
     out = dict(doubt)
     for group in groups:
         here = next((m for m in group if all(t in doubt for t in m)), None)
-        for term in () if here is None else {t for m in group for t in m if t not in doubt}:
-            out[term] = max(out.get(term, 0.0), min(doubt[t] for t in here or ()))
+        if here is None:
+            continue
+        factor = min(doubt[t] for t in here)
+        out |= {t: max(out.get(t, 0.0), factor) for m in group for t in m if t not in doubt}
     return out
 
 
