@@ -1,7 +1,7 @@
 """Which values the effects and the retuned parameters have, for a batch of hypotheses at once."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +57,11 @@ class Settings:
         count = int(index.sum()) if index.dtype == bool else len(index)
         effects = {e: {p: v[index] for p, v in ps.items()} for e, ps in self.effects.items()}
         return Settings(count, effects, {k: v[index] for k, v in self.tuned.items()})
+
+    def acting(self) -> "Settings":
+        """The same without the effects that do nothing in any row; some rows may lack what others have."""
+        live = {e: ps for e, ps in self.effects.items() if not is_null(e, ps).all()}
+        return self if len(live) == len(self.effects) else replace(self, effects=live)
 
     def distinct(self) -> tuple[np.ndarray, np.ndarray]:
         """(D,) index of the first occurrence of each distinct row; (n,) the place of each row among these. Ignores

@@ -19,7 +19,7 @@ from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.predict import noise_errors
 from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of, quickened
 from residual_mpc.diagnosis.predict.noise_floor import floor_of
-from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.prediction_cache import Carried, PredictionCache
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.settings import LongerStepSettings, PredictSettings
 from residual_mpc.diagnosis.predict.space import Space, build_space
@@ -107,6 +107,19 @@ def test_shorter_steps_are_taken_where_long_ones_change_too_much(data: Dataset, 
     found = about([HERE, NEAR])
     np.testing.assert_allclose(found[0], exact[0], atol=1e-12)
     assert np.nanmax(np.abs(found[1] - exact[1])) < 0.05 * np.nanmax(np.abs(exact[1] - exact[0]))
+
+
+def test_shorter_steps_remember_what_was_predicted_on_them(data: Dataset, space: Space) -> None:
+    """Until others take their place."""
+    coarse = PredictionCache(longer(data, 8), space, own=data)
+    given_up, lenient = replace(LENIENT, error=1e-6), replace(LENIENT, error=0.9, of_left=0.9)
+    first = coarse.about(HERE, np.ones(2), given_up)
+    first([NEAR])
+    first.carried.append(Carried({}, (), np.zeros((data.count, 1, 0))))
+    again = coarse.about(NEAR, np.ones(2), given_up)
+    assert again.carried == first.carried and again.kept is first.kept and again.own is None
+    assert coarse.about(HERE, np.ones(2), lenient).own is data
+    assert not coarse.about(HERE, np.ones(2), given_up).carried
 
 
 def test_longer_steps_are_given_up_where_they_change_as_much_as_is_left(data: Dataset, space: Space) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +19,10 @@ from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search import screen, stand_ins
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, judge
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
+from residual_mpc.diagnosis.search.screen import ScreenedTerm
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found
 from residual_mpc.logs.run import Run
@@ -85,6 +88,22 @@ def test_wheels_that_differ_stay_apart() -> None:
         left=0.9,
     )
     assert set(found.fit.terms) == {LEFT, Term("actuator_gain", "right")}
+
+
+def test_what_imitates_an_effect_competes_whatever_its_lead_promises(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small differences may take up nearly all that a delay does along the line from none."""
+
+    def glance(*args: Any, **kwargs: Any) -> list[ScreenedTerm]:
+        leads = screen.glance(*args, **kwargs)
+        return [lead if lead.term == lag else replace(lead, gain=1e-3) for lead in leads]
+
+    monkeypatch.setattr(stand_ins, "glance", glance)
+    monkeypatch.setattr(stand_ins, "_as_pair", lambda *args: [])
+    delay, lag = Term("command_delay", None), Term("actuator_lag", None)
+    chosen: Values = {Knob("actuator_lag", None, "time_constant"): 0.08}
+    found = rivals_of({"command_delay": {"delay": 0.08}}, chosen, (delay.effect, lag.effect, "lateral_slip"))
+    assert found.fit.terms == (delay,)
+    assert found.fit.values[Knob("command_delay", None, "delay")] == pytest.approx(0.08, abs=0.003)
 
 
 def test_twins_make_a_group_and_share_the_probability() -> None:

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
-from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
+from residual_mpc.diagnosis.predict.replay import predict, predict_moved, with_outliers_removed
 from residual_mpc.effects.library import BY_NAME, LIBRARY
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Settings, assemble
@@ -142,12 +142,33 @@ def test_flagged_samples_are_taken_out_of_starts_and_of_the_comparison(clean: Ru
     np.testing.assert_allclose(predict(mended, Settings(1)), right, atol=1e-3)
 
 
-def test_a_nudge_moves_the_start(clean: Run) -> None:
+def test_starts_are_moved_one_by_one(clean: Run) -> None:
+    """In one batch, each by what was asked of it, and as it would be moved alone."""
     data = dataset(clean)
-    moved = predict(data, Settings(1), {"pose.x": np.full(data.count, 0.25)}) - predict(data, Settings(1))
+    size = np.linspace(0.1, 0.25, data.count)
+    still, x, theta = predict_moved(data, Settings(1), [{}, {"pose.x": size}, {"pose.theta": 0.1 + 0.0 * size}])
+    np.testing.assert_array_equal(still, predict(data, Settings(1))[0])
     k = data.channels.index("pose.x")
-    np.testing.assert_allclose(moved[..., k][np.isfinite(moved[..., k])], 0.25, atol=1e-12)
+    moved = x - still
+    expected = np.where(np.isfinite(moved[..., k]), size[:, None], np.nan)
+    np.testing.assert_allclose(moved[..., k], expected, atol=1e-12)
     assert np.nanmax(np.abs(np.delete(moved, k, axis=-1))) == 0.0
+    np.testing.assert_array_equal(theta, predict_moved(data, Settings(1), [{"pose.theta": 0.1 + 0.0 * size}])[0])
+    assert np.nanmax(np.abs(theta - still)) > 0.09
+
+
+def test_a_memory_moves_with_its_channel_unless_told(clean: Run) -> None:
+    data = dataset(clean)
+    lagging = settings_of({("sensor_lag", None, "time_constant"): 0.2})
+    size = np.full(data.count, 0.25)
+    still, both, state = predict_moved(
+        data, lagging, [{}, {"pose.x": size, "memory.pose.x": size}, {"pose.x": size, "memory.pose.x": 0.0 * size}]
+    )
+    k = data.channels.index("pose.x")
+    alone = predict_moved(data, lagging, [{"pose.x": size}])[0]
+    np.testing.assert_array_equal(alone, both)
+    begun, ended = (np.nanmax(np.abs((moved - still)[:, 0, k])) for moved in (state, both))
+    assert begun < 0.1 * ended and ended == pytest.approx(0.25)
 
 
 def test_a_delay_of_the_pose_leaves_the_encoders_alone() -> None:

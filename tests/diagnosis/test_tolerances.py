@@ -17,7 +17,7 @@ from residual_mpc.diagnosis.phases.refine import _marginalised
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of, tolerating, whitened
 from residual_mpc.diagnosis.predict.settings import PredictSettings, ToleranceSettings
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level
+from residual_mpc.diagnosis.predict.tolerances import Tolerances, likeliest_level, small_differences
 from residual_mpc.models.settings import Knob
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
@@ -63,6 +63,19 @@ def test_the_cost_is_that_of_the_added_covariance() -> None:
     # (I + A A')^-1 by Woodbury's identity
     expected = r @ r - r @ a @ np.linalg.solve(np.eye(a.shape[1]) + a.T @ a, a.T @ r)
     assert np.sum(wide.residuals([{}]) ** 2) == pytest.approx(expected, rel=1e-6)
+
+
+def test_one_of_several_differs_from_the_number_of_all() -> None:
+    """Where both wheels deliver 0.8, one tolerance of the left one's is 0.81, not 1.01."""
+    space = problem_of({}).space
+    gain, both = (Knob("actuator_gain", target, "gain") for target in ("left", None))
+    settings = PredictSettings()
+    alone = [row for row in small_differences(space, {}, settings=settings) if gain in row]
+    beside = [row for row in small_differences(space, {both: 0.8}, settings=settings) if gain in row]
+    assert [row[gain] for row in alone] == [pytest.approx(1.01)]
+    assert [(row[gain], row[both]) for row in beside] == [(pytest.approx(0.81), 0.8)]
+    own = small_differences(space, {gain: 0.7}, settings=settings)
+    assert [row[gain] for row in own if row[gain] != 0.7] == [pytest.approx(0.71)]
 
 
 def test_part_of_the_windows_keeps_its_columns() -> None:

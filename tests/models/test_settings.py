@@ -57,6 +57,14 @@ def test_rows_that_are_the_same() -> None:
     assert assemble([{}, {}], SLOTS).distinct()[0].tolist() == [0]
 
 
+def test_effects_that_do_nothing_in_any_row_are_left_out() -> None:
+    knob, limit = Knob("command_delay", None, "delay"), Knob("saturation", None, "limit")
+    settings = assemble([{knob: 0.1}, {limit: 3.0}, {}], SLOTS)
+    assert settings.acting() is settings
+    assert set(settings.take(np.array([0, 2])).acting().effects) == {"command_delay"}
+    assert settings.take(np.array([2])).acting().effects == {}
+
+
 def test_a_target_that_is_not_there() -> None:
     with pytest.raises(ValueError):
         assemble([{Knob("command_delay", "middle", "delay"): 0.1}], SLOTS)

@@ -32,14 +32,19 @@ class OneStep:
         """Live positions (B, nq), velocities (B, nv), controls (B, nu): to bind them takes as long as to use them."""
         return self.batch.bind("qpos"), self.batch.bind("qvel"), self.batch.bind("ctrl")
 
+    @cached_property
+    def _driven(self) -> tuple[np.ndarray, np.ndarray]:
+        """(nu,) places of the actuators' joints among the positions, and their gear ratios."""
+        return self.robot.places[self.robot.driven], self.robot.model.actuator_gear[:, 0].copy()
+
     def __call__(self, k: int, u: np.ndarray, force: np.ndarray) -> None:
         """Step number k under commands u (B, nu) that have gone through the chain; force (B, nu): the last step's."""
         robot, batch = self.robot, self.batch
         q, v, ctrl = self._state
         ctrl[:] = u
         if self.errors or self.integrals is not None:
-            seen = q[:, robot.places[robot.driven]] if self.servos is None else self.servos.seen(robot, q)
-            length = robot.model.actuator_gear[:, 0] * seen
+            places, gear = self._driven
+            length = gear * (q[:, places] if self.servos is None else self.servos.seen(robot, q))
             if self.integrals is not None:
                 u = self.integrals.through(k, u, length, self.dt)
                 ctrl[:] = u
@@ -48,8 +53,10 @@ class OneStep:
                 assert effect.step is not None
                 error, _ = effect.step(NUMPY, p, (), error, self.dt)
             ctrl[:] = np.where(error == u - length, u, length + error)
-        for update in self.between:
-            update(k, v[:, robot.dofs], force)
+        if self.between:
+            speed = v[:, robot.dofs]
+            for update in self.between:
+                update(k, speed, force)
         if self.servos is not None:
             self.servos.correct(ctrl, robot, q, v)
         batch.step(nstep=robot.substeps)

@@ -55,7 +55,7 @@ def replay(
             past=None if drive.past is None else drive.past.take(rows),
         )
         begun = {k: v[rows] for k, v in start.items()}
-        found = _on_own_steps(robot, apart, begun, part, settings.take(rows), wanted, stepped)
+        found = _on_own_steps(robot, apart, begun, part, settings.take(rows).acting(), wanted, stepped)
         for c in wanted:
             out[c][rows] = found[c]
     return out

@@ -13,7 +13,8 @@ from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.phases.refine import Refined, cross_validated_shrink, trusting
 from residual_mpc.diagnosis.phases.validate import Validated, validate
-from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
+from residual_mpc.diagnosis.predict.problem import weighed
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.shrink import shrink_of
 from residual_mpc.diagnosis.results.verdict import AS_GOOD
@@ -71,9 +72,9 @@ def _explained(prepared: Prepared, refined: Refined, found: WithLaws, rng: np.ra
     """The laws' numbers fitted on all windows that fits may see, and the shrink expected of them."""
     of, options = refined.explanation, refined.options
     settings = options.settings
-    problem = build_problem(
-        of.problem.data, found.space, 1.0 / of.problem.weight, of.problem.motion, settings=settings.predict
-    )
+    before = of.problem  # the start moves the nominal model as before
+    replays = PredictionCache(before.data, found.space)
+    problem = weighed(replays, before.sensitivity, 1.0 / before.weight, before.motion)
     problem = trusting(problem, found.values, of.scales, settings)
     final = carry_on(problem, [found.values], options.final_steps, settings=settings.fit)[0]
     base = on_problem(problem, of.base, settings=settings.fit)

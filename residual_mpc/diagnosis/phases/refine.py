@@ -19,7 +19,7 @@ from residual_mpc.diagnosis.predict.horizons import HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of
+from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of, times_longer
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.tolerances import small_differences
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation, MarginalisedFit
@@ -55,7 +55,10 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     prepared, found, rivalry = searched.prepared, searched.found, searched.rivalry
     options, settings = prepared.options, prepared.options.settings
     motion = found.problem.motion
-    problem = build_problem(searched.windows, prepared.space, found.sigma, motion, settings=settings.predict)
+    times = times_longer(found.problem)
+    problem = build_problem(
+        searched.windows, prepared.space, found.sigma, motion, times=times, settings=settings.predict
+    )
     problem = trusting(problem, rivalry.fit.values, searched.scales, settings)
     starts = [rivalry.fit.values, found.base.values]
     polished, base = polish(problem, starts, options.final_steps, searched.scales, settings=settings.fit)
@@ -67,7 +70,7 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     with_outliers, unnamed = counts and allowed, counts and not allowed
     expected = None
     if final.terms or with_outliers:
-        expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng)
+        expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng, times)
     explanation = FittedExplanation(
         prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, problem, before, final,
         polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
@@ -111,14 +114,21 @@ def _marginalised(problem: Problem, scales: Scales, final: Fit, options: Options
 
 
 def cross_validated_shrink(
-    prepared: Prepared, problem: Problem, final: Fit, base: Fit, with_outliers: bool, rng: np.random.Generator
+    prepared: Prepared,
+    problem: Problem,
+    final: Fit,
+    base: Fit,
+    with_outliers: bool,
+    rng: np.random.Generator,
+    times: int = 1,
 ) -> Shrink:
-    """The shrink, by cross-validation on the windows of the headline's horizon."""
+    """The shrink, by cross-validation on the windows of the headline's horizon. times: see build_problem."""
     settings = prepared.options.settings
     spoilt = prepared.raw.take(~prepared.held)
     here = final
     if problem.data.count != prepared.fitting.count or problem.data.horizon != prepared.raw.horizon:
-        plain = build_problem(prepared.fitting, prepared.space, 1.0 / problem.weight, settings=settings.predict)
+        sigma = 1.0 / problem.weight
+        plain = build_problem(prepared.fitting, prepared.space, sigma, times=times, settings=settings.predict)
         here = on_problem(trusting(plain, final.values, prepared.scales, settings), final, settings=settings.fit)
     before = spoilt.y - predict(spoilt, prepared.space.settings([base.values]))[0]
     after = expected_errors(prepared.fitting if with_outliers else spoilt, prepared.space, here, settings=settings.fit)

@@ -21,7 +21,7 @@ from residual_mpc.diagnosis.phases.prepare import Prepared
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_of, well_begun
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.problem import build_problem, reweigh, tolerating
+from residual_mpc.diagnosis.predict.problem import build_problem, reweigh, times_longer, tolerating
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.remainder.resemblance import closest
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -201,12 +201,7 @@ def _seen_over(
     """Longer windows with the noise that what was found leaves there, its gap and its floor."""
     settings = prepared.options.settings
     row = prepared.space.settings([found.fit.values])
-    predicted = predict(data, row)[0]
-    data = with_noise(
-        data,
-        build_problem(data, prepared.space, data.sigma, settings=settings.predict),
-        scales,
-        predicted,
-        settings=settings.fit,
-    )
+    predicted, times = predict(data, row)[0], times_longer(found.problem)
+    problem = build_problem(data, prepared.space, data.sigma, times=times, settings=settings.predict)
+    data = with_noise(data, problem, scales, predicted, settings=settings.fit)
     return data, gap_of(data, scales, data.y - predicted), floor_of(data, scales, row, rng, settings=settings.predict)

@@ -6,7 +6,7 @@ from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.data.local_fit import REACH, local_fit
 from residual_mpc.diagnosis.data.noise_model import draw_coloured
 from residual_mpc.diagnosis.data.signals import Signal
-from residual_mpc.diagnosis.predict.replay import earliest, memory_of, predict, run_up
+from residual_mpc.diagnosis.predict.replay import earliest, memory_of, predict_moved, run_up
 from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.library import changes
 from residual_mpc.effects.sensor import low_pass
@@ -24,14 +24,16 @@ def noise_errors(
     through it, and replays from there. exact: the same windows on the steps of the user's model, if `data` has longer
     ones: these do for the difference of two predictions, but a start state from them may be far off near standstill.
     """
-    clean = predict(data, settings)[0]
     bias = start_bias(data if exact is None else exact, settings)
-    out = np.empty((draws, *data.y.shape))
     fresh = {key: fresh_samples(s.y) for key, s in data.signals.items()}
-    for d in range(draws):
-        noise = {key: draw_noise(data, key[1], s, fresh[key], rng) for key, s in data.signals.items()}
-        error = start_errors(data, settings, noise)
-        moved = predict(data, settings, {c: e + bias.get(c, 0.0) for c, e in error.items()})[0]
+    noises = [
+        {key: draw_noise(data, key[1], s, fresh[key], rng) for key, s in data.signals.items()} for _ in range(draws)
+    ]
+    errors = [start_errors(data, settings, noise) for noise in noises]
+    starts: list[dict[str, np.ndarray]] = [{c: e + bias.get(c, 0.0) for c, e in error.items()} for error in errors]
+    clean, *moved = predict_moved(data, settings, [{}, *starts])
+    out = np.empty((draws, *data.y.shape))
+    for d, noise in enumerate(noises):
         seen = np.full(data.y.shape, np.nan)
         for (i, c), n in noise.items():
             k = data.channels.index(c)
@@ -40,7 +42,7 @@ def noise_errors(
                 good = np.isfinite(data.y[w, :, k])
                 at = np.searchsorted(t, data.t[w, good] + data.start[w] - 1e-9)
                 seen[w, good, k] = n[np.minimum(at, len(n) - 1)]
-        out[d] = seen - (moved - clean)
+        out[d] = seen - (moved[d] - clean)
     return out
 
 

@@ -54,6 +54,7 @@ class PredictionCache:
     change: np.ndarray | None = None
     kept: "OrderedDict[Key, np.ndarray]" = field(default_factory=OrderedDict)
     carried: "list[Carried]" = field(default_factory=list)  # the latest alone
+    shorter: "dict[int, PredictionCache]" = field(default_factory=dict)  # what took its place, by its steps
 
     def __call__(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M, C) channel units; see `predict`."""
@@ -72,17 +73,33 @@ class PredictionCache:
         if self.own is None:
             return self
         if keeps_steps(values):
-            return PredictionCache(self.own, self.space)
+            return self._alone(self._with_steps_of(self.own))
         exact = predict(self.own, self.space.settings([values]))[0]
         seen = np.isfinite(self.data.y) & np.isfinite(size)
         left = _mean_squares(self.data.y - exact, size, seen)
         for data in shorter_steps(self.data, self.own):
-            here = self if data is self.data else replace(self, data=data, kept=OrderedDict(), carried=[])
+            here = self if data is self.data else self._with_steps_of(data)
             change = exact - here._on_these_steps([values])[0]
             changed = _mean_squares(change, size, seen)
             if changed.max() <= tuned.error**2 and (changed <= tuned.of_left**2 * left).all():  # nan is not
-                return replace(here, change=np.where(np.isfinite(self.data.y), change, 0.0))
-        return PredictionCache(self.own, self.space)
+                return replace(self._alone(here), change=np.where(np.isfinite(self.data.y), change, 0.0))
+        return self._alone(self._with_steps_of(self.own))
+
+    def _with_steps_of(self, data: Dataset) -> "PredictionCache":
+        """On the shorter steps of `data`, the same windows, with what was predicted on these before."""
+        times = max(b.own for b in data.blocks)
+        if times not in self.shorter:
+            own = None if data is self.own else self.own
+            self.shorter[times] = PredictionCache(data, self.space, own=own)
+        return self.shorter[times]
+
+    def _alone(self, here: "PredictionCache") -> "PredictionCache":
+        """The one that is used next; the predictions of the others make room."""
+        for other in self.shorter.values():
+            if other is not here:
+                other.kept.clear()
+                other.carried.clear()
+        return here
 
     def _on_these_steps(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M, C) as the steps of `data` have it."""

@@ -16,9 +16,10 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.replay import predict_moved
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.diagnosis.predict.step_lengths import with_longer_steps
 from residual_mpc.diagnosis.predict.tolerances import Tolerances
 from residual_mpc.models.settings import Values
 
@@ -84,20 +85,28 @@ def build_problem(
     sigma: np.ndarray,
     motion: np.ndarray | None = None,
     own: Dataset | None = None,
+    times: int = 1,
     *,
     settings: PredictSettings = PredictSettings(),
 ) -> Problem:
     """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better;
-    motion (C,): see Problem; None for a problem that no search ranks by. own: see PredictionCache."""
+    motion (C,): see Problem; None for a problem that no search ranks by. own: see PredictionCache. times: how many
+    times longer steps do for differences of predictions, such as the sensitivity to the start."""
     size = np.full(len(sigma), np.inf) if motion is None else motion
     replays = PredictionCache(data, space, own=own)
-    return weighed(replays, start_sensitivity(data, space, {}, settings=settings), sigma, size)
+    quick = data if times == 1 else with_longer_steps(data, times) or data
+    return weighed(replays, start_sensitivity(quick, space, {}, settings=settings), sigma, size)
 
 
 def about(problem: Problem, values: Values, settings: PredictSettings) -> Problem:
     """The problem with predictions that are those of the user's model at these values, where its steps are longer."""
     replays = problem.replays.about(values, problem.motion, settings.longer_steps)
     return problem if replays is problem.replays else replace(problem, data=replays.data, replays=replays)
+
+
+def times_longer(problem: Problem) -> int:
+    """How many times longer than the user's model's the problem's steps are."""
+    return max(b.own for b in problem.data.blocks)
 
 
 def reweigh(problem: Problem, sigma: np.ndarray) -> Problem:
@@ -149,17 +158,13 @@ def on_part(problem: Problem, keep: np.ndarray, samples: int | None = None) -> T
 
 def start_sensitivity(data: Dataset, space: Space, values: Values, settings: PredictSettings) -> np.ndarray:
     """(W, M * C, k): how one inflated standard deviation of each start coordinate moves the prediction."""
-    row = space.settings([values])
-    base = predict(data, row)[0]
-    columns = []
-    for channel, size in start_sigma(data, settings=settings).items():
-        if not size.any():
-            continue
-        moved = predict(data, row, {channel: size})[0] - base
-        columns.append(np.nan_to_num(np.where(np.isfinite(data.y), moved, 0.0)).reshape(data.count, -1))
-    if not columns:
+    sizes = start_sigma(data, settings=settings)
+    moves: list[dict[str, np.ndarray]] = [{channel: size} for channel, size in sizes.items() if size.any()]
+    if not moves:
         return np.zeros((data.count, data.y.shape[1] * data.y.shape[2], 1))
-    return np.stack(columns, axis=-1)
+    base, *moved = predict_moved(data, space.settings([values]), [{}, *moves])
+    change = np.stack([np.nan_to_num(np.where(np.isfinite(data.y), m - base, 0.0)) for m in moved], axis=-1)
+    return change.reshape(data.count, -1, len(moves))
 
 
 def start_sigma(data: Dataset, *, settings: PredictSettings = PredictSettings()) -> dict[str, np.ndarray]:

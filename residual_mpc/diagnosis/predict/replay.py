@@ -1,6 +1,6 @@
 """Hypotheses x windows -> predicted samples: start states through the sensor effects, replay, sensors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +24,7 @@ Start = Mapping[str, np.ndarray]
 def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np.ndarray:
     """(H, W, M, C): what each hypothesis says the sensors would report at every sample; NaN where padded.
 
-    nudge: added to the start states by channel, (W,), for the sensitivity to the start.
+    nudge: added to the start states by channel, (H, W), for the sensitivity to the start.
     """
     h, (w, m), c = settings.rows, data.t.shape, len(data.channels)
     out = np.full((h, w, m, c), np.nan)
@@ -32,16 +32,27 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
         here = settings.later if block.later and settings.later is not None else settings
         first, back = np.arange(h), np.arange(h)
         # hypotheses that differ only on the other set of runs have the same prediction here
-        if settings.later is not None:
+        if settings.later is not None and nudge is None:
             first, back = here.distinct()
-        rows = block.where.stop - block.where.start
-        size = rows * (block.drive.steps + block.drive.lead) * (c + len(block.robot.actuators))
+        steps = block.drive.steps + block.drive.lead
+        size = (block.where.stop - block.where.start) * steps * (c + len(block.robot.actuators))
         per = max(1, ROOM // size)
         for a in range(0, len(first), per):
-            found = _predict_block(data, block, here.take(first[a : a + per]), nudge)
+            rows = first[a : a + per]
+            part = None if nudge is None else {k: v[rows, block.where] for k, v in nudge.items()}
+            found = _predict_block(data, block, here.take(rows), part)
             these = np.flatnonzero((back >= a) & (back < a + per))
             out[these, block.where] = found[back[these] - a]
     return out
+
+
+def predict_moved(data: Dataset, settings: Settings, nudges: Sequence[Start]) -> np.ndarray:
+    """(N, W, M, C): as `predict` for one hypothesis (settings with one row) from N starts, each moved by channel, (W,).
+    One batch: few rows cost nearly as much as many. If one of them names a low-pass' memory, all do that move it."""
+    keys = dict.fromkeys(k for nudge in nudges for k in nudge)
+    still = np.zeros(data.count)
+    stacked = {k: np.stack([nudge.get(k, still) for nudge in nudges]) for k in keys}
+    return predict(data, settings.take(np.zeros(len(nudges), dtype=int)), stacked)
 
 
 def start_states(data: Dataset, block: Block, settings: Settings, sooner: float = 0.0) -> dict[str, np.ndarray]:
@@ -93,9 +104,10 @@ def beyond(block: Block, settings: Settings) -> float:
 
 def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start | None) -> np.ndarray:
     h, w = settings.rows, block.where.stop - block.where.start
+    """nudge: by channel, (H, W_block)."""
     start = start_states(data, block, settings)
     if nudge is not None:
-        start = {k: v + nudge[k][block.where] if k in nudge else v for k, v in start.items()}
+        start = {k: v + nudge[k] if k in nudge else v for k, v in start.items()}
     each = settings.take(np.repeat(np.arange(h), w))
     early = earliest(block, settings)
     drive = begin_earlier(block.drive, early, beyond(block, settings))
@@ -117,7 +129,8 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
         rows = np.flatnonzero(_lags(readings[channel]))
         if len(rows):
             some = {c: y.reshape(h, w, -1)[rows] for c, y in nodes.items()}
-            slow = _low_passed(data, block, settings.take(rows), channel, some, nudge)
+            part = None if nudge is None else {k: v[rows] for k, v in nudge.items()}
+            slow = _low_passed(data, block, settings.take(rows), channel, some, part)
             since = t[None] - (readings[channel].late(t)[rows] - early[rows, :, None])
             sampled[channel][rows] = _interpolate(slow, since, drive.dt)
     out = np.full((h, w, t.shape[1], len(data.channels)), np.nan)
@@ -150,7 +163,7 @@ def _low_passed(
             true = effect.step(NUMPY, p, *(nodes[c] for c in posed))[posed.index(channel)]
     memory = reading.memory(_local(data, block, channel, reading.stamp(earliest(block, settings))).value)
     if nudge is not None:
-        memory = memory + nudge.get(memory_of(channel), nudge.get(channel, np.zeros(data.count)))[block.where]
+        memory = memory + nudge.get(memory_of(channel), nudge.get(channel, np.zeros_like(memory)))
     memory = np.where(np.isnan(memory), true[:, :, 0], memory)
     return np.stack([low_pass(true[i], memory[i], float(tau), block.drive.dt) for i, tau in enumerate(reading.lag)])
 

@@ -50,19 +50,23 @@ def _moved(
 ) -> list[Mapping[Knob, float]]:
     parameters = BY_NAME[term.effect].parameters
     knobs = {p.name: Knob(term.effect, term.target, p.name) for p in parameters}
+    # where the set has the effect on all targets alike, those of one target differ from these numbers
+    everywhere = {knobs[p.name]: Knob(term.effect, None, p.name) for p in parameters}
+    known = {knob: values.get(knob, values.get(common)) for knob, common in everywhere.items()}
     shapes = [p for p in parameters if p.shape]
     turns: list[Mapping[Knob, float]] = [{}]
     for p in shapes:
-        known = values.get(knobs[p.name])
-        several = dict.fromkeys(p.probes[: settings.tolerances.shapes]) if known is None else (known,)
+        own = known[knobs[p.name]]
+        several = dict.fromkeys(p.probes[: settings.tolerances.shapes]) if own is None else (own,)
         turns = [{**turn, knobs[p.name]: v} for turn in turns for v in several]
     out: list[Mapping[Knob, float]] = []
     for p in parameters:
         if p.shape or p.tolerance == 0.0:
             continue
-        rest = {knobs[q.name]: values.get(knobs[q.name], q.null) for q in parameters if not q.shape}
+        numbers = ((knobs[q.name], q.null) for q in parameters if not q.shape)
+        rest = {k: null if (own := known[k]) is None else own for k, null in numbers}
         knob = knobs[p.name]
-        if knob in free or Knob(knob.effect, None, knob.parameter) in free:
+        if knob in free or everywhere[knob] in free:
             continue
         low, high = space.bounds(knob)
         step = p.tolerance * space.reference(knob)

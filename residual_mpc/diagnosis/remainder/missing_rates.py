@@ -11,7 +11,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales
-from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.replay import predict_moved
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.models.settings import Settings
 
@@ -166,16 +166,21 @@ def kicks(
 ) -> dict[str, tuple[np.ndarray, str]]:
     """For each state's position channel: its response (W, M) to a kick of its start's rate, or of its start where it
     has no rate, per unit of the kick; and the unit of what is then missing."""
-    base = predict(data, settings)[0]
+    states = [
+        s
+        for s in dict.fromkeys(s for b in data.blocks for s in b.robot.states)
+        if s.position in data.channels and s.position not in POSE
+    ]
+    sizes = [tuning.missing_rates.kick * scales.s[data.channels.index(s.position)] for s in states]
+    starts: list[dict[str, np.ndarray]] = [
+        {s.position if s.velocity is None else s.velocity: np.full(data.count, size)}
+        for s, size in zip(states, sizes, strict=True)
+    ]
+    base, *moved = predict_moved(data, settings, [{}, *starts])
     out: dict[str, tuple[np.ndarray, str]] = {}
-    for state in dict.fromkeys(s for b in data.blocks for s in b.robot.states):
-        if state.position not in data.channels or state.position in POSE:
-            continue
-        k = data.channels.index(state.position)
-        size = tuning.missing_rates.kick * scales.s[k]
-        kicked = state.position if state.velocity is None else state.velocity
-        moved = predict(data, settings, {kicked: np.full(data.count, size)})[0]
-        out[state.position] = (moved - base)[..., k] / size, "rad/s" if state.velocity is None else "rad/s^2"
+    for s, size, m in zip(states, sizes, moved, strict=True):
+        response = (m - base)[..., data.channels.index(s.position)] / size
+        out[s.position] = response, "rad/s" if s.velocity is None else "rad/s^2"
     return out
 
 

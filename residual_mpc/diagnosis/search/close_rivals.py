@@ -11,8 +11,7 @@ from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.settings import SearchSettings
-from residual_mpc.effects.equivalents import are_substitutes
-from residual_mpc.effects.library import BY_NAME
+from residual_mpc.diagnosis.search.substitutes import imitate
 from residual_mpc.models.settings import Term
 
 
@@ -79,7 +78,7 @@ def _within_what_is_left(
     A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
     """
     twins = [are_twins(problem, r) for r in rivals]
-    like = [t or (r.exchange is not None and _imitate(*r.exchange)) for r, t in zip(rivals, twins, strict=True)]
+    like = [t or (r.exchange is not None and imitate(*r.exchange)) for r, t in zip(rivals, twins, strict=True)]
     if not any(like):
         return like
     imitators = [r.fit for r, s in zip(rivals, like, strict=True) if s]
@@ -95,11 +94,3 @@ def _within_what_is_left(
 def are_twins(problem: Problem, rival: Rival) -> bool:
     """Whether the runs cannot tell the one effect that came from the one that went."""
     return rival.exchange is not None and problem.space.are_twins(*rival.exchange)
-
-
-def _imitate(one: Term, other: Term) -> bool:
-    """Whether two effects do nearly the same at the same place. What acts on the whole robot, such as a mass at its
-    tool, has no target to compare."""
-    kinds = {BY_NAME[t.effect].target for t in (one, other)}
-    here = one.target == other.target or ("robot" in kinds and len(kinds) == 2)
-    return here and are_substitutes(one.effect, other.effect)

@@ -4,8 +4,9 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.search.screen import glance, smaller
+from residual_mpc.diagnosis.search.screen import ScreenedTerm, glance, smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.search.substitutes import imitate
 from residual_mpc.effects.equivalents import together
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
@@ -28,6 +29,7 @@ def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], set
             if lead.term not in seen and len(starts) < most and lead.gain > tuned.resembles * own:
                 seen.add(lead.term)
                 starts.append({**rest.values, **lead.start})
+        starts += [{**rest.values, **lead.start} for lead in _imitators(leads, gone[0]) if lead.term not in seen]
         starts += _as_pair(problem, rest, fit, gone[0], candidates)
     elif (word := interchangeable(gone)) is not None:
         rims = [c for c in candidates if BY_NAME[c.effect].interchangeable == word and c not in gone]
@@ -45,6 +47,16 @@ def interchangeable(terms: tuple[Term, ...]) -> str | None:
     encoders gains, radius and mismatch scale the same two rims."""
     words = {BY_NAME[t.effect].interchangeable for t in terms}
     return words.pop() or None if len(words) == 1 else None
+
+
+def _imitators(leads: list[ScreenedTerm], gone: Term) -> list[ScreenedTerm]:
+    """Of each candidate that does nearly the same as a term, the lead that removes most of the squared gap. Small
+    differences may take up most of what it does, and then its likelihood shows little along the line from its null."""
+    best: dict[Term, ScreenedTerm] = {}
+    for lead in sorted(leads, key=lambda lead: -lead.gap):
+        if imitate(lead.term, gone):
+            best.setdefault(lead.term, lead)
+    return list(best.values())
 
 
 def _on_all(

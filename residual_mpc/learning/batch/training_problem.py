@@ -6,7 +6,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.predict.problem import start_sigma
-from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.replay import predict_moved
 from residual_mpc.learning.filter.workspace import Workspace
 from residual_mpc.learning.forms.form import Form
 from residual_mpc.learning.network.residual import Residual
@@ -35,10 +35,8 @@ class TrainingProblem:
 
 def start_doubt(data: Dataset, settings: Settings) -> np.ndarray:
     """(W, M, C, k): how one inflated standard deviation of each start coordinate moves the base's prediction."""
-    base = predict(data, settings)[0]
-    columns = [
-        np.nan_to_num(predict(data, settings, {channel: size})[0] - base)
-        for channel, size in start_sigma(data).items()
-        if size.any()
-    ]
-    return np.stack(columns, axis=-1) if columns else np.zeros((*base.shape, 1))
+    moves: list[dict[str, np.ndarray]] = [{c: size} for c, size in start_sigma(data).items() if size.any()]
+    if not moves:
+        return np.zeros((*data.y.shape, 1))
+    base, *moved = predict_moved(data, settings, [{}, *moves])
+    return np.stack([np.nan_to_num(m - base) for m in moved], axis=-1)
