@@ -1,14 +1,22 @@
 """What the wheels' encoders say about a cause that is named for the pose."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
 
 from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.encoder_consistency import contradicted
+from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.records import Diagnosis
 from residual_mpc.logs.run import Run
+from residual_mpc.models.settings import Knob, Values
 
 ROVER = DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)
 PERIOD, FINE = 0.05, 1e-3  # s: between the rows, and of the integration
@@ -70,3 +78,24 @@ def test_a_motor_does_not_stand_in_for_a_rim_that_the_encoders_did_not_see() -> 
     diagnosis = said(("wheel_radius", "actuator_gain"), ratio=0.82, gain=1.0, tau=0.02)
     assert diagnosis.verdict in ("partial", "unknown")
     assert "actuator_gain" not in [c.term.effect for c in diagnosis.causes]
+
+
+def test_motors_that_deviate_differently_are_denied_one_by_one() -> None:
+    """A slower left and a faster right motor on larger wheels move the pose as a larger right wheel does."""
+    diagnosis = said(("wheel_radius", "actuator_gain"), ratio=1.09, gain=1.0, tau=0.02)
+    assert diagnosis.verdict in ("partial", "unknown")
+    assert "actuator_gain" not in [c.term.effect for c in diagnosis.causes]
+
+
+def test_an_effect_is_denied_by_the_wheels_that_it_turns() -> None:
+    """The left wheel's own error says nothing of the right motor."""
+    runs = [driven(seed, ratio=1.0, gain=1.0, tau=0.02) for seed in (1, 2)]
+    data = build_dataset(runs, [ROVER, ROVER], dict.fromkeys(runs[0].columns, 0.01))
+    data = replace(data, compared=np.array([c.startswith("pose") for c in data.channels])[None].repeat(data.count, 0))
+    left, right = (Knob("actuator_gain", side, "gain") for side in ("left", "right"))
+    both: Values = {left: 0.93, right: 1.02}
+    space = build_space(data, ())
+    after, *less = predict(data, space.settings([both, {right: 1.02}, {left: 0.93}]))
+    assert contradicted(data, after, np.stack(less), settings=DataSettings()).tolist() == [True, True]
+    true, *none = predict(data, space.settings([{}, {left: 1.03}, {right: 1.03}]))
+    assert contradicted(data, true, np.stack(none), settings=DataSettings()).tolist() == [False, False]

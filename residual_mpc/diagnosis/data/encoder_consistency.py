@@ -43,8 +43,11 @@ def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray, settings
         work = whole - _moved(less[..., x], less[..., y], less[..., theta])[good] / size
         stands_in = np.sum((work - consequence) ** 2) < (1.0 - settings.encoders.accounts) * np.sum(work**2)
         turns = [_travelled(data, after[..., k] - less[..., k])[r] for k, r in zip(seen, read, strict=True)]
-        left = sum(np.sum((missed[..., i][r] + turn) ** 2) for i, (r, turn) in enumerate(zip(read, turns, strict=True)))
-        verdicts.append(stands_in or left < (1.0 - settings.encoders.accounts) * sum(np.sum(turn**2) for turn in turns))
+        turned_by = np.array([np.sum(turn**2) for turn in turns])
+        left = np.array([np.sum((missed[..., i][r] + turns[i]) ** 2) for i, r in enumerate(read)])
+        own = turned_by > settings.encoders.touched * turned_by.max()  # other wheels' errors are other effects'
+        denied = left[own].sum() < (1.0 - settings.encoders.accounts) * turned_by[own].sum()
+        verdicts.append(stands_in or bool(denied))
     return np.array(verdicts, dtype=bool)
 
 

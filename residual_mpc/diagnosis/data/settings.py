@@ -98,12 +98,14 @@ class WhereSettings:
 @dataclass(frozen=True)
 class EncoderSettings:
     """accounts: share of what an effect does to the pose, squared, that the encoders' errors have to account for before
-    they contradict it."""
+    they contradict it. touched: share of what it does to the wheel that it turns most, squared, from which it acts on
+    another."""
 
     accounts: float = 0.8
+    touched: float = 0.01
 
     def __post_init__(self) -> None:
-        check_share(self, "accounts")
+        check_share(self, "accounts", "touched")
 
 
 @dataclass(frozen=True)

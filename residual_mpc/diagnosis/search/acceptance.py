@@ -66,20 +66,30 @@ def build_ruler(
     return Ruler(replays, scales, float(np.mean([gap_of(data, scales, e).total ** 2 for e in errors])), settings)
 
 
-def judge(problem: Problem, fit: Fit, noise: np.ndarray, scales: Scales, settings: SearchSettings) -> Problem:
+def judge(
+    problem: Problem,
+    fit: Fit,
+    noise: np.ndarray,
+    scales: Scales,
+    settings: SearchSettings,
+    beside: Fit | None = None,
+) -> Problem:
     """The problem with small differences marginalised that this fit's residuals make likely, with each channel weighed
     by what is left then, never less than its noise, and with the windows that are unlike the others under the fit
-    weighing less (Huber's weights on whole windows)."""
+    weighing less (Huber's weights on whole windows).
+
+    beside: a fit that this one is compared with. A channel is then weighed by the smaller of what the two leave: what
+    one of them explains is no discrepancy, and the other may not spoil it for nothing."""
     data = problem.data
     trust = fit_trust(data, scales, data.y - problem.replays([fit.values])[0], settings=settings.data)
     count = None if (trust == 1.0).all() else trust
     plain = tolerant(
         replace(reweigh(problem, noise), count=count, tolerances=problem.tolerances), fit, settings=settings.fit
     )
-    r = plain.residuals([fit.values])[0].reshape(*data.y.shape)
+    r = plain.residuals([f.values for f in (fit, beside) if f is not None]).reshape(-1, *data.y.shape)
     seen = np.isfinite(data.y)
-    left = np.sqrt(np.einsum("wmc,wmc->c", r, r) / np.maximum(np.einsum("w,wmc->c", trust, seen.astype(float)), 1.0))
-    fair = reweigh(problem, noise * np.maximum(left, 1.0))
+    left = np.einsum("hwmc,hwmc->hc", r, r) / np.maximum(np.einsum("w,wmc->c", trust, seen.astype(float)), 1.0)
+    fair = reweigh(problem, noise * np.maximum(np.sqrt(left.min(axis=0)), 1.0))
     return tolerant(replace(fair, count=count, tolerances=problem.tolerances), fit, settings=settings.fit)
 
 
@@ -98,7 +108,7 @@ def convincing(
     removed, left = was - now, max(was - ruler.floor, 0.0)
     if removed < max(settings.over_floor * ruler.floor, settings.share * left):
         return False  # the cheap question first
-    fair = judge(problem, best, 1.0 / problem.weight, ruler.scales, settings=settings)
+    fair = judge(problem, best, 1.0 / problem.weight, ruler.scales, settings=settings, beside=current)
     if fair.marginal is not None:  # small differences let a fit rest where its gap is not smallest
         plain = fit_all(
             tolerating(fair, None),

@@ -1,0 +1,32 @@
+"""How a channel weighs where two fits are compared."""
+
+import numpy as np
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search.acceptance import judge
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.models.settings import Knob
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+
+
+def test_what_one_fit_explains_weighs_though_the_other_spoils_it() -> None:
+    """Each channel weighs as under the fit that leaves less of it, and alone as under the fit at hand."""
+    data = build_dataset([rover_run(f"r{k}", {}, seed=k) for k in range(3)], [ROVER] * 3, SIGMA)
+    problem = build_problem(data, build_space(data, ()), data.sigma)
+    noise, scales, settings = 1.0 / problem.weight, measure_scales(data), SearchSettings()
+    bias, track = Knob("sensor_bias", "pose.theta", "bias"), Knob("track_width", None, "scale")
+    turned, wide = fit_all(problem, [{bias: 0.5}, {track: 0.7}], 0)
+    one, other, both, swapped = (
+        1.0 / judge(problem, fit, noise, scales, settings, beside).weight
+        for fit, beside in ((turned, None), (wide, None), (turned, wide), (wide, turned))
+    )
+    assert (one > 2.0 * noise).any() and (other > 2.0 * noise).any()
+    np.testing.assert_allclose(both, np.minimum(one, other), rtol=1e-9)
+    np.testing.assert_allclose(swapped, both, rtol=1e-9)
