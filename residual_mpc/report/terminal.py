@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from residual_mpc.report.words.effects import numbers_of, sizes_words
+from residual_mpc.report.words.effects import DIVISIONS, numbers_of, sizes_words
 from residual_mpc.report.words.gaps import few_windows, horizon_line, horizons_of, warnings
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
@@ -87,7 +87,7 @@ def _cause(effect: Document) -> str:
 
 
 def _sizes(effect: Document) -> list[str]:
-    return [f"  {sizes_words(effect)}"] if effect.get("by_run") or effect.get("by_motion") else []
+    return [f"  {sizes_words(effect)}"] if any(effect.get(d) for d in DIVISIONS) else []
 
 
 def _motor(effect: Document) -> list[str]:

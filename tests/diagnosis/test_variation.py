@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,14 @@ from diagnosis.linear import GAIN, SCALE, Linear, fitted, space_of, windows
 from oracles.rover_log import ROBOT, rover_run, write_run
 
 import residual_mpc as rm
+from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.variation import variations_on
 from residual_mpc.diagnosis.results.variation_records import Variation
-from residual_mpc.models.settings import Term
+from residual_mpc.models.settings import Knob, Term
 
+PARAMETER = {"actuator_gain": "gain", "sensor_scale": "scale"}
 ONLY = ("command_delay", "track_width", "actuator_gain")
 
 
@@ -56,14 +59,16 @@ def test_an_effect_that_begins_or_ends_says_when(tmp_path: Path, sizes: list[flo
 DATA = windows(6, 12.0)
 
 
-def linear(change: np.ndarray, seed: int = 0) -> dict[Term, Variation]:
+def linear(
+    change: np.ndarray, seed: int = 0, data: Dataset = DATA, one: Knob = SCALE, other: Knob = GAIN
+) -> dict[Term, Variation]:
     """The variations of two effects, one of which has a size of its own in each window: 1.4 + change (W,)."""
     rng = np.random.default_rng(seed)
-    columns = {k: 4.0 * rng.standard_normal((DATA.count, 20)) for k in (SCALE, GAIN)}
-    noise = rng.standard_normal((DATA.count, 20)) - columns[SCALE] * change[:, None]
-    problem: Any = Linear(DATA, space_of(DATA), columns, {SCALE: 1.4, GAIN: 0.8}, noise)
-    fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0})
-    return variations_on(problem, fit, [SCALE.term, GAIN.term], measure_scales(DATA), ResultSettings())
+    columns = {k: 4.0 * rng.standard_normal((DATA.count, 20)) for k in (one, other)}
+    noise = rng.standard_normal((DATA.count, 20)) - columns[one] * change[:, None]
+    problem: Any = Linear(data, space_of(DATA), columns, {one: 1.4, other: 0.8}, noise)
+    fit = fitted(problem, {one: 1.0, other: 1.0})
+    return variations_on(problem, fit, [one.term, other.term], measure_scales(DATA), ResultSettings())
 
 
 def motion() -> np.ndarray:
@@ -79,6 +84,28 @@ def test_a_size_that_grows_with_the_motion_is_stated_in_thirds() -> None:
     sizes = found[SCALE.term].by_motion
     assert sizes is not None and list(sizes) == ["small", "medium", "large"]
     np.testing.assert_allclose(list(sizes.values()), [1.2, 1.4, 1.6], atol=0.03)
+
+
+@pytest.mark.parametrize("effect", ["actuator_gain [left]", "sensor_scale [position.left]"])
+def test_a_size_that_depends_on_where_the_joint_is_is_stated_in_thirds(effect: str) -> None:
+    name, target = effect.removesuffix("]").split(" [")
+    on_left, on_right = (Knob(name, target.replace("left", side), PARAMETER[name]) for side in ("left", "right"))
+    names = {"pose.x": "position.left", "pose.y": "position.right"}
+    data = replace(DATA, channels=tuple(names.get(c, c) for c in DATA.channels))
+    place = np.nanmean(data.y[:, :, data.channels.index("position.left")], axis=1)
+    third = np.searchsorted(np.quantile(place, (1 / 3, 2 / 3)), place)
+    found = linear(np.array([-0.3, 0.0, 0.3])[third], data=data, one=on_left, other=on_right)
+    assert set(found) == {on_left.term}
+    sizes = found[on_left.term].by_position
+    assert sizes is not None and list(sizes) == ["low", "middle", "high"]
+    np.testing.assert_allclose(list(sizes.values()), [1.1, 1.4, 1.7], atol=0.04)
+    assert found[on_left.term].document() == {"by_position": sizes}
+
+
+def test_a_joint_whose_position_is_not_logged_has_no_thirds() -> None:
+    for knob in (SCALE, Knob("actuator_gain", "left", "gain")):
+        for variation in linear(np.array([-0.3, 0.0, 0.3])[motion()], one=knob).values():
+            assert variation.by_position is None
 
 
 def test_what_does_not_vary_is_steady_at_the_stated_rate() -> None:

@@ -126,8 +126,8 @@ def shared(doubt: Mapping[Term, float], groups: Sequence[ConfoundedGroup]) -> di
 
 
 def _steady(variation: Variation | None, settings: ResultSettings) -> float:
-    """A factor on the probability of an effect: less if its size depends on how fast the robot moves, or if it begins
-    or ends, since it may be the shadow of something else."""
+    """A factor on the probability of an effect: less if its size depends on how much the robot moves or on where the
+    joint is, or if it begins or ends, since it may stand in for something else."""
     steady = variation is None or variation.by_run is not None
     return 1.0 if steady else settings.support.unsupported
 

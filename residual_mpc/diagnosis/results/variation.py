@@ -27,6 +27,8 @@ from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 ITERATIONS = 4  # of the sizes of the parts
 LEVELS = ("small", "medium", "large")  # of the motion within a window
+KINDS = ("by_run", "by_motion", "by_position")
+PLACES = ("low", "middle", "high")  # of a joint, over all windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def variations_on(
 
 @dataclass(frozen=True, eq=False)
 class _Division:
-    """kind: "by_run" or "by_motion"; names: of its parts (P, W) bool."""
+    """kind: of KINDS; names: of its parts (P, W) bool."""
 
     kind: str
     names: tuple[str, ...]
@@ -102,6 +104,22 @@ def _divisions(data: Dataset, scales: Scales, most: int) -> tuple[_Division, ...
     third = np.searchsorted(np.quantile(level, (1 / 3, 2 / 3)), level)
     by_motion = _Division("by_motion", LEVELS, third == np.arange(len(LEVELS))[:, None])
     return (by_motion,) if len(runs) > most else (by_run, by_motion)
+
+
+def _by_position(data: Dataset, term: Term) -> tuple[_Division, ...]:
+    """By where the joint that an effect acts on, or whose sensor it acts on, is in a window, in thirds; none where it
+    acts on no single joint whose position is logged."""
+    names = (str(term.target), f"position.{term.target}")
+    channel = next((c for c in names if c.startswith("position.") and c in data.channels), None)
+    if channel is None:
+        return ()
+    y = data.y[:, :, data.channels.index(channel)]
+    seen = np.isfinite(y)
+    place = np.where(seen, y, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
+    known = seen.any(axis=1)
+    third = np.searchsorted(np.quantile(place[known], (1 / 3, 2 / 3)), place) if known.any() else np.zeros(len(place))
+    third = np.where(known, third, 1)
+    return (_Division("by_position", PLACES, third == np.arange(len(PLACES))[:, None]),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +155,10 @@ def _of_one(
     """The clearest variation of one effect; None if it is steady, as far as these windows show."""
     found = (
         _instant(scores, problem, values, settings),
-        *(_divided(scores, problem, values, d, settings) for d in divisions),
+        *(
+            _divided(scores, problem, values, d, settings)
+            for d in (*divisions, *_by_position(problem.data, scores.term))
+        ),
     )
     return max((f for f in found if f is not None), key=lambda f: f.gain, default=None)
 
@@ -156,7 +177,8 @@ def _divided(
     knob = _sizes(values, scores.term)[0]
     sizes = [float(_scaled(problem, values, scores.term, s)[knob]) for s in better.steps]
     named = dict(zip((division.names[k] for k in shown), sizes, strict=True))
-    variation = Variation(by_run=named) if division.kind == "by_run" else Variation(by_motion=named)
+    by_run, by_motion, by_position = (named if division.kind == kind else None for kind in KINDS)
+    variation = Variation(by_run, by_motion, by_position)
     return _Found(scores.term, variation, better.gain - need, better.moved)
 
 

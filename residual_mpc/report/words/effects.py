@@ -12,6 +12,11 @@ from residual_mpc.report.words.phrases import OPPOSITES, QUANTITIES
 Effect = Mapping[str, Any]  # an entry of diagnosis.json that names an effect
 
 PEOPLE = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+DIVISIONS = {  # of the windows, in each part of which an effect has a size of its own
+    "by_run": "from run to run",
+    "by_motion": "with the size of the motion",
+    "by_position": "with the position of the joint",
+}
 MANY = 8  # runs, above which not each one's size is listed
 SUPPORT = {
     "fits": "fits significantly better",
@@ -87,17 +92,18 @@ def remarks(effect: Effect, since_start: Callable[[str, float], float]) -> list[
     if effect.get("until"):
         run, t = effect["until"]["run"], effect["until"]["t"]
         out.append(f"ends {measure(since_start(run, t), 's')} into {run}")
-    if effect.get("by_run") or effect.get("by_motion"):
+    if any(effect.get(division) for division in DIVISIONS):
         out.append(sizes_words(effect))
     return [*out, str(effect["note"])] if effect.get("note") else out
 
 
 def sizes_words(effect: Effect) -> str:
     """ "by run: run1 0.93, run2 0.6", of many runs the lowest, the median and the highest; "in small, medium and large
-    motions: 0.9, 1 and 1.1"."""
-    if effect.get("by_motion"):
-        named = effect["by_motion"]
-        return f"in {listed(list(named))} motions: {listed([number(size) for size in named.values()])}"
+    motions: 0.9, 1 and 1.1"; "at low, middle and high positions: 0.9, 1 and 1.1"."""
+    for division, text in (("by_motion", "in {} motions"), ("by_position", "at {} positions")):
+        named = effect.get(division)
+        if named:
+            return f"{text.format(listed(list(named)))}: {listed([number(size) for size in named.values()])}"
     sizes = effect["by_run"]
     if len(sizes) > MANY:
         ranked = sorted(sizes.values())
@@ -112,11 +118,11 @@ def variation_clause(effect: Effect) -> str:
         return f", beginning in {effect['since']['run']}"
     if effect.get("until"):
         return f", ending in {effect['until']['run']}"
-    sizes = effect.get("by_run") or effect.get("by_motion")
-    if sizes:
-        unit = next((str(p.get("unit", "1")) for p in numbers_of(effect).values()), "1")
-        span = f"{measure(min(sizes.values()), unit)} to {measure(max(sizes.values()), unit)}"
-        return f", varying {'from run to run' if effect.get('by_run') else 'with the size of the motion'} ({span})"
+    for division, how in DIVISIONS.items():
+        sizes = effect.get(division)
+        if sizes:
+            unit = next((str(p.get("unit", "1")) for p in numbers_of(effect).values()), "1")
+            return f", varying {how} ({measure(min(sizes.values()), unit)} to {measure(max(sizes.values()), unit)})"
     return ""
 
 
