@@ -120,6 +120,7 @@ def test_shorter_steps_remember_what_was_predicted_on_them(data: Dataset, space:
     assert again.carried == first.carried and again.kept is first.kept and again.own is None
     assert coarse.about(HERE, np.ones(2), lenient).own is data
     assert not coarse.about(HERE, np.ones(2), given_up).carried
+    assert coarse.shorter and not coarse.__getstate__()["shorter"]  # a checkpoint is large enough without it
 
 
 def test_longer_steps_are_given_up_where_they_change_as_much_as_is_left(data: Dataset, space: Space) -> None:

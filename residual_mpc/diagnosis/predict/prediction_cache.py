@@ -4,6 +4,7 @@ windows, and a replay costs more than all else."""
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +56,10 @@ class PredictionCache:
     kept: "OrderedDict[Key, np.ndarray]" = field(default_factory=OrderedDict)
     carried: "list[Carried]" = field(default_factory=list)  # the latest alone
     shorter: "dict[int, PredictionCache]" = field(default_factory=dict)  # what took its place, by its steps
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what the search held on other steps."""
+        return {**self.__dict__, "shorter": {}}
 
     def __call__(self, hypotheses: Sequence[Values]) -> np.ndarray:
         """(H, W, M, C) channel units; see `predict`."""
