@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import screen, stand_ins
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, judge
+from residual_mpc.diagnosis.search.close_rivals import Rival, too_close
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.screen import ScreenedTerm
 from residual_mpc.diagnosis.search.settings import SearchSettings
@@ -40,6 +41,10 @@ def run_of(faults: dict[str, dict[str, float]], left: float, seed: int) -> Run:
 
 def rivals_of(faults: dict[str, dict[str, float]], chosen: Values, only: tuple[str, ...], left: float = 1.0) -> Rivalry:
     """What is found where a search has ended with `chosen`."""
+    return find_rivals(found_of(faults, chosen, only, left), settings=SearchSettings())
+
+
+def found_of(faults: dict[str, dict[str, float]], chosen: Values, only: tuple[str, ...], left: float = 1.0) -> Found:
     data = build_dataset([run_of(faults, left, seed) for seed in range(2)], [ROVER] * 2, SIGMA)
     space = build_space(data, (), only)
     scales = measure_scales(data)
@@ -48,10 +53,8 @@ def rivals_of(faults: dict[str, dict[str, float]], chosen: Values, only: tuple[s
     problem = judge(problem, fit_all(problem, [chosen])[0], noise, scales, settings=SearchSettings())
     base, fit = fit_all(problem, [{}, chosen])
     ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), DataSettings())
-    return find_rivals(
-        Found(problem, fit, base, dispersion(fit, blocks_of(data, settings=FitSettings())), ruler, (), (), data.sigma),
-        settings=SearchSettings(),
-    )
+    phi = dispersion(fit, blocks_of(data, settings=FitSettings()))
+    return Found(problem, fit, base, phi, ruler, (), (), data.sigma)
 
 
 def test_an_effect_said_of_both_wheels_goes_to_the_one_that_has_it() -> None:
@@ -95,7 +98,10 @@ def test_what_imitates_an_effect_competes_whatever_its_lead_promises(monkeypatch
 
     def glance(*args: Any, **kwargs: Any) -> list[ScreenedTerm]:
         leads = screen.glance(*args, **kwargs)
-        return [lead if lead.term == lag else replace(lead, gain=1e-3) for lead in leads]
+        return [
+            lead if lead.term == lag else replace(lead, gain=1e-3, start=dict.fromkeys(lead.start, 0.0))
+            for lead in leads
+        ]
 
     monkeypatch.setattr(stand_ins, "glance", glance)
     monkeypatch.setattr(stand_ins, "_as_pair", lambda *args: [])
@@ -104,6 +110,16 @@ def test_what_imitates_an_effect_competes_whatever_its_lead_promises(monkeypatch
     found = rivals_of({"command_delay": {"delay": 0.08}}, chosen, (delay.effect, lag.effect, "lateral_slip"))
     assert found.fit.terms == (delay,)
     assert found.fit.values[Knob("command_delay", None, "delay")] == pytest.approx(0.08, abs=0.003)
+
+
+def test_what_removes_nothing_imitates_no_faint_effect() -> None:
+    """Beside gusts a short delay hardly lowers the gap, and neither does an effect that does nothing."""
+    delay, lag, skew = (Term(name, None) for name in ("command_delay", "actuator_lag", "clock_skew"))
+    truth = {"command_delay": {"delay": 0.01}, "gusts": {"size": 0.3}}
+    found = found_of(truth, {Knob(*delay[:2], "delay"): 0.01}, (delay.effect, lag.effect, skew.effect))
+    idle, other = fit_all(found.problem, [{Knob(*skew[:2], "rate"): 0.0}, {Knob(*lag[:2], "time_constant"): 0.01}], 0)
+    rivals = [Rival((delay,), (came,), fit, 10.0, False) for came, fit in ((skew, idle), (lag, other))]
+    assert too_close(found.problem, found.ruler, found.fit, rivals, SearchSettings()) == [False, True]
 
 
 def test_twins_make_a_group_and_share_the_probability() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS
@@ -157,6 +159,17 @@ def test_starts_are_moved_one_by_one(clean: Run) -> None:
     assert np.nanmax(np.abs(theta - still)) > 0.09
 
 
+def test_moved_starts_keep_the_values_of_the_later_runs(clean: Run) -> None:
+    data = dataset(clean)
+    data = replace(data, blocks=tuple(replace(b, later=True) for b in data.blocks))
+    gain = {"gain": np.full((1, 2), 0.6)}
+    changed = Settings(1, later=Settings(1, {"actuator_gain": gain}))
+    still, moved = predict_moved(data, changed, [{}, {"pose.x": np.full(data.count, 0.25)}])
+    np.testing.assert_array_equal(still, predict(data, changed)[0])
+    assert np.nanmax(np.abs(still - predict(data, Settings(1))[0])) > 0.05
+    assert np.nanmax(moved - still) == pytest.approx(0.25)
+
+
 def test_a_memory_moves_with_its_channel_unless_told(clean: Run) -> None:
     data = dataset(clean)
     lagging = settings_of({("sensor_lag", None, "time_constant"): 0.2})
@@ -165,8 +178,9 @@ def test_a_memory_moves_with_its_channel_unless_told(clean: Run) -> None:
         data, lagging, [{}, {"pose.x": size, "memory.pose.x": size}, {"pose.x": size, "memory.pose.x": 0.0 * size}]
     )
     k = data.channels.index("pose.x")
-    alone = predict_moved(data, lagging, [{"pose.x": size}])[0]
-    np.testing.assert_array_equal(alone, both)
+    for others in ([], [{"memory.pose.x": size}]):
+        alone = predict_moved(data, lagging, [{"pose.x": size}, *others])[0]
+        np.testing.assert_array_equal(alone, both)
     begun, ended = (np.nanmax(np.abs((moved - still)[:, 0, k])) for moved in (state, both))
     assert begun < 0.1 * ended and ended == pytest.approx(0.25)
 

@@ -15,7 +15,7 @@ import residual_mpc as rm
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.variation import variations_on
+from residual_mpc.diagnosis.results.variation import _by_position, variations_on
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.models.settings import Knob, Term
 
@@ -106,6 +106,14 @@ def test_a_joint_whose_position_is_not_logged_has_no_thirds() -> None:
     for knob in (SCALE, Knob("actuator_gain", "left", "gain")):
         for variation in linear(np.array([-0.3, 0.0, 0.3])[motion()], one=knob).values():
             assert variation.by_position is None
+
+
+def test_the_only_joint_of_a_robot_needs_no_name() -> None:
+    data = replace(DATA, channels=tuple({"pose.x": "position.shaft"}.get(c, c) for c in DATA.channels))
+    friction = Term("viscous_friction", None)
+    (division,) = _by_position(data, friction, ("shaft",))
+    assert division.parts.shape == (3, data.count) and (division.parts.sum(axis=0) == 1).all()
+    assert _by_position(data, friction, ("shaft", "tip")) == ()
 
 
 def test_what_does_not_vary_is_steady_at_the_stated_rate() -> None:

@@ -45,7 +45,8 @@ def contradicted(data: Dataset, after: np.ndarray, without: np.ndarray, settings
         turns = [_travelled(data, after[..., k] - less[..., k])[r] for k, r in zip(seen, read, strict=True)]
         turned_by = np.array([np.sum(turn**2) for turn in turns])
         left = np.array([np.sum((missed[..., i][r] + turns[i]) ** 2) for i, r in enumerate(read)])
-        own = turned_by > settings.encoders.touched * turned_by.max()  # other wheels' errors are other effects'
+        # errors of wheels that it does not turn have other causes
+        own = turned_by > settings.encoders.touched * turned_by.max()
         denied = left[own].sum() < (1.0 - settings.encoders.accounts) * turned_by[own].sum()
         verdicts.append(stands_in or bool(denied))
     return np.array(verdicts, dtype=bool)

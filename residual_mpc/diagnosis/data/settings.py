@@ -98,8 +98,8 @@ class WhereSettings:
 @dataclass(frozen=True)
 class EncoderSettings:
     """accounts: share of what an effect does to the pose, squared, that the encoders' errors have to account for before
-    they contradict it. touched: share of what it does to the wheel that it turns most, squared, from which it acts on
-    another."""
+    they contradict it. touched: an effect acts on a wheel if its squared effect there exceeds this share of that on
+    the wheel that it turns most."""
 
     accounts: float = 0.8
     touched: float = 0.01

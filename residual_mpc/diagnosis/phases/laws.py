@@ -72,7 +72,7 @@ def _explained(prepared: Prepared, refined: Refined, found: WithLaws, rng: np.ra
     """The laws' numbers fitted on all windows that fits may see, and the shrink expected of them."""
     of, options = refined.explanation, refined.options
     settings = options.settings
-    before = of.problem  # the start moves the nominal model as before
+    before = of.problem  # laws do not change the nominal model, so its sensitivity to the start is reused
     replays = PredictionCache(before.data, found.space)
     problem = weighed(replays, before.sensitivity, 1.0 / before.weight, before.motion)
     problem = trusting(problem, found.values, of.scales, settings)

@@ -14,6 +14,8 @@ from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.sensing import sensor_value
 from residual_mpc.models.settings import Settings
 
+TOGETHER = 8  # draws that are replayed at once: bounds the memory
+
 
 def noise_errors(
     data: Dataset, settings: Settings, rng: np.random.Generator, draws: int, exact: Dataset | None = None
@@ -26,14 +28,11 @@ def noise_errors(
     """
     bias = start_bias(data if exact is None else exact, settings)
     fresh = {key: fresh_samples(s.y) for key, s in data.signals.items()}
-    noises = [
-        {key: draw_noise(data, key[1], s, fresh[key], rng) for key, s in data.signals.items()} for _ in range(draws)
-    ]
-    errors = [start_errors(data, settings, noise) for noise in noises]
-    starts: list[dict[str, np.ndarray]] = [{c: e + bias.get(c, 0.0) for c, e in error.items()} for error in errors]
-    clean, *moved = predict_moved(data, settings, [{}, *starts])
     out = np.empty((draws, *data.y.shape))
-    for d, noise in enumerate(noises):
+    starts: list[dict[str, np.ndarray]] = []
+    for d in range(draws):
+        noise = {key: draw_noise(data, key[1], s, fresh[key], rng) for key, s in data.signals.items()}
+        starts.append({c: e + bias.get(c, 0.0) for c, e in start_errors(data, settings, noise).items()})
         seen = np.full(data.y.shape, np.nan)
         for (i, c), n in noise.items():
             k = data.channels.index(c)
@@ -42,7 +41,11 @@ def noise_errors(
                 good = np.isfinite(data.y[w, :, k])
                 at = np.searchsorted(t, data.t[w, good] + data.start[w] - 1e-9)
                 seen[w, good, k] = n[np.minimum(at, len(n) - 1)]
-        out[d] = seen - (moved[d] - clean)
+        out[d] = seen
+    for a in range(0, draws, TOGETHER):
+        clean, *moved = predict_moved(data, settings, [{}, *starts[a : a + TOGETHER]])
+        for d, one in enumerate(moved, a):
+            out[d] -= one - clean
     return out
 
 

@@ -55,7 +55,7 @@ class PredictionCache:
     change: np.ndarray | None = None
     kept: "OrderedDict[Key, np.ndarray]" = field(default_factory=OrderedDict)
     carried: "list[Carried]" = field(default_factory=list)  # the latest alone
-    shorter: "dict[int, PredictionCache]" = field(default_factory=dict)  # what took its place, by its steps
+    shorter: "dict[int, PredictionCache]" = field(default_factory=dict)  # caches on shorter steps, by step multiple
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what the search held on other steps."""
@@ -79,7 +79,7 @@ class PredictionCache:
             return self
         if keeps_steps(values):
             return self._alone(self._with_steps_of(self.own))
-        exact = predict(self.own, self.space.settings([values]))[0]
+        exact = self._with_steps_of(self.own)._on_these_steps([values])[0]
         seen = np.isfinite(self.data.y) & np.isfinite(size)
         left = _mean_squares(self.data.y - exact, size, seen)
         for data in shorter_steps(self.data, self.own):
@@ -99,7 +99,7 @@ class PredictionCache:
         return self.shorter[times]
 
     def _alone(self, here: "PredictionCache") -> "PredictionCache":
-        """The one that is used next; the predictions of the others make room."""
+        """Returns `here`, and frees the predictions of the other step lengths."""
         for other in self.shorter.values():
             if other is not here:
                 other.kept.clear()

@@ -90,8 +90,8 @@ def build_problem(
     settings: PredictSettings = PredictSettings(),
 ) -> Problem:
     """sigma (C,): standard deviation of each channel's residual, noise or larger where the model cannot do better;
-    motion (C,): see Problem; None for a problem that no search ranks by. own: see PredictionCache. times: how many
-    times longer steps do for differences of predictions, such as the sensitivity to the start."""
+    motion (C,): see Problem; None for a problem that no search ranks by. own: see PredictionCache. times: factor
+    on the model's step that is accurate enough for differences of predictions, such as the sensitivity to the start."""
     size = np.full(len(sigma), np.inf) if motion is None else motion
     replays = PredictionCache(data, space, own=own)
     quick = data if times == 1 else with_longer_steps(data, times) or data
@@ -105,7 +105,7 @@ def about(problem: Problem, values: Values, settings: PredictSettings) -> Proble
 
 
 def times_longer(problem: Problem) -> int:
-    """How many times longer than the user's model's the problem's steps are."""
+    """The problem's step as a multiple of the user model's step."""
     return max(b.own for b in problem.data.blocks)
 
 
@@ -162,9 +162,11 @@ def start_sensitivity(data: Dataset, space: Space, values: Values, settings: Pre
     moves: list[dict[str, np.ndarray]] = [{channel: size} for channel, size in sizes.items() if size.any()]
     if not moves:
         return np.zeros((data.count, data.y.shape[1] * data.y.shape[2], 1))
-    base, *moved = predict_moved(data, space.settings([values]), [{}, *moves])
-    change = np.stack([np.nan_to_num(np.where(np.isfinite(data.y), m - base, 0.0)) for m in moved], axis=-1)
-    return change.reshape(data.count, -1, len(moves))
+    moved = predict_moved(data, space.settings([values]), [{}, *moves])
+    moved[1:] -= moved[0].copy()
+    moved[:, ~np.isfinite(data.y)] = 0.0
+    change = np.moveaxis(np.nan_to_num(moved[1:], copy=False), 0, -1)
+    return np.ascontiguousarray(change).reshape(data.count, -1, len(moves))
 
 
 def start_sigma(data: Dataset, *, settings: PredictSettings = PredictSettings()) -> dict[str, np.ndarray]:

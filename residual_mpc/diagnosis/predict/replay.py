@@ -18,6 +18,8 @@ from residual_mpc.models.settings import Settings
 
 ROOM = 8_000_000  # numbers in the commands and channels of one chunk of hypotheses; a replay holds several times that
 
+MEMORY = "memory."  # begins the key of a low-pass filter's memory; without one, it moves with its channel
+
 Start = Mapping[str, np.ndarray]
 
 
@@ -48,11 +50,13 @@ def predict(data: Dataset, settings: Settings, nudge: Start | None = None) -> np
 
 def predict_moved(data: Dataset, settings: Settings, nudges: Sequence[Start]) -> np.ndarray:
     """(N, W, M, C): as `predict` for one hypothesis (settings with one row) from N starts, each moved by channel, (W,).
-    One batch: few rows cost nearly as much as many. If one of them names a low-pass' memory, all do that move it."""
+    One batch: few rows cost nearly as much as many."""
     keys = dict.fromkeys(k for nudge in nudges for k in nudge)
     still = np.zeros(data.count)
-    stacked = {k: np.stack([nudge.get(k, still) for nudge in nudges]) for k in keys}
-    return predict(data, settings.take(np.zeros(len(nudges), dtype=int)), stacked)
+    stacked = {k: np.stack([nudge.get(k, nudge.get(k.removeprefix(MEMORY), still)) for nudge in nudges]) for k in keys}
+    same = np.zeros(len(nudges), dtype=int)
+    later = None if settings.later is None else settings.later.take(same)
+    return predict(data, replace(settings.take(same), later=later), stacked)
 
 
 def start_states(data: Dataset, block: Block, settings: Settings, sooner: float = 0.0) -> dict[str, np.ndarray]:
@@ -103,8 +107,8 @@ def beyond(block: Block, settings: Settings) -> float:
 
 
 def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start | None) -> np.ndarray:
-    h, w = settings.rows, block.where.stop - block.where.start
     """nudge: by channel, (H, W_block)."""
+    h, w = settings.rows, block.where.stop - block.where.start
     start = start_states(data, block, settings)
     if nudge is not None:
         start = {k: v + nudge[k] if k in nudge else v for k, v in start.items()}
@@ -170,7 +174,7 @@ def _low_passed(
 
 def memory_of(channel: str) -> str:
     """The key under which a nudge moves the memory of a channel's low-pass; without it, that moves with the state."""
-    return f"memory.{channel}"
+    return f"{MEMORY}{channel}"
 
 
 def begin_earlier(drive: Drive, early: np.ndarray, beyond: float = 0.0) -> Drive:

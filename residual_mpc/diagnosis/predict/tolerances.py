@@ -50,7 +50,7 @@ def _moved(
 ) -> list[Mapping[Knob, float]]:
     parameters = BY_NAME[term.effect].parameters
     knobs = {p.name: Knob(term.effect, term.target, p.name) for p in parameters}
-    # where the set has the effect on all targets alike, those of one target differ from these numbers
+    # if the effect is in the set for all targets alike, a single target's difference is taken from the common value
     everywhere = {knobs[p.name]: Knob(term.effect, None, p.name) for p in parameters}
     known = {knob: values.get(knob, values.get(common)) for knob, common in everywhere.items()}
     shapes = [p for p in parameters if p.shape]

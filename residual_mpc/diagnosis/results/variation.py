@@ -106,10 +106,11 @@ def _divisions(data: Dataset, scales: Scales, most: int) -> tuple[_Division, ...
     return (by_motion,) if len(runs) > most else (by_run, by_motion)
 
 
-def _by_position(data: Dataset, term: Term) -> tuple[_Division, ...]:
+def _by_position(data: Dataset, term: Term, slots: tuple[str, ...]) -> tuple[_Division, ...]:
     """By where the joint that an effect acts on, or whose sensor it acts on, is in a window, in thirds; none where it
-    acts on no single joint whose position is logged."""
-    names = (str(term.target), f"position.{term.target}")
+    acts on no single joint whose position is logged. slots: the targets that the robot has for the effect."""
+    target = slots[0] if term.target is None and len(slots) == 1 else term.target
+    names = (str(target), f"position.{target}")
     channel = next((c for c in names if c.startswith("position.") and c in data.channels), None)
     if channel is None:
         return ()
@@ -157,7 +158,7 @@ def _of_one(
         _instant(scores, problem, values, settings),
         *(
             _divided(scores, problem, values, d, settings)
-            for d in (*divisions, *_by_position(problem.data, scores.term))
+            for d in (*divisions, *_by_position(problem.data, scores.term, problem.space.slots[scores.term.effect]))
         ),
     )
     return max((f for f in found if f is not None), key=lambda f: f.gain, default=None)

@@ -78,8 +78,8 @@ def judge(
     by what is left then, never less than its noise, and with the windows that are unlike the others under the fit
     weighing less (Huber's weights on whole windows).
 
-    beside: a fit that this one is compared with. A channel is then weighed by the smaller of what the two leave: what
-    one of them explains is no discrepancy, and the other may not spoil it for nothing."""
+    beside: a fit that this one is compared with. Each channel is then weighted by the smaller of the two residuals, so
+    that a set is penalised for a channel that the other one explains."""
     data = problem.data
     trust = fit_trust(data, scales, data.y - problem.replays([fit.values])[0], settings=settings.data)
     count = None if (trust == 1.0).all() else trust

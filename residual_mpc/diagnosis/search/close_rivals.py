@@ -12,7 +12,7 @@ from residual_mpc.diagnosis.predict.problem import Problem, tolerating
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.substitutes import imitate
-from residual_mpc.models.settings import Term
+from residual_mpc.models.settings import TUNE, Term
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,10 @@ def without_small_differences(problem: Problem, fits: list[Fit], settings: Searc
 def _within_what_is_left(
     problem: Problem, ruler: Ruler, fit: Fit, rivals: list[Rival], settings: SearchSettings
 ) -> list[bool]:
-    """Which of these rivals imitate the effect that they replace, and leave hardly more of the squared gap than the
-    fit: less than a share of what both leave beyond the noise, than the error of the model's own time step, or, where
-    there are small differences elsewhere, too little to see. A twin, which no run here can tell apart, counts unless
-    its gap is visibly larger.
+    """Which of these rivals, all in place of the same effect, imitate it, remove a good part of what it removes, and
+    leave hardly more of the squared gap than the fit: less than a share of what both leave beyond the noise, than the
+    error of the model's own time step, or, where there are small differences elsewhere, too little to see. A twin,
+    which no run here can tell apart, counts unless its gap is visibly larger.
 
     A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
     """
@@ -82,13 +82,26 @@ def _within_what_is_left(
     if not any(like):
         return like
     imitators = [r.fit for r, s in zip(rivals, like, strict=True) if s]
-    *others, own = ruler.squared(without_small_differences(problem, [*imitators, fit], settings))
+    *compared, chosen = without_small_differences(problem, [*imitators, fit], settings)
+    *others, bare, own = ruler.squared([*compared, _without(problem, fit, rivals[0].gone, settings), chosen])
     most = max(settings.rivals.of_left * (own - ruler.floor), ruler.step_error(fit))
     if problem.marginal is not None:
         most = max(most, settings.rivals.visible * ruler.floor)
     seen = max(most, settings.rivals.visible * ruler.floor, settings.rivals.share * own)
+    least = settings.rivals.works * (bare - own)  # of what the effect removes; a twin does the same by definition
     more = iter(others)
-    return [s and bool(next(more) - own < (seen if t else most)) for s, t in zip(like, twins, strict=True)]
+    out = []
+    for imitates, twin in zip(like, twins, strict=True):
+        gap = next(more) if imitates else np.inf
+        out.append(bool(gap - own < (seen if twin else most)) and (twin or bool(bare - gap >= least)))
+    return out
+
+
+def _without(problem: Problem, fit: Fit, gone: EffectSet, settings: SearchSettings) -> Fit:
+    """The rest of a set, fitted without small differences."""
+    rest = {k: v for k, v in fit.values.items() if k.effect == TUNE or k.term not in gone}
+    plain = tolerating(problem, None)
+    return fit_all(plain, [rest], settings.rivals.gap_steps, rough=True, settings=settings.fit)[0]
 
 
 def are_twins(problem: Problem, rival: Rival) -> bool:

@@ -24,7 +24,8 @@ class ScreenedTerm:
     """A candidate worth fitting: where to start, the drop in cost that a line search along the probe promises, how
     much of that drop is in the channels that the gap compares, how much it removes of the squared gap itself (in
     which every channel counts by the size of its motion, so that one whose cause is still missing counts in full), and
-    how far the probe moves the prediction (whitened norm, after what the free parameters can absorb)."""
+    how far the probe moves the prediction (whitened norm, after what the free parameters can absorb). closing: where
+    the same line search for the squared gap ends, None where that is the probe."""
 
     term: Term
     start: Values
@@ -32,6 +33,7 @@ class ScreenedTerm:
     compared: float
     gap: float
     reach: float
+    closing: Values | None = None
 
 
 def screen(
@@ -238,9 +240,9 @@ def _lead(
     steepest, curvature = float(size @ (r * delta)), float(size @ (delta * delta))
     best = float(np.clip(-steepest / max(curvature, 1e-300), *room))
     part = -(2.0 * alpha * float(r[mask] @ delta[mask]) + alpha**2 * float(delta[mask] @ delta[mask]))
-    start = {k: _between(problem, k, v, alpha) for k, v in probe.items()}
+    start, closing = ({k: _between(problem, k, v, x) for k, v in probe.items()} for x in (alpha, best))
     gap = -(2.0 * best * steepest + best**2 * curvature)
-    return ScreenedTerm(term, start, weight * along, weight * part, gap, reach)
+    return ScreenedTerm(term, start, weight * along, weight * part, gap, reach, closing)
 
 
 def gap_weights(problem: Problem) -> np.ndarray:

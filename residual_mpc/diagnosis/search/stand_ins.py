@@ -29,7 +29,8 @@ def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], set
             if lead.term not in seen and len(starts) < most and lead.gain > tuned.resembles * own:
                 seen.add(lead.term)
                 starts.append({**rest.values, **lead.start})
-        starts += [{**rest.values, **lead.start} for lead in _imitators(leads, gone[0]) if lead.term not in seen]
+        imitators = (lead for lead in _imitators(leads, gone[0], tuned.resembles) if lead.term not in seen)
+        starts += [{**rest.values, **(lead.closing or lead.start)} for lead in imitators]
         starts += _as_pair(problem, rest, fit, gone[0], candidates)
     elif (word := interchangeable(gone)) is not None:
         rims = [c for c in candidates if BY_NAME[c.effect].interchangeable == word and c not in gone]
@@ -49,14 +50,16 @@ def interchangeable(terms: tuple[Term, ...]) -> str | None:
     return words.pop() or None if len(words) == 1 else None
 
 
-def _imitators(leads: list[ScreenedTerm], gone: Term) -> list[ScreenedTerm]:
-    """Of each candidate that does nearly the same as a term, the lead that removes most of the squared gap. Small
-    differences may take up most of what it does, and then its likelihood shows little along the line from its null."""
+def _imitators(leads: list[ScreenedTerm], gone: Term, resembles: float) -> list[ScreenedTerm]:
+    """Of each candidate that does nearly the same as a term, the lead that removes most of the squared gap, if that is
+    more than the share `resembles` of what the term's own lead removes. Small differences may absorb most of its
+    contribution, so that the screening's likelihood gain is small."""
     best: dict[Term, ScreenedTerm] = {}
     for lead in sorted(leads, key=lambda lead: -lead.gap):
-        if imitate(lead.term, gone):
-            best.setdefault(lead.term, lead)
-    return list(best.values())
+        best.setdefault(lead.term, lead)
+    own = best[gone].gap if gone in best else 0.0
+    least = max(resembles * own, 0.0)
+    return [lead for term, lead in best.items() if imitate(term, gone) and lead.gap > least]
 
 
 def _on_all(
