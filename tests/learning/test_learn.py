@@ -221,4 +221,4 @@ def test_killed_at_any_moment_it_resumes_to_the_same_weights(folder):
         running.wait()
     subprocess.run(command(cut), check=True, capture_output=True)
     a, b = (json.loads((d / "model.json").read_text())["residual"]["theta"] for d in (whole, cut))
-    assert a == b and sorted(p.name for p in cut.iterdir()) == ["learn.json", "model.json"]
+    assert a == b and sorted(p.name for p in cut.iterdir()) == ["learn.json", "model.json", "report.html"]
