@@ -51,7 +51,8 @@ def test_the_strict_figures_stand_beside_the_lenient_ones(swept):
     wanted = {
         "exact", "exact_targets", "planted_named", "planted_named_or_in_group", "extra_effects", "wrong_in_partial",
         "drawn_coverage", "best_fit_coverage", "calibration_error", "calibration_error_named",
-        "highest_wrong_probability", "wrong_and_sure", "gap",
+        "highest_wrong_probability", "wrong_and_sure",
+        "sure_and_there", "sure_and_planted", "doubt_where_lacking", "gap",
     }  # fmt: skip
     for figures in (strict, *strict["by_level"].values()):
         assert wanted <= set(figures)

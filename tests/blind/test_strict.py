@@ -81,6 +81,26 @@ def test_how_sure_wrong_answers_are():
     assert (figures.surest_wrong.effect, figures.surest_wrong.probability) == ("slope", 0.9)
 
 
+def test_what_is_stated_as_sure_is_there_or_not():
+    truth = answer(TRACK, background=(Planted("sensor_bias", "pose.theta", {}),))
+    said = claim(
+        "effects", TRACK, SLOPE, ("sensor_bias", "pose.theta"), RADIUS, ("fitted_law", None), groups=[[RADIUS, TRACK]]
+    )
+    figures = strict_figures([scored(truth, said)])
+    assert (figures.sure_and_there.hits, figures.sure_and_there.count) == (3, 4)  # the slope is nowhere
+    assert (figures.sure_and_planted.hits, figures.sure_and_planted.count) == (1, 4)
+    elsewhere = scored(answer(("actuator_lag", "left")), claim("effects", ("actuator_lag", "right")))
+    assert strict_figures([elsewhere]).sure_and_there.hits == 0
+
+
+def test_doubt_is_asked_for_where_the_library_lacks_the_cause():
+    withheld = answer(SLOPE, withheld=("slope",))
+    sure, silent = scored(withheld, claim("partial", TRACK)), scored(withheld, claim("unknown"))
+    here = scored(answer(TRACK), claim("effects", SLOPE))  # the library has its cause
+    figures = strict_figures([sure, silent, here])
+    assert (figures.doubt_where_lacking.hits, figures.doubt_where_lacking.count) == (1, 2)
+
+
 def test_the_calibration_leaves_nothing_out():
     truth = answer(TRACK, background=(Planted("slope", None, {}),))
     figures = strict_figures([scored(truth, claim("effects", TRACK, SLOPE))])

@@ -9,6 +9,7 @@ from residual_mpc.blind.score.claim import Claim, Name
 from residual_mpc.blind.score.match import Match, where
 
 SURE = 0.9  # a probability from which on an answer counts as stated beyond doubt
+LIKELY = 0.5  # a probability above which an effect is stated as likelier than not
 _NO_NAME = "fitted_law"  # turns what is left into a law, and names no cause
 
 
@@ -69,6 +70,23 @@ def statements(answer: Answer, claim: Claim) -> list[tuple[Name, float, bool]]:
     an effect of the background counts as not planted. A part of the planted place, such as one wheel of two, is true
     where it is named: as a candidate it is a rival of the whole."""
     return [(name, p, _planted_at(answer, name, name in claim.named)) for name, p in claim.probabilities.items()]
+
+
+def stated_as_sure(answer: Answer, claim: Claim) -> list[tuple[bool, bool]]:
+    """Of each named effect that is stated at `SURE` or more: whether the robot has it (planted there, in the
+    background, or in a reported group with an effect that is planted), and whether it is planted there itself."""
+    out = []
+    for name in claim.named:
+        if name[0] == _NO_NAME or claim.probabilities.get(name, 0.0) < SURE:
+            continue
+        planted = _planted_at(answer, name, True)
+        out.append((planted or _faint(answer, name[0]) or _beside_planted(answer, claim, name), planted))
+    return out
+
+
+def _beside_planted(answer: Answer, claim: Claim, name: Name) -> bool:
+    groups = (g for g in claim.groups if any(name in member for member in g))
+    return any(all(_planted_at(answer, n, True) for n in member) for g in groups for member in g)
 
 
 def surest_wrong(answer: Answer, claim: Claim) -> tuple[Name, float] | None:

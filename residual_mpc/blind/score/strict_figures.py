@@ -10,7 +10,7 @@ from residual_mpc.blind.levels import LEVELS
 from residual_mpc.blind.score.calibration import Bin, calibration_error, reliability
 from residual_mpc.blind.score.outcome import Outcome
 from residual_mpc.blind.score.rates import Rate, rate
-from residual_mpc.blind.score.strict import SURE, statements, surest_wrong
+from residual_mpc.blind.score.strict import LIKELY, SURE, stated_as_sure, statements, surest_wrong
 from residual_mpc.blind.score.usefulness import Usefulness, usefulness
 
 
@@ -44,6 +44,9 @@ class StrictFigures:
     named_bins: tuple[Bin, ...]  # of the named effects alone
     surest_wrong: WrongEffect | None
     wrong_and_sure: Rate  # over the wrong answers: a wrong effect is stated at SURE or more
+    sure_and_there: Rate  # over named effects at SURE or more: the robot has it, or a group stands for one that it has
+    sure_and_planted: Rate  # over the same: it is planted itself
+    doubt_where_lacking: Rate  # over cases whose cause the library lacks: no wrong effect is stated above LIKELY
     gap: Usefulness
 
     def document(self) -> dict[str, Any]:
@@ -67,6 +70,9 @@ class StrictFigures:
             "highest_wrong": None if worst is None else {
                 "case": worst.case, "level": worst.level, "effect": worst.effect, "target": worst.target},
             "wrong_and_sure": self.wrong_and_sure.document(),
+            "sure_and_there": self.sure_and_there.document(),
+            "sure_and_planted": self.sure_and_planted.document(),
+            "doubt_where_lacking": self.doubt_where_lacking.document(),
             "gap": self.gap.document(),
         }  # fmt: skip
 
@@ -108,6 +114,8 @@ def strict_figures(outcomes: Sequence[Outcome]) -> StrictFigures:
     claims = [(o, o.claim) for o in outcomes if o.claim is not None]
     stated = [(p, true) for o, claim in claims for _, p, true in statements(o.answer, claim)]
     named = [(p, true) for o, claim in claims for n, p, true in statements(o.answer, claim) if n in claim.named]
+    sure = [found for o, claim in claims for found in stated_as_sure(o.answer, claim)]
+    lacking = [o for o, _ in claims if o.answer.unknown or o.answer.withheld]
     return StrictFigures(
         exact=rate(o.strict.exact for o in outcomes),
         exact_targets=rate(o.strict.exact_targets for o in outcomes),
@@ -124,6 +132,9 @@ def strict_figures(outcomes: Sequence[Outcome]) -> StrictFigures:
         named_bins=reliability([p for p, _ in named], [true for _, true in named]),
         surest_wrong=_surest_wrong(outcomes),
         wrong_and_sure=rate((o.strict.stated or 0.0) >= SURE for o, _ in claims if not o.match.right),
+        sure_and_there=rate(there for there, _ in sure),
+        sure_and_planted=rate(planted for _, planted in sure),
+        doubt_where_lacking=rate((o.strict.stated or 0.0) <= LIKELY for o in lacking),
         gap=usefulness([claim for _, claim in claims]),
     )
 

@@ -9,7 +9,7 @@ from residual_mpc.blind.score.calibration import calibration_error
 from residual_mpc.blind.score.claim import Name
 from residual_mpc.blind.score.outcome import Outcome
 from residual_mpc.blind.score.rates import Rate, rate
-from residual_mpc.blind.score.strict import SURE
+from residual_mpc.blind.score.strict import LIKELY, SURE
 from residual_mpc.blind.score.strict_figures import StrictFigures
 from residual_mpc.blind.score.summary import Summary
 
@@ -68,6 +68,16 @@ def lenient_and_strict(summary: Summary) -> Table:
             f"wrong answers with a wrong effect at {SURE:g} or more",
             "not counted",
             percent(s.wrong_and_sure),
+        ),
+        (
+            f"named effects at {SURE:g} or more",
+            f"the robot has it, or a group with it: {percent(s.sure_and_there)}",
+            f"planted: {percent(s.sure_and_planted)}",
+        ),
+        (
+            f"library lacks the cause: no wrong effect above {LIKELY:g}",
+            "not counted",
+            percent(s.doubt_where_lacking),
         ),
     )
     return Table(("figure", "lenient", "strict"), rows)
