@@ -1,6 +1,13 @@
 """What makes a named effect doubtful makes the other members of its group doubtful as well."""
 
-from residual_mpc.diagnosis.phases.describe import shared
+from types import SimpleNamespace
+from typing import Any
+
+from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.phases.describe import shared, steadiness
+from residual_mpc.diagnosis.phases.validate import Validated
+from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.results.variation_records import Instant, Variation
 from residual_mpc.models.settings import Term
 
 GAIN, RATIO, RADIUS, DELAY = (
@@ -33,3 +40,32 @@ def test_of_two_groups_the_less_doubtful_counts_in_either_order() -> None:
 
 def test_a_group_without_a_named_effect_changes_nothing() -> None:
     assert shared({DELAY: 0.9}, [((RADIUS,), (RATIO,))]) == {DELAY: 0.9}
+
+
+def test_an_effect_that_follows_another_law_on_one_joint_is_doubtful_on_every_joint() -> None:
+    scales = [Term("sensor_scale", f"position.j{k}") for k in (1, 2)]
+    half = ResultSettings().support.unsupported
+    turning = Variation(by_position={"low": 1.05, "middle": 1.05, "high": 1.03})
+    factors = [steadiness(t, {scales[0]: turning}, ResultSettings()) for t in (*scales, DELAY)]
+    assert factors == [half, half, 1.0]
+    runs = Variation(by_run={"run1": 1.05, "run2": 1.03})
+    assert steadiness(scales[0], {scales[0]: runs}, ResultSettings()) == 1.0
+
+
+def test_one_that_begins_or_restricts_some_runs_only_is_doubtful_itself() -> None:
+    left, right = Term("rate_limit", "left"), Term("rate_limit", "right")
+    half = ResultSettings().support.unsupported
+    for variation in (Variation(since=Instant("run2", 3.0)), Variation(by_run={"run1": 300.0}, free=("run2",))):
+        assert steadiness(left, {left: variation}, ResultSettings()) == half
+        assert steadiness(right, {left: variation}, ResultSettings()) == 1.0
+
+
+def test_an_explanation_whose_law_is_another_is_partial_however_small_the_gap() -> None:
+    scale = Term("sensor_scale", "position.j1")
+    steady, thirds = {}, {scale: Variation(by_motion={"small": 1.0, "medium": 1.1, "large": 1.2})}
+    runs = {scale: Variation(by_run={"run1": 1.0, "run2": 1.2})}
+    gaps: Any = SimpleNamespace(verdict=("effects", 0.0))
+    found = [Validated(gaps, None, {}, {}, Options(), varying).verdict for varying in (steady, thirds, runs)]
+    assert found == ["effects", "partial", "effects"]
+    nothing: Any = SimpleNamespace(verdict=("unknown", 1.0))
+    assert Validated(nothing, None, {}, {}, Options(), thirds).verdict == "unknown"

@@ -102,6 +102,16 @@ def test_a_size_that_depends_on_where_the_joint_is_is_stated_in_thirds(effect: s
     assert found[on_left.term].document() == {"by_position": sizes}
 
 
+def test_a_limit_that_some_runs_do_not_show_has_no_size_there() -> None:
+    limit = Knob("rate_limit", "left", "rate")
+    last = DATA.run * 100.0 + DATA.start
+    one = replace(DATA, run=np.where(last < last.max(), 0, 1))
+    found = linear(np.where(one.run == 0, 0.0, 60.0), data=one, one=limit)
+    variation = found[limit.term]
+    assert list(variation.by_run or ()) == ["r0"] and variation.free == ("r1",) and variation.doubtful
+    assert variation.document()["free"] == ["r1"] and "r1" not in variation.document()["by_run"]
+
+
 def test_a_joint_whose_position_is_not_logged_has_no_thirds() -> None:
     for knob in (SCALE, Knob("actuator_gain", "left", "gain")):
         for variation in linear(np.array([-0.3, 0.0, 0.3])[motion()], one=knob).values():

@@ -201,6 +201,18 @@ def test_what_is_left_is_said_at_the_horizon_where_most_is():
     assert plain(sentence(slow)).endswith("and leaves 10 times the noise floor unexplained at 5 s.")
 
 
+def test_a_small_rest_with_a_size_that_varies_is_said_to_follow_another_law():
+    small = document("partial")
+    small["gap"] |= {"after": 1.5 * small["gap"]["noise_floor"], "horizons": []}
+    first = small["explanation"][0]
+    first.pop("by_run", None)
+    assert "follows another law" not in sentence(small)
+    first["by_position"] = {"low": 0.6, "middle": 0.7, "high": 0.8}
+    assert plain(sentence(small)).endswith("depends on the motion, so the true cause follows another law.")
+    small["gap"]["after"] = 5.0 * small["gap"]["noise_floor"]
+    assert plain(sentence(small)).endswith("times the noise floor unexplained.")
+
+
 def test_no_gain_on_held_out_runs_is_said():
     worse = document("partial")
     worse["shrink"] |= {"value": -0.04}

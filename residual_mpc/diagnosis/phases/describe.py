@@ -66,14 +66,14 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     """The records of what was found."""
     found, of, supports = validated.gaps, validated.explanation, validated.supports
     helps, final, settings = found.helps, of.final, validated.options.settings
-    verdict, share = found.verdict
+    verdict, share = validated.verdict, found.verdict[1]
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
     unexplained = left_share(clearest(found.looks)) if helps else share
     beats = beats_forecast(found.looks[0], found.constant_velocity)
     sure = most_sure(verdict, unexplained, _times_floor(found), beats, settings=settings)
     sure = min(sure, settings.causes.coarse) if found.coarse else sure
     weak = doubts(supports, extras.rest, settings=settings)
-    doubt = {t: d * _steady(validated.varying.get(t), settings) for t, d in weak.items()}
+    doubt = {t: d * steadiness(t, validated.varying, settings) for t, d in weak.items()}
     groups = tuple(g for g in of.rivalry.groups if not any(t in of.left_out for m in g for t in m)) if helps else ()
     # a size that varies with the motion speaks against the named member alone
     every_doubt = {**shared(weak, groups), **doubt}
@@ -125,11 +125,12 @@ def shared(doubt: Mapping[Term, float], groups: Sequence[ConfoundedGroup]) -> di
     return out
 
 
-def _steady(variation: Variation | None, settings: ResultSettings) -> float:
-    """A factor on the probability of an effect: less if its size depends on how much the robot moves or on where the
-    joint is, or if it begins or ends, since it may stand in for something else."""
-    steady = variation is None or variation.by_run is not None
-    return 1.0 if steady else settings.support.unsupported
+def steadiness(term: Term, varying: Mapping[Term, Variation], settings: ResultSettings) -> float:
+    """A factor on the probability of an effect: less if it varies in a way that speaks for another cause, or if the
+    same effect elsewhere turns out to follow another law."""
+    own = varying.get(term)
+    kin = any(v.by_state for t, v in varying.items() if t.effect == term.effect)
+    return settings.support.unsupported if kin or (own is not None and own.doubtful) else 1.0
 
 
 def _times_floor(found: ExplanationGaps) -> float:

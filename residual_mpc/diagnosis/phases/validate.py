@@ -14,6 +14,7 @@ from residual_mpc.diagnosis.results.shrink import Shrink, shrink_of
 from residual_mpc.diagnosis.results.support import Support, doubts, support_of
 from residual_mpc.diagnosis.results.variation import variations
 from residual_mpc.diagnosis.results.variation_records import Variation
+from residual_mpc.diagnosis.results.verdict import Verdict
 from residual_mpc.models.settings import Knob, Term
 
 
@@ -34,6 +35,13 @@ class Validated:
     def explanation(self) -> FittedExplanation:
         """On data with the noise that it leaves."""
         return self.gaps.of
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the gaps say; however small a gap, it is explained in part where an effect follows another law than its
+        own."""
+        found, _ = self.gaps.verdict
+        return "partial" if found == "effects" and any(v.by_state for v in self.varying.values()) else found
 
     @property
     def errors(self) -> tuple[np.ndarray, np.ndarray]:

@@ -177,9 +177,12 @@ def _divided(
         return None
     knob = _sizes(values, scores.term)[0]
     sizes = [float(_scaled(problem, values, scores.term, s)[knob]) for s in better.steps]
-    named = dict(zip((division.names[k] for k in shown), sizes, strict=True))
+    every = dict(zip((division.names[k] for k in shown), sizes, strict=True))
+    restricts = np.isinf(BY_NAME[knob.effect].parameter(knob.parameter).null)
+    free = tuple(name for name, x in every.items() if restricts and x > settings.free * values[knob])
+    named = {name: x for name, x in every.items() if name not in free}
     by_run, by_motion, by_position = (named if division.kind == kind else None for kind in KINDS)
-    variation = Variation(by_run, by_motion, by_position)
+    variation = Variation(by_run, by_motion, by_position, free=free)
     return _Found(scores.term, variation, better.gain - need, better.moved)
 
 

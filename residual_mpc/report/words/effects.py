@@ -94,6 +94,8 @@ def remarks(effect: Effect, since_start: Callable[[str, float], float]) -> list[
         out.append(f"ends {measure(since_start(run, t), 's')} into {run}")
     if any(effect.get(division) for division in DIVISIONS):
         out.append(sizes_words(effect))
+    if effect.get("free"):
+        out.append(f"restricts nothing in {listed(list(effect['free']))}")
     return [*out, str(effect["note"])] if effect.get("note") else out
 
 

@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from residual_mpc.report.words.effects import name, sentence_of, variation_clause
+from residual_mpc.report.words.effects import name, name_at, sentence_of, variation_clause
 from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, size
 from residual_mpc.report.words.numbers import listed, number, percent
 from residual_mpc.report.words.servo import short_reading
 
 NAMED = 3  # causes named in the sentence; the rest are counted
 SURE = 0.5  # probability below which an effect is a possibility
+AS_GOOD = 2.0  # times the noise floor up to which a model is as good as these sensors can tell
 SLOW = 0.4  # shrink at the headline's horizon below which a longer one is quoted as well
 WORTH_SAYING = 0.05  # a learned residual that removes less than this is not worth the sentence
 
@@ -47,9 +48,21 @@ def _partial(document: Mapping[str, Any]) -> str:
     gap = document["gap"]
     worst = hardest(gap, "after")
     times = ratio(worst, "after")
+    other_law = _varying_with_the_state(document)
+    if times is not None and times <= AS_GOOD and other_law:
+        return f"{_causes(document)}; {_adding(document)} {_achieved(document)}, but {other_law}."
     left = "part of the gap" if times is None else f"{number(times, 2)} times the noise floor"
     where = at_horizon(worst, gap["horizon"])
     return f"{_causes(document)}; {_adding(document)} {_achieved(document)} and leaves {left} unexplained{where}."
+
+
+def _varying_with_the_state(document: Mapping[str, Any]) -> str:
+    """ "the size of the sensor scale of j4 depends on the motion, so the cause follows another law"."""
+    varying = [name_at(e) for e in document["explanation"] if e.get("by_motion") or e.get("by_position")]
+    if not varying:
+        return ""
+    sizes, depend = ("size", "depends") if len(varying) == 1 else ("sizes", "depend")
+    return f"the {sizes} of the {listed(varying)} {depend} on the motion, so the true cause follows another law"
 
 
 def _unknown(document: Mapping[str, Any]) -> str:
