@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plants.mujoco_robot.loading.compile import NO_LIMIT, prepared
+from plants.mujoco_robot.loading.compile import NO_LIMIT, mark_simple, prepared
 from plants.mujoco_robot.simulation.channels import write_start
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.simulation.replay import replay
@@ -44,6 +44,7 @@ def to_mjcf(robot: CompiledRobot, settings: Settings, folder: Path) -> Mjcf:
     if plain.nmesh or plain.ntex or plain.nhfield:  # seen from where the file will lie
         meshes = Path(spec.modelfiledir, spec.meshdir)
         spec.meshdir = spec.texturedir = os.path.relpath(meshes, folder)
+    mark_simple(spec, True)
     text = spec.to_xml()
     spec.meshdir, spec.texturedir = robot.spec.meshdir, robot.spec.texturedir
     (some, whole), points = apart(robot, (held, settings), spec)

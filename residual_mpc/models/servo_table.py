@@ -15,11 +15,9 @@ from residual_mpc.models.motors.tables import motor_of
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import TUNE, Settings, assemble
+from residual_mpc.models.sliding_units import sliding_unit
 
 CORRECTED, RETUNED, NOT_NAMED, NOT_TESTABLE = "corrected", "retuned", "not named", "not testable"
-SLIDING = {  # units on a joint that slides
-    "N m/rad": "N/m", "N m s/rad": "N s/m", "N m": "N", "rad/s": "m/s", "rad": "m", "kg m^2": "kg",
-}  # fmt: skip
 SERVO_DAMPING = "damping"  # the number of a servo that its gain scales beside its stiffness
 Interval = tuple[float, float]
 
@@ -134,7 +132,7 @@ def _value(
     entries: Sequence[Mapping[str, Any]], doubts: _Doubts, robot: Robot,
 ) -> ServoValue:  # fmt: skip
     nominal, base = (getattr(v, number.field) if number.field else number.absent for v in (at, now))
-    unit = SLIDING.get(number.unit, number.unit) if at.joint in optional.sliding(robot) else number.unit
+    unit = sliding_unit(number.unit) if at.joint in optional.sliding(robot) else number.unit
     named = [
         (s, entry)
         for s, slot in sources

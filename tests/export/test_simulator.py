@@ -178,6 +178,7 @@ def test_an_mjcf_moves_as_the_replay(tmp_path: Path, actuators: str, capsys: pyt
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "model.xml"))
     assert model.actuator_delay == pytest.approx([0.013, 0.013])
     assert model.body("lower").mass[0] == pytest.approx(0.4 + 0.3 + 0.1)
+    assert "simple=" not in (tmp_path / "out" / "model.xml").read_text()  # a mark for the batches of hypotheses alone
 
 
 def test_an_mjcf_says_what_it_leaves_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

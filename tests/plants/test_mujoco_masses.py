@@ -187,3 +187,27 @@ def test_a_mass_may_not_become_negative(tmp_path: Path) -> None:
     assert -0.8 < robot.bounds("link_mass", "mass", "upper")[0] < 0
     assert -0.4 < robot.bounds("payload", "mass", None)[0] < 0
     assert -0.01 < robot.bounds("armature", "inertia", "j1")[0] < 0
+
+
+CART = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="cart">
+<joint name="rail" type="slide" axis="1 0 0" damping="4"/><geom type="box" size="0.1 0.05 0.05" mass="5"/>
+<site name="tool" pos="0 0 0.1"/></body></worldbody>
+<actuator><velocity name="drive" joint="rail" kv="30"/></actuator></mujoco>"""
+
+
+def test_a_payload_off_the_centre_of_a_body_on_a_slide(tmp_path: Path) -> None:
+    """MuJoCo compiles a body like this as one whose centre of mass stays at its origin, unless it is told not to."""
+    robot = robot_of(tmp_path, CART)
+    drive, start = random_drive(robot, 2, 200), random_start(robot, 2)
+    light, heavy = (
+        robot.replay(start, drive, settings_of(robot, h, {}), ("position.rail",))["position.rail"][0]
+        for h in ({("payload", None, "mass"): 1e-9}, {("payload", None, "mass"): 3.0})
+    )
+    plain = literal(robot.model, start, drive.command[0, drive.lead :], 0)[0]
+    np.testing.assert_allclose(light, plain[:, 0], rtol=0, atol=3e-7)
+    spec = mujoco.MjSpec.from_string(CART)
+    ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [SMALL, 0, 0], "pos": [0, 0, 0.1], "mass": 3.0}
+    spec.body("cart").add_geom(**ball, contype=0, conaffinity=0)
+    loaded = literal(spec.compile(), start, drive.command[0, drive.lead :], 0)[0]
+    np.testing.assert_allclose(heavy, loaded[:, 0], rtol=0, atol=3e-7)
+    assert np.abs(loaded - plain).max() > 1e-3

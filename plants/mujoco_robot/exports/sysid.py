@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plants.mujoco_robot.edits.batch import tool_places
+from plants.mujoco_robot.loading.compile import mark_simple
 from plants.mujoco_robot.mjcf import apart, not_held, write_memory, write_numbers
 from plants.mujoco_robot.simulation.constants import corrected_constants
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
@@ -65,6 +66,7 @@ def to_sysid(
     said = _settings(robot, {k: v for k, v in values.items() if k in free or k in fixed})
     if model.nmesh or model.ntex or model.nhfield:  # seen from where the file will lie
         spec.meshdir = spec.texturedir = os.path.relpath(Path(spec.modelfiledir, spec.meshdir), folder)
+    mark_simple(spec, True)
     text = spec.to_xml()
     spec.meshdir, spec.texturedir = robot.spec.meshdir, robot.spec.texturedir
     (some, whole), points = apart(robot, (said, _settings(robot, values)), spec)

@@ -44,6 +44,7 @@ def compile_model(
         if actuators:
             _add(spec, actuators, path)
         fixed = hold_joints(spec, held, path)
+        mark_simple(spec, False)
         model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
@@ -54,6 +55,14 @@ def compile_model(
         names = ", ".join(repr(name) for name in others)
         say(path, f"{names} act{'s' * (len(others) == 1)} on no joint: held at rest, not commanded")
     return spec, prepared(model), (*others, *fixed)
+
+
+def mark_simple(spec: "mujoco.MjSpec", simple: bool) -> None:
+    """Whether MuJoCo may take a body on slides or a free joint, with its centre of mass at its origin, for one whose
+    inertia is constant. It may not in the models of hypotheses: a payload moves the centre of mass."""
+    for body in spec.bodies:
+        if body.name != "world":
+            body.simple = int(simple)
 
 
 def _refuse_xacro(path: str) -> None:
