@@ -79,15 +79,26 @@ def test_a_large_step_error_limits_every_probability(monkeypatch: pytest.MonkeyP
     assert any("the named effects may only stand" in note for note in found.notes) == bool(error)
 
 
-def test_effects_that_may_stand_for_the_step_are_doubted(tmp_path: Path) -> None:
-    """The robot has no effect; what a coarse step makes of it is doubted, and the notes say why."""
-    robot = robot_of(tmp_path, xml(0.01))
-    runs = [swinging(seed) for seed in range(3)]
-    only = ("link_mass", "payload", "viscous_friction", "armature")
-    found = diagnose(runs, [robot] * 3, {}, (), Options(only=only), np.random.default_rng(0)).diagnosis
+ONLY = ("link_mass", "payload", "viscous_friction", "armature")
+
+
+def test_a_gap_that_is_the_step_s_error_is_no_gap(tmp_path: Path) -> None:
+    """The robot has no effect; the step alone makes a gap beyond the noise."""
+    robot = robot_of(tmp_path, xml(0.005, SERVOS))
+    runs = [swinging(seed, actuators=SERVOS) for seed in range(3)]
+    found = diagnose(runs, [robot] * 3, {}, (), Options(only=ONLY), np.random.default_rng(0)).diagnosis
     assert found.gap.step_error is not None and found.gap.step_error > found.gap.noise_floor
-    assert any("time step" in note for note in found.notes)
-    assert all(cause.probability <= 0.5 for cause in found.causes)
+    assert found.gap.before > 1.5 * found.gap.noise_floor
+    assert found.verdict == "no_gap" and found.gap.own_step and not found.causes
+    assert any("Use a smaller time step" in note for note in found.notes)
+
+
+def test_a_delay_beside_a_coarse_step_is_a_gap(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, xml(0.005, SERVOS))
+    runs = [swinging(seed, actuators=SERVOS, late=3) for seed in range(2)]
+    options = Options(only=("command_delay",))
+    found = diagnose(runs, [robot] * 2, {}, (), options, np.random.default_rng(0)).diagnosis
+    assert found.verdict != "no_gap" and not found.gap.own_step
 
 
 def delay_problem(tmp_path: Path) -> Problem:

@@ -53,34 +53,53 @@ def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
     """Error of the start states (W,) by channel that the local quadratics make without any noise.
 
     Where a command jumps between two samples, no quadratic follows the motion. The model's own motion through each
-    start, replayed from a quarter second before it, is sampled as the log is, fitted, and compared with itself. Zero
-    where the run does not reach back that far.
+    start, replayed from a quarter second before it, or from the start itself where the run begins there, is sampled as
+    the log is, fitted, and compared with itself. Zero where the run begins in between.
     """
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
-        nodes, reaches = run_up(data, block, settings, REACH)
-        begin = earliest(block, settings)[0][:, None] + REACH  # (W_block, 1) s from the first node to the start
-        dt, rows = block.drive.dt, np.arange(data.count)[block.where]
-        for state in block.robot.states:
-            for channel, source, slope in state.sources:
-                bias = out.setdefault(channel, np.zeros(data.count))
-                for i in np.unique(data.run[rows]):
-                    signal = data.signals.get((int(i), source))
-                    mine = np.flatnonzero((data.run[rows] == i) & reaches)
-                    if signal is None or not len(mine):
-                        continue
-                    fit = local_fit(signal.t, data.start[rows[mine]])
-                    at = signal.t[fit.index] - data.start[rows[mine], None] + begin[mine]  # (W_i, 5) s on the nodes
-                    line, lag = nodes[source][mine], _number(block, settings, "reading lag", source, 0.0)
-                    if lag > 0.0:  # from a memory as of a steady motion before
-                        line = low_pass(line, line[:, 0] - lag * (line[:, 1] - line[:, 0]) / dt, lag, dt)
-                    seen = at_times(line, at, dt)
-                    weights = fit.slope_weights if slope else fit.value_weights
-                    if lag > 0.0:
-                        weights = weights + lag * (fit.curvature_weights if slope else fit.slope_weights)
-                    true = at_times(nodes[channel][mine], begin[mine], dt)[:, 0]
-                    bias[rows[mine]] = np.nan_to_num(np.einsum("qi,qi->q", weights, seen) - true)
+        left = np.ones(block.where.stop - block.where.start, dtype=bool)
+        for sooner in (REACH, 0.0):
+            if left.any():
+                nodes, reaches = run_up(data, block, settings, sooner)
+                _add_bias(out, data, block, settings, nodes, left & reaches, sooner)
+                left &= ~reaches
     return out
+
+
+def _add_bias(
+    out: dict[str, np.ndarray],
+    data: Dataset,
+    block: Block,
+    settings: Settings,
+    nodes: dict[str, np.ndarray],
+    reaches: np.ndarray,
+    sooner: float,
+) -> None:
+    """See `start_bias`; of the windows (W_block,) bool of a block alone, whose nodes begin `sooner` s before them."""
+    begin = earliest(block, settings)[0][:, None] + sooner  # (W_block, 1) s from the first node to the start
+    dt, rows = block.drive.dt, np.arange(data.count)[block.where]
+    for state in block.robot.states:
+        for channel, source, slope in state.sources:
+            bias = out.setdefault(channel, np.zeros(data.count))
+            for i in np.unique(data.run[rows]):
+                signal = data.signals.get((int(i), source))
+                mine = np.flatnonzero((data.run[rows] == i) & reaches)
+                if signal is None or not len(mine):
+                    continue
+                fit = local_fit(signal.t, data.start[rows[mine]])
+                at = signal.t[fit.index] - data.start[rows[mine], None] + begin[mine]  # (W_i, 5) s on the nodes
+                line, lag = nodes[source][mine], _number(block, settings, "reading lag", source, 0.0)
+                if lag > 0.0:  # from a memory as of a steady motion before
+                    line = low_pass(line, line[:, 0] - lag * (line[:, 1] - line[:, 0]) / dt, lag, dt)
+                seen = at_times(line, at, dt)
+                weights = fit.slope_weights if slope else fit.value_weights
+                if lag > 0.0:
+                    weights = weights + lag * (fit.curvature_weights if slope else fit.slope_weights)
+                true = at_times(nodes[channel][mine], begin[mine], dt)[:, 0]
+                error = np.nan_to_num(np.einsum("qi,qi->q", weights, seen) - true)
+                covered = (np.where(fit.value_weights != 0.0, at, 0.0) >= -1e-9).all(axis=1)
+                bias[rows[mine]] = np.where(covered, error, 0.0)
 
 
 def at_times(nodes: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:

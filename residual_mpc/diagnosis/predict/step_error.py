@@ -19,12 +19,28 @@ def finer_prediction(data: Dataset, row: Settings, here: np.ndarray | None = Non
     infinitely finely, by Richardson's extrapolation of a step and its half at order 1 (Hairer, Norsett and Wanner,
     Solving ODEs I, 1993, section II.4). here: the prediction with the whole step. None where no model has another step.
     """
-    finer = [optional.with_half_step(block.robot) for block in data.blocks]
-    halves = tuple(replace(b, robot=r) for b, r in zip(data.blocks, finer, strict=True) if r is not None)
-    if not halves or len(halves) < len(data.blocks):
+    halves = with_half_steps(data)
+    if halves is None:
         return None
     whole = predict(data, row)[0] if here is None else here
-    return np.asarray(2.0 * (predict(replace(data, blocks=halves), row)[0] - whole))
+    return np.asarray(2.0 * (predict(halves, row)[0] - whole))
+
+
+def finest_prediction(data: Dataset, row: Settings) -> np.ndarray | None:
+    """The same from a step, its half and its quarter, at order 2."""
+    halves = with_half_steps(data)
+    quarters = None if halves is None else with_half_steps(halves)
+    if halves is None or quarters is None:
+        return None
+    whole, half, quarter = (predict(d, row)[0] for d in (data, halves, quarters))
+    return np.asarray((8.0 * quarter - 6.0 * half + whole) / 3.0 - whole)
+
+
+def with_half_steps(data: Dataset) -> Dataset | None:
+    """The windows with models of half the time step; None where no model has another step."""
+    finer = [optional.with_half_step(block.robot) for block in data.blocks]
+    halves = tuple(replace(b, robot=r) for b, r in zip(data.blocks, finer, strict=True) if r is not None)
+    return replace(data, blocks=halves) if halves and len(halves) == len(data.blocks) else None
 
 
 def step_error(

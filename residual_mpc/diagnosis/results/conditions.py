@@ -53,7 +53,12 @@ def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSetting
             f"constant-velocity forecast ({found.constant_velocity:.2g}): a large cause is missing, and the named "
             "effects may be compensating for it."
         )
-    if found.step_error is not None and found.step_error > first.floor.total:
+    if found.stepping:
+        said.append(
+            f"The time step of the model makes errors of {found.step_error or 0.0:.2g} (noise floor "
+            f"{first.floor.total:.2g}). Use a smaller time step, or an implicit integrator."
+        )
+    elif found.step_error is not None and found.step_error > first.floor.total:
         what = "the named effects" if found.coarse and found.helps else "small effects"
         said.append(
             f"The time step of the model makes errors of {found.step_error:.2g} (noise floor {first.floor.total:.2g}); "

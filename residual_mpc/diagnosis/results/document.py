@@ -42,6 +42,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             "horizons": [h.document() for h in d.gap.horizons],
             "constant_velocity": d.gap.constant_velocity,
             "step_error": d.gap.step_error,
+            "own_step": d.gap.own_step,
         },
         "shrink": shrink,
         "where": {

@@ -7,18 +7,19 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust, with_sound_starts
+from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
-from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor_draws, floor_from, floor_of
+from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, floor_draws, floor_from, floor_of
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.own_step import Seen, only_the_step
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps, Verdict, left_share, verdict_of
@@ -31,12 +32,12 @@ COARSE = 0.3  # of what effects remove, from which on the time step may be the c
 @dataclass(frozen=True, eq=False)
 class ExplanationGaps:
     """of: the explanation, on data with the noise that it leaves. predicted and errors (W, M, C), channel units, of the
-    "nominal" model (errors alone), "before" (its tunable numbers fitted) and "after" the effects; looks: the gaps over
-    each horizon, the headline's first, and anywhere: whether they are beyond the noise on all windows; helps: whether
-    the explanation makes the gap smaller; useless: whether even the explained model is worse than a forecast of
-    constant velocity; constant_velocity: the gap of that forecast; step_error: that of the model's own time step, None
-    where it has none. floors (draws, W, M, C): errors of a perfect
-    model."""
+    "nominal" model (errors alone), "before" (its tunable numbers fitted) and "after" the effects; looks: the gaps
+    over each horizon, the headline's first, and anywhere: whether they are beyond the noise on all windows; helps:
+    whether the explanation makes the gap smaller; useless: whether even the explained model is worse than a
+    forecast of constant velocity; constant_velocity: the gap of that forecast; step_error: that of the model's own
+    time step, None where it has none; stepping: whether without it there is no gap beyond the noise. floors (draws,
+    W, M, C): errors of a perfect model."""
 
     of: FittedExplanation
     predicted: dict[str, np.ndarray]
@@ -50,6 +51,7 @@ class ExplanationGaps:
     useless: bool
     constant_velocity: float
     step_error: float | None
+    stepping: bool
 
     @property
     def coarse(self) -> bool:
@@ -91,6 +93,7 @@ class ExplanationGaps:
             horizons=tuple(self._horizon(data, look) for look in self.looks),
             constant_velocity=self.constant_velocity,
             step_error=self.step_error,
+            own_step=self.stepping,
         )
 
     def _horizon(self, data: Dataset, look: HorizonGaps) -> HorizonFigures:
@@ -144,12 +147,16 @@ def measure_gaps(
     jumps = of.unnamed_outliers or (of.with_outliers and helps)
     # beyond the noise on all windows, and on the very windows that the figures are printed for
     whole = (raw, errors["before"]) if jumps else _nominal_errors(of.clean, rows)
-    anywhere = _beyond(whole, scales, everywhere, settings) and _lucky(looks[0])
+    horizons = [Seen(whole[0], whole[1], scales, everywhere)]
+    anywhere = horizons[0].beyond_noise(settings) and _lucky(looks[0])
     for look in longer:
         more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, jumps, settings=settings)
         if all_floor.total < FORETOLD:
             looks.append(more)
-            anywhere = anywhere or _beyond(all_before, look.scales, all_floor, settings)
+            horizons.append(Seen(all_before[0], all_before[1], look.scales, all_floor))
+            anywhere = anywhere or horizons[-1].beyond_noise(settings)
+    stepping = anywhere and only_the_step(horizons, rows.take(np.array([1])), settings=settings)
+    anywhere = anywhere and not stepping
     helps = helps and anywhere  # nothing to explain is no gap, whatever fits better
     return ExplanationGaps(
         replace(of, raw=raw, clean=replace(of.clean, noise=noise)),
@@ -164,6 +171,7 @@ def measure_gaps(
         useless,
         steady,
         step_error(of.raw, scales, row, settings=settings.data),
+        stepping,
     )
 
 
@@ -278,13 +286,6 @@ def _longer(
 def _nominal_errors(data: Dataset, rows: Settings) -> tuple[Dataset, np.ndarray]:
     """The windows, and what the model with its tunable numbers fitted, the second of `rows`, leaves there (W, M, C)."""
     return data, data.y - predict(data, rows.take(np.array([1])))[0]
-
-
-def _beyond(whole: tuple[Dataset, np.ndarray], scales: Scales, floor: NoiseFloor, settings: ResultSettings) -> bool:
-    """Whether errors are beyond the noise on these windows, and not because of one window whose start is wrong."""
-    (data, error), tuned = whole, settings.predict
-    every, sound = gap_of(data, scales, error), with_sound_starts(data, scales, error, tuned.floor.sound_from)
-    return beyond(every, floor, settings=tuned) and beyond(sound, floor, settings=tuned)
 
 
 def quantiles(square: np.ndarray) -> dict[str, float]:

@@ -45,7 +45,7 @@ class HorizonFigures:
 class GapFigures:
     """Gaps on the held-out windows, unitless; channels: name -> (before, after, noise floor); horizons: the same over
     each horizon; constant_velocity: the gap of a forecast that knows no model; step_error: that of the
-    model's time step, None where it has none."""
+    model's time step, None where it has none; own_step: whether that is all that is beyond the noise."""
 
     nominal: float
     before: float
@@ -59,6 +59,7 @@ class GapFigures:
     horizons: tuple[HorizonFigures, ...]
     constant_velocity: float
     step_error: float | None
+    own_step: bool
 
 
 @dataclass(frozen=True)

@@ -47,14 +47,17 @@ class CauseSettings:
 @dataclass(frozen=True)
 class GapSettings:
     """worse: times the gap before that the headline's may become where a longer horizon gains; useless: gap from which
-    a model that is worse than a forecast of constant velocity by `certain` standard errors says nothing."""
+    a model that is worse than a forecast of constant velocity by `certain` standard errors says nothing; step_part: of
+    the squared gap beyond the noise, from which the error of the model's time step may be all of it."""
 
     worse: float = 1.02
     useless: float = 0.3
     certain: float = 2.0
+    step_part: float = 0.25
 
     def __post_init__(self) -> None:
         check_positive(self, "worse", "useless", "certain")
+        check_share(self, "step_part")
 
 
 @dataclass(frozen=True)

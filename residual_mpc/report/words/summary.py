@@ -37,6 +37,11 @@ def unseen(held_out: Sequence[Any]) -> str:
 
 
 def _no_gap(document: Mapping[str, Any]) -> str:
+    if document["gap"].get("own_step"):
+        return (
+            "The gap is the error of the model's own time step: with a fine step, the model predicts this robot to "
+            "within the sensor noise."
+        )
     return "The model predicts this robot to within the sensor noise: there is no gap to explain."
 
 
