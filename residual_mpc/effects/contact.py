@@ -72,6 +72,7 @@ TRACK_WIDTH = Effect(
     summary="another effective track width",
     site="rolling",
     unseen="the robot hardly turns",
+    imitates=frozenset({"turning"}),
     phrase=Phrase("the robot turns as if its track were {scale} times as wide"),
     nouns={"scale": Noun("effective track width", "factor")},
     not_in_mjcf=WHEELS_UNCHANGED,

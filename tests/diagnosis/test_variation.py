@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import residual_mpc as rm
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.variation import _by_position, variations_on
+from residual_mpc.diagnosis.results.variation import _of_the_effect, variations_on
 from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.models.settings import Knob, Term
 
@@ -120,10 +121,41 @@ def test_a_joint_whose_position_is_not_logged_has_no_thirds() -> None:
 
 def test_the_only_joint_of_a_robot_needs_no_name() -> None:
     data = replace(DATA, channels=tuple({"pose.x": "position.shaft"}.get(c, c) for c in DATA.channels))
-    friction = Term("viscous_friction", None)
-    (division,) = _by_position(data, friction, ("shaft",))
-    assert division.parts.shape == (3, data.count) and (division.parts.sum(axis=0) == 1).all()
-    assert _by_position(data, friction, ("shaft", "tip")) == ()
+    scores: Any = SimpleNamespace(term=Term("viscous_friction", None), information=np.arange(data.count))
+    kinds = [d.kind for d in _of_the_effect(data, scores, ("shaft",))]
+    assert kinds == ["by_influence", "by_position"]
+    for division in _of_the_effect(data, scores, ("shaft",)):
+        assert division.parts.shape == (3, data.count) and (division.parts.sum(axis=0) == 1).all()
+    assert [d.kind for d in _of_the_effect(data, scores, ("shaft", "tip"))] == ["by_influence"]
+
+
+def acting(strength: np.ndarray, change: np.ndarray) -> Variation:
+    """Of an effect that changes the prediction of each window by its strength (W,), with a size of its own in each:
+    1.4 + change (W,)."""
+    rng = np.random.default_rng(0)
+    columns = {k: 4.0 * rng.standard_normal((DATA.count, 160)) for k in (SCALE, GAIN)}
+    columns[SCALE] *= strength[:, None]
+    noise = rng.standard_normal((DATA.count, 160)) - columns[SCALE] * change[:, None]
+    problem: Any = Linear(DATA, space_of(DATA), columns, {SCALE: 1.4, GAIN: 0.8}, noise)
+    fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0})
+    return variations_on(problem, fit, [SCALE.term, GAIN.term], measure_scales(DATA), ResultSettings())[SCALE.term]
+
+
+def test_a_size_that_grows_with_the_influence_is_stated_in_thirds() -> None:
+    """Whatever runs the windows are in, and however large the motion is there."""
+    strength = np.random.default_rng(1).permutation(np.linspace(0.5, 2.0, DATA.count))
+    sizes = acting(strength, 0.4 * (strength - 1.25)).by_influence
+    assert sizes is not None and list(sizes) == ["weak", "medium", "strong"]
+    assert sizes["weak"] < 1.4 < sizes["strong"]
+
+
+def test_runs_that_differ_in_the_influence_alone_do_not_differ_as_runs() -> None:
+    """Each run has windows of its own strength, and within it the size follows the strength too."""
+    run = np.searchsorted(np.unique(DATA.run), DATA.run)
+    strength = 0.6 + 0.25 * run + np.random.default_rng(2).uniform(-0.2, 0.2, DATA.count)
+    found = acting(strength, 0.8 * (strength - strength.mean()))
+    assert found.by_run is None and found.by_influence is not None
+    assert found.by_state and found.doubtful
 
 
 def test_what_does_not_vary_is_steady_at_the_stated_rate() -> None:

@@ -146,6 +146,9 @@ def test_an_effect_that_is_not_steady_says_so_in_its_clause():
     sizes = {"by_motion": {"small": 0.7, "medium": 0.8, "large": 0.9}}
     assert variation_clause({**gain, **sizes}) == ", varying with the size of the motion (0.7 to 0.9)"
     assert sizes_words(sizes) == "in small, medium and large motions: 0.7, 0.8 and 0.9"
+    acting = {"by_influence": {"weak": 0.7, "medium": 0.8, "strong": 0.9}}
+    assert variation_clause({**gain, **acting}) == ", varying with how strongly it acts (0.7 to 0.9)"
+    assert sizes_words(acting) == "where its influence is weak, medium and strong: 0.7, 0.8 and 0.9"
     placed = {"by_position": {"low": 0.7, "middle": 0.8, "high": 0.9}}
     assert variation_clause({**gain, **placed}) == ", varying with the position of the joint (0.7 to 0.9)"
     assert sizes_words(placed) == "at low, middle and high positions: 0.7, 0.8 and 0.9"

@@ -27,6 +27,7 @@ DEPENDENCE: Mapping[str, str] = {
     **dict.fromkeys(("time", "order", "run", "work"), "time"),
     **dict.fromkeys(("position", "angle"), "position"),
     "speed": "speed",
+    "turning": "turning",
     "load": "load",
 }
 

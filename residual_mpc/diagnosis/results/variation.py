@@ -1,9 +1,10 @@
 """Whether the size of a named effect is steady: it may differ from run to run, with how fast the robot moves, or begin
 or end in the middle of the runs.
 
-For each effect, one factor on its size is estimated for each part of the windows (each run, each level of motion, or
-before and after an instant) by Gauss-Newton steps from the steady fit; the other parameters stay. A variation is
-reported only if predictions with a separate size for each part fit better beyond doubt.
+For each effect, one factor on its size is estimated for each part of the windows (each run, each level of motion, of
+its own influence or of the joint's position, or before and after an instant) by Gauss-Newton steps from the steady fit;
+the other parameters stay. A variation is reported only if predictions with a separate size for each part fit better
+beyond doubt.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,8 +28,9 @@ from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 ITERATIONS = 4  # of the sizes of the parts
 LEVELS = ("small", "medium", "large")  # of the motion within a window
-KINDS = ("by_run", "by_motion", "by_position")
+KINDS = ("by_run", "by_motion", "by_influence", "by_position")
 PLACES = ("low", "middle", "high")  # of a joint, over all windows
+INFLUENCES = ("weak", "medium", "strong")  # of the effect on the prediction of a window
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,11 @@ class _Scores:
         """The change of the factor that suits these windows (W,) bool; NaN if they do not show it."""
         h = float(self.information[windows].sum())
         return -float(self.score[windows].sum()) / h if h > 0.0 else float("nan")
+
+    def scatter(self, windows: np.ndarray) -> float:
+        """The sum of squares of these windows' own sizes about their common one, over the dispersion."""
+        h, g = self.information[windows], self.score[windows]
+        return float(((g + h * self.step(windows)) ** 2 / h).sum())
 
     def gain(self, windows: np.ndarray) -> float:
         """By how much their cost falls with it."""
@@ -88,11 +95,13 @@ def variations_on(
 
 @dataclass(frozen=True, eq=False)
 class _Division:
-    """kind: of KINDS; names: of its parts (P, W) bool."""
+    """kind: of KINDS; names: of its parts (P, W) bool; of: the quantity (W,) by which the windows are divided, NaN
+    where it is not known, None for runs."""
 
     kind: str
     names: tuple[str, ...]
     parts: np.ndarray
+    of: np.ndarray | None = None
 
 
 def _divisions(data: Dataset, scales: Scales, most: int) -> tuple[_Division, ...]:
@@ -101,26 +110,32 @@ def _divisions(data: Dataset, scales: Scales, most: int) -> tuple[_Division, ...
     by_run = _Division("by_run", tuple(data.runs[i].name for i in runs), data.run == runs[:, None])
     moved = (data.y - data.y[:, :1]) / scales.motion
     level = np.sqrt(np.nanmean(np.where(np.isfinite(moved), moved, 0.0) ** 2, axis=(1, 2)))
-    third = np.searchsorted(np.quantile(level, (1 / 3, 2 / 3)), level)
-    by_motion = _Division("by_motion", LEVELS, third == np.arange(len(LEVELS))[:, None])
+    by_motion = _thirds("by_motion", LEVELS, level)
     return (by_motion,) if len(runs) > most else (by_run, by_motion)
 
 
-def _by_position(data: Dataset, term: Term, slots: tuple[str, ...]) -> tuple[_Division, ...]:
-    """By where the joint that an effect acts on, or whose sensor it acts on, is in a window, in thirds; none where it
-    acts on no single joint whose position is logged. slots: the targets that the robot has for the effect."""
-    target = slots[0] if term.target is None and len(slots) == 1 else term.target
+def _of_the_effect(data: Dataset, scores: _Scores, slots: tuple[str, ...]) -> tuple[_Division, ...]:
+    """By how much the effect changes the prediction of a window, and by where the joint that it acts on, or whose
+    sensor it acts on, is in a window, in thirds; the latter not where it acts on no single joint whose position is
+    logged. slots: the targets that the robot has for the effect."""
+    by_influence = _thirds("by_influence", INFLUENCES, scores.information)
+    target = slots[0] if scores.term.target is None and len(slots) == 1 else scores.term.target
     names = (str(target), f"position.{target}")
     channel = next((c for c in names if c.startswith("position.") and c in data.channels), None)
     if channel is None:
-        return ()
+        return (by_influence,)
     y = data.y[:, :, data.channels.index(channel)]
     seen = np.isfinite(y)
     place = np.where(seen, y, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
-    known = seen.any(axis=1)
-    third = np.searchsorted(np.quantile(place[known], (1 / 3, 2 / 3)), place) if known.any() else np.zeros(len(place))
-    third = np.where(known, third, 1)
-    return (_Division("by_position", PLACES, third == np.arange(len(PLACES))[:, None]),)
+    return by_influence, _thirds("by_position", PLACES, np.where(seen.any(axis=1), place, np.nan))
+
+
+def _thirds(kind: str, names: tuple[str, ...], of: np.ndarray) -> _Division:
+    """The windows in thirds of a quantity (W,); where it is not known they join the middle third."""
+    known = np.isfinite(of)
+    ends = np.quantile(of[known], (1 / 3, 2 / 3)) if known.any() else np.zeros(2)
+    third = np.where(known, np.searchsorted(ends, of), 1)
+    return _Division(kind, names, third == np.arange(len(names))[:, None], of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,15 +168,33 @@ def _scores(fit: Fit, term: Term, r: np.ndarray, blocks: np.ndarray, run: np.nda
 def _of_one(
     scores: _Scores, problem: Problem, values: Values, divisions: tuple[_Division, ...], settings: VariationSettings
 ) -> _Found | None:
-    """The clearest variation of one effect; None if it is steady, as far as these windows show."""
-    found = (
-        _instant(scores, problem, values, settings),
-        *(
-            _divided(scores, problem, values, d, settings)
-            for d in (*divisions, *_by_position(problem.data, scores.term, problem.space.slots[scores.term.effect]))
-        ),
-    )
-    return max((f for f in found if f is not None), key=lambda f: f.gain, default=None)
+    """The clearest variation of one effect; None if it is steady, as far as these windows show. Runs with other motions
+    differ where the size depends on the motion: then it also differs within runs, and that is the variation."""
+    every = (*divisions, *_of_the_effect(problem.data, scores, problem.space.slots[scores.term.effect]))
+    found = [(d, f) for d in every if (f := _divided(scores, problem, values, d, settings)) is not None]
+    run = problem.data.run
+    within = any(d.of is not None and _differs_within_runs(scores, d.of, run, settings) for d, _ in found)
+    at = _instant(scores, problem, values, settings)
+    rest = [f for _, f in found if not (within and f.variation.by_run is not None)]
+    return max((f for f in (at, *rest) if f is not None), key=lambda f: f.gain, default=None)
+
+
+def _differs_within_runs(scores: _Scores, of: np.ndarray, run: np.ndarray, settings: VariationSettings) -> bool:
+    """Whether, though each run (W,) has a size of its own, the sizes differ beyond doubt between its windows with less
+    and with more of a quantity (W,) than the run's median: over the scatter of the windows about these sizes, since the
+    dispersion of the steady fit holds the difference itself."""
+    gain, left, free, parts = 0.0, 0.0, 0, 0
+    shows = scores.information > 0.0
+    for i in np.unique(run):
+        mine = (run == i) & np.isfinite(of) & shows
+        more = mine & (of > np.median(of[mine])) if mine.any() else mine
+        shown = [p for p in (mine & ~more, more) if p.any()]
+        gain += sum(scores.gain(p) for p in shown) - scores.gain(mine)
+        left += sum(scores.scatter(p) for p in shown)
+        parts += len(shown)
+        free += max(len(shown) - 1, 0)
+    spread = max(left / max(int(shows.sum()) - parts, 1), 1.0 / scores.phi)
+    return gain / spread > settings.beyond_doubt + settings.per_part * max(free - 1, 0)
 
 
 def _divided(
@@ -181,8 +214,8 @@ def _divided(
     restricts = np.isinf(BY_NAME[knob.effect].parameter(knob.parameter).null)
     free = tuple(name for name, x in every.items() if restricts and x > settings.free * values[knob])
     named = {name: x for name, x in every.items() if name not in free}
-    by_run, by_motion, by_position = (named if division.kind == kind else None for kind in KINDS)
-    variation = Variation(by_run, by_motion, by_position, free=free)
+    run, motion, influence, position = (named if division.kind == kind else None for kind in KINDS)
+    variation = Variation(run, motion, influence, position, free=free)
     return _Found(scores.term, variation, better.gain - need, better.moved)
 
 

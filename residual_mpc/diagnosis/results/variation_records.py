@@ -15,13 +15,15 @@ class Instant:
 @dataclass(frozen=True)
 class Variation:
     """by_run: the size in each run, in the unit of the effect's first parameter; by_motion: in windows in which the
-    robot moves little ("small"), more ("medium") and most ("large"); by_position: in windows in which the joint is in
-    the lower, the middle and the upper third of its positions ("low", "middle", "high"); since, until: when the effect
-    begins or ends. None for what it does not do. free: the runs (or motions, or positions) that a limit or a stiffness
-    does not restrict, which have no size."""
+    robot moves little ("small"), more ("medium") and most ("large"); by_influence: in windows whose prediction the
+    effect changes little ("weak"), more ("medium") and most ("strong"); by_position: in windows in which the joint
+    is in the lower, the middle and the upper third of its positions ("low", "middle", "high"); since, until: when
+    the effect begins or ends. None for what it does not do. free: the runs (or motions, or positions) that a limit
+    or a stiffness does not restrict, which have no size."""
 
     by_run: dict[str, float] | None = None
     by_motion: dict[str, float] | None = None
+    by_influence: dict[str, float] | None = None
     by_position: dict[str, float] | None = None
     since: Instant | None = None
     until: Instant | None = None
@@ -30,7 +32,7 @@ class Variation:
     @property
     def by_state(self) -> bool:
         """Whether the size depends on how or where the robot moves: then the law is another than the effect's."""
-        return self.by_motion is not None or self.by_position is not None
+        return any(x is not None for x in (self.by_motion, self.by_influence, self.by_position))
 
     @property
     def doubtful(self) -> bool:
@@ -40,7 +42,8 @@ class Variation:
 
     def document(self) -> dict[str, Any]:
         """As diagnosis.json has it: keys for what there is."""
-        sizes = {"by_run": self.by_run, "by_motion": self.by_motion, "by_position": self.by_position}
+        sizes = {"by_run": self.by_run, "by_motion": self.by_motion, "by_influence": self.by_influence}
+        sizes |= {"by_position": self.by_position}
         out: dict[str, Any] = {name: dict(found) for name, found in sizes.items() if found is not None}
         if self.free:
             out["free"] = list(self.free)

@@ -15,7 +15,13 @@ PEOPLE = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
 DIVISIONS = {  # of the windows, in each part of which an effect has a size of its own
     "by_run": "from run to run",
     "by_motion": "with the size of the motion",
+    "by_influence": "with how strongly it acts",
     "by_position": "with the position of the joint",
+}
+TEXTS = {
+    "by_motion": "in {} motions",
+    "by_influence": "where its influence is {}",
+    "by_position": "at {} positions",
 }
 MANY = 8  # runs, above which not each one's size is listed
 SUPPORT = {
@@ -101,8 +107,9 @@ def remarks(effect: Effect, since_start: Callable[[str, float], float]) -> list[
 
 def sizes_words(effect: Effect) -> str:
     """ "by run: run1 0.93, run2 0.6", of many runs the lowest, the median and the highest; "in small, medium and large
-    motions: 0.9, 1 and 1.1"; "at low, middle and high positions: 0.9, 1 and 1.1"."""
-    for division, text in (("by_motion", "in {} motions"), ("by_position", "at {} positions")):
+    motions: 0.9, 1 and 1.1"; "where its influence is weak, medium and strong: 0.9, 1 and 1.1"; "at low, middle and high
+    positions: 0.9, 1 and 1.1"."""
+    for division, text in TEXTS.items():
         named = effect.get(division)
         if named:
             return f"{text.format(listed(list(named)))}: {listed([number(size) for size in named.values()])}"

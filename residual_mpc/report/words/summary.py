@@ -10,6 +10,7 @@ from residual_mpc.report.words.servo import short_reading
 
 NAMED = 3  # causes named in the sentence; the rest are counted
 SURE = 0.5  # probability below which an effect is a possibility
+STATES = ("by_motion", "by_influence", "by_position")  # what a size may depend on that speaks for another law
 AS_GOOD = 2.0  # times the noise floor up to which a model is as good as these sensors can tell
 SLOW = 0.4  # shrink at the headline's horizon below which a longer one is quoted as well
 WORTH_SAYING = 0.05  # a learned residual that removes less than this is not worth the sentence
@@ -63,7 +64,7 @@ def _partial(document: Mapping[str, Any]) -> str:
 
 def _varying_with_the_state(document: Mapping[str, Any]) -> str:
     """ "the size of the sensor scale of j4 depends on the motion, so the cause follows another law"."""
-    varying = [name_at(e) for e in document["explanation"] if e.get("by_motion") or e.get("by_position")]
+    varying = [name_at(e) for e in document["explanation"] if any(map(e.get, STATES))]
     if not varying:
         return ""
     sizes, depend = ("size", "depends") if len(varying) == 1 else ("sizes", "depend")
