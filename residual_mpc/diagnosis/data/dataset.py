@@ -150,11 +150,12 @@ def build_dataset(
         n = sum(len(k) for k in kept)
         if n == 0:
             continue
-        drive = drive_of(robot, [runs[i] for i in mine], kept, horizon, mine, signals, settings=settings)
+        variants = None if setting is None else [setting[i] for i in mine]
+        drive = drive_of(robot, [runs[i] for i in mine], kept, horizon, mine, signals, settings, variants)
         past = past_errors(robot, [runs[i] for i in mine], kept, mine, signals)
         drive = replace(drive, past=past)
-        if setting is not None:
-            drive = replace(drive, setting=np.repeat([setting[i] for i in mine], [len(k) for k in kept]))
+        if variants is not None:
+            drive = replace(drive, setting=np.repeat(variants, [len(k) for k in kept]))
         blocks.append(Block(robot, slice(first, first + n), drive))
         index += [np.full(len(k), i) for i, k in zip(mine, kept, strict=True)]
         starts += kept

@@ -1,16 +1,18 @@
 """What was sent in each window, on the replay's own grid, and what the actuators held before it."""
 
 from collections.abc import Mapping, Sequence
+from itertools import repeat
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.before_the_log import held_before
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.diagnosis.data.wheel_angle import has_round_wheels, wheel_angles
 from residual_mpc.logs.run import Run, held
 from residual_mpc.models import optional
-from residual_mpc.models.protocol import Drive, Inverting, Robot
+from residual_mpc.models.protocol import Drive, Robot
 
 
 def drive_of(
@@ -21,20 +23,21 @@ def drive_of(
     index: Sequence[int],
     signals: Mapping[tuple[int, str], Signal],
     settings: DataSettings,
+    variants: Sequence[int] | None = None,
 ) -> Drive:
     """The commands of one robot's windows on the replay's grid. runs share the robot; starts[k] (W_k,) s and index[k]
-    are those of runs[k]; signals by (index, channel)."""
+    are those of runs[k]; signals by (index, channel); variants: which setting of a merged robot each run has."""
     dt = robot.step or float(np.clip(min(r.period for r in runs) / 4.0, 0.004, 0.01))
     steps = int(np.ceil(horizon / dt - 1e-9))
     lead, after = (int(np.ceil(x / dt)) for x in (settings.dataset.lead, settings.dataset.after))
     commands, enabled, clocks, angles = [], [], [], []
     switched = any(f"enabled.{a}" in run.columns for run in runs for a in robot.actuators)
     rolls = has_round_wheels(robot) and all((i, s.position) in signals for s in robot.states for i in index)
-    for run, t0, i in zip(runs, starts, index, strict=True):
+    for run, t0, i, variant in zip(runs, starts, index, variants or repeat(None), strict=False):
         edges = t0[:, None] + dt * np.arange(-lead, steps + after + 1)[None, :]
         per_actuator = [
-            _mean_held(run, held(run, f"command.{a}"), edges, _resting(robot, k, run, i, signals))
-            for k, a in enumerate(robot.actuators)
+            _mean_held(run, held(run, f"command.{a}"), edges, before)
+            for a, before in zip(robot.actuators, held_before(robot, run, i, signals, variant), strict=True)
         ]
         warm = np.stack(per_actuator, axis=-1)
         for k in range(len(robot.actuators)):
@@ -67,28 +70,6 @@ def drive_of(
         enabled_after=None if always else on_all[:, end:],
         angle=np.concatenate(angles) if rolls else None,
     )
-
-
-def _resting(robot: Robot, k: int, run: Run, i: int, signals: Mapping[tuple[int, str], Signal]) -> float | None:
-    """What the actuator held before the first stamp, if the run measured it: a wheel's speed, a servo's position. Where
-    only the robot's own motion was measured, that tells standstill from the first command; None: the first command."""
-    kind = {"speed": "velocity", "velocity": "velocity", "position": "position"}.get(robot.command_kinds[k])
-    joints = optional.actuator_joints(robot)
-    signal = signals.get((i, f"{kind}.{joints[k]}"))
-    if signal is not None and len(signal.y):
-        return float(signal.y[0])
-    sources = {s.position: signals.get((i, s.position)) for s in robot.states}
-    known = {c: s for c, s in sources.items() if s is not None and len(s.y) > 1}
-    if not isinstance(robot, Inverting) or len(known) < len(sources):
-        return None
-    at = run.t[:1]
-    fits = {c: (local_fit(s.t, at), s) for c, s in known.items()}
-    value = {c: float(np.nan_to_num(f.value(s.y)[0])) for c, (f, s) in fits.items()}
-    rate = {c: float(np.nan_to_num(f.slope(s.y)[0])) for c, (f, s) in fits.items()}
-    moving = robot.outputs_from(value, rate)
-    first = {a: float(held(run, f"command.{a}")[0]) for a in robot.actuators}
-    still = sum(moving[a] ** 2 - (moving[a] - first[a]) ** 2 for a in robot.actuators) < 0.0
-    return 0.0 if still else None
 
 
 def _settle(
