@@ -15,7 +15,14 @@ from residual_mpc.diagnosis.remainder.records import Curve, Dependence, Rest
 from residual_mpc.diagnosis.results.causes import most_sure
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.support import Support, doubts
-from residual_mpc.diagnosis.results.verdict import HorizonGaps, beats_forecast, clearest, left_share, verdict_of
+from residual_mpc.diagnosis.results.verdict import (
+    HorizonGaps,
+    beats_forecast,
+    clearest,
+    hardly_explained,
+    left_share,
+    verdict_of,
+)
 from residual_mpc.models.settings import Term
 
 
@@ -51,6 +58,15 @@ def test_an_explanation_is_whole_where_every_horizon_and_channel_says_so(looks: 
 def test_the_share_left_is_that_of_the_headline() -> None:
     assert left_share(at(0.5, 0.3, 0.1)) == pytest.approx((0.09 - 0.01) / (0.25 - 0.01))
     assert left_share(at(0.5, 0.05, 0.1)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "hardly"),
+    [(0.04, 0.035, True), (0.04, 0.02, False), (0.04, 0.015, False), (0.02, 0.018, False)],
+)
+def test_a_small_gap_that_hardly_gets_smaller_is_not_explained(before: float, after: float, hardly: bool) -> None:
+    """Of a floor of 0.01; the last is within twice the noise."""
+    assert hardly_explained(at(before, after, 0.01)) is hardly
 
 
 def test_a_gap_is_clearest_where_noise_hardly_ever_makes_it() -> None:

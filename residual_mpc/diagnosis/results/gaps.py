@@ -22,7 +22,14 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.own_step import Seen, only_the_step
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.verdict import HorizonGaps, Verdict, left_share, verdict_of
+from residual_mpc.diagnosis.results.verdict import (
+    HorizonGaps,
+    Verdict,
+    clearest,
+    hardly_explained,
+    left_share,
+    verdict_of,
+)
 from residual_mpc.effects.laws import is_law
 from residual_mpc.models.settings import Settings
 
@@ -69,6 +76,8 @@ class ExplanationGaps:
         verdict = verdict_of(self.looks)
         if verdict == "effects" and any(is_law(t.effect) for t in self.of.final.terms):
             verdict = "partial"  # a law names no cause
+        if verdict == "effects" and hardly_explained(clearest(self.looks)):
+            verdict = "partial"
         return verdict, left_share(self.looks[0])
 
     @property

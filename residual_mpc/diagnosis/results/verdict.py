@@ -9,6 +9,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.gap import Gap
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL, NoiseFloor, as_good_as_told
 
+HALF = 0.5  # of the squared gap beyond the noise floor
 Verdict = Literal["no_gap", "effects", "partial", "unknown"]
 
 
@@ -48,6 +49,11 @@ def clearest(looks: Sequence[HorizonGaps]) -> HorizonGaps:
     """The horizon at which the gap stands most out of what noise alone hardly ever makes, which is much more where
     there are few windows."""
     return max(looks, key=lambda x: x.before.total / max(x.floor.luck, 1e-12))
+
+
+def hardly_explained(look: HorizonGaps) -> bool:
+    """Whether a gap is small enough as it was, and most of what is beyond the noise is left: that explains nothing."""
+    return look.steady.total > AS_GOOD * look.floor.total and left_share(look) > HALF
 
 
 def left_share(look: HorizonGaps) -> float:
