@@ -9,7 +9,7 @@ import pytest
 from plants.blind_families.arm.effects import ArmSensor
 from plants.blind_families.arm.model import Arm, compiled, draw_arm, mjcf
 from plants.blind_families.arm.motions import multisine
-from plants.blind_families.arm.runs import ReferenceMotion, play
+from plants.blind_families.arm.runs import ReferenceMotion, play, read
 from plants.blind_families.arm.surroundings import Surroundings
 from plants.blind_families.arm.truth import STEP, Stepper, ideal
 from residual_mpc.blind.families import make_case
@@ -195,3 +195,16 @@ def test_an_integral_part_carries_the_load_and_forgets_when_off():
                 stepper.step(0.5 * one, 0.0 * one)
             assert abs(stepper.trim[0, 0]) < 0.01 * abs(begun[0, 0])
     assert abs(ends[0] - 0.5) > 0.05 and ends[1] == pytest.approx(0.5, abs=0.01)
+
+
+def test_encoders_behind_a_filter_lag_by_its_constant_and_a_worn_scale_is_uneven():
+    t = STEP * np.arange(4001)
+    q = (0.4 * t)[None, :, None] * np.ones((1, 1, 2)) - 0.3  # rad, at 0.4 rad/s
+    late = read(q, ArmSensor(np.zeros(2), np.zeros(2), np.zeros(2), lag=np.array([0.0, 0.08])))
+    np.testing.assert_array_equal(late[:, :, 0], q[:, :, 0])
+    assert late[0, 0, 1] == pytest.approx(q[0, 0, 1])  # at rest before
+    assert q[0, -1, 1] - late[0, -1, 1] == pytest.approx(0.4 * 0.08, rel=0.01)
+    worn = read(q, ArmSensor(np.zeros(2), np.zeros(2), np.zeros(2), scale=np.array([1.1, 1.0])))
+    np.testing.assert_array_equal(worn[:, :, 1], q[:, :, 1])
+    ratio = worn[0, [0, -1], 0] / q[0, [0, -1], 0]
+    assert 1.09 < ratio[0] < 1.1 < ratio[1] < 1.11

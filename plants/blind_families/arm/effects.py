@@ -39,6 +39,8 @@ class ArmSensor:
     outliers: Array  # share of the samples
     skew: float = 0.0  # s that their clock gains in a second
     eccentric: float = 0.0  # rad, swing of the readings over a turn: a cause that no library names
+    scale: Array | float = 1.0  # (n,) readings over the truth
+    lag: Array | float = 0.0  # (n,) s by which the readings' filter lags
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from plants.blind_families.arm.effects import ArmRobot, ArmSensor
 from plants.blind_families.arm.truth import STEP, ArmTruth, NominalArm, Stepper, ideal
 
 Array = NDArray[np.float64]
+_UNEVEN = 0.1  # by which a scale differs from its mean on either side
+_POLES = (0.75, 0.25)  # of the lag of a sensor's filter
 # (sample, positions (r, n), speeds (r, n), memory (r, n), s since the last sample) -> commands (r, n), memory
 Controller = Callable[[int, Array, Array, Array, float], tuple[Array, Array]]
 
@@ -37,11 +40,11 @@ class Happened:
     def seen(self, t: Array, sensor: ArmSensor) -> Array:
         """What noise-free encoders report at ``t`` (k,): (r, k, n) rad."""
         out = np.empty((self.q.shape[0], len(t), self.q.shape[2]))
-        fine = np.arange(self.q.shape[1]) * STEP
+        fine, q = np.arange(self.q.shape[1]) * STEP, read(self.q, sensor)
         true = t / (1.0 + sensor.skew)  # of two clocks that began together
         for r in range(out.shape[0]):
             for j in range(out.shape[2]):
-                out[r, :, j] = np.interp(true - sensor.delay[j], fine, self.q[r, :, j]) + sensor.bias[j]
+                out[r, :, j] = np.interp(true - sensor.delay[j], fine, q[r, :, j]) + sensor.bias[j]
         return out + sensor.eccentric * np.sin(out) if sensor.eccentric else out
 
     def speed(self, t: Array, sensor: ArmSensor) -> Array:
@@ -51,8 +54,24 @@ class Happened:
         """
         late = np.maximum(t[:, None] / (1.0 + sensor.skew) - sensor.delay[None, :], 0.0)  # (k, n)
         index = np.clip(np.round(late / STEP).astype(int), 1, self.q.shape[1] - 1)
-        joint = np.arange(self.q.shape[2])[None, :]
-        return (self.q[:, index, joint] - self.q[:, index - 1, joint]) / STEP
+        joint, q = np.arange(self.q.shape[2])[None, :], read(self.q, sensor)
+        return (q[:, index, joint] - q[:, index - 1, joint]) / STEP
+
+
+def read(q: Array, sensor: ArmSensor) -> Array:
+    """Positions (r, m, n) rad on the fine grid as the encoders read them: scaled, by a little more on one side than on
+    the other, as a worn potentiometer does, and behind two low-passes whose time constants add up to the lag."""
+    n = q.shape[2]
+    out, scale, lag = q, np.broadcast_to(sensor.scale, n), np.broadcast_to(sensor.lag, n)
+    if (scale != 1.0).any():
+        out = q + (scale - 1.0) * q * (1.0 + _UNEVEN * np.tanh(q / 0.3))
+    for j in np.flatnonzero(lag > 0.0):
+        out = out.copy() if out is q else out
+        for share in _POLES:
+            keep = float(np.exp(-STEP / (share * lag[j])))
+            line, _ = lfilter([1.0 - keep], [1.0, -keep], out[:, :, j], axis=1, zi=keep * out[:, :1, j])
+            out[:, :, j] = line
+    return out
 
 
 def play_robot(robot: ArmRobot, motion: ReferenceMotion) -> Happened | None:

@@ -1,4 +1,4 @@
-"""From an effect of servos, springs, stops and mountings to the truth that has it, for an arm."""
+"""From an effect of servos, springs, stops, mountings and encoders to the truth that has it, for an arm."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from plants.blind_families.arm.effects import ArmRobot, Draw, Place, every_joint
 from plants.blind_families.planting import Planting, Plantings, by_name
 from residual_mpc.effects.actuator import RATE_LIMIT, SERVO_INTEGRAL, TORQUE_SPEED_LIMIT
 from residual_mpc.effects.body import GEAR_EFFICIENCY, PAYLOAD
+from residual_mpc.effects.sensor import SENSOR_LAG, SENSOR_SCALE
 from residual_mpc.effects.surroundings import BASE_TILT, END_STOP, JOINT_SPRING, TORQUE_OFFSET, TORQUE_RIPPLE
 
 Made = tuple[ArmRobot, dict[str, float]]
@@ -102,6 +103,24 @@ def _long_tool(robot: ArmRobot, draw: Draw, s: float) -> Made:
     return replace(robot, truth=replace(robot.truth, payload=mass, ahead=ahead)), {"mass": mass, "x": ahead}
 
 
+def _scale(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    scale = 1.0 + draw.sign * 0.2 * s
+    return _reading(robot, draw, "scale", 1.0, scale), {"scale": scale}
+
+
+def _slow_sensor(robot: ArmRobot, draw: Draw, s: float) -> Made:
+    lag = 0.15 * s
+    return _reading(robot, draw, "lag", 0.0, lag), {"time_constant": lag}
+
+
+def _reading(robot: ArmRobot, draw: Draw, field: str, null: float, value: float) -> ArmRobot:
+    """The robot whose encoder at the drawn joint, or each of them, has this constant."""
+    values = np.full(len(robot.truth.arm.joints), null)
+    values[slice(None) if draw.joint is None else draw.joint] = value
+    fields: dict[str, Any] = {field: values}
+    return replace(robot, sensor=replace(robot.sensor, **fields))
+
+
 SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(RATE_LIMIT, _rate, one_joint, typical=0.6),
     Planting(TORQUE_SPEED_LIMIT, _line, one_joint, typical=0.5),
@@ -113,4 +132,6 @@ SERVO_PLANTINGS: Plantings[ArmRobot, Draw, Place] = by_name(
     Planting(END_STOP, _stop, one_joint, typical=0.4),
     Planting(BASE_TILT, _tilt, every_joint, typical=0.3),
     Planting(PAYLOAD, _long_tool, every_joint, typical=0.1),
+    Planting(SENSOR_SCALE, _scale, one_joint, typical=0.2),
+    Planting(SENSOR_LAG, _slow_sensor, every_joint, typical=0.2),
 )
