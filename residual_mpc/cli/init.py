@@ -82,6 +82,9 @@ def _say(drafted: "Draft") -> None:
         click.echo(f"to correct in the log: {mend}", err=True)
 
 
+LIKELY = 0.5  # confidence below which a guess is counted as weak
+
+
 def _command(words: list[str]) -> str:
     import shlex
 
@@ -94,7 +97,8 @@ def _report(drafted: "Draft", trial: "Trial", out: Path, following: str, mended:
         remedy = f" -> {finding.remedy}" if finding.remedy else ""
         click.echo(f"{finding.severity}: {where + ': ' if where else ''}{finding.message}{remedy}")
     rivals = sum(bool(g.rivals) for g in drafted.guesses)
-    count = f"{len(drafted.guesses)} guesses, {_of(rivals)}"
+    weak = sum(g.sure < LIKELY for g in drafted.guesses)
+    count = f"{len(drafted.guesses)} guesses, {_of(rivals)}" + (f", {weak} below {LIKELY:.0%}" if weak else "")
     click.echo(f"{out}: {count}")
     if mended is not None:
         click.echo(f"{mended}: the corrected runs" if drafted.mends else "nothing to correct: --mended wrote no files")

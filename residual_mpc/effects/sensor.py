@@ -79,7 +79,7 @@ SENSOR_LAG = Effect(
     stage="sensor",
     port="sensor",
     target="channel",
-    parameters=(Parameter("time_constant", "s", 0.0, 0.0, 0.5, (0.05,), quantity="reading lag"),),
+    parameters=(Parameter("time_constant", "s", 0.0, 0.0, 0.5, (0.01, 0.05), quantity="reading lag"),),
     summary="measurements pass a low-pass",
     site="filter",
     phrase=Phrase("{who} follow with a time constant of {time_constant}", "the measurements", "the measurements of {}"),

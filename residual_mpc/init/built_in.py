@@ -8,19 +8,22 @@ from pathlib import Path
 import numpy as np
 
 from residual_mpc.errors import BadInput
+from residual_mpc.init.columns.evidence import Roles
 from residual_mpc.init.columns.guess import Guess
 from residual_mpc.init.columns.recording import Recording, column_words, read_recordings
-from residual_mpc.init.columns.signals import Signals, gather
+from residual_mpc.init.columns.signals import CLEAR, Signals, gather
 from residual_mpc.init.columns.time_column import Clock, find_clock, seconds
 from residual_mpc.init.columns.words import ColumnName, core_of, likeness
 from residual_mpc.init.draft import Draft, Unmatched, log_entries, run_guess
-from residual_mpc.init.roles.planar_pose import find_pose
+from residual_mpc.init.roles.planar_pose import find_pose, heading_in_degrees, places_in_small_units
 from residual_mpc.logs.columns import group, is_measured, member
 from residual_mpc.models.load import load_robot
 from residual_mpc.models.robot_file import WHEELS, RobotFile
 
+HELD, FOLLOWED = 1.0, 0.8  # s over which motions are compared; correlation from which these tell the geometry
 ALIKE = 0.9  # likeness of a column's words to an actuator's or a joint's name
 BODY = ("command.linear", "command.angular")
+SIDES = {"wl": "left", "lw": "left", "wr": "right", "rw": "right"}
 SURE = 0.99  # correlation of odometry and wheel speeds above which the odometry determines the wheels' geometry
 
 
@@ -36,7 +39,10 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
     words = column_words(signals.names, recordings)
     known = {key: column for r in recordings for key, column in r.preferred.items()}
     wanted = [*(f"command.{a}" for a in model.actuators), *model.channels]
-    guesses = [guess for key in wanted if (guess := _column(key, signals, words, known)) is not None]
+    guesses: list[Guess] = []
+    for key in wanted:
+        guess = _column(key, signals, words, known) or _wheel_speed(key, guesses, signals, words)
+        guesses += [] if guess is None else [guess]
     nominal = model.nominal()
     if set(WHEELS) <= set(nominal) and not any(g.what.startswith("command.") for g in guesses):
         guesses += [Guess(k, known[k], "a body velocity, which the wheels' geometry turns into wheel speeds", 0.9)
@@ -48,6 +54,7 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
     roles = {g.what: g.value for g in guesses}
     _refuse_empty(name, roles, signals.names, str(recordings[0].source))
     parameters, reasons = _parameters(nominal, roles, recordings, clock)
+    held = Roles(roles, tuple(guesses))
     return Draft(
         name,
         name,
@@ -60,7 +67,7 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
         (),
         (),
         (*clock.guesses, *run_guess(recordings), *guesses, *reasons),
-        clock.mends,
+        (*clock.mends, *heading_in_degrees(signals, held), *places_in_small_units(signals, held)),
         tuple(Unmatched(n, f"{name} has nothing of this kind") for n in signals.names if n not in roles.values()),
         _missing(wanted, roles),
         tuple(dict.fromkeys(note for r in recordings for note in r.notes)),
@@ -78,12 +85,33 @@ def _column(key: str, signals: Signals, words: Mapping[str, ColumnName], known: 
     if kind not in ("command", "position", "velocity"):
         return None
     core = core_of(member(key))
-    likely = {n: likeness(w.core, core) for n, w in words.items() if _is_kind(w, kind)}
+    likely = {n: likeness(_sides(w), core) for n, w in words.items() if _is_kind(w, kind)}
     best = [n for n, alike in likely.items() if alike >= ALIKE and alike == max(likely.values())]
     if not best:
         return None
     why = f"its name resembles {member(key)} and says {kind}"
     return Guess(key, best[0], why, 0.5 if len(best) > 1 else 0.85, tuple(best[1:]))
+
+
+def _wheel_speed(key: str, guesses: Sequence[Guess], signals: Signals, words: Mapping[str, ColumnName]) -> Guess | None:
+    """The column of a wheel's encoder that says no more than that, where its values follow the wheel's command as a
+    speed does, and not as an angle."""
+    command = next((g.value for g in guesses if g.what == f"command.{member(key)}"), None)
+    if group(key) != "velocity" or command is None:
+        return None
+    core = core_of(member(key))
+    for name, w in words.items():
+        if w.commanded or w.quantity not in (None, "position") or likeness(_sides(w), core) < ALIKE:
+            continue
+        speed, angle = (signals.follows(command, name, answer_rate=rate, levels=True) for rate in (False, True))
+        if speed.correlation > max(CLEAR, angle.correlation):
+            return Guess(key, name, f"it {speed.words(command)} as a speed", 0.8)
+    return None
+
+
+def _sides(words: ColumnName) -> tuple[str, ...]:
+    """The core of a column's name, in which `wl` and `wr` are a left and a right wheel."""
+    return tuple(SIDES.get(w, w) for w in words.core)
 
 
 def _is_kind(words: ColumnName, kind: str) -> bool:
@@ -101,7 +129,37 @@ def _parameters(
         why = "least squares of the odometry's own speed on the wheel speeds; check it against the robot"
         return told, [Guess(f"parameters.{k}", f"{v:.6g}", why, 0.8) for k, v in told.items()]
     why = "the built-in robot's value: write that of your robot"
-    return dict(nominal), [Guess(f"parameters.{k}", f"{v:.6g}", why, 0.1) for k, v in nominal.items()]
+    rough = _driven_geometry(roles, recordings, clock) if set(WHEELS) == set(nominal) else {}
+    reasons = [Guess(f"parameters.{k}", f"{v:.6g}", why + rough.get(k, ""), 0.1) for k, v in nominal.items()]
+    return dict(nominal), reasons
+
+
+def _driven_geometry(roles: Mapping[str, str], recordings: Sequence[Recording], clock: Clock) -> dict[str, str]:
+    """What the commands and the pose say of each nominal number, as a hint: the motion is that of the real robot, whose
+    differences from the number on its drawing a diagnosis looks for."""
+    names = ("pose.x", "pose.y", "pose.theta", "command.left", "command.right")
+    if not set(names) <= set(roles):
+        return {}
+    parts = []
+    for r in recordings:
+        if not {roles[n] for n in names} <= set(r.columns):
+            return {}
+        t = seconds(clock, r)
+        x, y, theta, left, right = (_at(t, t, r.columns[roles[n]]) for n in names)
+        held = int(np.ceil(HELD / max(float(np.median(np.diff(t))), 1e-3)))  # from then on the wheels have followed
+        d = {n: v[held:] - v[:-held] for n, v in (("x", x), ("y", y), ("theta", np.unwrap(theta)))}
+        middle = theta[:-held] + 0.5 * d["theta"]
+        chord = np.cos(middle) * d["x"] + np.sin(middle) * d["y"]
+        along = chord / np.clip(np.sinc(0.5 * d["theta"] / np.pi), 0.1, 1.0)  # the arc of a steady turn
+        turned = [np.concatenate([[0.0], np.cumsum(u[:-1] * np.diff(t))]) for u in (left, right)]
+        parts.append(np.stack([along, d["theta"], *(u[held:] - u[:-held] for u in turned)]))
+    ahead, yaw, by_left, by_right = np.concatenate(parts, axis=1)
+    radius, one = _slope(0.5 * (by_left + by_right), ahead)
+    rate, other = _slope(by_right - by_left, yaw)
+    if min(one, other) < FOLLOWED or radius <= 0.0 or rate <= 0.0:
+        return {}
+    values = zip(WHEELS, (radius, radius / rate), strict=True)
+    return {name: f" (these runs move as with about {value:.2g} m)" for name, value in values}
 
 
 def _geometry(roles: Mapping[str, str], recordings: Sequence[Recording], clock: Clock) -> dict[str, float] | None:

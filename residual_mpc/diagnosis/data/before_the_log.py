@@ -7,11 +7,15 @@ import numpy as np
 from residual_mpc.diagnosis.data.local_fit import NEAREST, REACH, local_fit
 from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.logs.run import Run, held
+from residual_mpc.logs.signals import noise_sigma
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Inverting, Robot
 from residual_mpc.models.settings import Settings
 
 UNCLEAR = 0.1  # of the first command: a speed that is no farther from its half tells nothing of one actuator alone
+# of what the first commands change in the first samples, the share that is missing if nothing is given for about a
+# third of them; and by how many standard errors of that share
+IDLE, CERTAIN = 0.25, 3.0
 FINE = 0.001  # s: steps of a replay of a robot that takes any
 
 Signals = Mapping[tuple[int, str], Signal]
@@ -93,13 +97,14 @@ def _idle(robot: Robot, run: Run, i: int, signals: Signals, setting: int | None)
     for channel, signal in (known | rates).items():
         t = signal.t[:NEAREST] - t0
         without, driven = (np.interp(t, dt * np.arange(steps + 1), line) for line in nodes[channel])
-        # a position that starts off, and too fast, is off by a line; a velocity by a constant, here over the same time
-        powers, unit = ((0, 1), 1.0) if channel in known else ((0,), end)
+        # a position that starts off, and too fast, is off by a line; a velocity by a constant
+        powers = (0, 1) if channel in known else (0,)
         off = np.stack([t**n for n in powers], axis=-1)
         apart = np.stack([signal.y[: len(t)] - driven, without - driven], axis=-1)
-        left, change = unit * (apart - off @ np.linalg.lstsq(off, apart, rcond=None)[0]).T
+        noise = max(noise_sigma(signal.t, signal.y), 1e-9)
+        left, change = (apart - off @ np.linalg.lstsq(off, apart, rcond=None)[0]).T / noise
         product, size = product + float(left @ change), size + float(change @ change)
-    return product > 0.5 * size > 0.0
+    return size > 0.0 and product > max(IDLE * size, CERTAIN * np.sqrt(size))
 
 
 def _measured(robot: Robot, i: int, signals: Signals) -> dict[str, Signal]:

@@ -1,7 +1,7 @@
 """Whether the error of the model's own time step is all that there is of a gap."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,20 +30,30 @@ class Seen:
         sound = with_sound_starts(self.data, self.scales, self.error, tuned.floor.sound_from)
         return beyond(every, self.floor, settings=tuned) and beyond(sound, self.floor, settings=tuned)
 
+    def less(self, share: float, apart: np.ndarray | None) -> "Seen":
+        """Without that share of the step's error (W, M, C)."""
+        return self if apart is None else replace(self, error=self.error - share * apart)
+
 
 def only_the_step(horizons: Sequence[Seen], row: Settings, settings: ResultSettings) -> bool:
-    """Whether the model (settings, one row), stepped infinitely finely, predicts to within the noise at every horizon,
-    though it does not as it is stepped. That is not asked where the step's error is a small part of the gap at the
-    first."""
+    """Whether the model (settings, one row), stepped more finely, predicts to within the noise at every horizon, though
+    it does not as it is stepped. How much more finely is fitted, since what made the runs may have a step of its own.
+    That is not asked where the step's error is a small part of the gap at the first."""
     first = horizons[0]
     error = step_error(first.data, first.scales, row, settings=settings.data)
     gap = gap_of(first.data, first.scales, first.error).total
     excess = max(gap**2 - first.floor.total**2, 0.0)
     if error is None or error**2 < settings.gaps.step_part * excess:
         return False
-    return not any(_stepped_finely(seen, row).beyond_noise(settings) for seen in horizons)
+    apart = [finest_prediction(seen.data, row) for seen in horizons]
+    share = _share(first, apart[0])
+    return not any(seen.less(share, a).beyond_noise(settings) for seen, a in zip(horizons, apart, strict=True))
 
 
-def _stepped_finely(seen: Seen, row: Settings) -> Seen:
-    apart = finest_prediction(seen.data, row)
-    return seen if apart is None else Seen(seen.data, seen.error - apart, seen.scales, seen.floor)
+def _share(seen: Seen, apart: np.ndarray | None) -> float:
+    """Of the step's error (W, M, C), how much is in the model's errors: 1 if what made the runs has no step."""
+    if apart is None:
+        return 0.0
+    both = np.isfinite(seen.error) & np.isfinite(apart) & seen.scales.compared
+    error, step = (np.where(both, x / seen.scales.motion, 0.0) for x in (seen.error, apart))
+    return float(np.clip(np.sum(error * step) / max(np.sum(step * step), 1e-300), 0.0, 1.0))

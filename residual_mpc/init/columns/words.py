@@ -12,7 +12,7 @@ Quantity = Literal["position", "velocity", "effort", "acceleration", "enabled", 
 
 COMMAND_WORDS = frozenset(
     "cmd command commands commanded des desired target targets goal goals ref reference setpoint sp action actions"
-    " sent ctrl control input request requested demand demanded planned u".split()
+    " set sent ctrl control input request requested demand demanded planned u".split()
 )
 MEASURED_WORDS = frozenset(
     "actual measured meas present state states observation observations obs feedback fb sensor sensed real".split()

@@ -10,7 +10,7 @@ import numpy as np
 from residual_mpc.init.columns.evidence import Roles
 from residual_mpc.init.columns.guess import Guess, LogCorrection
 from residual_mpc.init.columns.signals import Signals
-from residual_mpc.init.columns.words import ColumnName
+from residual_mpc.init.columns.words import ColumnName, tokens
 
 PLACES = frozenset(
     "pose pos position odom odometry base robot world map amcl mocap vicon optitrack orientation link chassis body"
@@ -19,6 +19,7 @@ PLACES = frozenset(
 HEADINGS = frozenset("theta yaw heading psi phi".split())
 MOTIONS = frozenset("twist vel velocity linear angular imu gyro rate".split())
 IN_ITS_FRAME = "is in the robot's frame by ROS convention; the log format needs the world frame"
+SMALL_UNITS = {"mm": 1e-3, "cm": 1e-2}  # m
 QUATERNION = "the log format needs the heading; from a quaternion it is 2 * atan2(z, w) on level ground"
 
 
@@ -56,6 +57,17 @@ def heading_in_degrees(signals: Signals, roles: Roles) -> tuple[LogCorrection, .
     return ()
 
 
+def places_in_small_units(signals: Signals, roles: Roles) -> tuple[LogCorrection, ...]:
+    """Places whose names say millimetres or centimetres."""
+    out = []
+    for role in ("pose.x", "pose.y"):
+        column = roles.columns.get(role)
+        unit = next((u for u in SMALL_UNITS if column is not None and u in tokens(column)), None)
+        if column is not None and unit is not None and signals.moves(column):
+            out.append(LogCorrection(column, SMALL_UNITS[unit], 0.0, f"its name says {unit}", 0.95))
+    return tuple(out)
+
+
 def pose_role(words: ColumnName) -> str | None:
     """The role of pose.* or twist.* that a column's name is like, None where it is like none."""
     return _role(words)[0]
@@ -72,7 +84,7 @@ def _role(words: ColumnName) -> tuple[str | None, float, str]:
         return None, 0.0, IN_ITS_FRAME
     known = every & (PLACES | MOTIONS)
     axis = next((a for a in ("x", "y") if a in every), None) or ("theta" if every & HEADINGS else None)
-    rest = every - PLACES - MOTIONS - HEADINGS - {"x", "y", "z", "m", "rad", "deg", "d", "rate", "wz", "w"}
+    rest = every - PLACES - MOTIONS - HEADINGS - {"x", "y", "z", "m", "mm", "cm", "rad", "deg", "d", "rate", "wz", "w"}
     score = 1.0 + 0.5 * len(known) - 1.5 * len(rest)
     if "wz" in every or every & MOTIONS and (axis == "theta" or {"angular", "z"} <= every or {"gyro", "z"} <= every):
         return ("twist.theta", score, "") if score > 0.0 else (None, 0.0, "")
