@@ -18,9 +18,9 @@ NAMES = {
 }  # fmt: skip
 
 
-def written(folder: Path, turned: bool = False) -> Path:
-    """turned: the encoders count angles, not speeds."""
-    run = rover_run("one", {"actuator_lag": {"time_constant": 0.1}}, 20.0, seed=1)
+def written(folder: Path, turned: bool = False, lag: float = 0.1) -> Path:
+    """turned: the encoders count angles, not speeds; lag: s, of the motors."""
+    run = rover_run("one", {"actuator_lag": {"time_constant": lag}}, 20.0, seed=1)
     columns = dict(run.columns)
     for side in ("left", "right"):
         u = columns[f"command.{side}"]
@@ -46,8 +46,8 @@ def test_encoders_that_count_angles_are_no_speeds(tmp_path: Path) -> None:
 
 
 def test_the_motion_hints_at_the_geometry_and_does_not_set_it(tmp_path: Path) -> None:
-    """The rover of the log is the built-in one; in metres, its own numbers come out."""
-    path = written(tmp_path)
+    """The rover of the log is the built-in one; in metres, its own numbers come out where its motors are quick."""
+    path = written(tmp_path, lag=0.01)
     table = pd.read_csv(path)
     table[["mocap_x_mm", "mocap_y_mm"]] *= 1e-3
     table["mocap_yaw_deg"] = np.radians(table["mocap_yaw_deg"])
