@@ -53,8 +53,9 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
         guesses += [g for g in found.guesses if g.what in wanted and g.what not in {h.what for h in guesses}]
     roles = {g.what: g.value for g in guesses}
     _refuse_empty(name, roles, signals.names, str(recordings[0].source))
-    parameters, reasons = _parameters(nominal, roles, recordings, clock)
     held = Roles(roles, tuple(guesses))
+    mends = (*heading_in_degrees(signals, held), *places_in_small_units(signals, held))
+    parameters, reasons = _parameters(nominal, roles, recordings, clock, {m.column: m.factor for m in mends})
     return Draft(
         name,
         name,
@@ -67,7 +68,7 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
         (),
         (),
         (*clock.guesses, *run_guess(recordings), *guesses, *reasons),
-        (*clock.mends, *heading_in_degrees(signals, held), *places_in_small_units(signals, held)),
+        (*clock.mends, *mends),
         tuple(Unmatched(n, f"{name} has nothing of this kind") for n in signals.names if n not in roles.values()),
         _missing(wanted, roles),
         tuple(dict.fromkeys(note for r in recordings for note in r.notes)),
@@ -121,45 +122,71 @@ def _is_kind(words: ColumnName, kind: str) -> bool:
 
 
 def _parameters(
-    nominal: Mapping[str, float], roles: Mapping[str, str], recordings: Sequence[Recording], clock: Clock
+    nominal: Mapping[str, float],
+    roles: Mapping[str, str],
+    recordings: Sequence[Recording],
+    clock: Clock,
+    factors: Mapping[str, float],
 ) -> tuple[dict[str, float], list[Guess]]:
-    """The nominal parameters, estimated from the odometry if it was computed from the wheel speeds of the log."""
+    """The nominal parameters, estimated from the odometry if it was computed from the wheel speeds of the log. factors:
+    by column, to the units of the log format."""
     told = _geometry(roles, recordings, clock) if set(WHEELS) == set(nominal) else None
     if told is not None:
         why = "least squares of the odometry's own speed on the wheel speeds; check it against the robot"
         return told, [Guess(f"parameters.{k}", f"{v:.6g}", why, 0.8) for k, v in told.items()]
     why = "the built-in robot's value: write that of your robot"
-    rough = _driven_geometry(roles, recordings, clock) if set(WHEELS) == set(nominal) else {}
+    rough = _driven_geometry(roles, recordings, clock, factors) if set(WHEELS) == set(nominal) else {}
     reasons = [Guess(f"parameters.{k}", f"{v:.6g}", why + rough.get(k, ""), 0.1) for k, v in nominal.items()]
     return dict(nominal), reasons
 
 
-def _driven_geometry(roles: Mapping[str, str], recordings: Sequence[Recording], clock: Clock) -> dict[str, str]:
+def _driven_geometry(
+    roles: Mapping[str, str], recordings: Sequence[Recording], clock: Clock, factors: Mapping[str, float]
+) -> dict[str, str]:
     """What the commands and the pose say of each nominal number, as a hint: the motion is that of the real robot, whose
-    differences from the number on its drawing a diagnosis looks for."""
+    differences from the number on its drawing a diagnosis looks for. The wheels may be late by up to HELD s."""
     names = ("pose.x", "pose.y", "pose.theta", "command.left", "command.right")
     if not set(names) <= set(roles):
         return {}
-    parts = []
-    for r in recordings:
-        if not {roles[n] for n in names} <= set(r.columns):
-            return {}
-        t = seconds(clock, r)
-        x, y, theta, left, right = (_at(t, t, r.columns[roles[n]]) for n in names)
-        held = int(np.ceil(HELD / max(float(np.median(np.diff(t))), 1e-3)))  # from then on the wheels have followed
-        d = {n: v[held:] - v[:-held] for n, v in (("x", x), ("y", y), ("theta", np.unwrap(theta)))}
-        middle = theta[:-held] + 0.5 * d["theta"]
-        chord = np.cos(middle) * d["x"] + np.sin(middle) * d["y"]
-        along = chord / np.clip(np.sinc(0.5 * d["theta"] / np.pi), 0.1, 1.0)  # the arc of a steady turn
-        turned = [np.concatenate([[0.0], np.cumsum(u[:-1] * np.diff(t))]) for u in (left, right)]
-        parts.append(np.stack([along, d["theta"], *(u[held:] - u[:-held] for u in turned)]))
-    ahead, yaw, by_left, by_right = np.concatenate(parts, axis=1)
-    radius, one = _slope(0.5 * (by_left + by_right), ahead)
-    rate, other = _slope(by_right - by_left, yaw)
-    if min(one, other) < FOLLOWED or radius <= 0.0 or rate <= 0.0:
+    found = []
+    for late in np.arange(0.0, HELD, 0.05):
+        parts = []
+        for r in recordings:
+            if not {roles[n] for n in names} <= set(r.columns):
+                return {}
+            t = seconds(clock, r)
+            x, y, theta, left, right = (factors.get(roles[n], 1.0) * _at(t, t, r.columns[roles[n]]) for n in names)
+            parts.append(_moved(t, x, y, np.unwrap(theta), left, right, float(late)))
+        ahead, yaw, by_left, by_right = np.concatenate(parts, axis=1)
+        radius, one = _slope(0.5 * (by_left + by_right), ahead)
+        rate, other = _slope(by_right - by_left, yaw)
+        found.append((min(one, other), radius, rate))
+    sure, radius, rate = max(found)
+    if sure < FOLLOWED or radius <= 0.0 or rate <= 0.0:
         return {}
-    values = zip(WHEELS, (radius, radius / rate), strict=True)
-    return {name: f" (these runs move as with about {value:.2g} m)" for name, value in values}
+    said = ((radius, "at least about"), (radius / rate, "about"))  # slow motors fall short of fast commands
+    return {
+        name: f" (these runs move as with {much} {value:.2g} m)"
+        for name, (value, much) in zip(WHEELS, said, strict=True)
+    }
+
+
+def _moved(
+    t: np.ndarray, x: np.ndarray, y: np.ndarray, theta: np.ndarray, left: np.ndarray, right: np.ndarray, late: float
+) -> np.ndarray:
+    """(4, n) forward motion m, turn rad, and what each wheel was told to turn rad, over stretches of HELD s, commands
+    `late` s earlier."""
+    held = int(np.ceil(HELD / max(float(np.median(np.diff(t))), 1e-3)))
+    turn = theta[held:] - theta[:-held]
+    middle = theta[:-held] + 0.5 * turn
+    chord = np.cos(middle) * (x[held:] - x[:-held]) + np.sin(middle) * (y[held:] - y[:-held])
+    ahead = chord / np.clip(np.sinc(0.5 * turn / np.pi), 0.1, 1.0)  # the arc of a steady turn
+    told = []
+    for u in (left, right):
+        turned = np.concatenate([[0.0], np.cumsum(u[:-1] * np.diff(t))])
+        turned = np.interp(t - late, t, turned)
+        told.append(turned[held:] - turned[:-held])
+    return np.stack([ahead, turn, *told])
 
 
 def _geometry(roles: Mapping[str, str], recordings: Sequence[Recording], clock: Clock) -> dict[str, float] | None:

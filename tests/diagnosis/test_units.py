@@ -44,6 +44,15 @@ def test_units_on_joints_that_slide_and_that_turn(tmp_path: Path, effect: str, t
     assert unit_of(robot, Term(effect, target), BY_NAME[effect].parameters[0].unit) == unit
 
 
+def test_an_actuator_with_the_name_of_another_joint(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, MIXED.replace('name="hoist"', 'name="turn"').replace('name="spin"', 'name="lift"'))
+    for effect, target, unit in (
+        ("coulomb_friction", "lift", "N"), ("coulomb_friction", "turn", "N m"),
+        ("dead_zone", "turn", "m"), ("dead_zone", "lift", "rad/s"),
+    ):  # fmt: skip
+        assert unit_of(robot, Term(effect, target), BY_NAME[effect].parameters[0].unit) == unit
+
+
 def test_all_joints_alike_have_forces_where_all_of_them_slide(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, SLIDES)
     assert unit_of(robot, Term("coulomb_friction", None), "N m") == "N"

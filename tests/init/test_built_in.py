@@ -45,17 +45,12 @@ def test_encoders_that_count_angles_are_no_speeds(tmp_path: Path) -> None:
     assert not {"wl_enc", "wr_enc"} & {g.value for g in found.guesses}
 
 
-def test_the_motion_hints_at_the_geometry_and_does_not_set_it(tmp_path: Path) -> None:
-    """The rover of the log is the built-in one; in metres, its own numbers come out where its motors are quick."""
-    path = written(tmp_path, lag=0.01)
-    table = pd.read_csv(path)
-    table[["mocap_x_mm", "mocap_y_mm"]] *= 1e-3
-    table["mocap_yaw_deg"] = np.radians(table["mocap_yaw_deg"])
-    metric = {"mocap_x_mm": "mocap_x", "mocap_y_mm": "mocap_y", "mocap_yaw_deg": "mocap_yaw"}
-    table.rename(columns=metric).to_csv(path, index=False)
-    found = draft_built_in("diff_drive", [path])
+@pytest.mark.parametrize("lag", [0.01, 0.1])
+def test_the_motion_hints_at_the_geometry_and_does_not_set_it(tmp_path: Path, lag: float) -> None:
+    """The rover of the log is the built-in one, in millimetres and degrees, behind slow motors."""
+    found = draft_built_in("diff_drive", [written(tmp_path, lag=lag)])
     for name, value in (("wheel_radius", WHEEL_RADIUS), ("track_width", TRACK_WIDTH)):
         (guess,) = (g for g in found.guesses if g.what == f"parameters.{name}")
         hint = float(guess.why.split("about ")[1].split(" m)")[0])
-        assert hint == pytest.approx(value, rel=0.1) and guess.sure == 0.1
+        assert hint == pytest.approx(value, rel=0.2) and guess.sure == 0.1
         assert found.parameters[name] == float(guess.value)

@@ -147,8 +147,13 @@ def test_an_effect_that_is_not_steady_says_so_in_its_clause():
     assert variation_clause({**gain, **sizes}) == ", varying with the size of the motion (0.7 to 0.9)"
     assert sizes_words(sizes) == "in small, medium and large motions: 0.7, 0.8 and 0.9"
     acting = {"by_influence": {"weak": 0.7, "medium": 0.8, "strong": 0.9}}
-    assert variation_clause({**gain, **acting}) == ", varying with how strongly it acts (0.7 to 0.9)"
+    assert variation_clause({**gain, **acting}) == ", varying with its influence on the motion (0.7 to 0.9)"
     assert sizes_words(acting) == "where its influence is weak, medium and strong: 0.7, 0.8 and 0.9"
+    limit = {"by_run": {"a": 4.0}, "free": ["b", "c"]}
+    assert variation_clause({**gain, **limit}) == ", in a only"
+    assert remarks({**gain, **limit}, lambda run, t: t)[-1] == "restricts nothing in b and c"
+    soft = {"parameters": {"stiffness": {"value": 80.0, "unit": "N m/rad"}}, "by_motion": {"large": 80.0}}
+    assert remarks({**gain, **soft, "free": ["small"]}, lambda run, t: t)[-1] == "is rigid in small motions"
     placed = {"by_position": {"low": 0.7, "middle": 0.8, "high": 0.9}}
     assert variation_clause({**gain, **placed}) == ", varying with the position of the joint (0.7 to 0.9)"
     assert sizes_words(placed) == "at low, middle and high positions: 0.7, 0.8 and 0.9"
@@ -211,7 +216,7 @@ def test_a_small_rest_with_a_size_that_varies_is_said_to_follow_another_law():
     first.pop("by_run", None)
     assert "follows another law" not in sentence(small)
     first["by_position"] = {"low": 0.6, "middle": 0.7, "high": 0.8}
-    assert plain(sentence(small)).endswith("depends on the motion, so the true cause follows another law.")
+    assert plain(sentence(small)).endswith("depends on the joint's position, so the true cause follows another law.")
     small["gap"]["after"] = 5.0 * small["gap"]["noise_floor"]
     assert plain(sentence(small)).endswith("times the noise floor unexplained.")
 

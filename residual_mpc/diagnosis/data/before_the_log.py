@@ -12,10 +12,10 @@ from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Inverting, Robot
 from residual_mpc.models.settings import Settings
 
-UNCLEAR = 0.1  # of the first command: a speed that is no farther from its half tells nothing of one actuator alone
-# of what the first commands change in the first samples, the share that is missing if nothing is given for about a
-# third of them; and by how many standard errors of that share
-IDLE, CERTAIN = 0.25, 3.0
+CERTAIN = 3.0  # standard errors by which one account of the first samples has to be better than another
+SAMPLES = 2 * NEAREST  # looked at, as far as they lie within REACH of the start
+LITTLE = 0.25  # share of the commanded motion below which all these samples say that nothing was given yet
+SPLIT = 2.0 * np.log(5.0)  # deviance for which one actuator is taken to do something else than all together
 FINE = 0.001  # s: steps of a replay of a robot that takes any
 
 Signals = Mapping[tuple[int, str], Signal]
@@ -28,7 +28,7 @@ def held_before(
     no speed of a robot that stands still, no torque on one that moves as if there were none. None: the first command.
     i: the run's number in the signals; setting: which one of a merged robot it has."""
     idle = "torque" in robot.command_kinds and _idle(robot, run, i, signals, setting)
-    moving = _moving(robot, run, i, signals)
+    moving, error = _moving(robot, run, i, signals)
     first = {a: float(held(run, f"command.{a}")[0]) for a in robot.actuators}
     joints, out = optional.actuator_joints(robot), list[float | None]()
     for actuator, joint, kind in zip(robot.actuators, joints, robot.command_kinds, strict=True):
@@ -39,72 +39,104 @@ def held_before(
         elif kind == "torque":
             out.append(0.0 if idle else None)
         else:
-            out.append(0.0 if moving and _still(actuator, moving, first) else None)
+            out.append(0.0 if moving and _still(actuator, moving, error, first) else None)
     return tuple(out)
 
 
-def _still(own: str, moving: Mapping[str, float], first: Mapping[str, float]) -> bool:
-    """Whether an actuator stands still rather than following its first command: by its own speed where that is clear,
-    else by those of all together, which noise hides less. moving, first: of all actuators, actuator units."""
-    reached = moving[own] / first[own] if first[own] != 0.0 else 0.5
-    if abs(reached - 0.5) > UNCLEAR:
-        return reached < 0.5
-    return sum(moving[a] ** 2 - (moving[a] - first[a]) ** 2 for a in first) < 0.0
+def _still(own: str, moving: Mapping[str, float], error: Mapping[str, float], first: Mapping[str, float]) -> bool:
+    """Whether an actuator stands still rather than following its first command. All of them are taken to do the same,
+    which noise hides less, unless this one's speed says otherwise: five to one. moving, first: of all
+    actuators, actuator units; error: the standard errors of the former."""
+    costs = {a: np.array([moving[a] ** 2, (moving[a] - first[a]) ** 2]) / max(error[a], 1e-9) ** 2 for a in first}
+    still, follows = np.sum(list(costs.values()), axis=0)
+    own_still, own_follows = costs[own]
+    if still < follows:
+        return bool(own_still <= own_follows + SPLIT)
+    return bool(own_still < own_follows - SPLIT)
 
 
-def _moving(robot: Robot, run: Run, i: int, signals: Signals) -> dict[str, float]:
-    """The outputs of the actuators that make the measured motion at the first stamp, actuator units; empty where the
-    robot or the run does not tell them."""
+def _moving(robot: Robot, run: Run, i: int, signals: Signals) -> tuple[dict[str, float], dict[str, float]]:
+    """The outputs of the actuators that make the measured motion at the first stamp, and their standard errors,
+    actuator units; empty where the robot or the run does not tell them."""
     known = _measured(robot, i, signals)
     if not isinstance(robot, Inverting) or len(known) < len(robot.states):
-        return {}
+        return {}, {}
     fits = {c: (local_fit(s.t, run.t[:1]), s) for c, s in known.items()}
     value = {c: float(np.nan_to_num(f.value(s.y)[0])) for c, (f, s) in fits.items()}
     rate = {c: float(np.nan_to_num(f.slope(s.y)[0])) for c, (f, s) in fits.items()}
-    found = robot.outputs_from(value, rate)
-    return {a: float(found[a]) for a in robot.actuators}
+    found, square = robot.outputs_from(value, rate), dict.fromkeys(robot.actuators, 0.0)
+    for c, (f, s) in fits.items():
+        off = noise_sigma(s.t, s.y) * float(np.linalg.norm(f.slope_weights[0]))
+        moved = robot.outputs_from(value, {**rate, c: rate[c] + off})
+        square = {a: x + (moved[a] - found[a]) ** 2 for a, x in square.items()}
+    return {a: float(found[a]) for a in robot.actuators}, {a: float(np.sqrt(x)) for a, x in square.items()}
 
 
 def _idle(robot: Robot, run: Run, i: int, signals: Signals, setting: int | None) -> bool:
-    """Whether the first samples move as if the actuators gave nothing rather than their first commands: the model is
-    replayed with both, and what a start that is off explains is left aside."""
+    """Whether the motors that take torques gave nothing at first, rather than what they were told or a share of it.
+
+    The model is replayed with its first torques from each of the first samples on, and nothing before, each with a
+    share of the torques fitted, as a weak motor, a load or friction would leave. What a start that is off explains is
+    left aside. Nothing at first has to be better than torques from the start by `CERTAIN` standard errors; where it
+    would last for all these samples, hardly any of the motion may be there.
+    """
     known, t0 = _measured(robot, i, signals), float(run.t[0])
     if len(known) < len(robot.states):
         return False
-    near = [s.t[:NEAREST] - t0 for s in known.values() if len(s.t) >= NEAREST]
-    end = max((float(t[-1]) for t in near), default=np.inf)
-    if len(near) < len(known) or end > REACH:
+    near = [t[t <= REACH][:SAMPLES] for t in (s.t - t0 for s in known.values())]
+    if min((len(t) for t in near), default=0) < NEAREST:
         return False
+    end = max(float(t[-1]) for t in near)
+    dt = robot.step or FINE
+    steps = int(np.ceil(end / dt)) + 1
+    middle = dt * (np.arange(steps) + 0.5)
+    at = np.clip(np.searchsorted(run.t, t0 + middle, side="right") - 1, 0, len(run.t) - 1)
+    sent = np.stack([held(run, f"command.{a}")[at] for a in robot.actuators], axis=-1)
+    begins = np.concatenate([[0.0], max(near, key=len)[1:]])  # s: from when on there are torques; last: never
+    off = middle[None, :, None] < begins[:, None, None]
+    torques = np.array([kind == "torque" for kind in robot.command_kinds])
+    rows = len(begins)
+    drive = Drive(dt, 0, np.where(off & torques, 0.0, sent[None]), None, np.zeros(rows), _settings(setting, rows))
+    rates = {s.velocity: signals[i, s.velocity] for s in robot.states if s.velocity and (i, s.velocity) in signals}
+    nodes = robot.replay(_start(robot, run, i, signals, known, rows), drive, Settings(rows), (*known, *rates))
+    apart = []
+    for channel, signal in (known | rates).items():
+        t = signal.t[: len(near[0])] - t0
+        seen = signal.y[: len(t)] - np.stack([np.interp(t, dt * np.arange(steps + 1), x) for x in nodes[channel]])
+        # a position that starts off, and too fast, is off by a line; a velocity by a constant
+        free = np.stack([t**n for n in ((0, 1) if channel in known else (0,))], axis=-1)
+        left = seen.T - free @ np.linalg.lstsq(free, seen.T, rcond=None)[0]
+        apart.append(left / max(noise_sigma(signal.t, signal.y), 1e-9))
+    left = np.concatenate(apart)  # (samples, rows) in units of the noise
+    moved = left[:, -1:] - left[:, :-1]  # by the torques of each row but the last
+    size = np.sum(moved**2, axis=0)
+    if not (size > 0.0).all():
+        return False
+    share = np.clip(left[:, -1] @ moved / size, 0.0, None)
+    cost = np.sum((left[:, -1:] - share * moved) ** 2, axis=0)
+    if cost[1:].min() < cost[0] - CERTAIN**2:
+        return True
+    return bool(share[0] < LITTLE and size[0] * (1.0 - share[0]) ** 2 > CERTAIN**2)
+
+
+def _settings(setting: int | None, rows: int) -> np.ndarray | None:
+    return None if setting is None else np.full(rows, setting)
+
+
+def _start(
+    robot: Robot, run: Run, i: int, signals: Signals, known: Mapping[str, Signal], rows: int
+) -> dict[str, np.ndarray]:
+    """The measured state at the first stamp, the same in all rows."""
     start: dict[str, np.ndarray] = {}
     for state in robot.states:
         signal = known[state.position]
         fit = local_fit(signal.t, run.t[:1])
-        start[state.position] = np.repeat(np.nan_to_num(fit.value(signal.y)), 2)
+        start[state.position] = np.repeat(np.nan_to_num(fit.value(signal.y)), rows)
         if state.velocity is not None:
             rate = signals.get((i, state.velocity))
             slope = fit.slope(signal.y) if rate is None else local_fit(rate.t, run.t[:1]).value(rate.y)
-            start[state.velocity] = np.repeat(np.nan_to_num(slope), 2)
-    dt = robot.step or FINE
-    steps = int(np.ceil(end / dt)) + 1
-    middle = t0 + dt * (np.arange(steps) + 0.5)
-    at = np.clip(np.searchsorted(run.t, middle, side="right") - 1, 0, len(run.t) - 1)
-    sent = np.stack([held(run, f"command.{a}")[at] for a in robot.actuators], axis=-1)
-    rows = None if setting is None else np.full(2, setting)
-    drive = Drive(dt, 0, np.stack([np.zeros_like(sent), sent]), None, np.zeros(2), rows)
-    rates = {s.velocity: signals[i, s.velocity] for s in robot.states if s.velocity and (i, s.velocity) in signals}
-    nodes = robot.replay(start, drive, Settings(2), (*known, *rates))
-    product = size = 0.0
-    for channel, signal in (known | rates).items():
-        t = signal.t[:NEAREST] - t0
-        without, driven = (np.interp(t, dt * np.arange(steps + 1), line) for line in nodes[channel])
-        # a position that starts off, and too fast, is off by a line; a velocity by a constant
-        powers = (0, 1) if channel in known else (0,)
-        off = np.stack([t**n for n in powers], axis=-1)
-        apart = np.stack([signal.y[: len(t)] - driven, without - driven], axis=-1)
-        noise = max(noise_sigma(signal.t, signal.y), 1e-9)
-        left, change = (apart - off @ np.linalg.lstsq(off, apart, rcond=None)[0]).T / noise
-        product, size = product + float(left @ change), size + float(change @ change)
-    return size > 0.0 and product > max(IDLE * size, CERTAIN * np.sqrt(size))
+            start[state.velocity] = np.repeat(np.nan_to_num(slope), rows)
+    return start
 
 
 def _measured(robot: Robot, i: int, signals: Signals) -> dict[str, Signal]:

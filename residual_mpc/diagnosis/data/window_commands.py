@@ -1,7 +1,6 @@
 """What was sent in each window, on the replay's own grid, and what the actuators held before it."""
 
 from collections.abc import Mapping, Sequence
-from itertools import repeat
 
 import numpy as np
 
@@ -33,7 +32,8 @@ def drive_of(
     commands, enabled, clocks, angles = [], [], [], []
     switched = any(f"enabled.{a}" in run.columns for run in runs for a in robot.actuators)
     rolls = has_round_wheels(robot) and all((i, s.position) in signals for s in robot.states for i in index)
-    for run, t0, i, variant in zip(runs, starts, index, variants or repeat(None), strict=False):
+    settings_of: list[int | None] = [None] * len(runs) if variants is None else list(variants)
+    for run, t0, i, variant in zip(runs, starts, index, settings_of, strict=True):
         edges = t0[:, None] + dt * np.arange(-lead, steps + after + 1)[None, :]
         per_actuator = [
             _mean_held(run, held(run, f"command.{a}"), edges, before)

@@ -37,7 +37,7 @@ def find_laws(
     progress("looking for a law in what is left", 0.87)
     rng = deepcopy(rng)
     found = add_laws(_unexplained(validated), rng, options.settings.remainder, options.settings.laws)
-    if found is None or not (validated.gaps.verdict[0] != "effects" or _replaces(validated, found)):
+    if found is None or not (validated.verdict != "effects" or _replaces(validated, found)):
         return validated
     again = validate(replace(refined, explanation=_explained(prepared, refined, found, rng)), rng, progress)
     return again if _predicts(validated, again, rng) else validated
@@ -47,7 +47,7 @@ def _more_to_explain(validated: Validated) -> bool:
     """Whether what is left may have a cause of its own: a small gap alone does not confirm effects."""
     gaps = validated.gaps
     told = all(x.steady.total <= AS_GOOD * x.floor.total for x in gaps.looks)
-    return gaps.verdict[0] not in ("no_gap", "effects") or (gaps.verdict[0] == "effects" and not told)
+    return validated.verdict not in ("no_gap", "effects") or (validated.verdict == "effects" and not told)
 
 
 def _replaces(validated: Validated, found: WithLaws) -> bool:

@@ -57,13 +57,18 @@ def start_bias(data: Dataset, settings: Settings) -> dict[str, np.ndarray]:
     the log is, fitted, and compared with itself. Zero where the run begins in between.
     """
     out: dict[str, np.ndarray] = {}
+    left = np.zeros(data.count, dtype=bool)
     for block in data.blocks:
-        left = np.ones(block.where.stop - block.where.start, dtype=bool)
-        for sooner in (REACH, 0.0):
-            if left.any():
-                nodes, reaches = run_up(data, block, settings, sooner)
-                _add_bias(out, data, block, settings, nodes, left & reaches, sooner)
-                left &= ~reaches
+        nodes, reaches = run_up(data, block, settings, REACH)
+        _add_bias(out, data, block, settings, nodes, reaches, REACH)
+        left[block.where] = ~reaches
+    if left.any():
+        few, first = data.take(left), dict[str, np.ndarray]()
+        for block in few.blocks:
+            nodes, reaches = run_up(few, block, settings, 0.0)
+            _add_bias(first, few, block, settings, nodes, reaches, 0.0)
+        for channel, bias in first.items():
+            out[channel][left] = bias
     return out
 
 

@@ -26,14 +26,14 @@ def finer_prediction(data: Dataset, row: Settings, here: np.ndarray | None = Non
     return np.asarray(2.0 * (predict(halves, row)[0] - whole))
 
 
-def finest_prediction(data: Dataset, row: Settings) -> np.ndarray | None:
-    """The same from a step, its half and its quarter, at order 2."""
+def finest_prediction(data: Dataset, row: Settings, here: np.ndarray) -> np.ndarray | None:
+    """The same from a step, its half and its quarter, at order 2; where nothing was measured it may be NaN."""
     halves = with_half_steps(data)
     quarters = None if halves is None else with_half_steps(halves)
     if halves is None or quarters is None:
         return None
-    whole, half, quarter = (predict(d, row)[0] for d in (data, halves, quarters))
-    return np.asarray((8.0 * quarter - 6.0 * half + whole) / 3.0 - whole)
+    half, quarter = (predict(d, row)[0] for d in (halves, quarters))
+    return np.asarray((8.0 * quarter - 6.0 * half + here) / 3.0 - here)
 
 
 def with_half_steps(data: Dataset) -> Dataset | None:

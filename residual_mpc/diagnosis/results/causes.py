@@ -244,13 +244,14 @@ def unit_of(robot: Robot, term: Term, unit: str) -> str:
 
 def _slides(robot: Robot, term: Term) -> bool:
     """Whether the effect acts on joints that slide, or on what drives or measures them."""
-    slides, driven = optional.sliding(robot), dict(zip(robot.actuators, optional.actuator_joints(robot), strict=True))
+    slides, kind = optional.sliding(robot), BY_NAME[term.effect].target
     if not slides:
         return False
     if term.target is None:
-        return BY_NAME[term.effect].target in ("actuator", "joint", "channel") and slides >= set(optional.joints(robot))
-    joint = driven.get(term.target, term.target.split(".", 1)[-1])
-    return joint in slides
+        return kind in ("actuator", "joint", "channel") and slides >= set(optional.joints(robot))
+    if kind == "actuator":
+        return dict(zip(robot.actuators, optional.actuator_joints(robot), strict=True))[term.target] in slides
+    return term.target.split(".", 1)[-1] in slides
 
 
 def _dose(space: Space, knob: Knob, value: float) -> float:

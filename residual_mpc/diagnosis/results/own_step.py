@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.data.gap import Scales, gap_of, with_sound_starts
+from residual_mpc.diagnosis.data.gap import Scales, gap_of, window_trust, with_sound_starts
 from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond
 from residual_mpc.diagnosis.predict.step_error import finest_prediction, step_error
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -45,15 +45,17 @@ def only_the_step(horizons: Sequence[Seen], row: Settings, settings: ResultSetti
     excess = max(gap**2 - first.floor.total**2, 0.0)
     if error is None or error**2 < settings.gaps.step_part * excess:
         return False
-    apart = [finest_prediction(seen.data, row) for seen in horizons]
-    share = _share(first, apart[0])
+    apart = [finest_prediction(seen.data, row, seen.data.y - seen.error) for seen in horizons]
+    share = _share(first, apart[0], settings)
     return not any(seen.less(share, a).beyond_noise(settings) for seen, a in zip(horizons, apart, strict=True))
 
 
-def _share(seen: Seen, apart: np.ndarray | None) -> float:
-    """Of the step's error (W, M, C), how much is in the model's errors: 1 if what made the runs has no step."""
+def _share(seen: Seen, apart: np.ndarray | None, settings: ResultSettings) -> float:
+    """Of the step's error (W, M, C), how much is in the model's errors: 1 if what made the runs has no step. Windows
+    that diverge count little."""
     if apart is None:
         return 0.0
+    trust = window_trust(seen.data, seen.scales, seen.error, settings=settings.data)[:, None, None]
     both = np.isfinite(seen.error) & np.isfinite(apart) & seen.scales.compared
     error, step = (np.where(both, x / seen.scales.motion, 0.0) for x in (seen.error, apart))
-    return float(np.clip(np.sum(error * step) / max(np.sum(step * step), 1e-300), 0.0, 1.0))
+    return float(np.clip(np.sum(trust * error * step) / max(np.sum(trust * step * step), 1e-300), 0.0, 1.0))

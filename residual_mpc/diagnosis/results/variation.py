@@ -173,7 +173,10 @@ def _of_one(
     every = (*divisions, *_of_the_effect(problem.data, scores, problem.space.slots[scores.term.effect]))
     found = [(d, f) for d in every if (f := _divided(scores, problem, values, d, settings)) is not None]
     run = problem.data.run
-    within = any(d.of is not None and _differs_within_runs(scores, d.of, run, settings) for d, _ in found)
+    inside = {d.kind for d, _ in found if d.of is not None and _differs_within_runs(scores, d.of, run, settings)}
+    if len(np.unique(run)) > settings.runs:  # runs of other sizes, which are not listed, differ between the parts too
+        found = [(d, f) for d, f in found if d.kind in inside]
+    within = bool(inside)
     at = _instant(scores, problem, values, settings)
     rest = [f for _, f in found if not (within and f.variation.by_run is not None)]
     return max((f for f in (at, *rest) if f is not None), key=lambda f: f.gain, default=None)

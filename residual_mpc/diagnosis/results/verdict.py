@@ -52,7 +52,7 @@ def clearest(looks: Sequence[HorizonGaps]) -> HorizonGaps:
 
 
 def hardly_explained(look: HorizonGaps) -> bool:
-    """Whether a gap is small enough as it was, and most of what is beyond the noise is left: that explains nothing."""
+    """Whether more than half of the squared gap beyond the floor is left, and the gap is above twice the floor."""
     return look.steady.total > AS_GOOD * look.floor.total and left_share(look) > HALF
 
 

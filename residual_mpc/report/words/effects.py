@@ -15,8 +15,13 @@ PEOPLE = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
 DIVISIONS = {  # of the windows, in each part of which an effect has a size of its own
     "by_run": "from run to run",
     "by_motion": "with the size of the motion",
-    "by_influence": "with how strongly it acts",
+    "by_influence": "with its influence on the motion",
     "by_position": "with the position of the joint",
+}
+STATES = {  # what a size may depend on that speaks for another law
+    "by_motion": "the motion",
+    "by_influence": "the motion",
+    "by_position": "the joint's position",
 }
 TEXTS = {
     "by_motion": "in {} motions",
@@ -101,8 +106,15 @@ def remarks(effect: Effect, since_start: Callable[[str, float], float]) -> list[
     if any(effect.get(division) for division in DIVISIONS):
         out.append(sizes_words(effect))
     if effect.get("free"):
-        out.append(f"restricts nothing in {listed(list(effect['free']))}")
+        out.append(_free(effect))
     return [*out, str(effect["note"])] if effect.get("note") else out
+
+
+def _free(effect: Effect) -> str:
+    """ "restricts nothing in run2", "is rigid in small motions"."""
+    does = "is rigid" if "stiffness" in (effect.get("parameters") or {}) else "restricts nothing"
+    text = next((text for key, text in TEXTS.items() if effect.get(key)), "in {}")
+    return f"{does} {text.format(listed(list(effect['free'])))}"
 
 
 def sizes_words(effect: Effect) -> str:
@@ -129,6 +141,8 @@ def variation_clause(effect: Effect) -> str:
         return f", ending in {effect['until']['run']}"
     for division, how in DIVISIONS.items():
         sizes = effect.get(division)
+        if sizes and len(sizes) == 1:
+            return f", in {next(iter(sizes))} only"
         if sizes:
             unit = next((str(p.get("unit", "1")) for p in numbers_of(effect).values()), "1")
             return f", varying {how} ({measure(min(sizes.values()), unit)} to {measure(max(sizes.values()), unit)})"

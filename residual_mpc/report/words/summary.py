@@ -3,14 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from residual_mpc.report.words.effects import name, name_at, sentence_of, variation_clause
+from residual_mpc.report.words.effects import STATES, name, name_at, sentence_of, variation_clause
 from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, size
 from residual_mpc.report.words.numbers import listed, number, percent
 from residual_mpc.report.words.servo import short_reading
 
 NAMED = 3  # causes named in the sentence; the rest are counted
 SURE = 0.5  # probability below which an effect is a possibility
-STATES = ("by_motion", "by_influence", "by_position")  # what a size may depend on that speaks for another law
 AS_GOOD = 2.0  # times the noise floor up to which a model is as good as these sensors can tell
 SLOW = 0.4  # shrink at the headline's horizon below which a longer one is quoted as well
 WORTH_SAYING = 0.05  # a learned residual that removes less than this is not worth the sentence
@@ -40,7 +39,7 @@ def unseen(held_out: Sequence[Any]) -> str:
 def _no_gap(document: Mapping[str, Any]) -> str:
     if document["gap"].get("own_step"):
         return (
-            "The gap is the error of the model's own time step: with a fine step, the model predicts this robot to "
+            "The gap is the error of the model's own time step: with a smaller one, the model predicts this robot to "
             "within the sensor noise."
         )
     return "The model predicts this robot to within the sensor noise: there is no gap to explain."
@@ -63,12 +62,14 @@ def _partial(document: Mapping[str, Any]) -> str:
 
 
 def _varying_with_the_state(document: Mapping[str, Any]) -> str:
-    """ "the size of the sensor scale of j4 depends on the motion, so the cause follows another law"."""
-    varying = [name_at(e) for e in document["explanation"] if any(map(e.get, STATES))]
+    """ "the size of the sensor scale of j4 depends on the joint's position, so the true cause follows another law"."""
+    varying = [(e, on) for e in document["explanation"] for key, on in STATES.items() if e.get(key)]
     if not varying:
         return ""
+    names, states = [name_at(e) for e, _ in varying], {on for _, on in varying}
+    what = states.pop() if len(states) == 1 else "the state of the robot"
     sizes, depend = ("size", "depends") if len(varying) == 1 else ("sizes", "depend")
-    return f"the {sizes} of the {listed(varying)} {depend} on the motion, so the true cause follows another law"
+    return f"the {sizes} of the {listed(names)} {depend} on {what}, so the true cause follows another law"
 
 
 def _unknown(document: Mapping[str, Any]) -> str:
