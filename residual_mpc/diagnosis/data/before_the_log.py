@@ -1,6 +1,6 @@
 """What the actuators held before a run's first stamp: a dead time or a lag still passes it on in the first window."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,18 +16,24 @@ CERTAIN = 3.0  # standard errors by which one account of the first samples has t
 SAMPLES = 2 * NEAREST  # looked at, as far as they lie within REACH of the start
 LITTLE = 0.25  # share of the commanded motion below which all these samples say that nothing was given yet
 SPLIT = 2.0 * np.log(5.0)  # deviance for which one actuator is taken to do something else than all together
+FITS = 2.0 / 3.0  # of what torques from the start leave; the motors gave something else if a later start leaves more
 FINE = 0.001  # s: steps of a replay of a robot that takes any
 
 Signals = Mapping[tuple[int, str], Signal]
 
 
 def held_before(
-    robot: Robot, run: Run, i: int, signals: Signals, setting: int | None = None
-) -> tuple[float | None, ...]:
-    """What each actuator held before the first stamp, as far as the run shows it: a wheel's speed, a servo's position,
-    no speed of a robot that stands still, no torque on one that moves as if there were none. None: the first command.
-    i: the run's number in the signals; setting: which one of a merged robot it has."""
-    idle = "torque" in robot.command_kinds and _idle(robot, run, i, signals, setting)
+    robot: Robot, runs: Sequence[Run], index: Sequence[int], signals: Signals, variants: Sequence[int] | None = None
+) -> list[tuple[float | None, ...]]:
+    """What each actuator held before the first stamp of each run, as far as the runs show it: a wheel's speed, a
+    servo's position, no speed of a robot that stands still, no torque where all runs together move as if there were
+    none. None: the first command. index: the runs' numbers in the signals; variants: which one of a merged robot each
+    has."""
+    idle = "torque" in robot.command_kinds and _idle(robot, runs, index, signals, variants)
+    return [_held_before(robot, run, i, signals, idle) for run, i in zip(runs, index, strict=True)]
+
+
+def _held_before(robot: Robot, run: Run, i: int, signals: Signals, idle: bool) -> tuple[float | None, ...]:
     moving, error = _moving(robot, run, i, signals)
     first = {a: float(held(run, f"command.{a}")[0]) for a in robot.actuators}
     joints, out = optional.actuator_joints(robot), list[float | None]()
@@ -72,27 +78,43 @@ def _moving(robot: Robot, run: Run, i: int, signals: Signals) -> tuple[dict[str,
     return {a: float(found[a]) for a in robot.actuators}, {a: float(np.sqrt(x)) for a, x in square.items()}
 
 
-def _idle(robot: Robot, run: Run, i: int, signals: Signals, setting: int | None) -> bool:
-    """Whether the motors that take torques gave nothing at first, rather than what they were told or a share of it.
+def _idle(
+    robot: Robot, runs: Sequence[Run], index: Sequence[int], signals: Signals, variants: Sequence[int] | None
+) -> bool:
+    """Whether the motors that take torques gave nothing at first, rather than what they were told or a share of it: it
+    has to be better than torques from the start by `CERTAIN` standard errors a run, and leave at most the share `FITS`
+    of what they leave, in the geometric mean of the runs, whose errors differ in size."""
+    ways = [None] * len(runs) if variants is None else variants
+    found = [_accounts(robot, run, i, signals, v) for run, i, v in zip(runs, index, ways, strict=True)]
+    costs = np.array([c for c in found if c is not None]).reshape(-1, 2)
+    if not len(costs):
+        return False
+    told, later = costs.T
+    gained = float(np.sum(told - later)) > CERTAIN**2 * len(costs)
+    return gained and float(np.mean(np.log(later / told))) < np.log(FITS)
 
-    The model is replayed with its first torques from each of the first samples on, and nothing before, each with a
-    share of the torques fitted, as a weak motor, a load or friction would leave. What a start that is off explains is
-    left aside. Nothing at first has to be better than torques from the start by `CERTAIN` standard errors; where it
-    would last for all these samples, hardly any of the motion may be there.
+
+def _accounts(robot: Robot, run: Run, i: int, signals: Signals, setting: int | None) -> tuple[float, float] | None:
+    """The squared errors of a run's first samples, in units of the noise, with torques from the start, and with torques
+    that begin when they fit best; None where the samples tell nothing.
+
+    The model is replayed with torques that begin at or between these samples, and nothing before, each with a share of
+    the torques fitted, as a weak motor, a load or friction would leave, unless hardly any of the motion is there. What
+    a start that is off explains is left aside.
     """
     known, t0 = _measured(robot, i, signals), float(run.t[0])
     if len(known) < len(robot.states):
-        return False
+        return None
     near = [t[t <= REACH][:SAMPLES] for t in (s.t - t0 for s in known.values())]
     if min((len(t) for t in near), default=0) < NEAREST:
-        return False
+        return None
     end = max(float(t[-1]) for t in near)
     dt = robot.step or FINE
     steps = int(np.ceil(end / dt)) + 1
     middle = dt * (np.arange(steps) + 0.5)
     at = np.clip(np.searchsorted(run.t, t0 + middle, side="right") - 1, 0, len(run.t) - 1)
     sent = np.stack([held(run, f"command.{a}")[at] for a in robot.actuators], axis=-1)
-    begins = np.concatenate([[0.0], max(near, key=len)[1:]])  # s: from when on there are torques; last: never
+    begins = np.append(np.linspace(0.0, end, 2 * max(map(len, near)) - 1), np.inf)  # s: from when on there are torques
     off = middle[None, :, None] < begins[:, None, None]
     torques = np.array([kind == "torque" for kind in robot.command_kinds])
     rows = len(begins)
@@ -111,12 +133,12 @@ def _idle(robot: Robot, run: Run, i: int, signals: Signals, setting: int | None)
     moved = left[:, -1:] - left[:, :-1]  # by the torques of each row but the last
     size = np.sum(moved**2, axis=0)
     if not (size > 0.0).all():
-        return False
+        return None
     share = np.clip(left[:, -1] @ moved / size, 0.0, None)
     cost = np.sum((left[:, -1:] - share * moved) ** 2, axis=0)
-    if cost[1:].min() < cost[0] - CERTAIN**2:
-        return True
-    return bool(share[0] < LITTLE and size[0] * (1.0 - share[0]) ** 2 > CERTAIN**2)
+    if share[0] < LITTLE:  # as good as nothing in all these samples
+        return max(float(np.sum(left[:, 0] ** 2)), 1e-12), max(float(cost[0]), 1e-12)
+    return max(float(cost[0]), 1e-12), max(float(cost.min()), 1e-12)
 
 
 def _settings(setting: int | None, rows: int) -> np.ndarray | None:

@@ -32,12 +32,11 @@ def drive_of(
     commands, enabled, clocks, angles = [], [], [], []
     switched = any(f"enabled.{a}" in run.columns for run in runs for a in robot.actuators)
     rolls = has_round_wheels(robot) and all((i, s.position) in signals for s in robot.states for i in index)
-    settings_of: list[int | None] = [None] * len(runs) if variants is None else list(variants)
-    for run, t0, i, variant in zip(runs, starts, index, settings_of, strict=True):
+    before = held_before(robot, runs, index, signals, variants)
+    for run, t0, i, held_by in zip(runs, starts, index, before, strict=True):
         edges = t0[:, None] + dt * np.arange(-lead, steps + after + 1)[None, :]
         per_actuator = [
-            _mean_held(run, held(run, f"command.{a}"), edges, before)
-            for a, before in zip(robot.actuators, held_before(robot, run, i, signals, variant), strict=True)
+            _mean_held(run, held(run, f"command.{a}"), edges, x) for a, x in zip(robot.actuators, held_by, strict=True)
         ]
         warm = np.stack(per_actuator, axis=-1)
         for k in range(len(robot.actuators)):
