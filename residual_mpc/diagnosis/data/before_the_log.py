@@ -121,6 +121,8 @@ def _accounts(robot: Robot, run: Run, i: int, signals: Signals, setting: int | N
     drive = Drive(dt, 0, np.where(off & torques, 0.0, sent[None]), None, np.zeros(rows), _settings(setting, rows))
     rates = {s.velocity: signals[i, s.velocity] for s in robot.states if s.velocity and (i, s.velocity) in signals}
     nodes = robot.replay(_start(robot, run, i, signals, known, rows), drive, Settings(rows), (*known, *rates))
+    if not all(np.isfinite(x).all() for x in nodes.values()):
+        return None
     apart = []
     for channel, signal in (known | rates).items():
         t = signal.t[: len(near[0])] - t0
