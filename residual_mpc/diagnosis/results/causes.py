@@ -250,7 +250,7 @@ def _slides(robot: Robot, term: Term) -> bool:
     if term.target is None:
         return kind in ("actuator", "joint", "channel") and slides >= set(optional.joints(robot))
     if kind == "actuator":
-        return dict(zip(robot.actuators, optional.actuator_joints(robot), strict=True))[term.target] in slides
+        return dict(zip(robot.actuators, optional.actuator_joints(robot), strict=True)).get(term.target) in slides
     return term.target.split(".", 1)[-1] in slides
 
 

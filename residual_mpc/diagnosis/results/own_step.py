@@ -30,6 +30,10 @@ class Seen:
         sound = with_sound_starts(self.data, self.scales, self.error, tuned.floor.sound_from)
         return beyond(every, self.floor, settings=tuned) and beyond(sound, self.floor, settings=tuned)
 
+    def from_the_step(self, row: Settings) -> np.ndarray | None:
+        """(W, M, C) the step's part of the errors of the model (settings, one row); None if it has no other step."""
+        return finest_prediction(self.data, row, self.data.y - self.error)
+
     def less(self, share: float, apart: np.ndarray | None) -> "Seen":
         """Without that share of the step's error (W, M, C)."""
         return self if apart is None else replace(self, error=self.error - share * apart)
@@ -45,9 +49,11 @@ def only_the_step(horizons: Sequence[Seen], row: Settings, settings: ResultSetti
     excess = max(gap**2 - first.floor.total**2, 0.0)
     if error is None or error**2 < settings.gaps.step_part * excess:
         return False
-    apart = [finest_prediction(seen.data, row, seen.data.y - seen.error) for seen in horizons]
-    share = _share(first, apart[0], settings)
-    return not any(seen.less(share, a).beyond_noise(settings) for seen, a in zip(horizons, apart, strict=True))
+    apart = first.from_the_step(row)
+    share = _share(first, apart, settings)
+    if first.less(share, apart).beyond_noise(settings):
+        return False
+    return not any(s.less(share, s.from_the_step(row)).beyond_noise(settings) for s in horizons[1:])
 
 
 def _share(seen: Seen, apart: np.ndarray | None, settings: ResultSettings) -> float:
