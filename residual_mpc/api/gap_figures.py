@@ -22,7 +22,6 @@ from residual_mpc.diagnosis.predict.replay import predict, with_outliers_removed
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.document import finite
 from residual_mpc.diagnosis.results.gaps import quantiles
-from residual_mpc.effects.library import HOSTED
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.forms.residual_robot import with_residual
 from residual_mpc.learning.network.residual import Residual
@@ -33,6 +32,7 @@ from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile, noise_over
 from residual_mpc.models.settings import Settings, Values, assemble
+from residual_mpc.models.targets import Targets
 
 
 def gap_figures(
@@ -119,7 +119,7 @@ def as_seen(data: Dataset, model: Explaining, tuning: FitSettings) -> tuple[Data
         blocks = with_residual([b.robot for b in seen.blocks], *model.residual)
         seen = replace(seen, blocks=tuple(replace(b, robot=r) for b, r in zip(seen.blocks, blocks, strict=True)))
     robot = data.blocks[0].robot
-    return seen, assemble([model.values], {e.name: robot.slots(e.name) for e in HOSTED})
+    return seen, assemble([model.values], Targets(robot))
 
 
 def _figures(

@@ -1,7 +1,7 @@
 """The augmented model: nominal robot, diagnosed effects and learned network as one step x+ = f(x, u, p)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -77,6 +77,19 @@ class AugmentedModel:
     def p(self) -> np.ndarray:
         """(np,) the parameters as they are now."""
         return self.augmented.p
+
+    def p_at(self, logged: Mapping[str, float]) -> np.ndarray:
+        """(np,) the parameters where logged columns that laws depend on have other values, such as today's supply
+        voltage. The network's weights are those of `p`.
+
+        Raises BadInput for a column that no law depends on.
+        """
+        return augmented_from(self.source, self.robot.model, replace(self.build, logged=logged)).p
+
+    @property
+    def logged(self) -> Mapping[str, float]:
+        """The logged columns that laws of the model depend on, and their values in `p`."""
+        return self.augmented.build.logged
 
     @property
     def x0(self) -> np.ndarray:
@@ -213,6 +226,7 @@ def augment(
     dt: float | None = None,
     smooth: float = 0.0,
     disturbances: bool = False,
+    logged: Mapping[str, float] | None = None,
 ) -> AugmentedModel:
     """The nominal model with the effects of a diagnosis and a learned network in it.
 
@@ -224,9 +238,11 @@ def augment(
             robot's own period between commands, else 0.05.
         smooth: width of rounded kinks, for solvers that need derivatives; 0 is exact.
         disturbances: whether an unknown constant is added to the robot's velocities, for offset-free tracking.
+        logged: values of logged columns that laws of the model depend on; of others, the mean over the diagnosed runs.
 
     Raises:
-        BadInput: a model of another robot, a network learned on other effects, or a residual that contains no network.
+        BadInput: a model of another robot, a column that no law depends on, a network learned on other effects, or a
+            residual that contains no network.
     """
     above = None if residual is None else written(residual)
     below = above if diagnosis is None else written(diagnosis)
@@ -249,7 +265,8 @@ def augment(
     settings_from(source, robot.model)  # refuses what is of another robot
     explanation = () if below is None else tuple(below.content.get("explanation", ()))
     found = below.content if below is not None and "explanation" in below.content else None
-    return AugmentedModel(robot, source, Build(dt or usual, smooth, disturbances), explanation, found)
+    build = Build(dt or usual, smooth, disturbances, logged=dict(logged or {}))
+    return AugmentedModel(robot, source, build, explanation, found)
 
 
 def _check_robot(source: Written | None, robot: NominalRobot) -> None:

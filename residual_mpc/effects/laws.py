@@ -3,11 +3,14 @@ one quantity.
 
 Each is an effect like the others. A curve is linear between knots and level beyond the first and the last; a constant,
 a line, a step, a saturation and a bend are curves of one, two or three knots. A wave has one harmonic of an angle.
+
+A law of a logged column (a temperature, a supply voltage) sets the size of a named effect, its carrier, to what the
+column says at the start of a prediction. There are as many as columns: each is made when its name is asked for.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -20,22 +23,24 @@ MOST_KNOTS = 10
 KNOTS = tuple(f"knot{i}" for i in range(1, MOST_KNOTS + 1))
 LEVELS = ("start", *(f"rise{i}" for i in range(2, MOST_KNOTS + 1)))  # what is fitted of a curve
 WAVE = ("offset", "cos", "sin")  # what is fitted of a wave
+USUAL = "usual"  # value of the logged column on the runs that a law was fitted to
 WAVE_POINTS = 13  # at which a wave is listed
 NEAR = 1e-3  # rad, rad/s: over which a law's slope is taken
 ROUNDED = 0.05  # of the stretch between two knots
 INF = float("inf")
 
-Of = Literal["torque", "friction", "rate", "strength"]
-On = Literal["position", "speed", "command", "load", "time", "forward", "turning"]
+Of = Literal["torque", "friction", "damping", "rate", "strength"]
+On = Literal["position", "speed", "command", "load", "time", "forward", "turning", "logged"]
 UNITS: Mapping[On, str] = {
     "position": "rad", "speed": "rad/s", "command": "command unit", "load": "N m", "time": "s", "forward": "m/s",
-    "turning": "rad/s",
+    "turning": "rad/s", "logged": "",
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LawKind:
-    """of: what is missing; on: the quantity that it depends on; shape: of the function."""
+    """of: what is missing; on: the quantity that it depends on; shape: of the function; column: of the log, where that
+    is the quantity."""
 
     of: Of
     on: On
@@ -46,10 +51,13 @@ class LawKind:
     unit: str  # of what is missing; "rate unit" where the target says it
     probe: float  # a value worth a first look, in units of the reference
     reference: Reference
+    column: str = ""
 
     @property
     def name(self) -> str:
         """Of the effect."""
+        if self.on == "logged":
+            return f"{FITTED_LAW}_{self.of}_logged:{self.column}"
         return f"{FITTED_LAW}_{self.of}_{self.on}" + ("_wave" if self.shape == "wave" else "")
 
     @property
@@ -142,12 +150,13 @@ def _parameters(kind: LawKind) -> tuple[Parameter, ...]:
     if kind.shape == "wave":
         return (Parameter("cycles", "1/turn", 1.0, 0.0, INF, (), shape=True), *sizes)
     unit = UNITS[kind.on]
+    usual = (Parameter(USUAL, unit, 0.0, -INF, INF, (), shape=True),) if kind.on == "logged" else ()
     places = (Parameter(k, unit, float(i), -INF, INF, (), shape=True) for i, k in enumerate(KNOTS))
-    return (Parameter("count", "1", 1.0, 1.0, MOST_KNOTS, (), shape=True), *places, *sizes)
+    return (Parameter("count", "1", 1.0, 1.0, MOST_KNOTS, (), shape=True), *usual, *places, *sizes)
 
 
 def _effect(kind: LawKind) -> Effect:
-    chained = kind.site == "strength"  # one of the chain from the command to the joint
+    chained = kind.site == "strength" and kind.on != "logged"  # one of the chain from the command to the joint
     return Effect(
         name=kind.name,
         stage=kind.stage,
@@ -157,9 +166,10 @@ def _effect(kind: LawKind) -> Effect:
         summary=f"a {kind.of} that no named effect explains, as a function of one quantity",
         start=no_memory if chained else None,
         step=strength if chained else equation(kind),
-        null_target=chained,
+        null_target=chained or kind.on == "logged",
         site=kind.site,
-        not_in_mjcf="MJCF has no curves",
+        not_in_mjcf="" if kind.on == "logged" else "MJCF has no curves",
+        in_mjcf="its size at the usual value of the logged column" if kind.on == "logged" else "",
     )
 
 
@@ -176,14 +186,59 @@ KINDS: tuple[LawKind, ...] = (
     LawKind("rate", "forward", "curve", "contact", "channel", "rate", "rate unit", 0.02, "one"),
     LawKind("rate", "turning", "curve", "contact", "channel", "rate", "rate unit", 0.02, "one"),
 )  # fmt: skip
-KIND_OF: Mapping[str, LawKind] = {kind.name: kind for kind in KINDS}
+LISTED: Mapping[str, LawKind] = {kind.name: kind for kind in KINDS}
 LOADED = next(kind.name for kind in KINDS if kind.on == "load")
 LAWS: tuple[Effect, ...] = tuple(_effect(kind) for kind in KINDS)
 
 
+@dataclass(frozen=True)
+class Carrier:
+    """The named effect whose parameter a law of a logged column sets. factor: the law c makes it (1 + c) times as
+    large; otherwise c is added."""
+
+    effect: str
+    parameter: str
+    factor: bool
+
+
+CARRIERS: Mapping[Of, Carrier] = {
+    "strength": Carrier("actuator_gain", "gain", True),
+    "torque": Carrier("torque_offset", "torque", False),
+    "friction": Carrier("coulomb_friction", "torque", False),
+    "damping": Carrier("viscous_friction", "coefficient", False),
+}
+_LOGGED: Mapping[Of, tuple[Stage, TargetKind, Site, str, float, Reference]] = {
+    "strength": ("actuator", "actuator", "strength", "1", 0.05, "one"),
+    "torque": ("body", "joint", "elastic", "N m", 0.1, "torque"),
+    "friction": ("body", "joint", "dry friction", "N m", 0.1, "torque"),
+    "damping": ("body", "joint", "damping", "N m s/rad", 0.1, "torque/speed"),
+}
+
+
+def logged_kind(of: Of, column: str) -> LawKind:
+    """The law of a logged column that sets the size of the carrier of `of`."""
+    stage, target, site, unit, probe, reference = _LOGGED[of]
+    return LawKind(of, "logged", "curve", stage, target, site, unit, probe, reference, column)
+
+
+@cache
+def kind_of(effect: str) -> LawKind | None:
+    """The kind of a fitted law; None for any other effect."""
+    start, _, column = effect.partition("_logged:")
+    of = next((of for of in CARRIERS if start == f"{FITTED_LAW}_{of}"), None)
+    return LISTED.get(effect) if of is None or not column else logged_kind(of, column)
+
+
+@cache
+def law_of_column(effect: str) -> Effect | None:
+    """The law of a logged column of this name; None for any other name."""
+    kind = kind_of(effect)
+    return None if kind is None or kind.on != "logged" else _effect(kind)
+
+
 def is_law(effect: str) -> bool:
     """Whether an effect is a fitted law."""
-    return effect in KIND_OF
+    return kind_of(effect) is not None
 
 
 def published(effect: str) -> str:
@@ -193,10 +248,11 @@ def published(effect: str) -> str:
 
 def quantity_of(effect: Effect) -> On:
     """What the torque or friction of an effect on a joint is a function of."""
-    return KIND_OF[effect.name].on if effect.name in KIND_OF else "position"
+    kind = kind_of(effect.name)
+    return "position" if kind is None else kind.on
 
 
 def reads_clock(effect: Effect) -> bool:
     """Whether an effect on a joint or its actuator needs to know the time since the run began."""
-    law = KIND_OF.get(effect.name)
+    law = kind_of(effect.name)
     return (effect.place == "strength" and effect.timed) or (law is not None and law.on == "time")

@@ -2,10 +2,11 @@
 own come last."""
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from residual_mpc.effects import actuator, body, command, contact, sensor, surroundings
 from residual_mpc.effects.effect import Effect, Quantity, Site, Values
-from residual_mpc.effects.laws import LAWS, quantity_of
+from residual_mpc.effects.laws import LAWS, law_of_column, quantity_of
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.plugged import plugged_in
 
@@ -22,7 +23,25 @@ LIBRARY: tuple[Effect, ...] = BUILT_IN + PLUGGED
 
 HOSTED: tuple[Effect, ...] = LIBRARY + LAWS  # a fitted law has no name to search for, and acts like the others
 
-BY_NAME: dict[str, Effect] = {effect.name: effect for effect in HOSTED}
+
+
+class ByName(dict[str, Effect]):
+    """Effects by name. Those of the library are listed; a law of a logged column is made where it is asked for."""
+
+    def __missing__(self, name: str) -> Effect:
+        found = law_of_column(name)
+        if found is None:
+            raise KeyError(name)
+        return found
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or (isinstance(name, str) and law_of_column(name) is not None)
+
+    def get(self, name: str, default: Any = None) -> Any:
+        return self[name] if name in self else default
+
+
+BY_NAME = ByName({effect.name: effect for effect in HOSTED})
 ORDER: dict[str, int] = {effect.name: place for place, effect in enumerate(HOSTED)}
 CHAINED: tuple[Effect, ...] = tuple(sorted(HOSTED, key=lambda effect: effect.rank))  # stable: ties by the table
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from residual_mpc.errors import BadInput
 from residual_mpc.models.fits import check_fits
+from residual_mpc.models.logged_laws import at_values
 from residual_mpc.models.model_file import values_of
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values
@@ -34,7 +35,7 @@ def explanations_of(
         came = [a for a in others if _names(a["effects"]) & set(parts)]
         swapped = [a for a in came if _names(a.get("instead_of", ())) & set(parts)]
         rows += [(a["effects"], a["values"]) for a in swapped or came or others]
-        found = tuple(Explanation(_named(effects), values_of(values)) for effects, values in rows)
+        found = tuple(Explanation(_named(effects), at_values(values_of(values))) for effects, values in rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"its explanations cannot be read: {error!r}", where, "diagnose the runs again") from error
     if of != robot.name:

@@ -1,7 +1,7 @@
 """The augmented model: a robot's nominal step, the diagnosed effects in it, and the learned network on top."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models import optional
 from residual_mpc.models.fits import check_fits
+from residual_mpc.models.logged_laws import NOTHING, at_values, columns_at, columns_of
 from residual_mpc.models.model_file import Written, model_in, read_written
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
@@ -26,13 +27,15 @@ class Build:
 
     dt: s, a command is held over it. smooth: width of rounded kinks, in command units for the effects' and in units
     of the scaled activations for the network's; 0 is exact. disturbances: whether an unknown constant is added to the
-    robot's velocities (offset-free tracking). clock: s since the run began at the start.
+    robot's velocities (offset-free tracking). clock: s since the run began at the start. logged: values of the logged
+    columns that laws depend on; of others, the mean over the runs that the law was fitted to.
     """
 
     dt: float
     smooth: float = 0.0
     disturbances: bool = False
     clock: float = 0.0
+    logged: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt) and self.dt > 0 and np.isfinite(self.smooth) and self.smooth >= 0):
@@ -115,7 +118,7 @@ def augment(robot: Robot, values: Values, residual: Residual | None, build: Buil
     Raises BadInput for a robot that cannot say its step, an effect on a target that it lacks, or a residual of another
     robot or form.
     """
-    return _build(robot, _settings(robot, values, robot.name, "the model"), residual, build)
+    return _augmented(robot, values, robot.name, "the model", residual, build)
 
 
 def read_augmented(path: Path, robot: Robot, build: Build) -> Augmented:
@@ -125,22 +128,28 @@ def read_augmented(path: Path, robot: Robot, build: Build) -> Augmented:
 
 def augmented_from(written: Written, robot: Robot, build: Build) -> Augmented:
     """The model of a diagnosis.json or model.json. Raises BadInput where it is of another robot."""
-    return _build(robot, settings_from(written, robot), residual_in(written), build)
+    name, values, _ = _of_robot(written, robot)
+    return _augmented(robot, values, name, written.where, residual_in(written), build)
 
 
 def settings_from(written: Written, robot: Robot) -> Settings:
-    """The effects of a diagnosis.json or model.json on its robot, one row.
+    """The effects of a diagnosis.json or model.json on its robot, one row, with laws of logged columns at usual values.
 
     Raises BadInput where the model is of another robot, or has an effect, target or parameter that this one lacks.
     """
-    name, values, _ = model_in(written)
+    name, values, _ = _of_robot(written, robot)
+    return _settings(robot, values, name, written.where)
+
+
+def _of_robot(written: Written, robot: Robot) -> tuple[str, Values, bool]:
+    name, values, leaves_out = model_in(written)
     if name != robot.name:
         raise BadInput(
             f"the model must be of {robot.name!r}, got one of {name!r}",
             written.where,
             "give the robot file of that model",
         )
-    return _settings(robot, values, name, written.where)
+    return name, values, leaves_out
 
 
 def with_residual(model: Augmented, residual: Residual | None) -> Augmented:
@@ -148,8 +157,21 @@ def with_residual(model: Augmented, residual: Residual | None) -> Augmented:
     return _build(model.robot, model.settings, residual, model.build)
 
 
-def _settings(robot: Robot, values: Values, of: str, where: str) -> Settings:
+def _augmented(robot: Robot, values: Values, of: str, where: str, residual: Residual | None, build: Build) -> Augmented:
+    """The model of these values, whose build says at which values of the logged columns it holds."""
+    unknown = set(build.logged) - set(columns_of(values))
+    if unknown:
+        known = ", ".join(columns_of(values)) or "none"
+        raise BadInput(
+            f"no law of the model depends on {', '.join(sorted(unknown))}", where, f"its laws depend on: {known}"
+        )
+    settings = _settings(robot, values, of, where, build.logged)
+    return _build(robot, settings, residual, replace(build, logged=columns_at(values, build.logged)))
+
+
+def _settings(robot: Robot, values: Values, of: str, where: str, logged: Mapping[str, float] = NOTHING) -> Settings:
     check_fits(values, robot, of, where)
+    values = at_values(values, logged)
     return assemble([values], {k.effect: robot.slots(k.effect) for k in values})
 
 

@@ -10,6 +10,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.files import write_atomically
 from residual_mpc.learning.network.written import residual_in
+from residual_mpc.models.logged_laws import at_values
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Knob
@@ -79,7 +80,7 @@ def write_sysid(
         raise BadInput(f"{robot.name!r} is no MuJoCo model", "--to sysid", "export to casadi, c or jax")
     if residual_in(written) is not None:
         raise BadInput("a parameter set cannot contain a network", written.where, "export the diagnosis itself")
-    values, intervals = model_in(written)[1], _intervals(explanation)
+    values, intervals = at_values(model_in(written)[1]), _intervals(explanation)
     if values and not intervals:
         raise BadInput("it states no intervals", written.where, "give the diagnosis.json instead of the model.json")
     made = robot.to_sysid(values, intervals, folder)

@@ -15,7 +15,8 @@ from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.extras import extra
 from residual_mpc.files import write_atomically
 from residual_mpc.learning.network.written import residual_in
-from residual_mpc.models.model_file import Written
+from residual_mpc.models.logged_laws import columns_at
+from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.simulating import WritesMjcf
 
@@ -55,14 +56,14 @@ def write_mjcf(written: Written, robot: Robot, folder: Path) -> dict[str, Any]:
         )  # fmt: skip
     if residual_in(written) is not None:
         raise BadInput("an MJCF cannot contain a network", written.where, "export the diagnosis that it was learned on")
-    made = robot.to_mjcf(settings, folder)
+    made, logged = robot.to_mjcf(settings, folder), columns_at(model_in(written)[1])
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / "model.xml", made.text)
     document = {
         "to": "mjcf",
         "robot": robot.name,
         "files": {"model.xml": "the model with the effects that MuJoCo can express"},
-        "approximated": list(made.approximated),
+        "approximated": [*made.approximated, *(f"fitted_law: at {x:.4g} of {c}" for c, x in logged.items())],
         "left_out": list(made.left_out),
         "largest_difference": {
             "joints": made.apart, "largest": made.apart, "points": made.points, "from_all_effects": made.apart_from_all,
@@ -79,6 +80,7 @@ def describe(model: Augmented, c: CasadiModel, to: str, files: Mapping[str, str]
         "robot": model.robot.name,
         "dt": model.build.dt,
         "smooth": model.build.smooth,
+        "logged": dict(model.build.logged),
         "states": [{"name": n, "unit": u} for n, u in zip(c.x_names, model.stepped.units, strict=True)],
         "outputs": [
             {"name": n, "unit": u} for n, u in zip(model.stepped.outputs, model.stepped.output_units, strict=True)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from residual_mpc.effects.library import HOSTED
 from residual_mpc.learning.forms.residual_robot import with_residual
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.network.written import residual_for
 from residual_mpc.models.fits import check_fits
+from residual_mpc.models.logged_laws import at_values
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
+from residual_mpc.models.targets import Targets
 
 RobotOf = Callable[[str], Robot]  # the nominal model of a run, by its name
 
@@ -33,7 +34,7 @@ class WatchedModel:
         return nominal if self.residual is None else with_residual([nominal], self.residual, self.where)[0]
 
     def settings(self, robot: Robot) -> Settings:
-        return assemble([self.values], {e.name: robot.slots(e.name) for e in HOSTED})
+        return assemble([self.values], Targets(robot))
 
 
 def watched_model(nominal: Robot, nominal_of: RobotOf, model: Written | None) -> WatchedModel:
@@ -43,4 +44,4 @@ def watched_model(nominal: Robot, nominal_of: RobotOf, model: Written | None) ->
     of, values, leaves_out = model_in(model)
     check_fits(values, nominal, of, model.where)
     residual = residual_for(model, nominal.name)
-    return WatchedModel(nominal_of, values, leaves_out, residual, model.where)
+    return WatchedModel(nominal_of, at_values(values), leaves_out, residual, model.where)

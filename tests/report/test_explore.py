@@ -17,7 +17,7 @@ from report.filmed import filmed
 import residual_mpc as rm
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import Cause, DiagnosisResult, Estimate
-from residual_mpc.effects.laws import KIND_OF, curve_shape
+from residual_mpc.effects.laws import LISTED, curve_shape
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.models.settings import Knob, Term, assemble
 from residual_mpc.report.evidence.evidence import Evidence
@@ -94,7 +94,7 @@ def test_the_page_allows_its_own_script_alone(made: DiagnosisResult) -> None:
 
 
 def test_a_fitted_law_stays_as_it_is_under_the_sliders(made: DiagnosisResult) -> None:
-    kind = KIND_OF["fitted_law_rate_turning"]
+    kind = LISTED["fitted_law_rate_turning"]
     law = {**curve_shape([-1.0, 1.0]), "start": -0.3, "rise2": 0.6}
     values = {**made.diagnosis.values, **{Knob(kind.name, "yaw", name): v for name, v in law.items()}}
     bent: Any = SimpleNamespace(**{**made.diagnosis.__dict__, "values": values})

@@ -9,7 +9,7 @@ import numpy as np
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.effect import Site, Values
-from residual_mpc.effects.laws import KIND_OF, NEAR, quantity_of, shortened
+from residual_mpc.effects.laws import NEAR, kind_of, quantity_of, shortened
 from residual_mpc.effects.library import Effects, present
 from residual_mpc.effects.ops import NUMPY, Array
 from residual_mpc.models.protocol import Drive
@@ -41,8 +41,9 @@ def joint_laws(effects: Effects, site: Site) -> list[JointLaw]:
         if len(joints):
             here: Values = {k: v[:, joints] for k, v in p.items()}
             law = effect.step
-            if effect.name in KIND_OF:
-                here, law = shortened(KIND_OF[effect.name], here)
+            kind = kind_of(effect.name)
+            if kind is not None:
+                here, law = shortened(kind, here)
             assert law is not None
             out.append(JointLaw(quantity_of(effect), joints, here, law))
     return out

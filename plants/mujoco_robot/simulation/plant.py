@@ -8,6 +8,7 @@ import numpy as np
 
 from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from residual_mpc.models.logged_laws import at_values
 from residual_mpc.models.settings import Settings, Values, assemble
 
 TOOL = ("tool.x", "tool.y", "tool.z")
@@ -97,6 +98,7 @@ def mujoco_plant(robot: CompiledRobot, withheld: Values, period: float, finer: i
     if spec is not None:
         spec.option.timestep = model.opt.timestep
     own = replace(robot, model=model, spec=spec)
+    withheld = at_values(withheld)
     return MujocoPlant(own, assemble([withheld], {k.effect: robot.slots(k.effect) for k in withheld}), period)
 
 

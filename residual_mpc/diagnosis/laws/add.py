@@ -12,7 +12,8 @@ from residual_mpc.diagnosis.fit.cross_validation import expected_errors
 from residual_mpc.diagnosis.fit.evidence import blocks_of, dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.laws.named import named_twin, replaced, taken_up
-from residual_mpc.diagnosis.laws.propose import Proposal, propose, ripples
+from residual_mpc.diagnosis.laws.proposal import Proposal
+from residual_mpc.diagnosis.laws.propose import propose, ripples
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.predict.longer_steps import on_longer_steps
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors

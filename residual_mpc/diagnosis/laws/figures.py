@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.predict.space import Space
-from residual_mpc.effects.laws import KIND_OF, LawKind, points_of
+from residual_mpc.effects.laws import LawKind, kind_of, points_of
 from residual_mpc.models import optional
 from residual_mpc.models.settings import Knob, Term, Values
 
@@ -65,7 +65,7 @@ def fitted_law(
     space: Space, term: Term, form: str, values: Values, free: Sequence[Knob], spread: np.ndarray
 ) -> FittedLaw:
     """values: of the whole explanation; free: the law's fitted numbers, with their covariance (F, F)."""
-    kind = KIND_OF[term.effect]
+    kind = _kind(term)
     whole = {k.parameter: v for k, v in space.whole(values).items() if k.term == term}
     unit, on_unit = units_of(space, term)
 
@@ -95,7 +95,9 @@ def fitted_law(
 
 def words_of(space: Space, term: Term) -> str:
     """The quantity that a law is a function of, as the remainder's coordinates are called."""
-    kind = KIND_OF[term.effect]
+    kind = _kind(term)
+    if kind.on == "logged":
+        return f"the logged {kind.column}"
     robot = {"time": "the time in the run", "forward": "the forward speed", "turning": "the turning rate"}
     if kind.on in robot:
         return robot[kind.on]
@@ -110,20 +112,26 @@ def words_of(space: Space, term: Term) -> str:
 
 def units_of(space: Space, term: Term) -> tuple[str, str]:
     """Of what is missing, and of the quantity."""
-    kind, robot = KIND_OF[term.effect], space.robot
+    kind, robot = _kind(term), space.robot
     sliding = term.target in optional.sliding(robot)
     turn = "m" if sliding else "rad"
     unit = RATE_UNITS.get(str(term.target), "rad/s") if kind.of == "rate" else kind.unit
-    unit = "N" if sliding and unit == "N m" else unit
+    unit = {"N m": "N", "N m s/rad": "N s/m"}.get(unit, unit) if sliding else unit
     if kind.on == "command":
         joints = optional.actuator_joints(robot)
         sent = [k for k, j in zip(robot.command_kinds, joints, strict=True) if j == term.target]
         return unit, {"position": turn, "torque": "N" if sliding else "N m"}.get(sent[0] if sent else "", f"{turn}/s")
     on = {
         "position": turn, "speed": f"{turn}/s", "load": "N" if sliding else "N m", "time": "s", "forward": "m/s",
-        "turning": "rad/s",
+        "turning": "rad/s", "logged": "",
     }  # fmt: skip
     return unit, on[kind.on]
+
+
+def _kind(term: Term) -> LawKind:
+    kind = kind_of(term.effect)
+    assert kind is not None
+    return kind
 
 
 def _closed_form(kind: LawKind, form: str, p: Mapping[str, float]) -> dict[str, float]:
@@ -152,6 +160,8 @@ def _closed_form(kind: LawKind, form: str, p: Mapping[str, float]) -> dict[str, 
 
 
 def _unit_of(name: str, unit: str, on_unit: str) -> str:
+    if name.startswith("gradient") and not on_unit:
+        return f"{unit}/unit"
     if name.startswith("gradient"):
         return "1" if unit == on_unit else SLOPES.get((unit, on_unit), f"({unit})/({on_unit})")
     return {"cycles": "1/turn", "phase": "rad", "at": on_unit, "from": on_unit, "to": on_unit}.get(name, unit)

@@ -1,9 +1,9 @@
 """Named effects beside fitted laws: laws that are equivalent to an effect, and effects that a law has replaced."""
 
-from residual_mpc.diagnosis.laws.propose import Proposal
+from residual_mpc.diagnosis.laws.proposal import Proposal
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.search.stepwise import without
-from residual_mpc.effects.laws import KIND_OF, LawKind, is_law
+from residual_mpc.effects.laws import LawKind, is_law, kind_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models import optional
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
@@ -13,7 +13,8 @@ LEVEL = {"curve": "start", "wave": "offset"}  # the number that shifts the whole
 
 def named_twin(law: Proposal, space: Space) -> Proposal | None:
     """The effect that is equivalent to a law, if it is a candidate."""
-    kind = KIND_OF[law.term.effect]
+    kind = kind_of(law.term.effect)
+    assert kind is not None
     terms = [t for t in space.candidates if _is(t, kind, law.form) and _same_place(t, law.term, space)]
     return beside(terms[0], _smallest(terms[0], space)) if terms else None
 
@@ -22,8 +23,8 @@ def taken_up(values: Values, term: Term, space: Space) -> Values:
     """The values without an effect; a law that contains it (a constant friction, torque or gain) absorbs its size."""
     out = dict(without(values, term))
     for law in dict.fromkeys(k.term for k in out if is_law(k.effect)):
-        kind = KIND_OF[law.effect]
-        if not _is(term, kind, "constant") or not _same_place(term, law, space):
+        kind = kind_of(law.effect)
+        if kind is None or not _is(term, kind, "constant") or not _same_place(term, law, space):
             continue
         (size,) = (v for k, v in values.items() if k.effect != TUNE and k.term == term)
         level = Knob(law.effect, law.target, LEVEL[kind.shape])

@@ -1,12 +1,13 @@
 """Which laws are worth a fit: from what the remainder depends on beyond chance, on windows that fits may see."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, per_window
+from residual_mpc.diagnosis.laws.columns import of_columns
+from residual_mpc.diagnosis.laws.proposal import Proposal, proposal
 from residual_mpc.diagnosis.laws.ripples import RippleFinder
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.laws.shapes import Shape, best_shape, richer
@@ -22,29 +23,9 @@ from residual_mpc.diagnosis.remainder.settings import RemainderSettings
 from residual_mpc.effects.laws import KINDS, LawKind
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
-from residual_mpc.models.settings import Knob, Settings, Term, Values
+from residual_mpc.models.settings import Settings, Term, Values
 
 BY_KIND: Mapping[tuple[str, str, str], LawKind] = {(k.of, k.on, k.shape): k for k in KINDS}
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """A law that may be fitted. fixed: its numbers that say how it acts; start: where the fit of the others begins.
-    richer: the same law in shapes of more numbers, which the linear analysis of the remainder did not select."""
-
-    term: Term
-    form: str
-    fixed: Values
-    start: Values
-    richer: "tuple[Proposal, ...]" = ()
-
-
-def proposal(kind: LawKind, target: str | None, shape: Shape, richer: Sequence[Shape] = ()) -> Proposal:
-    """The law of this shape; its free numbers begin at nothing."""
-    fixed = {Knob(kind.name, target, name): v for name, v in shape.fixed.items()}
-    start = {Knob(kind.name, target, n): 0.0 for n in shape.free}
-    more = tuple(proposal(kind, target, r) for r in richer)
-    return Proposal(Term(kind.name, target), shape.form, fixed, start, more)
 
 
 def propose(
@@ -76,7 +57,7 @@ def propose(
                 shapes = _shapes(kind, m, t.coordinate, few, motion, tuning, settings)
                 if shapes:
                     out[Term(kind.name, target)] = proposal(kind, target, shapes[0], shapes[1:])
-    return tuple(out.values())
+    return (*of_columns(few, max(asked, key=lambda m: m.beyond).name, settings), *out.values())
 
 
 def ripples(

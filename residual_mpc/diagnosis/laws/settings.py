@@ -29,18 +29,19 @@ class RippleSettings:
 
 @dataclass(frozen=True)
 class LawSettings:
-    """most: laws of one explanation; passes: how many laws and effects are added at most; tried: quantities
-    that a law is fitted in before the best is chosen. windows: that a proposal looks at; steps: simulation steps that
-    one hypothesis may cost in the fits that choose, of `fit_steps` steps each, `shape_steps` for a richer shape. knots:
-    of a curve; places: at which a step or bend is tried; widths: of a step or a saturation, of the quantity's range.
-    as_well: share of the squares that the best shape leaves on unseen blocks, by which a simpler one may leave more.
-    other_target: share of the main component's gain from which a law that belongs to no joint is tried at another one
-    as well. worth: share by which the gap on held-out windows, and the squared one on folds, has to shrink; sure:
-    standard errors that are beyond doubt."""
+    """most: laws of one explanation; passes: how many laws and effects are added at most; tried: quantities that a law
+    is fitted in before the best is chosen, columns: laws of logged columns beside them. windows: that a proposal looks
+    at; steps: simulation steps that one hypothesis may cost in the fits that choose, of `fit_steps` steps each,
+    `shape_steps` for a richer shape. knots: of a curve; places: at which a step or bend is tried; widths: of a step or
+    a saturation, of the quantity's range. as_well: share of the squares that the best shape leaves on unseen blocks, by
+    which a simpler one may leave more. other_target: share of the main component's gain from which a law that belongs
+    to no joint is tried at another one as well. worth: share by which the gap on held-out windows, and the squared one
+    on folds, has to shrink; sure: standard errors that are beyond doubt."""
 
     most: int = 2
     passes: int = 5
     tried: int = 4
+    columns: int = 8
     windows: int = 160
     floor_draws: int = 2
     steps: int = 12_000
@@ -56,7 +57,7 @@ class LawSettings:
     ripples: RippleSettings = field(default_factory=RippleSettings)
 
     def __post_init__(self) -> None:
-        check_positive(self, "most", "passes", "tried", "windows", "floor_draws")
+        check_positive(self, "most", "passes", "tried", "columns", "windows", "floor_draws")
         check_positive(self, "steps", "fit_steps", "shape_steps", "places", "sure")
         check_share(self, "as_well", "other_target", "worth")
         if not 3 < self.knots <= 10:

@@ -78,6 +78,11 @@ def richer(kind: LawKind, shape: Shape, z: np.ndarray, settings: LawSettings) ->
     return (*bend, _curve("curve", knots))
 
 
+def line(z: np.ndarray) -> Shape:
+    """A straight line over the values z of the quantity, level beyond them."""
+    return _curve("line", [float(x) for x in np.quantile(z, (0.01, 0.99))])
+
+
 def _curve(form: str, knots: list[float]) -> Shape:
     return Shape(form, curve_shape(knots), LEVELS[: len(knots)])
 

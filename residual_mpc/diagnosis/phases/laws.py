@@ -19,7 +19,7 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.shrink import shrink_of
 from residual_mpc.diagnosis.results.verdict import AS_GOOD
 from residual_mpc.diagnosis.search.rivals import Rivalry
-from residual_mpc.effects.laws import FITTED_LAW, KIND_OF, is_law
+from residual_mpc.effects.laws import FITTED_LAW, kind_of
 from residual_mpc.models.settings import TUNE
 
 
@@ -54,7 +54,7 @@ def _replaces(validated: Validated, found: WithLaws) -> bool:
     """Whether laws take the place of an effect that a small gap seemed to confirm. A law of the speed does not: it is
     friction with another curve."""
     named, now = ({k.term for k in v if k.effect != TUNE} for v in (validated.explanation.final.values, found.values))
-    laws = [KIND_OF[t.effect] for t in now if is_law(t.effect)]
+    laws = [kind for t in now if (kind := kind_of(t.effect)) is not None]
     return not named <= now and bool(laws) and not any(law.on == "speed" for law in laws)
 
 

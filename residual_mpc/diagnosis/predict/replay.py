@@ -7,12 +7,14 @@ import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.data.local_fit import local_fits
+from residual_mpc.diagnosis.data.logged_columns import at_starts
 from residual_mpc.diagnosis.data.signals import Signal, Signals
 from residual_mpc.diagnosis.predict.readings import LocalValue, Reading, reading_of
 from residual_mpc.effects.library import changes, present
 from residual_mpc.effects.ops import NUMPY
 from residual_mpc.effects.sensor import lateness, low_pass
 from residual_mpc.models import optional
+from residual_mpc.models.logged_laws import with_columns
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
@@ -112,7 +114,7 @@ def _predict_block(data: Dataset, block: Block, settings: Settings, nudge: Start
     start = start_states(data, block, settings)
     if nudge is not None:
         start = {k: v + nudge[k] if k in nudge else v for k, v in start.items()}
-    each = settings.take(np.repeat(np.arange(h), w))
+    each = on_windows(data, block, settings)
     early = earliest(block, settings)
     drive = begin_earlier(block.drive, early, beyond(block, settings))
     wanted = tuple(c for c in data.channels if c in block.robot.channels)
@@ -225,6 +227,14 @@ def _picked(x: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.asarray(x[:, at[0]] if len(at) == 1 else x[np.arange(len(x))[:, None], at])
 
 
+def on_windows(data: Dataset, block: Block, settings: Settings) -> Settings:
+    """One row for each hypothesis on each window of a block, hypothesis by hypothesis, with the laws of logged columns
+    written into the effects that carry them."""
+    w = block.where.stop - block.where.start
+    each = settings.take(np.repeat(np.arange(settings.rows), w))
+    return with_columns(each, lambda column: np.tile(at_starts(data, column)[block.where], settings.rows))
+
+
 def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """The states of one hypothesis (settings with one row) replayed from `sooner` s before the windows' starts on.
 
@@ -237,7 +247,7 @@ def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tu
     start = {k: v[0] for k, v in start_states(data, block, settings, sooner).items()}
     drive = begin_earlier(block.drive, early)
     wanted = tuple(c for s in block.robot.states for c in (s.position, s.velocity) if c is not None)
-    each = settings.take(np.zeros(len(first), dtype=int))
+    each = on_windows(data, block, settings)
     nodes = block.robot.replay(start, drive, each, wanted)
     for state in block.robot.states:
         position = reading_of(data, block, settings, state.position)

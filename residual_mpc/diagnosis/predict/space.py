@@ -13,12 +13,13 @@ from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.predict.references import HIGHEST, LOWEST, RUN, longest_run, measure_references, turned_of
 from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.effects.effect import Effect
-from residual_mpc.effects.library import BY_NAME, HOSTED, LIBRARY, holder
+from residual_mpc.effects.library import BY_NAME, LIBRARY, holder
 from residual_mpc.effects.sensor import SENSOR_DELAY
 from residual_mpc.effects.surroundings import TORQUE_OFFSET
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Settings, Term, Values, assemble
+from residual_mpc.models.targets import Targets
 
 FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
@@ -207,7 +208,7 @@ def build_space(
     because: terms that are ruled out beforehand, and why.
     """
     robot = data.blocks[0].robot
-    slots = {e.name: robot.slots(e.name) for e in HOSTED}
+    slots = Targets(robot)
     chosen = [e for e in FITTED if (not only or e.name in only) and e.name not in without]
     candidates = tuple(t for e in chosen for t in _terms(e, slots[e.name], data))
     longest = longest_run(data)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
-from residual_mpc.diagnosis.predict.replay import begin_earlier, beyond, earliest, start_states
+from residual_mpc.diagnosis.predict.replay import begin_earlier, beyond, earliest, on_windows, start_states
 from residual_mpc.effects.laws import LOADED
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
@@ -36,7 +36,7 @@ def _of_block(data: Dataset, block: Block, settings: Settings) -> Loads:
     wanted = tuple(f"output.{a}" for a in shares)
     early = earliest(block, settings)  # (1, W) s
     drive = begin_earlier(block.drive, early, beyond(block, settings))
-    nodes = robot.replay(start, drive, settings.take(np.zeros(len(here), dtype=int)), wanted)
+    nodes = robot.replay(start, drive, on_windows(data, block, settings), wanted)
     since = np.nan_to_num(here) + early[0][:, None]  # (W, M) s from the first node
     at = np.arange(drive.steps + 1) * drive.dt
     out: dict[str, np.ndarray] = {}

@@ -17,7 +17,7 @@ from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import HorizonGaps
 from residual_mpc.diagnosis.search.stepwise import without
-from residual_mpc.effects.laws import KIND_OF
+from residual_mpc.effects.laws import kind_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Term, Values
 
@@ -73,7 +73,7 @@ def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: Result
     tuned = settings.support
     named = {term.effect for term in supports}
     on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= tuned.depends}
-    on |= {DEPENDENCE.get(KIND_OF[name].on) for name in named if name in KIND_OF}
+    on |= {DEPENDENCE.get(kind.on) for name in named if (kind := kind_of(name)) is not None}
     out = {}
     for term, support in supports.items():
         helps = 1.0 if "predicts" in support.evidence and not support.fails else tuned.unsupported

@@ -10,7 +10,6 @@ from threadpoolctl import threadpool_limits
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import Gap, per_window
 from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held_out_mask
-from residual_mpc.effects.library import HOSTED
 from residual_mpc.errors import BadInput
 from residual_mpc.learning.batch import checkpoint as disk
 from residual_mpc.learning.batch.evaluation import (
@@ -39,6 +38,7 @@ from residual_mpc.learning.network.residual import Residual
 from residual_mpc.logs.run import Run
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values, assemble
+from residual_mpc.models.targets import Targets
 
 FEWEST = 4  # windows to learn from
 SAVE_EVERY = 20  # updates
@@ -113,7 +113,7 @@ def train(
 def _train(
     task: Task, settings: LearnSettings, rng: np.random.Generator, report: Report, folder: Path | None
 ) -> TrainingResult:
-    effects = assemble([task.values], {e.name: task.robots[0].slots(e.name) for e in HOSTED})
+    effects = assemble([task.values], Targets(task.robots[0]))
     flagged = task.leaves_out_outliers
     seen = (task.runs, task.robots, task.noise, task.gap_horizon, effects, flagged)
     final = build_evaluation(*seen, False)

@@ -8,8 +8,9 @@ import numpy as np
 from residual_mpc.diagnosis.data.gap import gap_of
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult, Estimate
-from residual_mpc.effects.library import BY_NAME, HOSTED
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Settings, Term, Values, assemble
+from residual_mpc.models.targets import Targets
 from residual_mpc.report.evidence.evidence import Array
 from residual_mpc.report.motion.choose import window_gaps
 
@@ -108,7 +109,7 @@ def slider_values(knob: Knob, estimate: Estimate) -> Array:
 
 def _settings(made: DiagnosisResult, rows: Sequence[Values]) -> Settings:
     robot = made.data.blocks[0].robot
-    return assemble(rows, {e.name: robot.slots(e.name) for e in HOSTED})
+    return assemble(rows, Targets(robot))
 
 
 def _windows(made: DiagnosisResult, held: np.ndarray) -> list[int]:

@@ -7,9 +7,9 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Block, Dataset
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult
-from residual_mpc.effects.library import HOSTED
 from residual_mpc.models.drawing import Motion
 from residual_mpc.models.settings import Values, assemble
+from residual_mpc.models.targets import Targets
 
 FRAMES = 25
 
@@ -81,7 +81,7 @@ def _replayed(
     one = data.take(np.arange(data.count) == window)
     new = tuple(c for c in channels if c not in one.channels)
     one = replace(one, channels=(*one.channels, *new))
-    slots = {e.name: one.blocks[0].robot.slots(e.name) for e in HOSTED}
+    slots = Targets(one.blocks[0].robot)
     found = predict(one, assemble([values], slots))[0, 0]
     return {c: _at(instants, one.t[0], found[:, one.channels.index(c)]) for c in channels}
 

@@ -8,8 +8,8 @@ from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.records import DiagnosisResult
-from residual_mpc.effects.library import HOSTED
 from residual_mpc.models.settings import assemble
+from residual_mpc.models.targets import Targets
 
 
 def over_longest(made: DiagnosisResult) -> DiagnosisResult | None:
@@ -20,7 +20,7 @@ def over_longest(made: DiagnosisResult) -> DiagnosisResult | None:
         return None
     robot = data.blocks[0].robot
     long = build_dataset(data.runs, [robot] * len(data.runs), data.stated, horizon)
-    slots = {e.name: robot.slots(e.name) for e in HOSTED}
+    slots = Targets(robot)
     before, after = predict(long, assemble([made.base, made.diagnosis.values], slots))
     held, scales = np.zeros(long.count, dtype=bool), measure_scales(long)
     return replace(made, data=long, scales=scales, before=long.y - before, after=long.y - after, held=held)

@@ -7,6 +7,7 @@ from residual_mpc.report.words.numbers import measure, number, percent
 
 Law = Mapping[str, Any]  # an entry of diagnosis.json that is a fitted law
 
+KNOWN = ("angle", "position", "speed", "time", "command", "load", "turning", "logged")  # quantities
 RATES = {"forward": "forward speed", "sideways": "sideways speed", "yaw": "yaw rate"}
 LIKE = {
     ("torque", "angle"): "like cogging or an eccentric gear",
@@ -17,13 +18,15 @@ LIKE = {
     ("strength", "time"): "like motors or a battery that change during a run",
     ("rate", "turning"): "like wheels that do not grip alike in all turns",
 }
-WHAT = {"torque": "a torque", "friction": "a dry friction"}
+WHAT = {"torque": "a torque", "friction": "a dry friction", "damping": "a viscous friction"}
 
 
 def law_sentence(law: Law) -> str:
     """One clause without a full stop."""
     target = law.get("target") or law.get("only_target")
     shape, like = _shape(law), _like(law)
+    if _quantity(law) == "logged":
+        return _of_column(law, target)
     if law["of"] == "rate":
         clause = f"the model lacks a {RATES.get(str(target), 'rate')} {shape}"
     elif law["of"] == "strength" and law["form"] == "curve":
@@ -35,6 +38,20 @@ def law_sentence(law: Law) -> str:
         where = f"joint {target}" if target else "the joint"
         clause = f"{WHAT.get(law['of'], 'a ' + str(law['of']))} {shape} acts at {where}"
     return clause + (f", {like}" if like else "")
+
+
+def _of_column(law: Law, target: object) -> str:
+    """A law of a logged column by its values at the ends of what was logged, and at a bend between them."""
+    share = law["of"] == "strength"
+    values = [percent(1.0 + v) if share else measure(v, str(law["unit"])) for v in law["values"]]
+    points = [f"{v} at {number(z)}" for v, z in zip(values, law["knots"], strict=True)]
+    if law["form"] == "curve":
+        points = [points[0], points[len(points) // 2], points[-1]]
+    over = f"{law['on']}: {', '.join(points[:-1])} and {points[-1]}"
+    if share:
+        return f"what {_actuator(law, target)} gives of its modelled output depends on {over}"
+    where = f"joint {target}" if target else "every joint"
+    return f"{WHAT[law['of']]} at {where} depends on {over}"
 
 
 def _like(law: Law) -> str:
@@ -52,7 +69,7 @@ def _actuator(law: Law, target: object) -> str:
 
 def _quantity(law: Law) -> str:
     words = str(law["on"]).split()
-    return next((w for w in words if w in ("angle", "position", "speed", "time", "command", "load", "turning")), "")
+    return next((w for w in words if w in KNOWN), "")
 
 
 def _shape(law: Law) -> str:
