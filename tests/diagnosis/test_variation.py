@@ -113,6 +113,15 @@ def test_a_limit_that_some_runs_do_not_show_has_no_size_there() -> None:
     assert variation.document()["free"] == ["r1"] and "r1" not in variation.document()["by_run"]
 
 
+def test_an_effect_that_moves_no_prediction_is_steady() -> None:
+    """As a limit that the runs do not reach at the size that fits them."""
+    columns = {SCALE: np.zeros((DATA.count, 20)), GAIN: np.ones((DATA.count, 20))}
+    noise = np.random.default_rng(0).standard_normal((DATA.count, 20))
+    problem: Any = Linear(DATA, space_of(DATA), columns, {SCALE: 1.4, GAIN: 0.8}, noise)
+    fit = fitted(problem, {SCALE: 1.4, GAIN: 1.0})
+    assert variations_on(problem, fit, [SCALE.term, GAIN.term], measure_scales(DATA), ResultSettings()) == {}
+
+
 def test_a_joint_whose_position_is_not_logged_has_no_thirds() -> None:
     for knob in (SCALE, Knob("actuator_gain", "left", "gain")):
         for variation in linear(np.array([-0.3, 0.0, 0.3])[motion()], one=knob).values():

@@ -83,6 +83,7 @@ def variations_on(
     left = list(terms)
     while left:  # the clearest first: one varying effect can make others appear to vary
         each = (_scores(fit, t, r, blocks, problem.data.run) for t in left)
+        each = (scores for scores in each if scores.information.any())  # a limit may move no prediction here
         tried = (_of_one(scores, problem, fit.values, divisions, settings.variation) for scores in each)
         found = max((f for f in tried if f is not None), key=lambda f: f.gain, default=None)
         if found is None:
