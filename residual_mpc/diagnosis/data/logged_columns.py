@@ -11,7 +11,7 @@ OVER = 1.0  # s before a start, over which a column's samples are averaged
 FORETOLD = 0.8  # share of the variance of its means over the windows that the values at their starts have to explain
 STEADY = 0.7  # share of the variance of its samples that lies between windows and not within them
 CLOCKLIKE = 0.9999  # squared correlation with the time in a run, above which a column counts and measures nothing
-WITHIN = 0.1  # share of the variance within runs below which a column has a value a run
+WITHIN = 0.03  # share of the variance within runs, below which a column counts as one value a run
 RUNS = 5  # that such a column has to differ between
 
 

@@ -1,0 +1,39 @@
+"""Logs of a rover whose wheels slow down as its battery empties, with the battery's voltage in a column."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from residual_mpc.logs.run import Run
+
+RADIUS, TRACK = 0.05, 0.3  # m
+FILE = f'name = "rover"\nplant = "diff_drive"\n[parameters]\nwheel_radius = {RADIUS}\ntrack_width = {TRACK}\n'
+STEP, PERIOD, COMMANDED = 0.002, 0.05, 0.7  # s
+SIGMA = {"pose.x": 0.003, "pose.y": 0.003, "pose.theta": 0.004}
+
+
+def share_at(voltage: float) -> float:
+    """What the wheels turn of their command."""
+    return 0.55 + 0.45 * float(np.tanh((voltage - 9.5) / 2.2))
+
+
+def battery_run(seed: int, full: float, seconds: float = 24.0, weakens: bool = True) -> Run:
+    """Explicit Euler steps of wheels 20 ms behind their commands; the voltmeter has noise and falls with the load."""
+    rng = np.random.default_rng(seed)
+    n, every, hold = round(seconds / PERIOD), round(PERIOD / STEP), round(COMMANDED / STEP)
+    sent, rows = np.zeros(2), np.empty((n, 6))
+    wheels, pose, voltage = np.zeros(2), np.zeros(3), full
+    for k in range(n * every):
+        if k % hold == 0:
+            sent = rng.uniform(-2.0, 9.0, 2)
+        if k % every == 0:
+            seen = pose + rng.standard_normal(3) * list(SIGMA.values())
+            rows[k // every] = (*sent, *seen, voltage + 0.05 * rng.standard_normal() - 0.004 * np.abs(wheels).mean())
+        voltage -= STEP * 0.012 * (1.0 + np.abs(wheels).mean() / 6.0)
+        wheels = wheels + STEP / 0.02 * ((share_at(voltage) if weakens else 0.9) * sent - wheels)
+        forward, yaw = RADIUS * wheels.mean(), RADIUS * (wheels[1] - wheels[0]) / TRACK
+        pose = pose + STEP * np.array([forward * np.cos(pose[2]), forward * np.sin(pose[2]), yaw])
+    names = ("command.left", "command.right", *SIGMA)
+    columns = {name: rows[:, i] for i, name in enumerate(names)}
+    other = {"battery_voltage": rows[:, 5], "row": np.arange(float(n)), "wheel_power": np.abs(rows[:, :2]).sum(axis=1)}
+    return Run(f"run{seed}", PERIOD * np.arange(n), columns, extra=tuple(other), extra_columns=other)
