@@ -70,11 +70,42 @@ def search_changes(
 ) -> FoundChanges:
     """Forward from the account, fitted to both sets, by the change that explains most, until none is beyond what units
     of one set differ among themselves. start: the result on other windows, from which to continue; choice: a smaller
-    problem and its units, on which candidates are compared. The test for a difference always uses all windows."""
-    tuned, fits = settings.search, settings.results.fit
+    problem and its units, on which candidates are compared. The test for a difference always uses all windows.
+
+    Where that finds nothing although every run of the later set fits far worse than those before, the search begins
+    again from the account of the runs before. A large change spoils the fit to both sets, in which each run then misses
+    something else.
+    """
+    fits = settings.results.fit
     base = fit_all(problem, [account if start is None else start.account.values], settings=fits)[0]
-    changes = [] if start is None else list(start.changes)
+    changes = () if start is None else start.changes
     current = base if start is None or not changes else fit_all(problem, [start.fit.values], settings=fits)[0]
+    found = _forward(problem, base, current, changes, units, settings, choice)
+    if found.changes:
+        return found
+    (before,) = fit_all(problem, [account], 0, settings=fits)
+    if not _all_far_worse(before, units, settings):
+        return found
+    again = _forward(problem, before, before, (), units, settings, choice)
+    return again if again.changes else found
+
+
+def _all_far_worse(fit: Fit, units: Units, settings: ComparisonSettings) -> bool:
+    """Whether every run of the later set leaves far more squares than every run before."""
+    runs = np.unique(units.run)
+    samples = units.summed(np.count_nonzero(fit.r, axis=1).astype(float))
+    squares = units.summed(fit.per_window)
+    left = np.array([squares[units.run == i].sum() / max(samples[units.run == i].sum(), 1.0) for i in runs])
+    later = np.array([units.later[units.run == i].any() for i in runs])
+    return bool(left[later].min() > settings.search.far_worse**2 * left[~later].max())
+
+
+def _forward(
+    problem: Problem, base: Fit, current: Fit, there: Sequence[FoundChange], units: Units,
+    settings: ComparisonSettings, choice: tuple[Problem, Units] | None,
+) -> FoundChanges:  # fmt: skip
+    """Further changes on top of those of the fit `current`; base: the account without them."""
+    tuned, changes = settings.search, list(there)
     while True:
         differences = told_apart(problem, current, units, settings)
         best = None

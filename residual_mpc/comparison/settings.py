@@ -60,7 +60,8 @@ class ChangeSearchSettings:
     rough: steps of a rough fit; most: maximum number of changes. needed: minimum likelihood ratio of a change; alike:
     likelihood ratio below which two sets of changes are not distinguished, if the rival explains at least the share
     `resembles` of what the change explains; equal: likelihood ratio below which the first in the contract's table is
-    preferred; rivals: number of rivals that are compared with a change beside the same model errors. steps: simulation
+    preferred; rivals: number of rivals that are compared with a change beside the same model errors; far_worse: times
+    as large residuals of every later run that nothing explains, with which the search begins anew. steps: simulation
     steps that one hypothesis may cost in the search; final_steps: the same in the last fit and the tests."""
 
     shortlist: int = 14
@@ -72,12 +73,13 @@ class ChangeSearchSettings:
     resembles: float = 0.5
     equal: float = 1.5
     rivals: int = 4
+    far_worse: float = 3.0
     steps: int = 40_000
     final_steps: int = 100_000
 
     def __post_init__(self) -> None:
         check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "resembles", "equal",
-                       "rivals")  # fmt: skip
+                       "rivals", "far_worse")  # fmt: skip
         check_positive(self, "steps", "final_steps")
 
 
