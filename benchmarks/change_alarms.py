@@ -1,6 +1,7 @@
 """How often the test of `compare` sees a change where there is none: random divisions of untouched recorded runs.
 
 python -m benchmarks.change_alarms [--shared ../shared] [--source NAME ...] [--divisions 200] [--seed 0] [--draws 1]
+                                   [--runs N]
 
 The recorded runs of a robot are divided at random into two sets. Each draw computes the common model and the estimates
 of each stretch once, from a first division, and then runs the test on many other divisions. The share of divisions with
@@ -58,8 +59,11 @@ class Untouched:
 @click.option("--source", "names", multiple=True, type=click.Choice([s.name for s in SOURCES]), help="[default: all]")
 @click.option("--divisions", type=int, default=200, show_default=True, help="Of each draw.")
 @click.option("--draws", type=int, default=1, show_default=True, help="First divisions, with a common model each.")
+@click.option("--runs", "most", type=int, help="Drawn at random from those of a source.  [default: all]")
 @click.option("--seed", type=int, default=0, show_default=True)
-def change_alarms(shared: Path, names: tuple[str, ...], divisions: int, draws: int, seed: int) -> None:
+def change_alarms(
+    shared: Path, names: tuple[str, ...], divisions: int, draws: int, most: int | None, seed: int
+) -> None:
     """Print the share of divisions whose smallest p is at or below each level."""
     click.echo("source        draw  runs  probes  " + "  ".join(f"p <= {level:<4g}" for level in LEVELS))
     for source in (s for s in SOURCES if not names or s.name in names):
@@ -69,19 +73,20 @@ def change_alarms(shared: Path, names: tuple[str, ...], divisions: int, draws: i
             continue
         for draw in range(draws):
             rng = np.random.default_rng([seed, draw])
-            untouched = divided(folder, rng)
+            untouched = divided(folder, rng, most)
             p = np.array([division(untouched, rng) for _ in range(divisions)])
             shares = "  ".join(f"{(p <= level).mean():>9.1%}" for level in LEVELS)
             runs, probes = len(np.unique(untouched.units.run)), len(untouched.estimates.probes)
             click.echo(f"{source.name:<12}  {draw:>4}  {runs:>4}  {probes:>6}  {shares}")
 
 
-def divided(folder: Path, rng: np.random.Generator) -> Untouched:
-    """Divide the runs once, fit the common model to the first set, and compute the estimates of each stretch."""
+def divided(folder: Path, rng: np.random.Generator, most: int | None = None) -> Untouched:
+    """Divide the runs, or so many of them, fit the common model to the first set, and compute each stretch's estimates.
+    """
     settings = ComparisonSettings()
     robot = load_robot(folder / "robot.toml")
     runs = usable(read_runs(robot, str(folder)))
-    order = rng.permutation(len(runs.runs))
+    order = rng.permutation(len(runs.runs))[:most]
     before, after = (tuple(runs.runs[i] for i in part) for part in np.array_split(order, 2))
     names, models = [r.name for r in (*before, *after)], RunModels(robot)
     given = ComparisonInput(

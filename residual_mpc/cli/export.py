@@ -23,8 +23,8 @@ RECORDINGS = {"rerun": ".rrd", "mcap": ".mcap"}
 )  # fmt: skip
 @click.option(
     "--dt", type=click.FloatRange(1e-4, 1.0),
-    help="Sample time in seconds; defaults to the network's, without a network to the robot's command period, else "
-    "0.05. For `actuators` the step of your simulation; defaults to the model's.",
+    help="Sample time in seconds; defaults to the network's, without a network to 0.05 (MuJoCo arms: 0.02). "
+    "For `actuators` the step of your simulation; defaults to the model's.",
 )  # fmt: skip
 @click.option(
     "--smooth", type=click.FloatRange(0.0, 1.0), default=0.0, show_default=True,

@@ -145,7 +145,8 @@ def _judged(
     jumping = _outliers(given, sets, settings)
     gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
     unexplained = _unexplained(gap.rise)
-    verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, settings)
+    rises = gap.after > settings.rises * max(gap.before, gap.noise_floor)
+    verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, rises, settings)
     named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
     doubts = servo_doubts(named, given.robots, left.told)
     if verdict == "changed" and any(doubt.better for doubt in doubts):
@@ -192,11 +193,11 @@ def _outliers(given: ComparisonInput, sets: TwoSets, settings: ComparisonSetting
     return () if change is None else (change,)
 
 
-def _verdict(named: bool, p_left: float, unexplained: float, settings: ComparisonSettings) -> str:
-    """`same`: nothing beyond what units of one set differ; `changed`: nothing beyond that is left, nor much of the rise
-    of the gap."""
+def _verdict(named: bool, p_left: float, unexplained: float, rises: bool, settings: ComparisonSettings) -> str:
+    """`same`: nothing beyond what units of one set differ, nor a gap that is several times as large after (rises);
+    `changed`: nothing beyond that is left, nor much of the rise of the gap."""
     if not named:
-        return "same" if p_left > settings.contrast.left else "unknown"
+        return "same" if p_left > settings.contrast.left and not rises else "unknown"
     return "changed" if p_left > settings.contrast.left and unexplained <= settings.unexplained else "partial"
 
 

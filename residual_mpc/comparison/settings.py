@@ -73,7 +73,7 @@ class ChangeSearchSettings:
     resembles: float = 0.5
     equal: float = 1.5
     rivals: int = 4
-    far_worse: float = 3.0
+    far_worse: float = 2.0
     steps: int = 40_000
     final_steps: int = 100_000
 
@@ -89,7 +89,8 @@ class ComparisonSettings:
     times the share that these explain; named: if that product is lower, no change is named; doubtful: of a change with
     a number at a bound, one whose intervals contain no change, or one that explains less than the share `faint` of what
     all changes explain: the model predicts no large change better than that. unexplained: share of the rise that may be
-    left where the changes are to explain it. folds: of the cross-validation."""
+    left where the changes are to explain it. rises: times the gap before, from which sets are not the same although no
+    change is significant. folds: of the cross-validation."""
 
     sure: float = 0.97
     sure_partial: float = 0.8
@@ -97,6 +98,7 @@ class ComparisonSettings:
     faint: float = 0.05
     named: float = 0.1
     unexplained: float = 0.3
+    rises: float = 3.0
     folds: int = 4
     account: AccountSettings = field(default_factory=AccountSettings)
     contrast: ContrastSettings = field(default_factory=ContrastSettings)
@@ -105,4 +107,4 @@ class ComparisonSettings:
 
     def __post_init__(self) -> None:
         check_share(self, "sure", "sure_partial", "doubtful", "faint", "named", "unexplained")
-        check_positive(self, "folds")
+        check_positive(self, "rises", "folds")

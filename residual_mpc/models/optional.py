@@ -38,6 +38,15 @@ class GearRatios(Protocol):
 
 
 @runtime_checkable
+class ServoLags(Protocol):
+    @property
+    def servo_lags(self) -> tuple[float, ...]:
+        """s by which each position servo's joint trails its setpoint in steady motion, by damping; in the order of
+        `actuators`, 0 for others."""
+        ...
+
+
+@runtime_checkable
 class Joints(Protocol):
     @property
     def joints(self) -> tuple[str, ...]:
@@ -134,6 +143,12 @@ def gear_ratios(robot: Robot) -> tuple[float, ...]:
     """The torque (force) at the joint per unit of each actuator's output; 1 by default."""
     robot = innermost(robot)
     return robot.gear_ratios if isinstance(robot, GearRatios) else (1.0,) * len(robot.actuators)
+
+
+def servo_lags(robot: Robot) -> tuple[float, ...]:
+    """s by which joints trail the setpoints of their position servos in steady motion; 0 by default."""
+    robot = innermost(robot)
+    return robot.servo_lags if isinstance(robot, ServoLags) else (0.0,) * len(robot.actuators)
 
 
 def joints(robot: Robot) -> tuple[str, ...]:

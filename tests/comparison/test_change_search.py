@@ -1,20 +1,31 @@
 """A change is judged by what it explains alone, and not by what the effect explains on both sets."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
-from residual_mpc.comparison.contrast import Contrast
+from residual_mpc.comparison import search
+from residual_mpc.comparison.contrast import Contrast, Contrasts
 from residual_mpc.comparison.likelihood import left_beside, likelihood_ratios
 from residual_mpc.comparison.rivals import _beside_same_errors
-from residual_mpc.comparison.search import FittedLead, fitted_leads, search_changes, with_change
+from residual_mpc.comparison.search import (
+    FittedLead,
+    FoundChanges,
+    _all_far_worse,
+    fitted_leads,
+    search_changes,
+    with_change,
+)
 from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import change_space
 from residual_mpc.comparison.units import Units, build_units
-from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem, part_of
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.models.settings import Knob, Term
@@ -158,3 +169,37 @@ def test_an_error_of_the_model_speaks_for_no_change() -> None:
     assert both == {k for k in slow.fit.knobs if not k.changed} and len(both) == 2
     assert late.fit.cost < 0.7 * slow.fit.cost
     np.testing.assert_allclose(late.dropped - slow.dropped, slow.fit.per_window - late.fit.per_window)
+
+
+def left_by(*squares: float) -> tuple[Any, Units]:
+    """A fit that leaves these mean squares of four runs of two stretches, the last two of the later set."""
+    run = np.repeat(np.arange(4), 2)
+    r = np.sqrt(np.array(squares))[run][:, None] * np.ones((8, 5))
+    fit = SimpleNamespace(r=r, per_window=np.sum(r**2, axis=1))
+    return fit, Units(np.arange(8), run > 1, run, np.zeros((8, 1)))
+
+
+def test_every_later_run_has_to_fit_far_worse_than_every_run_before() -> None:
+    settings = ComparisonSettings()
+    assert _all_far_worse(*left_by(0.1, 0.2, 0.9, 5.0), settings)
+    assert not _all_far_worse(*left_by(0.1, 0.2, 0.7, 5.0), settings)
+    assert not _all_far_worse(*left_by(0.1, 0.2, 0.3, 90.0), settings)
+    assert not _all_far_worse(*left_by(0.1, 9.0, 10.0, 11.0), settings)
+
+
+def test_the_search_begins_again_from_the_account_of_the_runs_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only where nothing was found and every later run fits far worse than those before."""
+    problem, units, _ = fitted({}, {"saturation": {"limit": 4.0}})
+    account = {Knob("actuator_lag", None, "time_constant"): 0.03}
+    begun: list[float] = []
+
+    def nothing(problem: Problem, base: Fit, current: Fit, *rest: Any) -> FoundChanges:
+        begun.append(base.values[Knob("actuator_lag", None, "time_constant")])
+        return FoundChanges(current, base, (), Contrasts((), 1.0), 1.0)
+
+    monkeypatch.setattr(search, "_forward", nothing)
+    for worse, count in ((False, 1), (True, 2)):
+        begun.clear()
+        monkeypatch.setattr(search, "_all_far_worse", lambda *args, worse=worse: worse)
+        assert search_changes(problem, account, units, ComparisonSettings()).changes == ()
+        assert len(begun) == count and begun[0] != 0.03 and begun[1:] == [0.03] * (count - 1)

@@ -13,17 +13,18 @@ from residual_mpc.models.settings import Term
 
 
 @pytest.mark.parametrize(
-    ("named", "p_left", "unexplained", "verdict"),
+    ("named", "p_left", "unexplained", "rises", "verdict"),
     [
-        (False, 0.5, 0.0, "same"),
-        (False, 0.001, 0.0, "unknown"),
-        (True, 0.5, 0.1, "changed"),
-        (True, 0.001, 0.1, "partial"),
-        (True, 0.5, 0.5, "partial"),  # not significant, but half of the increase remains
+        (False, 0.5, 0.0, False, "same"),
+        (False, 0.001, 0.0, False, "unknown"),
+        (False, 0.5, 0.0, True, "unknown"),  # not significant, but the gap is several times as large
+        (True, 0.5, 0.1, True, "changed"),
+        (True, 0.001, 0.1, True, "partial"),
+        (True, 0.5, 0.5, False, "partial"),  # not significant, but half of the increase remains
     ],
 )
-def test_verdict(named: bool, p_left: float, unexplained: float, verdict: str) -> None:
-    assert _verdict(named, p_left, unexplained, ComparisonSettings()) == verdict
+def test_verdict(named: bool, p_left: float, unexplained: float, rises: bool, verdict: str) -> None:
+    assert _verdict(named, p_left, unexplained, rises, ComparisonSettings()) == verdict
 
 
 def test_the_share_that_is_left_is_of_the_rise() -> None:

@@ -100,6 +100,14 @@ class CompiledRobot:
         """The torque (force) at the joint per unit of each actuator's force."""
         return tuple(self.model.actuator_gear[:, 0].tolist())
 
+    @property
+    def servo_lags(self) -> tuple[float, ...]:
+        """See residual_mpc.models.optional.ServoLags: all damping over the servo's stiffness."""
+        stiff, damp = -self.model.actuator_biasprm[:, 1], -self.model.actuator_biasprm[:, 2]
+        beside = self.model.dof_damping[self.dofs[self.driven]] / self.model.actuator_gear[:, 0] ** 2
+        lags = np.divide(damp + beside, stiff, out=np.zeros(self.model.nu), where=self.servo)
+        return tuple(lags.tolist())
+
     @cached_property
     def sliding(self) -> frozenset[str]:
         """Joints that slide; the others turn."""

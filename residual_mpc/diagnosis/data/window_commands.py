@@ -13,6 +13,8 @@ from residual_mpc.logs.run import Run, held
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Robot
 
+MEASURED: Mapping[str, str] = {"speed": "velocity", "position": "position"}  # kind of a command -> what shows its state
+
 
 def drive_of(
     robot: Robot,
@@ -74,14 +76,20 @@ def drive_of(
 def _settle(
     first: np.ndarray, robot: Robot, k: int, i: int, at: np.ndarray, signals: Mapping[tuple[int, str], Signal]
 ) -> None:
-    """Let the warm-up of a wheel begin at its measured speed: a lag as long as the warm-up would still hold its first
-    command. first (W,): the first command of each window's warm-up, changed in place; at (W,) s."""
-    joints = optional.actuator_joints(robot)
-    signal = signals.get((i, f"velocity.{joints[k]}"))
-    if robot.command_kinds[k] != "speed" or signal is None:
+    """Let the warm-up of a wheel begin at its measured speed, and that of a position servo where it is: a lag as long
+    as the warm-up would still hold its first command, and a limited rate would begin where the commands are and not
+    where it has let the setpoint come to. first (W,): the first command of each window's warm-up, changed in place; at
+    (W,) s."""
+    joint, measured = optional.actuator_joints(robot)[k], MEASURED.get(robot.command_kinds[k])
+    signal = None if measured is None else signals.get((i, f"{measured}.{joint}"))
+    if signal is None:
         return
     fit = local_fit(signal.t, at)
-    first[:] = np.where(fit.count > 0, fit.value(signal.y), first)
+    found = fit.value(signal.y)
+    if measured == "position":
+        ahead = optional.servo_lags(robot)[k] * np.nan_to_num(fit.slope(signal.y))
+        found = optional.gear_ratios(robot)[k] * (found + ahead)
+    first[:] = np.where(fit.count > 0, found, first)
 
 
 def _mean_held(run: Run, u: np.ndarray, edges: np.ndarray, before: float | None) -> np.ndarray:

@@ -122,12 +122,15 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
 
 def _closed_by_one(found: Found, rivalry: Rivalry, settings: ResultSettings) -> Found | None:
     """The result with the effect that closes a good part of the remaining gap, less what it makes redundant; None if
-    there is none, or little is left."""
+    there is none, or nothing is left beyond the noise. Where little is left, small differences of everything may make
+    it up, and an effect has to close most of it by itself."""
     search, ruler, current = settings.search.without_tolerances(), found.ruler, rivalry.fit
-    if not current.terms or len(current.terms) >= search.largest or not ruler.much_left(current):
+    much = ruler.much_left(current)
+    left = much or bool(ruler.squared([current])[0] > settings.predict.floor.margin**2 * ruler.floor)
+    if not current.terms or len(current.terms) >= search.largest or not left:
         return None
     near = closest(found.problem, current, (), ruler, settings.remainder)
-    if near is None or not near[1] >= search.sizeable:
+    if near is None or not near[1] >= (search.sizeable if much else search.most):
         return None
     plain = tolerating(found.problem, None)  # small differences elsewhere may absorb what the effect explains
     fit, before = fit_all(plain, [near[0].values, current.values], settings=settings.fit)

@@ -210,11 +210,12 @@ def _helps(
     trust: np.ndarray,
     settings: ResultSettings,
 ) -> bool:
-    """Whether the explanation makes the gap smaller on the windows that are judged: at the headline's horizon, or at a
-    longer one without making the headline's larger by more than a little."""
+    """Whether the explanation makes the gap smaller, by what one would notice, on the windows that are judged: at the
+    headline's horizon, or at a longer one without making the headline's larger by more than a little."""
+    smaller = np.sqrt(1.0 - settings.gaps.least)
     judged = trust * of.test
     before, after = (gap_of(of.raw, of.scales, errors[k], judged).total for k in ("before", "after"))
-    if after < before:
+    if after < smaller * before:
         return True
     if after > settings.gaps.worse * before:
         return False
@@ -224,7 +225,7 @@ def _helps(
         raw = look.raw.take(look.test)
         seen = look.clean.take(look.test) if of.with_outliers else raw
         _, was, now = predict(raw, rows)
-        if gap_of(seen, look.scales, seen.y - now).total < gap_of(raw, look.scales, raw.y - was).total:
+        if gap_of(seen, look.scales, seen.y - now).total < smaller * gap_of(raw, look.scales, raw.y - was).total:
             return True
     return False
 

@@ -46,10 +46,12 @@ class CauseSettings:
 
 @dataclass(frozen=True)
 class GapSettings:
-    """worse: times the gap before that the headline's may become where a longer horizon gains; useless: gap from which
+    """least: share of the squared gap, over one horizon, that an explanation has to remove. worse: times the gap before
+    that the headline's may become where a longer horizon gains; useless: gap from which
     a model that is worse than a forecast of constant velocity by `certain` standard errors says nothing; step_part: of
     the squared gap beyond the noise, from which the error of the model's time step may be all of it."""
 
+    least: float = 0.02
     worse: float = 1.02
     useless: float = 0.3
     certain: float = 2.0
@@ -57,7 +59,7 @@ class GapSettings:
 
     def __post_init__(self) -> None:
         check_positive(self, "worse", "useless", "certain")
-        check_share(self, "step_part")
+        check_share(self, "least", "step_part")
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ def comparison_sentence(document: Document) -> str:
     """The verdict in one sentence."""
     verdict = document["verdict"]
     if verdict == "same":
-        return "No change found: the two sets differ by no more than parts of one set differ among themselves."
+        return "No change found: no effect differs by more between the two sets than within one of them."
     if verdict == "unknown":
         return "The two sets differ, but no change of an effect in the library explains how."
     clauses = [change_clause(change) for change in document["changes"]]
@@ -40,11 +40,11 @@ def warnings(document: Document) -> list[str]:
     if unseen:
         whose = listed(unseen)
         return [f"No window of the runs {whose} was held out, so their gap is unknown: record more or longer runs."]
-    if document["verdict"] != "same" or gap["after"] <= WORSE * max(gap["before"], gap["noise_floor"] or 0.0):
+    if document["changes"] or gap["after"] <= WORSE * max(gap["before"], gap["noise_floor"] or 0.0):
         return []
     return [
-        f"The gap is {number(gap['after'] / gap['before'], 2)} times as large on the runs after, but differs so much "
-        "from stretch to stretch that no change was found."
+        f"The gap is {number(gap['after'] / gap['before'], 2)} times as large on the runs after, but no single change "
+        "of an effect is significant: record more runs, or name what may have changed with --only."
     ]
 
 

@@ -68,7 +68,9 @@ def measure_interval(value: float | None, interval: Interval | None, unit: str) 
     if value is None or low is None or high is None or not math.isfinite(high - low):
         return measure(value, unit)
     factor, shown = _scale(value, unit)
-    decimals = _decimals(factor * 0.5 * (high - low), factor * value)
+    # to the side that is nearer, as long as it is no tiny part of the interval
+    side = max(min(high - value, value - low), 0.1 * (high - low))
+    decimals = _decimals(factor * min(side, 0.5 * (high - low)), factor * value)
     degrees = f", {number(math.degrees(value), 2)}{DEGREE}" if unit == "rad" else ""
     middle, low_text, high_text = (_fixed(factor * x, decimals) for x in (value, low, high))
     return f"{middle}{_suffix(shown)} ({low_text} to {high_text}){degrees}"
