@@ -45,6 +45,16 @@ def test_what_closes_the_rest_is_added() -> None:
     assert more.steps[-1].after < more.steps[-1].before
 
 
+def test_what_closes_most_of_a_little_is_added() -> None:
+    """Less than twice the noise floor, which small differences of everything might make up."""
+    found, rivalry = answer({"track_width": {"scale": 1.1}, "actuator_lag": {"time_constant": 0.015}})
+    assert not found.ruler.much_left(found.fit)
+    more = _closed_by_one(found, rivalry, SETTINGS)
+    assert more is not None and len(more.fit.terms) == 2
+    (size,) = (v for k, v in more.fit.values.items() if k != TRACK)
+    assert size == pytest.approx(0.015, abs=0.002)  # of a lag; which one is for the rivals to say
+
+
 def test_what_it_makes_redundant_is_dropped() -> None:
     """The track was named for a lag."""
     found, rivalry = answer({"actuator_lag": {"time_constant": 0.2}})
