@@ -23,7 +23,7 @@ from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.sizes import came_to_nothing, jackknife, to_the_end
+from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife, to_the_end
 from residual_mpc.comparison.space import ChangeSpace
 from residual_mpc.comparison.units import Units
 from residual_mpc.comparison.visible import smallest_visible
@@ -180,7 +180,22 @@ def _judged(
         next_experiment=next_experiment(
             groups, wheeled="left" in space.robot.actuators, verdict="partial" if groups else "no_gap"
         ),
-        notes=notes_on(doubts),
+        notes=(*notes_on(doubts), *(_leading(last, settings) if verdict == "unknown" else ())),
+    )
+
+
+def _leading(last: Searched, settings: ComparisonSettings) -> tuple[str, ...]:
+    """A note on the change that would explain most where none is significant."""
+    lead = last.found.leading
+    if lead is None or not lead.drop > 0.0:
+        return ()
+    term, spread = lead.lead.term, jackknife(lead.fit, last.units)
+    numbers = changed_numbers(last.problem, lead.fit, term, spread, settings.results.causes.law)
+    sizes = ", ".join(f"{n.name} {n.change:.3g} {n.unit}".removesuffix(" 1") for n in numbers)
+    share = lead.drop / lead.common.cost
+    return (
+        f"Of single changes, {plain(term)} would remove most of the squared error, {share:.0%} ({sizes}), but between "
+        "these runs it is not significant",
     )
 
 

@@ -12,8 +12,6 @@ from scipy.special import polygamma, psi
 
 TINY = 1e-300
 ALIKE = 1e6  # degrees of freedom of a prior from which no ratio departs
-USUAL = 2.5  # ratio of the recorded double pendulums: from 2.2 to 2.8 in nearly all hypotheses
-WORTH = 4.0  # degrees of freedom that this is worth on other robots
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +43,7 @@ def run_scatter(left: np.ndarray, at: np.ndarray, later: np.ndarray, known: int)
     of_stretches = np.maximum(whole - of_runs, 1e-9 * whole)
     seen = (of_runs > TINY) & (of_stretches > TINY)
     own = np.where(seen, of_runs / between / np.maximum(of_stretches / within, TINY), 1.0)
-    centre, prior = _with_usual(*_prior(np.log(own[seen]), between, within))
+    centre, prior = _prior(np.log(own[seen]), between, within)
     f = np.maximum((prior * centre + between * own) / (prior + between), 1.0)
     # stretches of a run that are alike are no more than one observation
     alike = (f - 1.0) / (f - 1.0 + count / runs)
@@ -74,14 +72,6 @@ def _prior(logarithms: np.ndarray, between: int, within: int) -> tuple[float, fl
     centre = float(np.exp(logarithms.mean() - bias))
     differ = float(logarithms.var()) - float(polygamma(1, 0.5 * between) + polygamma(1, 0.5 * within))
     return centre, ALIKE if differ <= 0.0 else 2.0 * _inverse_trigamma(differ)
-
-
-def _with_usual(centre: float, prior: float) -> tuple[float, float]:
-    """The ratio of all hypotheses on these runs and its degrees of freedom, with what the runs of a robot usually show.
-    Four runs say hardly anything of it, and a change that the model lacks makes them seem to scatter."""
-    if prior >= ALIKE:
-        return centre, prior
-    return (prior * centre + WORTH * USUAL) / (prior + WORTH), prior + WORTH
 
 
 def _inverse_trigamma(y: float) -> float:

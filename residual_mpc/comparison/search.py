@@ -31,13 +31,15 @@ class FoundChange:
 @dataclass(frozen=True, eq=False)
 class FoundChanges:
     """fit: the account with the changes; account: without; left: the contrasts of what the fit leaves; phi: dispersion
-    of its residuals by unit."""
+    of its residuals by unit; leading: without any change, the one that would explain most although every later run fits
+    far worse, None elsewhere."""
 
     fit: Fit
     account: Fit
     changes: tuple[FoundChange, ...]
     left: Contrasts
     phi: float
+    leading: "FittedLead | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,11 @@ def search_changes(
     if not _all_far_worse(before, units, settings):
         return found
     again = _forward(problem, before, before, (), units, settings, choice)
-    return again if again.changes else found
+    if again.changes:
+        return again
+    told = again.left.told
+    leads = mixed(sorted(told, key=lambda c: -abs(c.z)), sorted(told, key=lambda c: -c.drop))
+    return replace(found, leading=next(iter(fitted_leads(problem, before, leads, settings)), None))
 
 
 def _all_far_worse(fit: Fit, units: Units, settings: ComparisonSettings) -> bool:

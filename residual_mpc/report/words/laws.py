@@ -49,7 +49,7 @@ def _of_column(law: Law, target: object) -> str:
         points = [points[0], points[len(points) // 2], points[-1]]
     over = f"{law['on']}: {', '.join(points[:-1])} and {points[-1]}"
     if share:
-        return f"what {_actuator(law, target)} gives of its modelled output depends on {over}"
+        return f"the share of the modelled output that {_actuator(law, target)} gives depends on {over}"
     where = f"joint {target}" if target else "every joint"
     return f"{WHAT[law['of']]} at {where} depends on {over}"
 
