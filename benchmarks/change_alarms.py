@@ -81,8 +81,7 @@ def change_alarms(
 
 
 def divided(folder: Path, rng: np.random.Generator, most: int | None = None) -> Untouched:
-    """Divide the runs, or so many of them, fit the common model to the first set, and compute each stretch's estimates.
-    """
+    """Divide some of the runs, fit the common model to the first set, and compute the estimates of each stretch."""
     settings = ComparisonSettings()
     robot = load_robot(folder / "robot.toml")
     runs = usable(read_runs(robot, str(folder)))

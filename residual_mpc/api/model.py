@@ -79,12 +79,13 @@ class AugmentedModel:
         return self.augmented.p
 
     def p_at(self, logged: Mapping[str, float]) -> np.ndarray:
-        """(np,) the parameters where logged columns that laws depend on have other values, such as today's supply
-        voltage. The network's weights are those of `p`.
+        """(np,) the parameters where these logged columns, which laws depend on, have other values than in `p`, such as
+        today's supply voltage.
 
-        Raises BadInput for a column that no law depends on.
+        Raises BadInput for a column that no law depends on, or a value that is not finite.
         """
-        return augmented_from(self.source, self.robot.model, replace(self.build, logged=logged)).p
+        build = replace(self.build, logged={**self.build.logged, **logged})
+        return augmented_from(self.source, self.robot.model, build).p
 
     @property
     def logged(self) -> Mapping[str, float]:

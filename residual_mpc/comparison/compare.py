@@ -20,7 +20,7 @@ from residual_mpc.comparison.prepare import (
 )
 from residual_mpc.comparison.records import Change, ChangeCandidate, Comparison, GapRise
 from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
-from residual_mpc.comparison.search import FoundChanges, search_changes, told_apart
+from residual_mpc.comparison.search import FoundChanges, leading_change, search_changes, told_apart
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife, to_the_end
@@ -145,7 +145,7 @@ def _judged(
     jumping = _outliers(given, sets, settings)
     gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
     unexplained = _unexplained(gap.rise)
-    rises = gap.after > settings.rises * max(gap.before, gap.noise_floor)
+    rises = last.found.again is not None and gap.after > settings.rises * max(gap.before, gap.noise_floor)
     verdict = _verdict(bool(found.changes or jumping), left.p, unexplained, rises, settings)
     named = named_changes(whole, fit, rivals, spread, settings.sure, settings)
     doubts = servo_doubts(named, given.robots, left.told)
@@ -186,8 +186,9 @@ def _judged(
 
 def _leading(last: Searched, settings: ComparisonSettings) -> tuple[str, ...]:
     """A note on the change that would explain most where none is significant."""
-    lead = last.found.leading
-    if lead is None or not lead.drop > 0.0:
+    again = last.found.again
+    lead = None if again is None else leading_change(last.problem, again, settings)
+    if lead is None:
         return ()
     term, spread = lead.lead.term, jackknife(lead.fit, last.units)
     numbers = changed_numbers(last.problem, lead.fit, term, spread, settings.results.causes.law)

@@ -31,15 +31,15 @@ class FoundChange:
 @dataclass(frozen=True, eq=False)
 class FoundChanges:
     """fit: the account with the changes; account: without; left: the contrasts of what the fit leaves; phi: dispersion
-    of its residuals by unit; leading: without any change, the one that would explain most although every later run fits
-    far worse, None elsewhere."""
+    of its residuals by unit; again: what the search from the account of the runs before came to, where it found nothing
+    either although every later run fits far worse; None elsewhere."""
 
     fit: Fit
     account: Fit
     changes: tuple[FoundChange, ...]
     left: Contrasts
     phi: float
-    leading: "FittedLead | None" = None
+    again: "FoundChanges | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +89,15 @@ def search_changes(
     if not _all_far_worse(before, units, settings):
         return found
     again = _forward(problem, before, before, (), units, settings, choice)
-    if again.changes:
-        return again
-    told = again.left.told
+    return again if again.changes else replace(found, again=again)
+
+
+def leading_change(problem: Problem, found: FoundChanges, settings: ComparisonSettings) -> FittedLead | None:
+    """Of the changes that may be added to a fit, the one that lowers the cost most; None where none lowers it."""
+    told = found.left.told
     leads = mixed(sorted(told, key=lambda c: -abs(c.z)), sorted(told, key=lambda c: -c.drop))
-    return replace(found, leading=next(iter(fitted_leads(problem, before, leads, settings)), None))
+    best = next(iter(fitted_leads(problem, found.fit, leads, settings)), None)
+    return best if best is not None and best.drop > 0.0 else None
 
 
 def _all_far_worse(fit: Fit, units: Units, settings: ComparisonSettings) -> bool:

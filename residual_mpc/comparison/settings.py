@@ -60,9 +60,10 @@ class ChangeSearchSettings:
     rough: steps of a rough fit; most: maximum number of changes. needed: minimum likelihood ratio of a change; alike:
     likelihood ratio below which two sets of changes are not distinguished, if the rival explains at least the share
     `resembles` of what the change explains; equal: likelihood ratio below which the first in the contract's table is
-    preferred; rivals: number of rivals that are compared with a change beside the same model errors; far_worse: times
-    as large residuals of every later run that nothing explains, with which the search begins anew. steps: simulation
-    steps that one hypothesis may cost in the search; final_steps: the same in the last fit and the tests."""
+    preferred; rivals: number of rivals that are compared with a change beside the same model errors; far_worse: ratio
+    of the residuals of every later run to those of every run before, above which a search that found nothing begins
+    again from the model of the runs before. steps: simulation steps that one hypothesis may cost in the search;
+    final_steps: the same in the last fit and the tests."""
 
     shortlist: int = 14
     finalists: int = 6
@@ -89,8 +90,8 @@ class ComparisonSettings:
     times the share that these explain; named: if that product is lower, no change is named; doubtful: of a change with
     a number at a bound, one whose intervals contain no change, or one that explains less than the share `faint` of what
     all changes explain: the model predicts no large change better than that. unexplained: share of the rise that may be
-    left where the changes are to explain it. rises: times the gap before, from which sets are not the same although no
-    change is significant. folds: of the cross-validation."""
+    left where the changes are to explain it. rises: ratio of the gap after to the gap before above which the verdict is
+    `unknown` instead of `same`, where every later run fits far worse. folds: of the cross-validation."""
 
     sure: float = 0.97
     sure_partial: float = 0.8

@@ -24,7 +24,6 @@ LIBRARY: tuple[Effect, ...] = BUILT_IN + PLUGGED
 HOSTED: tuple[Effect, ...] = LIBRARY + LAWS  # a fitted law has no name to search for, and acts like the others
 
 
-
 class ByName(dict[str, Effect]):
     """Effects by name. Those of the library are listed; a law of a logged column is made where it is asked for."""
 

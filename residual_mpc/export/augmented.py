@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.ops import NUMPY, Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.export.network import corrected, correction, reads, remembered
@@ -14,7 +15,7 @@ from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models import optional
 from residual_mpc.models.fits import check_fits
-from residual_mpc.models.logged_laws import NOTHING, at_values, columns_at, columns_of
+from residual_mpc.models.logged_laws import NOTHING, at_values, carriers_of, columns_at, columns_of
 from residual_mpc.models.model_file import Written, model_in, read_written
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
@@ -35,7 +36,7 @@ class Build:
     smooth: float = 0.0
     disturbances: bool = False
     clock: float = 0.0
-    logged: Mapping[str, float] = field(default_factory=dict)
+    logged: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt) and self.dt > 0 and np.isfinite(self.smooth) and self.smooth >= 0):
@@ -165,14 +166,21 @@ def _augmented(robot: Robot, values: Values, of: str, where: str, residual: Resi
         raise BadInput(
             f"no law of the model depends on {', '.join(sorted(unknown))}", where, f"its laws depend on: {known}"
         )
+    strange = {c: x for c, x in build.logged.items() if not np.isfinite(x)}
+    if strange:
+        raise BadInput(f"the value of a logged column must be finite, got {strange}", where, "give a measured value")
     settings = _settings(robot, values, of, where, build.logged)
     return _build(robot, settings, residual, replace(build, logged=columns_at(values, build.logged)))
 
 
 def _settings(robot: Robot, values: Values, of: str, where: str, logged: Mapping[str, float] = NOTHING) -> Settings:
     check_fits(values, robot, of, where)
-    values = at_values(values, logged)
-    return assemble([values], {k.effect: robot.slots(k.effect) for k in values})
+    plain = at_values(values, logged)
+    settings = assemble([plain], {k.effect: robot.slots(k.effect) for k in plain})
+    # a law may do nothing at one value of its column: its carrier stays a parameter all the same
+    idle = {e: robot.slots(e) for e in carriers_of(values) - settings.effects.keys()}
+    null = {e: {p.name: np.full((1, len(s)), p.null) for p in BY_NAME[e].parameters} for e, s in idle.items()}
+    return replace(settings, effects={**settings.effects, **null}) if null else settings
 
 
 def _build(robot: Robot, settings: Settings, residual: Residual | None, build: Build) -> Augmented:

@@ -10,7 +10,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.files import write_atomically
 from residual_mpc.learning.network.written import residual_in
-from residual_mpc.models.logged_laws import at_values
+from residual_mpc.models.logged_laws import at_values, columns_at
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Knob
@@ -80,12 +80,15 @@ def write_sysid(
         raise BadInput(f"{robot.name!r} is no MuJoCo model", "--to sysid", "export to casadi, c or jax")
     if residual_in(written) is not None:
         raise BadInput("a parameter set cannot contain a network", written.where, "export the diagnosis itself")
-    values, intervals = at_values(model_in(written)[1]), _intervals(explanation)
+    raw, intervals = model_in(written)[1], _intervals(explanation)
+    values, columns = at_values(raw), columns_at(raw)
+    intervals = {k: ends for k, ends in intervals.items() if values.get(k) == raw.get(k)}  # a law moves its carrier
     if values and not intervals:
         raise BadInput("it states no intervals", written.where, "give the diagnosis.json instead of the model.json")
     made = robot.to_sysid(values, intervals, folder)
     rows = [(p.name, p.value, p.low, p.high, list(p.edits)) for p in made.parameters]
-    notes = "".join(f"\nNot in it: {what}" for what in made.left_out)
+    left_out = [*made.left_out, *(f"fitted_law: fixed at {x:.4g} of {c}" for c, x in columns.items())]
+    notes = "".join(f"\nNot in it: {what}" for what in left_out)
     text = SOURCE.format(
         robot=robot.name, notes=f"{notes}\n" if notes else "", rows=pformat(rows, width=110), model=MODEL
     )
@@ -96,7 +99,7 @@ def write_sysid(
         "robot": robot.name,
         "files": {FILE: "nominal() and parameters() for mujoco.sysid", MODEL: "the model that the parameters apply to"},
         "parameters": [{"name": p.name, "value": p.value, "bounds": [p.low, p.high]} for p in made.parameters],
-        "left_out": list(made.left_out),
+        "left_out": left_out,
         "largest_difference": {
             "joints": made.apart, "largest": made.apart, "points": made.points, "from_all_effects": made.apart_from_all,
         },

@@ -4,6 +4,7 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Values
+from residual_mpc.models.targets import targets_of
 
 
 def check_fits(values: Values, robot: Robot, of: str, where: str) -> None:
@@ -29,7 +30,7 @@ def _lacking(knob: Knob, robot: Robot) -> str:
     """What of a free number the robot does not have; empty where it has all."""
     if knob.effect == TUNE:
         return "" if knob.parameter in robot.nominal() else knob.parameter
-    slots = robot.slots(knob.effect)
+    slots = targets_of(robot, knob.effect)
     if not slots or not (knob.target is None or knob.target in slots):
         return f"{knob.effect} on {knob.target or 'the robot'}"
     known = any(p.name == knob.parameter for p in BY_NAME[knob.effect].parameters)

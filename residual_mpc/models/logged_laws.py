@@ -29,17 +29,22 @@ def columns_at(values: Values, known: Mapping[str, float] = NOTHING) -> dict[str
     return {column: float(known.get(column, usual.get(column, 0.0))) for column in columns_of(values)}
 
 
+def carriers_of(values: Values) -> frozenset[str]:
+    """The effects that laws among these values are written into."""
+    return frozenset(CARRIERS[kind.of].effect for k in values if (kind := _logged(k.effect)) is not None)
+
+
 def with_columns(settings: Settings, column: Callable[[str], np.ndarray]) -> Settings:
     """The settings with every law of a logged column written into its carrier. column(name) -> (n,): the column's value
-    at the start of each row's prediction.
+    at the start of each row's prediction; its usual value stands for NaN.
     """
     laws = {e: kind for e in settings.effects if (kind := _logged(e)) is not None}
     if not laws:
         return settings
     effects = {e: p for e, p in settings.effects.items() if e not in laws}
     for name, kind in laws.items():
-        carrier = CARRIERS[kind.of]
-        law = np.asarray(curve(NUMPY, settings.effects[name], column(kind.column)[:, None]))  # (n, slots)
+        carrier, p, z = CARRIERS[kind.of], settings.effects[name], column(kind.column)[:, None]
+        law = np.asarray(curve(NUMPY, p, np.where(np.isfinite(z), z, p[USUAL])))  # (n, slots)
         null = {p.name: np.full_like(law, p.null) for p in BY_NAME[carrier.effect].parameters}
         there: Mapping[str, np.ndarray] = effects.get(carrier.effect, null)
         effects[carrier.effect] = {**there, carrier.parameter: _carried(carrier, there[carrier.parameter], law)}

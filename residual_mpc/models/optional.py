@@ -41,8 +41,8 @@ class GearRatios(Protocol):
 class ServoLags(Protocol):
     @property
     def servo_lags(self) -> tuple[float, ...]:
-        """s by which each position servo's joint trails its setpoint in steady motion, by damping; in the order of
-        `actuators`, 0 for others."""
+        """s by which the joint of each position servo trails its setpoint in steady motion without load; in the order
+        of `actuators`, NaN where that says nothing: of other actuators, and where a servo's law is another."""
         ...
 
 
@@ -146,9 +146,9 @@ def gear_ratios(robot: Robot) -> tuple[float, ...]:
 
 
 def servo_lags(robot: Robot) -> tuple[float, ...]:
-    """s by which joints trail the setpoints of their position servos in steady motion; 0 by default."""
+    """s by which joints trail the setpoints of their position servos in steady motion; NaN, not known, by default."""
     robot = innermost(robot)
-    return robot.servo_lags if isinstance(robot, ServoLags) else (0.0,) * len(robot.actuators)
+    return robot.servo_lags if isinstance(robot, ServoLags) else (float("nan"),) * len(robot.actuators)
 
 
 def joints(robot: Robot) -> tuple[str, ...]:

@@ -47,6 +47,14 @@ def test_a_limited_rate_goes_on_from_the_setpoint_that_it_let_through(tmp_path: 
     assert gap_of(data, measure_scales(data), error).total < 0.03
 
 
-def test_a_motor_has_no_setpoint_to_trail(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, wheel_xml())
-    assert optional.servo_lags(robot) == (0.0,)
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<motor name="hub" joint="hub"/>',
+        '<general name="hub" joint="hub" gainprm="20" biastype="affine" biasprm="0 -10 -1"/>',
+        '<general name="hub" joint="hub" gainprm="20" biastype="affine" biasprm="5 -20 -1"/>',
+        '<intvelocity name="hub" joint="hub" kp="20" actrange="-3 3"/>',
+    ],
+)
+def test_what_is_no_plain_position_servo_has_no_setpoint_to_trail(actuator: str, tmp_path: Path) -> None:
+    assert np.isnan(optional.servo_lags(robot_of(tmp_path, wheel_xml(actuator)))).all()

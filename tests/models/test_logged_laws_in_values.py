@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from plants.diff_drive import DiffDrive
 from residual_mpc.effects.laws import CARRIERS, USUAL, curve_shape, is_law, logged_kind, published
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.export.augmented import Build, augment
+from residual_mpc.models.fits import check_fits
 from residual_mpc.models.logged_laws import at_values, columns_at, columns_of, with_columns
 from residual_mpc.models.settings import Knob, Settings, Values, assemble
+from residual_mpc.models.targets import Targets, targets_of
 
 SLOTS = ("left", "right")
 COLUMN = "supply.voltage"
@@ -71,3 +77,29 @@ def test_a_column_has_its_usual_value_unless_another_is_given() -> None:
 def test_a_strength_is_never_negative() -> None:
     values = {k: -3.0 if k.parameter == "start" else v for k, v in law("strength", None).items()}
     assert list(at_values(values).values()) == [0.0]
+
+
+def test_a_law_that_does_nothing_at_one_value_leaves_its_parameters_in_place() -> None:
+    """A controller that was compiled at another value of the column asks for as many."""
+    values = {k: {"start": 0.0, "rise2": 0.2}.get(k.parameter, v) for k, v in law("strength", None).items()}
+    rover = DiffDrive("rover", 0.05, 0.3)
+    idle, strong = (augment(rover, values, None, Build(0.05, logged={COLUMN: z})) for z in (10.0, 12.0))
+    assert idle.parameters == strong.parameters and len(idle.p) == len(strong.p)
+    gain = idle.parameters.index("actuator_gain.left.gain")
+    assert idle.p[gain] == 1.0 and strong.p[gain] == pytest.approx(1.2)
+
+
+def test_a_robot_need_not_know_the_laws() -> None:
+    class Bare:
+        name = "bare"
+
+        def slots(self, effect: str) -> tuple[str, ...]:
+            return {"actuator_gain": SLOTS}.get(effect, ())
+
+        def nominal(self) -> dict[str, float]:
+            return {}
+
+    robot: Any = Bare()
+    check_fits(law("strength", "left"), robot, "bare", "here")
+    assert targets_of(robot, logged_kind("strength", COLUMN).name) == SLOTS
+    assert Targets(robot)[logged_kind("strength", COLUMN).name] == SLOTS

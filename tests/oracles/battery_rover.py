@@ -17,8 +17,9 @@ def share_at(voltage: float) -> float:
     return 0.55 + 0.45 * float(np.tanh((voltage - 9.5) / 2.2))
 
 
-def battery_run(seed: int, full: float, seconds: float = 24.0, weakens: bool = True) -> Run:
-    """Explicit Euler steps of wheels 20 ms behind their commands; the voltmeter has noise and falls with the load."""
+def battery_run(seed: int, full: float, seconds: float = 24.0, weakens: bool = True, right: float = 1.0) -> Run:
+    """Explicit Euler steps of wheels 20 ms behind their commands; the voltmeter has noise and falls with the load.
+    right: by how much the robot turns to the right of what its wheels say."""
     rng = np.random.default_rng(seed)
     n, every, hold = round(seconds / PERIOD), round(PERIOD / STEP), round(COMMANDED / STEP)
     sent, rows = np.zeros(2), np.empty((n, 6))
@@ -32,6 +33,7 @@ def battery_run(seed: int, full: float, seconds: float = 24.0, weakens: bool = T
         voltage -= STEP * 0.012 * (1.0 + np.abs(wheels).mean() / 6.0)
         wheels = wheels + STEP / 0.02 * ((share_at(voltage) if weakens else 0.9) * sent - wheels)
         forward, yaw = RADIUS * wheels.mean(), RADIUS * (wheels[1] - wheels[0]) / TRACK
+        yaw = yaw * (right if yaw < 0.0 else 1.0)
         pose = pose + STEP * np.array([forward * np.cos(pose[2]), forward * np.sin(pose[2]), yaw])
     names = ("command.left", "command.right", *SIGMA)
     columns = {name: rows[:, i] for i, name in enumerate(names)}

@@ -8,6 +8,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 
 OVER = 1.0  # s before a start, over which a column's samples are averaged
+AGE = 10.0  # s between a start and the sample that stands for it, at most
 FORETOLD = 0.8  # share of the variance of its means over the windows that the values at their starts have to explain
 STEADY = 0.7  # share of the variance of its samples that lies between windows and not within them
 CLOCKLIKE = 0.9999  # squared correlation with the time in a run, above which a column counts and measures nothing
@@ -15,15 +16,17 @@ WITHIN = 0.03  # share of the variance within runs, below which a column counts 
 RUNS = 5  # that such a column has to differ between
 
 
-def at_starts(data: Dataset, column: str) -> np.ndarray:
-    """(W,) the mean of a column's samples in the last second before each window's start, or the sample nearest to it.
+def at_starts(data: Dataset, column: str, where: slice = slice(None)) -> np.ndarray:
+    """(W,) the mean of a column's samples in the last second before the start of each window in `where`, else the last
+    sample before it, or the first of a run that begins with it. NaN where that is more than AGE away.
 
     Raises BadInput for a run without it.
     """
-    out = np.empty(data.count)
-    for i in np.unique(data.run):
-        mine = data.run == i
-        out[mine] = _before(data.runs[i], column, data.start[mine])
+    run, start = data.run[where], data.start[where]
+    out = np.empty(len(run))
+    for i in np.unique(run):
+        mine = run == i
+        out[mine] = _before(data.runs[i], column, start[mine])
     return out
 
 
@@ -44,12 +47,14 @@ def _before(run: Run, column: str, start: np.ndarray) -> np.ndarray:
     y = run.extra_columns[column]
     good = np.isfinite(y)
     t, y = run.t[good], y[good]
-    total = np.concatenate([[0.0], np.cumsum(y)])
+    middle = float(np.mean(y))  # a sum of large numbers would lose their small differences
+    total = np.concatenate([[0.0], np.cumsum(y - middle)])
     last = np.searchsorted(t, start + 1e-9, side="right")
     first = np.searchsorted(t, start - OVER - 1e-9)
     count = last - first
-    nearest = y[np.clip(last - 1, 0, len(y) - 1)]
-    return np.where(count > 0, (total[last] - total[first]) / np.maximum(count, 1), nearest)
+    at = np.clip(last - 1, 0, len(y) - 1)
+    nearest = np.where(np.abs(t[at] - start) <= AGE, y[at], np.nan)
+    return np.where(count > 0, middle + (total[last] - total[first]) / np.maximum(count, 1), nearest)
 
 
 def _there(run: Run, column: str) -> bool:
@@ -59,6 +64,8 @@ def _there(run: Run, column: str) -> bool:
 
 def _foreknown(data: Dataset, column: str) -> bool:
     known = at_starts(data, column)
+    if not np.isfinite(known).all():
+        return False
     mean, within = _in_windows(data, column)
     seen = np.isfinite(mean)
     if seen.sum() < 3 or np.var(mean[seen]) <= 1e-12 * (1.0 + np.mean(mean[seen]) ** 2):

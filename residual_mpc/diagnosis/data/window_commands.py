@@ -76,10 +76,9 @@ def drive_of(
 def _settle(
     first: np.ndarray, robot: Robot, k: int, i: int, at: np.ndarray, signals: Mapping[tuple[int, str], Signal]
 ) -> None:
-    """Let the warm-up of a wheel begin at its measured speed, and that of a position servo where it is: a lag as long
-    as the warm-up would still hold its first command, and a limited rate would begin where the commands are and not
-    where it has let the setpoint come to. first (W,): the first command of each window's warm-up, changed in place; at
-    (W,) s."""
+    """Start a wheel's warm-up at its measured speed, and a position servo's at the setpoint that its measured motion
+    implies without load. Otherwise a slow lag or rate limit would start from the command rather than from the setpoint
+    that it has reached. first (W,): the first command of each window's warm-up, changed in place; at (W,) s."""
     joint, measured = optional.actuator_joints(robot)[k], MEASURED.get(robot.command_kinds[k])
     signal = None if measured is None else signals.get((i, f"{measured}.{joint}"))
     if signal is None:
@@ -89,7 +88,7 @@ def _settle(
     if measured == "position":
         ahead = optional.servo_lags(robot)[k] * np.nan_to_num(fit.slope(signal.y))
         found = optional.gear_ratios(robot)[k] * (found + ahead)
-    first[:] = np.where(fit.count > 0, found, first)
+    first[:] = np.where((fit.count > 0) & np.isfinite(found), found, first)
 
 
 def _mean_held(run: Run, u: np.ndarray, edges: np.ndarray, before: float | None) -> np.ndarray:

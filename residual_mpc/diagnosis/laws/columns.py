@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 
@@ -25,11 +26,9 @@ def of_columns(data: Dataset, first: str, settings: LawSettings) -> tuple[Propos
     where the load changes its sign.
     """
     robot = data.blocks[0].robot
-    return tuple(
-        _law(data, of, target, column, settings)
-        for column in foreknown_columns(data)
-        for of, target in _places(robot, column, first)
-    )[: settings.columns]
+    places = {column: list(_places(robot, column, first)) for column in foreknown_columns(data)}
+    in_turn = [(c, p) for each in zip_longest(*places.values()) for c, p in zip(places, each, strict=True) if p]
+    return tuple(_law(data, of, target, column, settings) for column, (of, target) in in_turn[: settings.columns])
 
 
 def _law(data: Dataset, of: Of, target: str | None, column: str, settings: LawSettings) -> Proposal:

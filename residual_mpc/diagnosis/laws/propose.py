@@ -20,7 +20,7 @@ from residual_mpc.diagnosis.remainder.dependence import Tried, folds_across, try
 from residual_mpc.diagnosis.remainder.description import beyond_chance, evenly_spread
 from residual_mpc.diagnosis.remainder.missing_rates import MissingRate, missed_of, tempered
 from residual_mpc.diagnosis.remainder.settings import RemainderSettings
-from residual_mpc.effects.laws import KINDS, LawKind
+from residual_mpc.effects.laws import CARRIERS, KINDS, LawKind
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Term, Values
@@ -33,7 +33,8 @@ def propose(
     settings: LawSettings,
 ) -> tuple[Proposal, ...]:  # fmt: skip
     """The laws of the quantities on which what the model (settings, one row) leaves depends, the most telling first."""
-    if not any(data.blocks[0].robot.slots(k.name) for k in KINDS):
+    hosts = (*(k.name for k in KINDS), *(c.effect for c in CARRIERS.values()))
+    if not any(data.blocks[0].robot.slots(effect) for effect in hosts):
         return ()
     few = data.take(evenly_spread(data.count, settings.windows))
     predicted = predict(few, row)[0]

@@ -232,7 +232,7 @@ def on_windows(data: Dataset, block: Block, settings: Settings) -> Settings:
     written into the effects that carry them."""
     w = block.where.stop - block.where.start
     each = settings.take(np.repeat(np.arange(settings.rows), w))
-    return with_columns(each, lambda column: np.tile(at_starts(data, column)[block.where], settings.rows))
+    return with_columns(each, lambda column: np.tile(at_starts(data, column, block.where), settings.rows))
 
 
 def run_up(data: Dataset, block: Block, settings: Settings, sooner: float) -> tuple[dict[str, np.ndarray], np.ndarray]:

@@ -210,8 +210,8 @@ def _helps(
     trust: np.ndarray,
     settings: ResultSettings,
 ) -> bool:
-    """Whether the explanation makes the gap smaller, by what one would notice, on the windows that are judged: at the
-    headline's horizon, or at a longer one without making the headline's larger by more than a little."""
+    """Whether the explanation makes the gap noticeably smaller on the windows that are judged: at the headline's
+    horizon, or at a longer one without making the headline's larger by more than a little."""
     smaller = np.sqrt(1.0 - settings.gaps.least)
     judged = trust * of.test
     before, after = (gap_of(of.raw, of.scales, errors[k], judged).total for k in ("before", "after"))

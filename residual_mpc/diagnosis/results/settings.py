@@ -46,10 +46,10 @@ class CauseSettings:
 
 @dataclass(frozen=True)
 class GapSettings:
-    """least: share of the squared gap, over one horizon, that an explanation has to remove. worse: times the gap before
-    that the headline's may become where a longer horizon gains; useless: gap from which
-    a model that is worse than a forecast of constant velocity by `certain` standard errors says nothing; step_part: of
-    the squared gap beyond the noise, from which the error of the model's time step may be all of it."""
+    """least: share of the squared gap, over one horizon, that an explanation has to remove; worse: times the gap before
+    that the headline's may become where a longer horizon gains; useless: gap from which a model that is worse than a
+    forecast of constant velocity by `certain` standard errors says nothing; step_part: of the squared gap beyond the
+    noise, from which the error of the model's time step may be all of it."""
 
     least: float = 0.02
     worse: float = 1.02

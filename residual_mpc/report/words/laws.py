@@ -18,7 +18,8 @@ LIKE = {
     ("strength", "time"): "like motors or a battery that change during a run",
     ("rate", "turning"): "like wheels that do not grip alike in all turns",
 }
-WHAT = {"torque": "a torque", "friction": "a dry friction", "damping": "a viscous friction"}
+WHAT = {"torque": "a torque", "friction": "a dry friction"}
+MORE = {"torque": "additional torque", "friction": "additional dry friction", "damping": "additional viscous friction"}
 
 
 def law_sentence(law: Law) -> str:
@@ -51,7 +52,7 @@ def _of_column(law: Law, target: object) -> str:
     if share:
         return f"the share of the modelled output that {_actuator(law, target)} gives depends on {over}"
     where = f"joint {target}" if target else "every joint"
-    return f"{WHAT[law['of']]} at {where} depends on {over}"
+    return f"{MORE[law['of']]} at {where} depends on {over}"
 
 
 def _like(law: Law) -> str:
