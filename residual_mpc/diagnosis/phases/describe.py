@@ -17,7 +17,7 @@ from residual_mpc.diagnosis.remainder.records import Rest
 from residual_mpc.diagnosis.remainder.resemblance import resembles
 from residual_mpc.diagnosis.results.alternatives import alternatives, candidates, rival_sets
 from residual_mpc.diagnosis.results.causes import causes_of, most_sure
-from residual_mpc.diagnosis.results.conditions import moved, notes, setup
+from residual_mpc.diagnosis.results.conditions import moved, notes, one_run, setup
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
 from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult, GapStep, StageShare
@@ -102,6 +102,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         steps=extras.steps,
         outlier_share=of.outliers.share if of.with_outliers else 0.0,
         outlier_channels={c: s for c, s in of.outliers.shares.items() if s > 0} if of.with_outliers else {},
+        odd_run=one_run(of, found),
         next_experiment=next_experiment(
             (*groups, *((a.instead_of, a.terms) for a in others if not a.confounded)),
             wheeled="left" in of.raw.blocks[0].robot.actuators,

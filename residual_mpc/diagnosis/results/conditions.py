@@ -3,9 +3,11 @@
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import per_window
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
+from residual_mpc.diagnosis.results.odd_run import odd_run
 from residual_mpc.diagnosis.results.records import Moved, Setup
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import beats_forecast
@@ -30,6 +32,15 @@ def setup(data: Dataset, spread: float) -> Setup:
 def moved(base: Fit, final: Fit) -> tuple[Moved, ...]:
     """What each tuned parameter of the model is without the effects, and beside them."""
     return tuple(Moved(k.parameter, base.values[k], final.values[k]) for k in base.knobs if k.effect == TUNE)
+
+
+def one_run(of: FittedExplanation, found: ExplanationGaps) -> dict[str, object] | None:
+    """The run that is unlike all others, where much is left; None where there is none."""
+    if found.verdict[0] not in ("partial", "unknown"):
+        return None
+    error = found.errors["after" if found.helps else "before"]
+    odd = odd_run(per_window(of.raw, of.scales, error), of.raw.run)
+    return None if odd is None else odd.document(of.raw.runs[odd.run].name, of.raw.horizon)
 
 
 def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSettings) -> tuple[str, ...]:
@@ -64,6 +75,8 @@ def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSetting
             f"The time step of the model makes errors of {found.step_error:.2g} (noise floor {first.floor.total:.2g}); "
             f"{what} may only stand for it. Use a smaller time step, or an implicit integrator."
         )
+    if (odd := one_run(of, found)) is not None:
+        said.append(str(odd["note"]))
     if of.doubtful:
         said.append(
             f"{', '.join(map(str, of.doubtful))} improved the fit on the windows of the search, but on all windows the "

@@ -74,6 +74,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
         "unexplained": {"share": d.unexplained, "learned_residual_shrink": d.learned.shrink},
         "learned": {"by": d.learned.by, "asked": list(d.learned.asked)},
         "remainder": None if d.rest is None else d.rest.document(),
+        "odd_run": d.odd_run,
         "next_experiment": d.next_experiment,
         "stages_of_gap": [{"terms": [_term(t) for t in s.effects], "gap": s.gap} for s in d.steps],
         "rivals": [{"terms": [_term(t) for t in r.effects], "probability": r.probability} for r in d.rivals],

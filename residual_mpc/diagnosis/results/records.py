@@ -180,6 +180,7 @@ class Diagnosis:
     steps: tuple[GapStep, ...]
     outlier_share: float
     outlier_channels: dict[str, float]
+    odd_run: dict[str, object] | None
     next_experiment: dict[str, object] | None
     values: Values
     notes: tuple[str, ...]
