@@ -168,8 +168,7 @@ def _effect(kind: LawKind) -> Effect:
         step=strength if chained else equation(kind),
         null_target=chained or kind.on == "logged",
         site=kind.site,
-        not_in_mjcf="" if kind.on == "logged" else "MJCF has no curves",
-        in_mjcf="its size at the usual value of the logged column" if kind.on == "logged" else "",
+        not_in_mjcf="MJCF has no curves",
     )
 
 
