@@ -4,8 +4,9 @@ one quantity.
 Each is an effect like the others. A curve is linear between knots and level beyond the first and the last; a constant,
 a line, a step, a saturation and a bend are curves of one, two or three knots. A wave has one harmonic of an angle.
 
-A law of a logged column (a temperature, a supply voltage) sets the size of a named effect, its carrier, to what the
-column says at the start of a prediction. There are as many as columns: each is made when its name is asked for.
+A law of a logged column (a temperature, a supply voltage) changes the size of a named effect, its carrier, as a
+function of the column's value at the start of a prediction. A log may have any columns, so these laws are built from
+their names.
 """
 
 from collections.abc import Callable, Mapping, Sequence

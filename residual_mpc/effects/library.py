@@ -25,7 +25,7 @@ HOSTED: tuple[Effect, ...] = LIBRARY + LAWS  # a fitted law has no name to searc
 
 
 class ByName(dict[str, Effect]):
-    """Effects by name. Those of the library are listed; a law of a logged column is made where it is asked for."""
+    """Effects by name. Iteration lists those of the library; laws of logged columns are built on lookup."""
 
     def __missing__(self, name: str) -> Effect:
         found = law_of_column(name)

@@ -79,6 +79,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     every_doubt = {**shared(weak, groups), **doubt}
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
     causes = causes_of(of, share, sure, supports, doubt, validated.lacking, settings=settings) if helps else ()
+    odd = one_run(of, found)
     return Diagnosis(
         robot=of.space.robot.name,
         verdict=verdict,
@@ -102,14 +103,14 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         steps=extras.steps,
         outlier_share=of.outliers.share if of.with_outliers else 0.0,
         outlier_channels={c: s for c, s in of.outliers.shares.items() if s > 0} if of.with_outliers else {},
-        odd_run=one_run(of, found),
+        odd_run=odd,
         next_experiment=next_experiment(
             (*groups, *((a.instead_of, a.terms) for a in others if not a.confounded)),
             wheeled="left" in of.raw.blocks[0].robot.actuators,
             verdict=verdict,
         ),
         values=of.space.whole(final.values) if helps else of.base.values,
-        notes=notes(of, found, settings=settings),
+        notes=notes(of, found, odd, settings=settings),
     )
 
 

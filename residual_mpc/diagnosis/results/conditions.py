@@ -1,5 +1,7 @@
 """What a diagnosis rests on: how its runs were made, the parameters that moved, and the notes to its figures."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
@@ -43,8 +45,10 @@ def one_run(of: FittedExplanation, found: ExplanationGaps) -> dict[str, object] 
     return None if odd is None else odd.document(of.raw.runs[odd.run].name, of.raw.horizon)
 
 
-def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSettings) -> tuple[str, ...]:
-    """What a reader has to know before trusting the figures, a sentence each."""
+def notes(
+    of: FittedExplanation, found: ExplanationGaps, odd: Mapping[str, object] | None, settings: ResultSettings
+) -> tuple[str, ...]:
+    """What a reader has to know before trusting the figures, a sentence each. odd: see `one_run`."""
     said = []
     first = found.looks[0]
     if found.useless:
@@ -75,7 +79,7 @@ def notes(of: FittedExplanation, found: ExplanationGaps, settings: ResultSetting
             f"The time step of the model makes errors of {found.step_error:.2g} (noise floor {first.floor.total:.2g}); "
             f"{what} may only stand for it. Use a smaller time step, or an implicit integrator."
         )
-    if (odd := one_run(of, found)) is not None:
+    if odd is not None:
         said.append(str(odd["note"]))
     if of.doubtful:
         said.append(
