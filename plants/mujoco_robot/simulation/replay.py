@@ -10,6 +10,7 @@ import numpy as np
 from plants.mujoco_log import silence_mujoco
 from plants.mujoco_robot.edits.batch import edit_batch
 from plants.mujoco_robot.edits.split_gears import by_gears, edit_gears
+from plants.mujoco_robot.native.arms import native_arm
 from plants.mujoco_robot.simulation.between import between_steps, changing
 from plants.mujoco_robot.simulation.channels import read_channels, write_start
 from plants.mujoco_robot.simulation.gear_feedback import feedback
@@ -165,10 +166,19 @@ def _roll_out(
         cuts += (1 + np.flatnonzero((np.diff(drive.enabled, axis=1) != 0).any(axis=(0, 2)))).tolist()
     control = int(mujoco.mjtState.mjSTATE_CTRL)
     finer = robot.substeps
-    parts = {"qpos": [batch.bind("qpos")[:, None].copy()], "qvel": [batch.bind("qvel")[:, None].copy()]}
-    for k, end in zip(cuts, [*cuts[1:], steps], strict=True):
+
+    def rewrite(k: int) -> None:
         for update in between:
             update(k, batch.bind("qvel")[:, robot.dofs], np.zeros((rows, model.nu)))
+
+    native = native_arm(model)
+    nodes = None if native is None else native.rollout(batch, u, cuts, finer, rewrite)
+    if nodes is not None:
+        _stay(*nodes)
+        return read_channels(robot, *nodes, wanted)
+    parts = {"qpos": [batch.bind("qpos")[:, None].copy()], "qvel": [batch.bind("qvel")[:, None].copy()]}
+    for k, end in zip(cuts, [*cuts[1:], steps], strict=True):
+        rewrite(k)
         held = np.ascontiguousarray(u[:, k:end]) if finer == 1 else np.repeat(u[:, k:end], finer, axis=1)
         found = batch.rollout(finer * (end - k), held, control, ("qpos", "qvel"))
         for field, part in parts.items():

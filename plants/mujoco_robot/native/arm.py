@@ -1,0 +1,208 @@
+"""A compiled MuJoCo model as a chain of links, and the numbers of its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plants.mujoco_robot.edits.masses import quat_to_matrix
+from plants.mujoco_robot.native.dynamics import Joint
+from plants.mujoco_robot.native.step import ACTUATOR, ARM, JOINT, LINK, TENDON, Actuator, Chain, Stop, Tendon
+
+if TYPE_CHECKING:
+    import mujoco
+
+MINIMUM = 1e-15  # MuJoCo's mjMINVAL
+FAR = 1e30  # rad or m: a limit that is never reached
+IMPEDANCE = (1e-4, 0.9999)  # between which MuJoCo clips impedances
+
+Field = Callable[[str], np.ndarray]  # a field of the model -> its values, (rows, ...)
+
+
+def chain_of(model: mujoco.MjModel, rubs: bool, stops: bool) -> Chain:
+    """rubs, stops: whether any row has dry friction or limits."""
+    import mujoco
+
+    joints, _ = _links(model, lambda name: getattr(model, name)[None])
+    flags = int(model.opt.disableflags)
+    clamps = not flags & int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
+    actuators = tuple(
+        Actuator(
+            int(model.jnt_dofadr[model.actuator_trnid[i, 0]]),
+            float(model.actuator_gear[i, 0]),
+            (float(model.actuator_ctrlrange[i, 0]), float(model.actuator_ctrlrange[i, 1]))
+            if clamps and model.actuator_ctrllimited[i]
+            else None,
+            bool(model.actuator_forcelimited[i]),
+        )
+        for i in range(model.nu)
+    )
+    reach = tuple(
+        (float(model.jnt_actfrcrange[j, 0]), float(model.jnt_actfrcrange[j, 1])) if model.jnt_actfrclimited[j] else None
+        for j in range(model.njnt)
+    )
+    return Chain(
+        int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        tuple(model.qpos0.tolist()),
+        joints,
+        actuators,
+        reach,
+        rubs,
+        tuple(_stop(model.jnt_margin[j], model.jnt_solimp[j]) if stops else None for j in range(model.njnt)),
+        tuple(_tendon(model, t) for t in range(model.ntendon)),
+    )
+
+
+def _stop(margin: float, solimp: np.ndarray) -> Stop:
+    low, high, width, middle, power = _clipped(solimp).tolist()
+    return Stop(float(margin), (low, high, width, middle, power))
+
+
+def _tendon(model: mujoco.MjModel, t: int) -> Tendon:
+    wraps = slice(int(model.tendon_adr[t]), int(model.tendon_adr[t] + model.tendon_num[t]))
+    dofs = model.jnt_dofadr[model.wrap_objid[wraps]].tolist()
+    stop = _stop(model.tendon_margin[t], model.tendon_solimp_lim[t]) if model.tendon_limited[t] else None
+    return Tendon(dict(zip(dofs, model.wrap_prm[wraps].tolist(), strict=True)), stop)
+
+
+def _clipped(solimp: np.ndarray) -> np.ndarray:
+    out = np.array(solimp, dtype=float)
+    out[..., :2] = np.clip(out[..., :2], *IMPEDANCE)
+    out[..., 3] = np.clip(out[..., 3], *IMPEDANCE)
+    out[..., 2], out[..., 4] = np.maximum(out[..., 2], 0.0), np.maximum(out[..., 4], 1.0)
+    return out
+
+
+def _reference(model: mujoco.MjModel, solref: np.ndarray, high: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and damping of the reference acceleration, from MuJoCo's time constant and damping ratio, or from the
+    two themselves where they are negative; high: the impedance's upper end."""
+    import mujoco
+
+    one, two = np.asarray(solref[..., 0]), np.asarray(solref[..., 1])
+    safe = not int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_REFSAFE)
+    constant = np.maximum(one, 2.0 * model.opt.timestep) if safe else one
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stiff = np.where(
+            one > 0.0, 1.0 / np.maximum(MINIMUM, (high * constant * two) ** 2), -one / np.maximum(MINIMUM, high**2)
+        )
+        damp = np.where(one > 0.0, 2.0 / np.maximum(MINIMUM, high * constant), -two / np.maximum(MINIMUM, high))
+    return stiff, damp
+
+
+def numbers_of(model: mujoco.MjModel, field: Field, rows: int) -> np.ndarray:
+    """(rows, numbers) in the order of native.step; field: values of the rows, (rows, ...) or (1, ...)."""
+    joints, links = _links(model, field)
+    n, nu = len(joints), model.nu
+    out = np.zeros((rows, ARM + (LINK + JOINT) * n + ACTUATOR * nu + TENDON * model.ntendon))
+    out[:, 0], out[:, 1:ARM] = model.opt.timestep, field("opt.gravity")
+    for i, (place, mass, centre, inertia) in enumerate(links):
+        at = ARM + LINK * i
+        out[:, at : at + 3], out[:, at + 3], out[:, at + 4 : at + 7] = place, mass, centre
+        for k, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+            out[:, at + 7 + k] = inertia[:, a, b]
+    weight = field("dof_invweight0")
+    solimp = _clipped(field("dof_solimp"))
+    low, high, width = solimp[..., 0], solimp[..., 1], solimp[..., 2]
+    imp = np.where((low == high) | (width <= MINIMUM), 0.5 * (low + high), low)
+    _, damp = _reference(model, field("dof_solref"), high)
+    stiff = 1.0 / np.maximum(MINIMUM, (1.0 - imp) * weight / imp)
+    stops = _reference(model, model.jnt_solref, _clipped(model.jnt_solimp)[:, 1])
+    limited, ends = field("jnt_limited").astype(bool), field("jnt_range")
+    columns: tuple[np.ndarray, ...] = (
+        field("dof_armature"),
+        field("dof_damping"),
+        field("jnt_stiffness"),
+        field("qpos_spring"),
+        field("dof_frictionloss"),
+        stiff,
+        damp,
+        np.where(limited, ends[..., 0], -FAR),
+        np.where(limited, ends[..., 1], FAR),
+        *stops,
+        weight,
+    )
+    at = ARM + LINK * n
+    for k, column in enumerate(columns):
+        out[:, at + k : at + JOINT * n : JOINT] = column
+    at += JOINT * n
+    gain, bias, reach = (field(f"actuator_{x}") for x in ("gainprm", "biasprm", "forcerange"))
+    affine = model.actuator_biastype == 1
+    for k, column in enumerate(
+        (gain[..., 0], *(bias[..., j] * affine for j in range(3)), reach[..., 0], reach[..., 1])
+    ):
+        out[:, at + k : at + ACTUATOR * nu : ACTUATOR] = column
+    at += ACTUATOR * nu
+    if model.ntendon:
+        spring, ends = field("tendon_lengthspring"), field("tendon_range")
+        pulled = _reference(model, model.tendon_solref_lim, _clipped(model.tendon_solimp_lim)[:, 1])
+        columns = (field("tendon_stiffness"), spring[..., 0], spring[..., 1], ends[..., 0], ends[..., 1], *pulled)
+        for k, column in enumerate((*columns, field("tendon_invweight0"))):
+            out[:, at + k :: TENDON] = column
+    return out
+
+
+Link = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _links(model: mujoco.MjModel, field: Field) -> tuple[tuple[Joint, ...], list[Link]]:
+    """The moving links, one for each joint, with what is welded to them; of each: the joint's place, the mass, the
+    centre of mass and the inertia about it, (rows, ...)."""
+    import mujoco
+
+    position, mass, centre = field("body_pos"), field("body_mass"), field("body_ipos")
+    moments, principal = field("body_inertia"), field("body_iquat")
+    joints: list[Joint] = []
+    links: list[Link] = []
+    # of each body: the link that it moves with, its axes in those of the link, its origin there
+    frames: list[tuple[int, np.ndarray, np.ndarray]] = [(-1, np.eye(3), np.zeros((1, 3)))]
+    for body in range(1, model.nbody):
+        link, axes, origin = frames[int(model.body_parentid[body])]
+        origin = origin + position[:, body] @ axes.T
+        axes = axes @ quat_to_matrix(model.body_quat[body])
+        for j in range(int(model.body_jntadr[body]), int(model.body_jntadr[body]) + int(model.body_jntnum[body])):
+            along = _axes_along(model.jnt_axis[j])
+            place = origin + axes @ model.jnt_pos[j]
+            slides = int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+            joints.append(Joint(link, slides, _clean(axes @ along)))
+            links.append((place, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3, 3))))
+            link, axes = len(joints) - 1, along.T
+            origin = (-model.jnt_pos[j] @ along)[None]
+        frames.append((link, axes, origin))
+        if link >= 0:
+            turn = axes @ quat_to_matrix(principal[:, body])
+            own = turn @ (moments[:, body, :, None] * turn.transpose(0, 2, 1))
+            place, m, c, inertia = links[link]
+            at = origin + centre[:, body] @ axes.T
+            links[link] = (place, *_joined(m, c, inertia, mass[:, body], at, own))
+    return tuple(joints), links
+
+
+def _axes_along(axis: np.ndarray) -> np.ndarray:
+    """(3, 3) right-handed axes, in columns, whose last is this one."""
+    other = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = np.cross(other, axis)
+    first /= np.linalg.norm(first)
+    return _clean(np.stack([first, np.cross(axis, first), axis], axis=1))
+
+
+def _clean(turn: np.ndarray) -> np.ndarray:
+    """Without the last digits that a rotation by right angles leaves."""
+    near = np.round(turn)
+    return np.where(np.abs(turn - near) < 1e-15, near, turn)
+
+
+def _joined(
+    m: np.ndarray, c: np.ndarray, inertia: np.ndarray, other_m: np.ndarray, other_c: np.ndarray, other: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mass, centre and inertia about it of two bodies in one."""
+    whole = m + other_m
+    centre = (m[:, None] * c + other_m[:, None] * other_c) / np.maximum(whole, MINIMUM)[:, None]
+    return whole, centre, inertia + _moved(m, c - centre) + other + _moved(other_m, other_c - centre)
+
+
+def _moved(m: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Of masses (rows,) at d (rows, 3)."""
+    square = (d**2).sum(axis=1)[:, None, None] * np.eye(3)
+    return np.asarray(m[:, None, None] * (square - d[:, :, None] * d[:, None, :]))

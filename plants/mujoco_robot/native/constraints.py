@@ -1,0 +1,168 @@
+"""Dry friction and joint limits as MuJoCo has them: the acceleration that its Newton solver converges to.
+
+The acceleration minimises (a - a0)^T M (a - a0) / 2 plus a piecewise quadratic cost of each joint's own acceleration
+(MuJoCo documentation, Computation, "Primal problem"). Newton's method on the pieces is exact once the pieces are right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from plants.mujoco_robot.native.lanes import Lanes, Number, Program, dot, where
+
+MOST = 24  # iterations; rows that need more go back to MuJoCo
+SEARCHED = 6  # iterations of the line search
+
+
+@dataclass(frozen=True, eq=False)
+class Friction:
+    """most: N m; stiff: 1/R; aim: the acceleration at which it is 0."""
+
+    most: Lanes
+    stiff: Lanes
+    aim: Number
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """side: 1 of a lower limit, -1 of an upper one; near: condition, the limit is within its margin; stiff: 1/R; aim:
+    of the acceleration away from the limit."""
+
+    side: float
+    near: Any
+    stiff: Number
+    aim: Number
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """What restrains a length, the sum of joint positions times `of`: dry friction, limits, or both."""
+
+    of: Mapping[int, float]
+    friction: Friction | None
+    limits: Sequence[Limit]
+
+    def length(self, x: Sequence[Number]) -> Number:
+        """The length's share of joint positions, or of their rates."""
+        return dot([x[i] for i in self.of], list(self.of.values()))
+
+
+Mass = Mapping[tuple[int, int], Number]
+Pieces = list[tuple[Number, Number]]
+
+
+def pieces(p: Program, constraints: Sequence[Constraint], a: Sequence[Number]) -> Pieces:
+    """Of every constraint, at these accelerations: d, f of its force f - d a on the piece where they lie."""
+    out: Pieces = []
+    for constraint in constraints:
+        x = constraint.length(a)
+        stiff: Number = 0.0
+        force: Number = 0.0
+        rubs = constraint.friction
+        if rubs is not None:
+            off = x - rubs.aim
+            reach = rubs.most / rubs.stiff
+            sticks = p.builder.and_(off < reach, off > -reach)
+            slips = where(p, off < 0.0, rubs.most, -rubs.most)
+            stiff = stiff + where(p, sticks, rubs.stiff, 0.0)
+            force = force + where(p, sticks, rubs.stiff * rubs.aim, slips)
+        for limit in constraint.limits:
+            pushed = p.builder.and_(limit.near, (x * limit.side) < limit.aim)
+            stiff = stiff + where(p, pushed, limit.stiff, 0.0)
+            force = force + where(p, pushed, limit.stiff * limit.aim * limit.side, 0.0)
+        out.append((stiff, force))
+    return out
+
+
+def restrained(
+    mass: Mass, torque: Sequence[Number], constraints: Sequence[Constraint], here: Pieces
+) -> tuple[Mass, list[Number]]:
+    """The equation of motion on these pieces: M + J^T d J, and torques with J^T f."""
+    m, t = dict(mass), list(torque)
+    for constraint, (stiff, force) in zip(constraints, here, strict=True):
+        for i, x in constraint.of.items():
+            t[i] = t[i] + force * x
+            for j, y in constraint.of.items():
+                if j <= i:
+                    m[i, j] = m[i, j] + stiff * (x * y)
+    return m, t
+
+
+def forces(constraints: Sequence[Constraint], here: Pieces, a: Sequence[Number]) -> list[Number]:
+    """The constraints' torques at the joints."""
+    out: list[Number] = [0.0] * len(a)
+    for constraint, (stiff, force) in zip(constraints, here, strict=True):
+        now = force - stiff * constraint.length(a)
+        for i, x in constraint.of.items():
+            out[i] = out[i] + now * x
+    return out
+
+
+def least_on_the_way(
+    p: Program,
+    mass: Mass,
+    torque: Sequence[Number],
+    constraints: Sequence[Constraint],
+    a: Sequence[Number],
+    b: Sequence[Number],
+) -> list[Number]:
+    """The accelerations of the least cost between a and b, where Newton's method leads: its whole steps can cycle. The
+    cost's slope along the way is piecewise linear and rises; its root is bracketed, and halved or found by a line."""
+    way = [y - x for x, y in zip(a, b, strict=True)]
+    mapped = _times(mass, way)
+    square, begin = dot(way, mapped), dot(mapped, a) - dot(way, torque)
+    along = [c.length(way) for c in constraints]
+    low: Number = 0.0
+    high: Number = 1.0
+    t: Number = 1.0
+    for _ in range(SEARCHED):
+        there = [x + d * t for x, d in zip(a, way, strict=True)]
+        slope = begin + square * t
+        rise = square
+        for c, d, (stiff, force) in zip(constraints, along, pieces(p, constraints, there), strict=True):
+            slope = slope - d * (force - stiff * c.length(there))
+            rise = rise + d * d * stiff
+        beyond = p.builder.fcmp_ordered(">", p.value(slope), p.value(0.0))
+        low, high = where(p, beyond, low, t), where(p, beyond, t, high)
+        guess = t - slope / rise
+        inside = p.builder.and_(guess > low, guess < high)
+        t = where(p, inside, guess, 0.5 * (low + high))
+    return [x + d * t for x, d in zip(a, way, strict=True)]
+
+
+def _times(mass: Mass, x: Sequence[Number]) -> list[Number]:
+    """M x."""
+    out: list[Number] = [0.0] * len(x)
+    for (i, j), m in mass.items():
+        out[i] = out[i] + m * x[j]
+        if i != j:
+            out[j] = out[j] + m * x[i]
+    return out
+
+
+def solve(mass: Mass, b: Sequence[Number]) -> list[Number]:
+    """x of M x = b, by M = L^T D L, which keeps the zeros of a branched chain (Featherstone 2008, section 6.5)."""
+    n, m = len(b), dict(mass)
+    inverse: list[Number] = [0.0] * n
+    for k in range(n - 1, -1, -1):
+        inverse[k] = 1.0 / m[k, k]
+        before = [i for i in range(k) if (k, i) in m]
+        for i in reversed(before):
+            scaled = m[k, i] * inverse[k]
+            for j in before:
+                if j <= i:
+                    m[i, j] = m[i, j] - scaled * m[k, j]
+            m[k, i] = scaled
+    x = list(b)
+    for k in range(n - 1, -1, -1):
+        for i in range(k):
+            if (k, i) in m:
+                x[i] = x[i] - m[k, i] * x[k]
+    x = [a * d for a, d in zip(x, inverse, strict=True)]
+    for k in range(n):
+        for i in range(k):
+            if (k, i) in m:
+                x[k] = x[k] - m[k, i] * x[i]
+    return x
