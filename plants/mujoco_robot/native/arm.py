@@ -64,7 +64,7 @@ def _tendon(model: mujoco.MjModel, t: int) -> Tendon:
     wraps = slice(int(model.tendon_adr[t]), int(model.tendon_adr[t] + model.tendon_num[t]))
     dofs = model.jnt_dofadr[model.wrap_objid[wraps]].tolist()
     stop = _stop(model.tendon_margin[t], model.tendon_solimp_lim[t]) if model.tendon_limited[t] else None
-    return Tendon(dict(zip(dofs, model.wrap_prm[wraps].tolist(), strict=True)), stop)
+    return Tendon(tuple(zip(dofs, model.wrap_prm[wraps].tolist(), strict=True)), stop)
 
 
 def _clipped(solimp: np.ndarray) -> np.ndarray:
@@ -122,6 +122,7 @@ def numbers_of(model: mujoco.MjModel, field: Field, rows: int) -> np.ndarray:
         np.where(limited, ends[..., 1], FAR),
         *stops,
         weight,
+        np.zeros(1),
     )
     at = ARM + LINK * n
     for k, column in enumerate(columns):
@@ -165,7 +166,8 @@ def _links(model: mujoco.MjModel, field: Field) -> tuple[tuple[Joint, ...], list
             along = _axes_along(model.jnt_axis[j])
             place = origin + axes @ model.jnt_pos[j]
             slides = int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
-            joints.append(Joint(link, slides, _clean(axes @ along)))
+            turn = tuple((float(x), float(y), float(z)) for x, y, z in _clean(axes @ along).T)
+            joints.append(Joint(link, slides, turn))
             links.append((place, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3, 3))))
             link, axes = len(joints) - 1, along.T
             origin = (-model.jnt_pos[j] @ along)[None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, cached_property
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
@@ -11,9 +11,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from plants.mujoco_robot.native.arm import Field, chain_of, numbers_of
-from plants.mujoco_robot.native.compiled import Compiled, Rollout
+from plants.mujoco_robot.native.changing import Changing
+from plants.mujoco_robot.native.compiled import Compiled, Rollout, compiled
 from plants.mujoco_robot.native.eligible import FIXED, agrees, eligible
-from plants.mujoco_robot.native.lanes import LANES
+from plants.mujoco_robot.native.program import LANES
+from plants.mujoco_robot.native.step import sizes
 
 if TYPE_CHECKING:
     import mujoco
@@ -22,11 +24,11 @@ Nodes = tuple[np.ndarray, np.ndarray]
 
 
 class NativeArm:
-    """The programs of a model: with and without dry friction, with and without joint limits."""
+    """The programs of a model: with and without dry friction and joint limits, and with what changes between steps."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
-        self._compiled: dict[tuple[bool, bool], Compiled | None] = {}
+        self._plain: dict[tuple[bool, bool], Compiled | None] = {}
 
     def rollout(
         self, batch: Any, controls: np.ndarray, cuts: Sequence[int], each: int, between: Callable[[int], None]
@@ -34,29 +36,66 @@ class NativeArm:
         """Positions and velocities (B, K + 1, n) of a batch from its present state on, under controls (B, K, nu) that
         are held for `each` steps of the model; `between` is called before the steps in `cuts` and may write to the
         batch. None, and the batch in its state of before, where MuJoCo has to do it."""
-        if batch.bind("qfrc_applied").any() or any(batch.expanded(name) is not None for name in FIXED):
+        if batch.bind("qfrc_applied").any() or not self._knows(batch):
             return None
-        (rows, steps, nu), n = controls.shape, self._model.nv
-        blocks = -(-rows // LANES)
-        q, v = batch.bind("qpos"), batch.bind("qvel")
-        positions, velocities = (np.empty((blocks * LANES, steps + 1, n)) for _ in range(2))
-        positions[:rows, 0], velocities[:rows, 0] = q, v
-        sent = _whole(np.ascontiguousarray(controls), blocks)
-        state = _in_blocks(np.concatenate([q, v, np.zeros_like(v)], axis=1), blocks)
-        forces, failed = np.zeros((blocks, nu, LANES)), np.zeros((blocks, 1, LANES))
+        on = self._begun(batch, controls, np.zeros((len(controls), 0)))
+        q, v, rows = batch.bind("qpos"), batch.bind("qvel"), len(controls)
         field = fields_of(batch, self._model)
-        for k, end in zip(cuts, [*cuts[1:], steps], strict=True):
-            q[:], v[:] = positions[:rows, k], velocities[:rows, k]
+        begun = q.copy(), v.copy()
+        for k, end in zip(cuts, [*cuts[1:], controls.shape[1]], strict=True):
+            q[:], v[:] = on.positions[:rows, k], on.velocities[:rows, k]
             between(k)
             program = self._program(field)
             if program is None:
                 break
-            numbers = _in_blocks(numbers_of(self._model, field, rows), blocks)
-            program(Rollout(numbers, state, sent, positions, velocities, forces, failed), k, end, each)
-        if program is None or failed.any():
-            q[:], v[:] = positions[:rows, 0], velocities[:rows, 0]
+            on.numbers[:] = _in_blocks(numbers_of(self._model, field, rows))
+            program(on, k, end, each)
+        if program is None or on.failed.any():
+            q[:], v[:] = begun
             return None
-        return positions[:rows], velocities[:rows]
+        return on.positions[:rows], on.velocities[:rows]
+
+    def changing_rollout(
+        self, batch: Any, controls: np.ndarray, each: int, changing: Changing, numbers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Positions and velocities as in `rollout` and the actuators' forces (B, K + 1, nu), where things change from
+        step to step; numbers (B, changing.count). controls (B, K, nu), or (B, K, 2 nu) with what is switched on."""
+        field, rows = fields_of(batch, self._model), len(controls)
+        program = self._program(field, changing) if self._knows(batch) else None
+        if program is None:
+            return None
+        on = self._begun(batch, controls, numbers)
+        on.numbers[:, : -changing.count] = _in_blocks(numbers_of(self._model, field, rows))
+        program(on, 0, controls.shape[1], each)
+        if on.failed.any():
+            return None
+        if changing.records:
+            on.outputs[:, -1] = on.outputs[:, -2]
+        return on.positions[:rows], on.velocities[:rows], on.outputs[:rows]
+
+    def _knows(self, batch: Any) -> bool:
+        """Whether the batch's rows differ in nothing that a program takes from the model."""
+        return all(batch.expanded(name) is None for name in FIXED)
+
+    def _begun(self, batch: Any, controls: np.ndarray, more: np.ndarray) -> Rollout:
+        """At the batch's present state; its own numbers are still to be written before `more` (B, k)."""
+        (rows, steps, _), n, nu = controls.shape, self._model.nv, self._model.nu
+        whole = -(-rows // LANES) * LANES
+        q, v = batch.bind("qpos"), batch.bind("qvel")
+        positions, velocities = (np.empty((whole, steps + 1, n)) for _ in range(2))
+        positions[:rows, 0], velocities[:rows, 0] = q, v
+        room = np.zeros((rows, self._size))
+        blocks = whole // LANES
+        return Rollout(
+            _in_blocks(np.concatenate([room, more], axis=1)),
+            _in_blocks(np.concatenate([q, v, np.zeros_like(v)], axis=1)),
+            _whole(np.ascontiguousarray(controls)),
+            positions,
+            velocities,
+            np.empty((whole, steps + 1, nu)),
+            np.zeros((blocks, nu, LANES)),
+            np.zeros((blocks, 1, LANES)),
+        )
 
     def advance(self, batch: Any, controls: np.ndarray, each: int, rows: np.ndarray) -> bool:
         """Move some rows (m,) of a batch to where the controls (B, K, nu) lead; False, and nothing moved, where MuJoCo
@@ -70,12 +109,20 @@ class NativeArm:
         q[rows], v[rows] = (x[rows, -1] for x in nodes)
         return True
 
-    def _program(self, field: Field) -> Compiled | None:
-        rubs, stops = bool((field("dof_frictionloss") > 0.0).any()), bool(field("jnt_limited").any())
-        if (rubs, stops) not in self._compiled:
-            program = Compiled(chain_of(self._model, rubs, stops))
-            self._compiled[rubs, stops] = program if agrees(self._model, program, rubs, stops) else None
-        return self._compiled[rubs, stops]
+    @cached_property
+    def _size(self) -> int:
+        return sizes(chain_of(self._model, False, False))
+
+    def _program(self, field: Field, changing: Changing | None = None) -> Compiled | None:
+        rubs = changing is not None and changing.level >= 0
+        kind = rubs or bool((field("dof_frictionloss") > 0.0).any()), bool(field("jnt_limited").any())
+        if kind not in self._plain:
+            plain = compiled(chain_of(self._model, *kind))
+            self._plain[kind] = plain if agrees(self._model, plain, *kind) else None
+        program = self._plain[kind]
+        if changing is None or program is None:
+            return program
+        return compiled(chain_of(self._model, *kind), changing)
 
 
 _ARMS: WeakKeyDictionary[Any, NativeArm | None] = WeakKeyDictionary()
@@ -105,12 +152,13 @@ def fields_of(batch: Any, model: mujoco.MjModel) -> Field:
     return field
 
 
-def _whole(x: np.ndarray, blocks: int) -> np.ndarray:
+def _whole(x: np.ndarray) -> np.ndarray:
     """Rows for whole blocks, the last repeated."""
-    missing = blocks * LANES - len(x)
+    missing = -len(x) % LANES
     return np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
 
 
-def _in_blocks(x: np.ndarray, blocks: int) -> np.ndarray:
+def _in_blocks(x: np.ndarray) -> np.ndarray:
     """(B, k) -> (blocks, k, LANES)"""
-    return np.ascontiguousarray(_whole(x, blocks).reshape(blocks, LANES, -1).transpose(0, 2, 1))
+    whole = _whole(x)
+    return np.ascontiguousarray(whole.reshape(len(whole) // LANES, LANES, x.shape[1]).transpose(0, 2, 1))

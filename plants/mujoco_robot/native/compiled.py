@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from ctypes import CFUNCTYPE, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import cache
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.native.lanes import LANES, Program
+from plants.mujoco_robot.native.changing import Changing, Rewriting
+from plants.mujoco_robot.native.lanes import gather, load, scatter, store
+from plants.mujoco_robot.native.program import LANES, VECTOR, Program, Value
 from plants.mujoco_robot.native.step import Chain, sizes, trace
+
+WORTH = 0.2  # s in a quick translation, from which a better one is made
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +23,10 @@ class Rollout:
     """What the steps of some rows work on, for whole blocks of LANES rows; the arrays are C-contiguous.
 
     numbers (blocks, sizes, LANES); state (blocks, 3 n, LANES): positions, velocities and accelerations, gone on with in
-    place; controls (rows, steps, nu); positions, velocities (rows, steps + 1, n): written from the second node on;
-    forces (blocks, nu, LANES): of the last step; failed (blocks, 1, LANES): 1 where a step is not exact.
+    place; controls (rows, steps, nu), followed by what is switched on where a program asks for it; positions,
+    velocities (rows, steps + 1, n): written from the second node on; outputs (rows, steps + 1, nu): the actuators'
+    forces in the step from a node on, written where a program records them; forces (blocks, nu, LANES): of the last
+    step; failed (blocks, 1, LANES): 1 where a step is not exact.
     """
 
     numbers: np.ndarray
@@ -28,111 +34,107 @@ class Rollout:
     controls: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
+    outputs: np.ndarray
     forces: np.ndarray
     failed: np.ndarray
 
 
 class Compiled:
-    """The machine code of a chain's steps."""
+    """The machine code of a chain's steps, and of what is rewritten between them.
 
-    def __init__(self, chain: Chain) -> None:
-        self._roll = _function(text_of(chain))
+    It is translated quickly at first, and better once that would have been worth it; the results are the same to the
+    last bit.
+    """
+
+    def __init__(self, chain: Chain, changing: Changing | None = None) -> None:
+        self._text = text_of(chain, changing)
+        self._roll = _function(self._text, 0)
+        self._spent: float | None = 0.0  # s in the quick translation, None once there is the better one
 
     def __call__(self, on: Rollout, begin: int, end: int, each: int) -> None:
         """Steps begin to end - 1, each of so many of the model's."""
-        (_, steps, nu), n = on.controls.shape, on.positions.shape[2]
-        arrays = (on.numbers, on.state, on.controls, on.positions, on.velocities, on.forces, on.failed)
-        skipped = (0, 0, begin * nu, (begin + 1) * n, (begin + 1) * n, 0, 0)
+        (_, steps, sent), n, nu = on.controls.shape, on.positions.shape[2], on.outputs.shape[2]
+        arrays = (on.numbers, on.state, on.controls, on.positions, on.velocities, on.outputs, on.forces, on.failed)
+        skipped = (0, 0, begin * sent, (begin + 1) * n, (begin + 1) * n, begin * nu, 0, 0)
         places = [a.ctypes.data + a.itemsize * k for a, k in zip(arrays, skipped, strict=True)]
-        self._roll(*places, len(on.state), end - begin, each, steps * nu, (steps + 1) * n)
+        sizes_of_rows = steps * sent, (steps + 1) * n, (steps + 1) * nu
+        if self._spent is not None and self._spent > WORTH:
+            self._roll, self._spent = _function(self._text, 1), None
+        started = perf_counter()
+        self._roll(*places, len(on.state), end - begin, each, *sizes_of_rows)
+        if self._spent is not None:
+            self._spent += perf_counter() - started
 
 
-def text_of(chain: Chain) -> str:
+ARRAYS = ("numbers", "state", "controls", "positions", "velocities", "outputs", "forces", "failed")
+COUNTS = ("blocks", "steps", "each", "sent", "node", "output")  # the last three: the sizes of a row
+
+
+def text_of(chain: Chain, changing: Changing | None = None) -> str:
     """The program in LLVM's language: the arrays of Rollout, then the numbers of blocks, of steps and of the model's
-    steps in each, and the sizes of a row in controls and in positions."""
-    from llvmlite import ir
+    steps in each, and the sizes of a row in controls, in positions and in outputs."""
+    p, n, nu = Program(), len(chain.joints), len(chain.actuators)
+    sent = nu if changing is None or not changing.switched else 2 * nu
+    size = sizes(chain) + (0 if changing is None else changing.count)
+    held = p.memory(VECTOR, max(sent, 1))
 
-    double, whole = ir.DoubleType(), ir.IntType(64)
-    vector = ir.VectorType(double, LANES)
-    vectors, plain = vector.as_pointer(), double.as_pointer()
-    arrays = [vectors, vectors, plain, plain, plain, vectors, vectors]
-    module = ir.Module("arm")
-    function = ir.Function(module, ir.FunctionType(ir.VoidType(), [*arrays, *[whole] * 5]), "roll")
-    for argument in function.args[: len(arrays)]:
-        argument.add_attribute("noalias")
-    numbers, state, controls, positions, velocities, forces, failed, *counts = function.args
-    blocks, steps, each, sent_size, node_size = counts
-    n, nu = len(chain.joints), len(chain.actuators)
-    builder = ir.IRBuilder(function.append_basic_block("entry"))
-    program = Program(builder, double)
-    held = program.memory(vector, max(nu, 1))
+    def at(kind: str, array: Value, index: Value, size: int | Value) -> Value:
+        return p.place(kind, array, p.pure(f"mul i64 {index}, {size}"))
 
-    def at(array: Any, index: Any, size: Any) -> Any:
-        return builder.gep(array, [builder.mul(index, size if not isinstance(size, int) else ir.Constant(whole, size))])
+    def block(b: Value) -> None:
+        mine, row = at(VECTOR, "%state", b, 3 * n), at(VECTOR, "%numbers", b, size)
+        force, wrong = at(VECTOR, "%forces", b, nu), at(VECTOR, "%failed", b, 1)
+        first = p.pure(f"mul i64 {b}, {LANES}")
+        lanes = [p.pure(f"add i64 {first}, {lane}") for lane in range(LANES)]
+        commands, places, rates, written = (
+            [at("double", array, lane, per) for lane in lanes]
+            for array, per in (
+                ("%controls", "%sent"), ("%positions", "%node"), ("%velocities", "%node"), ("%outputs", "%output"),
+            )
+        )  # fmt: skip
 
-    def block(b: Any) -> None:
-        mine, row = at(state, b, 3 * n), at(numbers, b, sizes(chain))
-        force, wrong = at(forces, b, nu), at(failed, b, 1)
-        first = builder.mul(b, ir.Constant(whole, LANES))
-
-        def rows(array: Any, size: Any) -> list[Any]:
-            return [at(array, builder.add(first, ir.Constant(whole, lane)), size) for lane in range(LANES)]
-
-        sent, places, rates = rows(controls, sent_size), rows(positions, node_size), rows(velocities, node_size)
-
-        def one(k: Any) -> None:
-            for i, u in enumerate(program.gather([at(s, k, nu) for s in sent], nu)):
-                program.store(u, held, i)
-            _loop(builder, each, lambda j: trace(program, chain, row, mine, held, force, wrong))
-            for array, begin in ((places, 0), (rates, n)):
-                to = [at(a, k, n) for a in array]
+        def one(k: Value) -> None:
+            now = [at("double", c, k, sent) for c in commands]
+            for i in range(sent):
+                store(p, gather(p, now, i), held, i)
+            if changing is not None:
+                Rewriting(p, chain, changing, row, mine, held, force)()
+            p.loop("%each", lambda j: trace(p, chain, row, mine, held, force, wrong))
+            for arrays, begin in ((places, 0), (rates, n)):
+                to = [at("double", a, k, n) for a in arrays]
                 for i in range(n):
-                    program.scatter(program.load(mine, begin + i), to, i)
+                    scatter(p, load(p, mine, begin + i), to, i)
+            if changing is not None and changing.records:
+                to = [at("double", a, k, nu) for a in written]
+                for i in range(nu):
+                    scatter(p, load(p, force, i), to, i)
 
-        _loop(builder, steps, one)
+        p.loop("%steps", one)
 
-    _loop(builder, blocks, block)
-    builder.ret_void()
-    return str(module)
-
-
-def _loop(builder: Any, count: Any, body: Callable[[Any], None]) -> None:
-    """body(number) so many times."""
-    from llvmlite import ir
-
-    whole = count.type
-    head, inside, end = (builder.append_basic_block(x) for x in ("head", "inside", "end"))
-    begin = builder.block
-    builder.branch(head)
-    builder.position_at_end(head)
-    k = builder.phi(whole)
-    k.add_incoming(ir.Constant(whole, 0), begin)
-    builder.cbranch(builder.icmp_signed("<", k, count), inside, end)
-    builder.position_at_end(inside)
-    body(k)
-    k.add_incoming(builder.add(k, ir.Constant(whole, 1)), builder.block)
-    builder.branch(head)
-    builder.position_at_end(end)
+    p.loop("%blocks", block)
+    return p.text("roll", [*(f"ptr noalias %{a}" for a in ARRAYS), *(f"i64 %{c}" for c in COUNTS)])
 
 
 @cache
-def _function(text: str) -> Any:
-    """The compiled program, for this processor; kept as long as the process lives."""
+def compiled(chain: Chain, changing: Changing | None = None) -> Compiled:
+    """The program, made once in a process."""
+    return Compiled(chain, changing)
+
+
+def _function(text: str, level: int) -> Any:
+    """The program for this processor; level: of the translation, 0 takes a quarter of the time of 1 and is a half to a
+    third as fast. Passes over the text would cost more than they save, and fuse operations."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=level
     )
     module = llvm.parse_assembly(text)
     module.verify()
-    # level 1 removes repeated products; more takes longer than it saves
-    passes = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=1))
-    passes.getModulePassManager().run(module, passes)
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
-    kind = CFUNCTYPE(None, *[c_void_p] * 7, *[c_int64] * 5)
-    function = kind(engine.get_function_address("roll"))
+    function = CFUNCTYPE(None, *[c_void_p] * len(ARRAYS), *[c_int64] * len(COUNTS))(engine.get_function_address("roll"))
     function.engine = engine  # type: ignore[attr-defined]  # which owns the code
     return function

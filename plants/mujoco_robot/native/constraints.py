@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from plants.mujoco_robot.native.lanes import Lanes, Number, Program, dot, where
+from plants.mujoco_robot.native.lanes import Condition, Lanes, Number, compared, dot, where
+from plants.mujoco_robot.native.program import Program
 
 MOST = 24  # iterations; rows that need more go back to MuJoCo
 SEARCHED = 6  # iterations of the line search
@@ -31,7 +31,7 @@ class Limit:
     of the acceleration away from the limit."""
 
     side: float
-    near: Any
+    near: Condition
     stiff: Number
     aim: Number
 
@@ -64,12 +64,12 @@ def pieces(p: Program, constraints: Sequence[Constraint], a: Sequence[Number]) -
         if rubs is not None:
             off = x - rubs.aim
             reach = rubs.most / rubs.stiff
-            sticks = p.builder.and_(off < reach, off > -reach)
-            slips = where(p, off < 0.0, rubs.most, -rubs.most)
+            sticks = (off < reach) & (off > -reach)
+            slips = where(p, compared(p, "olt", off, 0.0), rubs.most, -rubs.most)
             stiff = stiff + where(p, sticks, rubs.stiff, 0.0)
             force = force + where(p, sticks, rubs.stiff * rubs.aim, slips)
         for limit in constraint.limits:
-            pushed = p.builder.and_(limit.near, (x * limit.side) < limit.aim)
+            pushed = limit.near & compared(p, "olt", x * limit.side, limit.aim)
             stiff = stiff + where(p, pushed, limit.stiff, 0.0)
             force = force + where(p, pushed, limit.stiff * limit.aim * limit.side, 0.0)
         out.append((stiff, force))
@@ -124,10 +124,10 @@ def least_on_the_way(
         for c, d, (stiff, force) in zip(constraints, along, pieces(p, constraints, there), strict=True):
             slope = slope - d * (force - stiff * c.length(there))
             rise = rise + d * d * stiff
-        beyond = p.builder.fcmp_ordered(">", p.value(slope), p.value(0.0))
+        beyond = compared(p, "ogt", slope, 0.0)
         low, high = where(p, beyond, low, t), where(p, beyond, t, high)
         guess = t - slope / rise
-        inside = p.builder.and_(guess > low, guess < high)
+        inside = compared(p, "ogt", guess, low) & compared(p, "olt", guess, high)
         t = where(p, inside, guess, 0.5 * (low + high))
     return [x + d * t for x, d in zip(a, way, strict=True)]
 

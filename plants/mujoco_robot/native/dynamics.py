@@ -10,20 +10,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
+from plants.mujoco_robot.native.elementary import sine_and_cosine
+from plants.mujoco_robot.native.lanes import Lanes, Number, Three, added, cross, dot, times
+from plants.mujoco_robot.native.program import Program
 
-from plants.mujoco_robot.native.lanes import Lanes, Number, Program, Three, added, cross, dot, sine_and_cosine, times
 
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Joint:
     """A link's joint and where it is. parent: the link before it, -1 for the ground; slides: whether it slides along
-    its axis in place of turning about it; turn (3, 3): the axes of the link in those of its parent at joint position 0,
-    the joint's axis last."""
+    its axis in place of turning about it; turn: the axes of the link, one after another, in those of its parent at
+    joint position 0, the joint's axis last."""
 
     parent: int
     slides: bool
-    turn: np.ndarray
+    turn: tuple[tuple[float, float, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ def inertia_and_bias(
         first = joint.parent < 0
         before: list[Three] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)] if first else axes[joint.parent]
         at = added(still if first else place[joint.parent], _in(before, link.place))
-        x, y, z = (_in(before, tuple(column)) for column in joint.turn.T.tolist())  # type: ignore[arg-type]
+        x, y, z = (_in(before, axis) for axis in joint.turn)
         if joint.slides:
             at = added(at, times(z, q[i]))
             motion.append((still, z))

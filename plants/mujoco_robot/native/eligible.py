@@ -9,7 +9,7 @@ import numpy as np
 
 from plants.mujoco_robot.native.arm import numbers_of
 from plants.mujoco_robot.native.compiled import Compiled, Rollout
-from plants.mujoco_robot.native.lanes import LANES
+from plants.mujoco_robot.native.program import LANES
 
 if TYPE_CHECKING:
     import mujoco
@@ -146,8 +146,8 @@ def _compared(model: mujoco.MjModel, program: Compiled, scale: float) -> bool | 
     numbers = numbers_of(model, lambda name: _field(model, name), LANES)
     nodes = np.empty((2, LANES, CHECKED + 1, n))
     state = np.concatenate([q, v, np.zeros((LANES, n))], axis=1).T[None].copy()
-    forces, failed = np.zeros((1, nu, LANES)), np.zeros((1, 1, LANES))
-    program(Rollout(numbers.T[None].copy(), state, u, nodes[0], nodes[1], forces, failed), 0, CHECKED, 1)
+    outputs, forces, failed = np.empty((0, 0, nu)), np.zeros((1, nu, LANES)), np.zeros((1, 1, LANES))
+    program(Rollout(numbers.T[None].copy(), state, u, nodes[0], nodes[1], outputs, forces, failed), 0, CHECKED, 1)
     pairs = ((nodes[0, :, 1:], there["qpos"]), (nodes[1, :, 1:], there["qvel"]))
     return all((np.abs(a - b) <= SAME * (1.0 + np.abs(b))).all() for a, b in pairs) and not failed.any()
 

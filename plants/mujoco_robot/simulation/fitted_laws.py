@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
-from residual_mpc.effects.effect import Site, Values
+from residual_mpc.effects.effect import Effect, Site, Values
 from residual_mpc.effects.laws import NEAR, kind_of, quantity_of, shortened
 from residual_mpc.effects.library import Effects, present
 from residual_mpc.effects.ops import NUMPY, Array
@@ -23,6 +23,7 @@ class JointLaw:
     """One law where it acts. on: the quantity; joints: places among those that can have a law; p: its parameters there,
     (B, joints)."""
 
+    effect: Effect
     on: str
     joints: np.ndarray
     p: Values
@@ -45,7 +46,7 @@ def joint_laws(effects: Effects, site: Site) -> list[JointLaw]:
             if kind is not None:
                 here, law = shortened(kind, here)
             assert law is not None
-            out.append(JointLaw(quantity_of(effect), joints, here, law))
+            out.append(JointLaw(effect, quantity_of(effect), joints, here, law))
     return out
 
 

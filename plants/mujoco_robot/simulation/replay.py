@@ -13,10 +13,11 @@ from plants.mujoco_robot.edits.split_gears import by_gears, edit_gears
 from plants.mujoco_robot.native.arms import native_arm
 from plants.mujoco_robot.simulation.between import between_steps, changing
 from plants.mujoco_robot.simulation.channels import read_channels, write_start
-from plants.mujoco_robot.simulation.gear_feedback import feedback
+from plants.mujoco_robot.simulation.compiled_steps import Forces, forces_of, replay_natively
+from plants.mujoco_robot.simulation.gear_feedback import Feedback, feedback
 from plants.mujoco_robot.simulation.gear_start import WARM, begin
 from plants.mujoco_robot.simulation.one_step import OneStep
-from plants.mujoco_robot.simulation.servo_integral import begin_integrals
+from plants.mujoco_robot.simulation.servo_integral import ServoIntegrals, begin_integrals
 from plants.mujoco_robot.structure.base import unwrapped
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_timers import stop_mujoco_timers
@@ -129,6 +130,7 @@ def _replay(
     if model.na:  # an actuator with a filter starts where its first command holds it
         batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     servos = feedback(batch, robot)
+    forces = forces_of(batch) if stepped else {}
     between = between_steps(batch, robot, settings, drive)
     integral = any(True for _ in present(settings.effects, "servo"))
     if robot.gears is not None or integral:
@@ -141,8 +143,7 @@ def _replay(
         if model.na:
             batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     if stepped:
-        step = OneStep(batch, robot, between, servos, on_errors(settings.effects, robot.servo), drive.dt, integrals)
-        out = _step_by_step(step, u, wanted)
+        out = _changing(batch, robot, drive, settings, u, forces, between, integrals, servos, wanted)
     else:
         out = _roll_out(batch, robot, drive, u, between, wanted)
     if "pose.theta" in out:
@@ -186,6 +187,29 @@ def _roll_out(
     whole = {field: np.concatenate(part, axis=1) for field, part in parts.items()}
     _stay(whole["qpos"], whole["qvel"])
     return read_channels(robot, whole["qpos"], whole["qvel"], wanted)
+
+
+def _changing(
+    batch: Any,
+    robot: CompiledRobot,
+    drive: Drive,
+    settings: Settings,
+    u: np.ndarray,
+    forces: Forces,
+    between: list[Any],
+    integrals: ServoIntegrals | None,
+    servos: Feedback | None,
+    wanted: tuple[str, ...],
+) -> dict[str, np.ndarray]:
+    """Rows in which something changes from step to step."""
+    records = any(c.startswith("output.") for c in wanted)
+    nodes = replay_natively(batch, robot, settings, drive, u, forces, integrals, servos, records)
+    if nodes is None:
+        step = OneStep(batch, robot, between, servos, on_errors(settings.effects, robot.servo), drive.dt, integrals)
+        return _step_by_step(step, u, wanted)
+    _stay(*(nodes if records else nodes[:2]))
+    outputs = {c: nodes[2][:, :, i] for i, a in enumerate(robot.actuators) if (c := f"output.{a}") in wanted}
+    return outputs | read_channels(robot, *nodes[:2], [c for c in wanted if c not in outputs])
 
 
 def _step_by_step(step: OneStep, u: np.ndarray, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
