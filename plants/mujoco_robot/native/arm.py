@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -147,38 +149,76 @@ def numbers_of(model: mujoco.MjModel, field: Field, rows: int) -> np.ndarray:
 Link = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-def _links(model: mujoco.MjModel, field: Field) -> tuple[tuple[Joint, ...], list[Link]]:
-    """The moving links, one for each joint, with what is welded to them; of each: the joint's place, the mass, the
-    centre of mass and the inertia about it, (rows, ...)."""
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """What of the links is the same for all rows. places: of each joint, the body whose origin it is counted
+    from, the body's axes in those of the link before, and the offset there; bodies: of each but the world, its link,
+    -1 where it does not move, its parent, the parent's axes, its own, and its origin in the link if it has joints."""
+
+    joints: tuple[Joint, ...]
+    places: tuple[tuple[int, np.ndarray], ...]
+    bodies: tuple[tuple[int, int, np.ndarray, np.ndarray, np.ndarray | None], ...]
+
+
+_FRAMES: WeakKeyDictionary[Any, _Frames] = WeakKeyDictionary()
+
+
+def _frames_of(model: mujoco.MjModel) -> _Frames:
+    if model not in _FRAMES:
+        _FRAMES[model] = _frames(model)
+    return _FRAMES[model]
+
+
+def _frames(model: mujoco.MjModel) -> _Frames:
     import mujoco
 
-    position, mass, centre = field("body_pos"), field("body_mass"), field("body_ipos")
-    moments, principal = field("body_inertia"), field("body_iquat")
     joints: list[Joint] = []
-    links: list[Link] = []
-    # of each body: the link that it moves with, its axes in those of the link, its origin there
-    frames: list[tuple[int, np.ndarray, np.ndarray]] = [(-1, np.eye(3), np.zeros((1, 3)))]
+    places: list[tuple[int, np.ndarray]] = []
+    bodies: list[tuple[int, int, np.ndarray, np.ndarray, np.ndarray | None]] = []
+    frames: list[tuple[int, np.ndarray]] = [(-1, np.eye(3))]  # of each body: its link, and its axes there
     for body in range(1, model.nbody):
-        link, axes, origin = frames[int(model.body_parentid[body])]
-        origin = origin + position[:, body] @ axes.T
-        axes = axes @ quat_to_matrix(model.body_quat[body])
+        parent = int(model.body_parentid[body])
+        link, outer = frames[parent]
+        axes, origin = outer @ quat_to_matrix(model.body_quat[body]), None
         for j in range(int(model.body_jntadr[body]), int(model.body_jntadr[body]) + int(model.body_jntnum[body])):
             along = _axes_along(model.jnt_axis[j])
-            place = origin + axes @ model.jnt_pos[j]
+            offset = axes @ model.jnt_pos[j]
+            places.append((body, offset) if origin is None else (-1, origin + offset))
             slides = int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
             turn = tuple((float(x), float(y), float(z)) for x, y, z in _clean(axes @ along).T)
             joints.append(Joint(link, slides, turn))
-            links.append((place, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3, 3))))
             link, axes = len(joints) - 1, along.T
-            origin = (-model.jnt_pos[j] @ along)[None]
-        frames.append((link, axes, origin))
-        if link >= 0:
-            turn = axes @ quat_to_matrix(principal[:, body])
-            own = turn @ (moments[:, body, :, None] * turn.transpose(0, 2, 1))
-            place, m, c, inertia = links[link]
-            at = origin + centre[:, body] @ axes.T
-            links[link] = (place, *_joined(m, c, inertia, mass[:, body], at, own))
-    return tuple(joints), links
+            origin = -model.jnt_pos[j] @ along
+        frames.append((link, axes))
+        bodies.append((link, parent, outer, axes, origin))
+    return _Frames(tuple(joints), tuple(places), tuple(bodies))
+
+
+def _links(model: mujoco.MjModel, field: Field) -> tuple[tuple[Joint, ...], list[Link]]:
+    """The moving links, one for each joint, with what is welded to them; of each: the joint's place, the mass, the
+    centre of mass and the inertia about it, (rows, ...)."""
+    frames = _frames_of(model)
+    position, mass, centre = field("body_pos"), field("body_mass"), field("body_ipos")
+    turned, moments = quat_to_matrix(field("body_iquat")), field("body_inertia")
+    outside: list[np.ndarray] = [np.zeros((1, 3))]  # of each body, its origin in the link of its parent
+    inside: list[np.ndarray] = [np.zeros((1, 3))]  # and in its own
+    for body, (_, parent, outer, _, origin) in enumerate(frames.bodies, 1):
+        outside.append(inside[parent] + position[:, body] @ outer.T)
+        inside.append(outside[body] if origin is None else origin[None])
+    empty = np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3, 3))
+    links: list[Link] = [
+        (offset[None] if body < 0 else outside[body] + offset, *empty) for body, offset in frames.places
+    ]
+    for body, (link, _, _, axes, _) in enumerate(frames.bodies, 1):
+        if link < 0:
+            continue
+        turn = axes @ turned[:, body]
+        own = turn @ (moments[:, body, :, None] * turn.transpose(0, 2, 1))
+        place, m, c, inertia = links[link]
+        at = inside[body] + centre[:, body] @ axes.T
+        whole = (mass[:, body], at, own) if not m.any() else _joined(m, c, inertia, mass[:, body], at, own)
+        links[link] = (place, *whole)
+    return frames.joints, links
 
 
 def _axes_along(axis: np.ndarray) -> np.ndarray:

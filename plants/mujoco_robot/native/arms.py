@@ -15,7 +15,7 @@ from plants.mujoco_robot.native.changing import Changing
 from plants.mujoco_robot.native.compiled import Compiled, Rollout, compiled
 from plants.mujoco_robot.native.eligible import FIXED, agrees, eligible
 from plants.mujoco_robot.native.program import LANES
-from plants.mujoco_robot.native.step import sizes
+from plants.mujoco_robot.native.step import Chain, sizes
 
 if TYPE_CHECKING:
     import mujoco
@@ -28,6 +28,7 @@ class NativeArm:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
+        self._chains: dict[tuple[bool, bool], Chain] = {}
         self._plain: dict[tuple[bool, bool], Compiled | None] = {}
 
     def rollout(
@@ -97,18 +98,6 @@ class NativeArm:
             np.zeros((blocks, 1, LANES)),
         )
 
-    def advance(self, batch: Any, controls: np.ndarray, each: int, rows: np.ndarray) -> bool:
-        """Move some rows (m,) of a batch to where the controls (B, K, nu) lead; False, and nothing moved, where MuJoCo
-        has to do it."""
-        q, v = batch.bind("qpos"), batch.bind("qvel")
-        kept = q.copy(), v.copy()
-        nodes = self.rollout(batch, controls, (0,), each, lambda k: None)
-        if nodes is None:
-            return False
-        q[:], v[:] = kept
-        q[rows], v[rows] = (x[rows, -1] for x in nodes)
-        return True
-
     @cached_property
     def _size(self) -> int:
         return sizes(chain_of(self._model, False, False))
@@ -117,12 +106,13 @@ class NativeArm:
         rubs = changing is not None and changing.level >= 0
         kind = rubs or bool((field("dof_frictionloss") > 0.0).any()), bool(field("jnt_limited").any())
         if kind not in self._plain:
-            plain = compiled(chain_of(self._model, *kind))
+            chain = self._chains[kind] = chain_of(self._model, *kind)
+            plain = compiled(chain)
             self._plain[kind] = plain if agrees(self._model, plain, *kind) else None
         program = self._plain[kind]
         if changing is None or program is None:
             return program
-        return compiled(chain_of(self._model, *kind), changing)
+        return compiled(self._chains[kind], changing)
 
 
 _ARMS: WeakKeyDictionary[Any, NativeArm | None] = WeakKeyDictionary()

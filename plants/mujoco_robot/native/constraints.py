@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from plants.mujoco_robot.native.lanes import Condition, Lanes, Number, compared, dot, where
-from plants.mujoco_robot.native.program import Program
+from plants.mujoco_robot.native.lanes import Condition, Lanes, Number, compared, dot, lanes, load, size_of, store, where
+from plants.mujoco_robot.native.program import VECTOR, Program
 
 MOST = 24  # iterations; rows that need more go back to MuJoCo
-SEARCHED = 6  # iterations of the line search
+ROUNDING = 1e-12  # relative, of accelerations
+SEARCHED = 60  # iterations of a line search, most of them halvings of a bracket
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,22 +115,34 @@ def least_on_the_way(
     mapped = _times(mass, way)
     square, begin = dot(way, mapped), dot(mapped, a) - dot(way, torque)
     along = [c.length(way) for c in constraints]
-    low: Number = 0.0
-    high: Number = 1.0
-    t: Number = 1.0
-    for _ in range(SEARCHED):
-        there = [x + d * t for x, d in zip(a, way, strict=True)]
-        slope = begin + square * t
-        rise = square
-        for c, d, (stiff, force) in zip(constraints, along, pieces(p, constraints, there), strict=True):
-            slope = slope - d * (force - stiff * c.length(there))
-            rise = rise + d * d * stiff
-        beyond = compared(p, "ogt", slope, 0.0)
-        low, high = where(p, beyond, low, t), where(p, beyond, t, high)
-        guess = t - slope / rise
-        inside = compared(p, "ogt", guess, low) & compared(p, "olt", guess, high)
-        t = where(p, inside, guess, 0.5 * (low + high))
-    return [x + d * t for x, d in zip(a, way, strict=True)]
+    bracket, rounds = p.memory(VECTOR, 3), p.memory("i64", 1)  # its ends, and where the slope is looked at next
+    for k, x in enumerate((0.0, 1.0, 1.0)):
+        store(p, x, bracket, k)
+    p.store("i64", "0", rounds)
+    search, found = p.label("search"), p.label("found")
+    p.jump(search)
+    p.begin(search)
+    low, high, t = (load(p, bracket, k) for k in range(3))
+    there = [x + d * t for x, d in zip(a, way, strict=True)]
+    slope: Number = begin + square * t
+    rise = square
+    for c, d, (stiff, force) in zip(constraints, along, pieces(p, constraints, there), strict=True):
+        slope = slope - d * (force - stiff * c.length(there))
+        rise = rise + d * d * stiff
+    beyond = compared(p, "ogt", slope, 0.0)
+    low, high = where(p, beyond, low, t), where(p, beyond, t, high)
+    guess = lanes(p, t - slope / rise)
+    inside = (guess > low) & (guess < high)
+    new = where(p, inside, guess, 0.5 * (low + high))
+    for k, end in enumerate((low, high, new)):
+        store(p, end, bracket, k)
+    number = p.pure(f"add i64 {p.load('i64', rounds)}, 1")
+    p.store("i64", number, rounds)
+    apart = compared(p, "ogt", size_of(p, new - t), ROUNDING).anywhere()
+    p.branch(p.pure(f"and i1 {apart}, {p.pure(f'icmp slt i64 {number}, {SEARCHED}')}"), search, found)
+    p.begin(found)
+    least = load(p, bracket, 2)
+    return [x + d * least for x, d in zip(a, way, strict=True)]
 
 
 def _times(mass: Mass, x: Sequence[Number]) -> list[Number]:

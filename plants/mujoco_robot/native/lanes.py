@@ -112,7 +112,7 @@ def lanes(p: Program, x: Number) -> Lanes:
 
 
 def compared(p: Program, how: str, a: Number, b: Number) -> Condition:
-    """how: LLVM's name of a comparison; "une" is true where a or b is no number."""
+    """how: LLVM's name of a comparison; "o...": not where a or b is no number."""
     return Condition(p, p.pure(f"fcmp {how} {VECTOR} {value(a)}, {value(b)}"))
 
 

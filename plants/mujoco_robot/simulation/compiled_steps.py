@@ -4,7 +4,7 @@ program rewrites, and the numbers of the rows."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,14 +22,15 @@ from residual_mpc.effects.library import present
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
 
-Forces = dict[str, np.ndarray]  # fields of the actuators' forces in a batch
-FORCES = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
+Fields = dict[str, np.ndarray]  # of a batch
+FORCES = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")  # as they are before any effect weakens them
+RESISTANCES = ("dof_frictionloss", "dof_damping")  # with what is constant, before anything changes
 REACH = 1e30  # in place of an infinite force
 
 
-def forces_of(batch: Any) -> Forces:
-    """The actuators' gains, biases and ranges in the rows, before any effect on their strength."""
-    return {name: np.array(batch.expand(name)) for name in FORCES}
+def copied(batch: Any, fields: Sequence[str]) -> Fields:
+    """The fields in the rows, as they are now."""
+    return {name: np.array(batch.expand(name)) for name in fields}
 
 
 @dataclass(eq=False)
@@ -44,6 +45,10 @@ class _Columns:
         self.columns += columns
         return at
 
+    def stacked(self, rows: int) -> np.ndarray:
+        """(rows, columns)"""
+        return np.stack([np.broadcast_to(x, rows) for x in self.columns], axis=1)
+
     def of(self, effect: Effect, p: Values, places: Sequence[int], **more: Any) -> Acting:
         """An effect with parameters (B, places)."""
         names = [q.name for q in effect.parameters]
@@ -57,21 +62,51 @@ def replay_natively(
     settings: Settings,
     drive: Drive,
     u: np.ndarray,
-    base: Forces,
+    base: Fields,
     integrals: ServoIntegrals | None,
     servos: Feedback | None,
     records: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Positions, velocities and actuators' forces at the nodes, from the batch's present state on, under commands u
-    (B, K, nu); base: see `forces_of`. None where it has to be done step by step."""
+    (B, K, nu); base: FORCES and RESISTANCES. None where it has to be done step by step."""
     native = native_arm(robot.model)
     if native is None or not set(settings.effects) <= COMPILED:
         return None
     columns = _Columns()
     changing = _changing(batch, robot, settings, drive, base, integrals, servos, records, columns)
-    numbers = np.stack([np.broadcast_to(x, len(u)) for x in columns.columns], axis=1)
     sent = u if not changing.switched else np.concatenate([u, np.asarray(drive.enabled, dtype=float)], axis=2)
-    return native.changing_rollout(batch, sent, robot.substeps, changing, numbers)
+    return native.changing_rollout(batch, sent, robot.substeps, changing, columns.stacked(len(u)))
+
+
+def lead_natively(batch: Any, robot: CompiledRobot, u: np.ndarray, rows: np.ndarray, servos: Feedback | None) -> bool:
+    """Move some rows (m,) of a batch to where commands u (B, K, nu) lead; False, and nothing moved, where it has to be
+    done step by step."""
+    native, q, v = native_arm(robot.model), batch.bind("qpos"), batch.bind("qvel")
+    if native is None:
+        return False
+    kept = q.copy(), v.copy()
+    nodes: tuple[np.ndarray, ...] | None
+    if servos is None:
+        nodes = native.rollout(batch, u, (0,), robot.substeps, lambda k: None)
+    else:
+        columns = _Columns()
+        clock = columns.add(np.zeros(1), np.zeros(1))
+        changing = _with_links(Changing(0, clock), robot, servos, columns)
+        nodes = native.changing_rollout(batch, u, robot.substeps, changing, columns.stacked(len(u)))
+    if nodes is None:
+        return False
+    q[:], v[:] = kept
+    q[rows], v[rows] = nodes[0][rows, -1], nodes[1][rows, -1]
+    return True
+
+
+def _with_links(changing: Changing, robot: CompiledRobot, servos: Feedback, columns: _Columns) -> Changing:
+    """With servos that see the link, the last of what is rewritten."""
+    assert robot.gears is not None
+    behind = robot.gears.dofs[servos.gears]
+    links = tuple(zip(servos.actuators.tolist(), behind.tolist(), strict=True))
+    ratios = columns.add(*servos.ratio.T)
+    return replace(changing, links=links, ratios=ratios, count=len(columns.columns))
 
 
 def _changing(
@@ -79,7 +114,7 @@ def _changing(
     robot: CompiledRobot,
     settings: Settings,
     drive: Drive,
-    base: Forces,
+    base: Fields,
     integrals: ServoIntegrals | None,
     servos: Feedback | None,
     records: bool,
@@ -105,22 +140,19 @@ def _changing(
     if varying or rubbing:
         made["frictions"] = tuple(columns.of(e, p, dofs.tolist()) for e, p in varying)
         made["friction_laws"] = tuple(_law(columns, law, ruled) for law in rubbing)
-        made["level"] = columns.add(*batch.expand("dof_frictionloss").T.copy())
+        made["level"] = columns.add(*base["dof_frictionloss"].T)
     laws = joint_laws(effects, "law")
     if laws:
         places = dofs[[robot.joints.index(j) for j in robot.sites["law"]]]
         made["laws"] = tuple(_law(columns, law, places) for law in laws)
-        made["damping"] = columns.add(*batch.expand("dof_damping").T.copy())
+        made["damping"] = columns.add(*base["dof_damping"].T)
     made["errors"] = tuple(columns.of(e, p, range(nu)) for e, p in on_errors(effects, robot.servo))
     if integrals is not None:
         made["integral"] = columns.of(integrals.effect, integrals.p, range(nu))
         ends = (np.clip(x, -REACH, REACH) for x in (integrals.low, integrals.high))
         made["added"] = columns.add(*np.stack([integrals.value, *ends], axis=2).reshape(len(drive.clock), -1).T)
-    if servos is not None and robot.gears is not None:
-        behind = robot.gears.dofs[servos.gears]
-        made["links"] = tuple(zip(servos.actuators.tolist(), behind.tolist(), strict=True))
-        made["ratios"] = columns.add(*servos.ratio.T)
-    return Changing(len(columns.columns), **made)
+    changing = Changing(len(columns.columns), **made)
+    return changing if servos is None else _with_links(changing, robot, servos, columns)
 
 
 def _law(columns: _Columns, law: Any, places: np.ndarray) -> Acting:

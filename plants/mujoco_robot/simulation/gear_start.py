@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.edits.split_gears import FAR, of_gears
-from plants.mujoco_robot.native.arms import native_arm
+from plants.mujoco_robot.simulation.compiled_steps import lead_natively
 from plants.mujoco_robot.simulation.gear_feedback import Feedback, on_link_side
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_robot.structure.gears import Gears
@@ -77,10 +77,9 @@ def _lead(
         else:  # it came from where its speeds have led it away
             q[:, at] -= u[:, :, i].sum(axis=1) * robot.substeps * model.opt.timestep / gear[i]
     settle(batch, robot, settings, u[:, 0], servos)
+    if lead_natively(batch, robot, u, moving, servos):
+        return
     if servos is None:
-        native = native_arm(model)
-        if native is not None and native.advance(batch, u, robot.substeps, moving):
-            return
         held = np.repeat(u[moving], robot.substeps, axis=1)
         batch.rollout(held.shape[1], np.ascontiguousarray(held), int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",), moving)
         return

@@ -13,7 +13,7 @@ from plants.mujoco_robot.edits.split_gears import by_gears, edit_gears
 from plants.mujoco_robot.native.arms import native_arm
 from plants.mujoco_robot.simulation.between import between_steps, changing
 from plants.mujoco_robot.simulation.channels import read_channels, write_start
-from plants.mujoco_robot.simulation.compiled_steps import Forces, forces_of, replay_natively
+from plants.mujoco_robot.simulation.compiled_steps import FORCES, RESISTANCES, Fields, copied, replay_natively
 from plants.mujoco_robot.simulation.gear_feedback import Feedback, feedback
 from plants.mujoco_robot.simulation.gear_start import WARM, begin
 from plants.mujoco_robot.simulation.one_step import OneStep
@@ -130,8 +130,9 @@ def _replay(
     if model.na:  # an actuator with a filter starts where its first command holds it
         batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     servos = feedback(batch, robot)
-    forces = forces_of(batch) if stepped else {}
+    base = copied(batch, FORCES) if stepped else {}
     between = between_steps(batch, robot, settings, drive)
+    base |= copied(batch, RESISTANCES) if stepped else {}
     integral = any(True for _ in present(settings.effects, "servo"))
     if robot.gears is not None or integral:
         for update in between:
@@ -143,7 +144,7 @@ def _replay(
         if model.na:
             batch.bind("act")[:] = u[:, 0, model.actuator_actadr >= 0]
     if stepped:
-        out = _changing(batch, robot, drive, settings, u, forces, between, integrals, servos, wanted)
+        out = _changing(batch, robot, drive, settings, u, base, between, integrals, servos, wanted)
     else:
         out = _roll_out(batch, robot, drive, u, between, wanted)
     if "pose.theta" in out:
@@ -195,7 +196,7 @@ def _changing(
     drive: Drive,
     settings: Settings,
     u: np.ndarray,
-    forces: Forces,
+    base: Fields,
     between: list[Any],
     integrals: ServoIntegrals | None,
     servos: Feedback | None,
@@ -203,7 +204,7 @@ def _changing(
 ) -> dict[str, np.ndarray]:
     """Rows in which something changes from step to step."""
     records = any(c.startswith("output.") for c in wanted)
-    nodes = replay_natively(batch, robot, settings, drive, u, forces, integrals, servos, records)
+    nodes = replay_natively(batch, robot, settings, drive, u, base, integrals, servos, records)
     if nodes is None:
         step = OneStep(batch, robot, between, servos, on_errors(settings.effects, robot.servo), drive.dt, integrals)
         return _step_by_step(step, u, wanted)

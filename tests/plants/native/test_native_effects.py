@@ -1,0 +1,116 @@
+"""Every effect on an arm: its compiled steps are MuJoCo's, called one by one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from oracles.arms import SERVOS, arm_xml, random_drive, random_start, robot_of
+
+from plants.mujoco_robot import MujocoRobot
+from plants.mujoco_robot.simulation import compiled_steps, replay
+from residual_mpc.effects.effect import Effect
+from residual_mpc.effects.laws import curve_shape, kind_of
+from residual_mpc.effects.library import HOSTED
+from residual_mpc.models.protocol import Drive
+from residual_mpc.models.settings import Settings
+
+ROWS, STEPS = 5, 120
+TORQUES = '<motor name="j1" joint="j1" gear="2"/><motor name="j2" joint="j2"/>'
+EXACT = '<option tolerance="0" ls_tolerance="1e-6"/>'  # MuJoCo's solver otherwise stops 1e-8 too early
+HERE = tuple(e for e in HOSTED if e.port != "sensor")
+
+
+def arm(folder: Path, actuators: str = SERVOS, integrator: str = "implicitfast", **keys: str) -> MujocoRobot:
+    xml = arm_xml(actuators, integrator).replace("<default>", EXACT + "<default>")
+    return robot_of(folder, xml, **keys)
+
+
+def numbers(robot: MujocoRobot, effect: Effect, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Parameters (ROWS, slots), the first row at their null values."""
+    slots, out = robot.slots(effect.name), {}
+    kind = kind_of(effect.name)
+    for p in effect.parameters:
+        size = robot.reference(p.reference, None) if p.reference in ("inertia", "mass", "length") else 1.0
+        probe = p.probes[-1] * size if p.probes else p.null
+        bounds = [robot.bounds(effect.name, p.name, s) for s in slots]
+        share = rng.uniform(0.3, 1.0, (ROWS, len(slots)))
+        drawn = p.null + (probe - p.null) * share if np.isfinite(p.null) else probe * share
+        if kind is not None and kind.shape == "curve" and p.shape:
+            knots = curve_shape([-0.4, 0.1, 0.6])
+            drawn = np.full_like(drawn, knots[p.name]) if p.name in knots else drawn
+        out[p.name] = np.clip(drawn, *np.array(bounds).T) if slots else drawn
+        out[p.name][0] = p.null if not p.shape else out[p.name][0]
+    return out
+
+
+def assert_same(robot: MujocoRobot, drive: Drive, settings: Settings, within: float = 1e-9) -> None:
+    start = random_start(robot, ROWS)
+    wanted = (*robot.channels, *(f"output.{a}" for a in robot.actuators))
+    for channels in (robot.channels, wanted):
+        natively = robot.replay(start, drive, settings, channels)
+        with (
+            patch.object(replay, "native_arm", lambda model: None),
+            patch.object(compiled_steps, "native_arm", lambda model: None),
+        ):
+            by_mujoco = robot.replay(start, drive, settings, channels)
+        for channel, nodes in by_mujoco.items():
+            scale = within * (1.0 + np.abs(nodes))
+            off = np.abs(natively[channel] - nodes)
+            assert np.isfinite(nodes).all()
+            assert (off <= scale).all(), (channel, off.max())
+
+
+@pytest.mark.parametrize("effect", HERE, ids=lambda e: e.name)
+@pytest.mark.parametrize("actuators", [SERVOS, TORQUES], ids=["servos", "torques"])
+def test_an_effect_is_what_it_is_in_mujoco(tmp_path: Path, actuators: str, effect: Effect) -> None:
+    robot = arm(tmp_path, actuators)
+    if not robot.slots(effect.name):
+        pytest.skip("no place for it on this arm")
+    rng = np.random.default_rng(3)
+    drive = replace(random_drive(robot, ROWS, STEPS), clock=rng.uniform(0.0, 20.0, ROWS))
+    assert_same(robot, drive, Settings(ROWS, {effect.name: numbers(robot, effect, rng)}))
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
+@pytest.mark.parametrize("feedback", ["motor", "link"])
+def test_all_that_changes_between_steps_together(tmp_path: Path, feedback: str, integrator: str) -> None:
+    """Beside play and a soft gear, with servos that see the motor or the link, and actuators that are switched off."""
+    robot = arm(tmp_path, SERVOS, integrator, servo_feedback=feedback)
+    rng = np.random.default_rng(4)
+    names = ("voltage_sag", "torque_speed_limit", "saturation", "dead_zone", "stribeck_friction", "gear_efficiency",
+             "load_dependent_friction", "servo_integral", "torque_ripple", "actuator_gain", "joint_compliance",
+             "command_delay", "payload", "end_stop")  # fmt: skip
+    found = {e.name: numbers(robot, e, rng) for e in HERE if e.name in names and robot.slots(e.name)}
+    drive = random_drive(robot, ROWS, STEPS)
+    on = np.repeat(rng.uniform(0.0, 1.0, (ROWS, STEPS // 30, 2)) > 0.3, 30, axis=1).astype(float)
+    settings = Settings(ROWS, found)
+    assert_same(robot, drive, settings, 1e-8)
+    assert_same(robot, replace(drive, enabled=on), settings, 1e-8)
+
+
+def test_a_row_is_the_same_in_any_company(tmp_path: Path) -> None:
+    """To the last bit: other rows decide what a program contains, not what it makes of this one."""
+    robot = arm(tmp_path)
+    rng = np.random.default_rng(5)
+    drive, start = random_drive(robot, ROWS, STEPS), random_start(robot, ROWS)
+    alone = robot.replay(start, drive, Settings(ROWS), robot.channels)
+    for name in ("stribeck_friction", "voltage_sag", "joint_compliance", "torque_ripple"):
+        effect = next(e for e in HERE if e.name == name)
+        beside = robot.replay(start, drive, Settings(ROWS, {name: numbers(robot, effect, rng)}), robot.channels)
+        for channel, nodes in alone.items():
+            np.testing.assert_array_equal(beside[channel][0], nodes[0])
+            assert not np.array_equal(beside[channel][1:], nodes[1:])
+
+
+def test_nothing_is_stepped_in_python(tmp_path: Path) -> None:
+    """The programs do all of it: otherwise the comparisons above compare MuJoCo with itself."""
+    robot = arm(tmp_path)
+    rng, drive, start = np.random.default_rng(6), random_drive(robot, ROWS, 40), random_start(robot, ROWS)
+    with patch.object(replay, "_step_by_step", side_effect=AssertionError("stepped one by one")):
+        for effect in HERE:
+            if robot.slots(effect.name):
+                robot.replay(start, drive, Settings(ROWS, {effect.name: numbers(robot, effect, rng)}), robot.channels)

@@ -1,0 +1,160 @@
+"""Which models have native programs, and that any chain of joints moves as in MuJoCo."""
+
+from __future__ import annotations
+
+from unittest.mock import patch
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mujoco.batch import Batch
+from oracles.arms import SERVOS, arm_xml
+from oracles.own_arms import UR5E, panda
+
+from plants.mujoco_robot.native import arms, constraints
+from plants.mujoco_robot.native.arm import chain_of
+from plants.mujoco_robot.native.arms import NativeArm
+from plants.mujoco_robot.native.compiled import WORTH, Compiled
+from plants.mujoco_robot.native.eligible import agrees, eligible
+
+CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
+
+
+def tree(rng: np.random.Generator, bodies: int) -> str:
+    """A tree of turned bodies with off-centre masses; each slides, turns, does both, or is welded."""
+    specs: list[list[int]] = [[] for _ in range(bodies)]
+    for b in range(1, bodies):
+        specs[int(rng.integers(0, b))].append(b)
+
+    def three(size: float) -> str:
+        return " ".join(f"{x:.4f}" for x in size * rng.uniform(-1.0, 1.0, 3))
+
+    joints: list[str] = []
+
+    def body(b: int) -> str:
+        made = ""
+        for kind in (("hinge",), ("slide",), ("hinge", "hinge"), ("slide", "hinge"), ())[int(rng.integers(0, 5))] or (
+            ("hinge",) if b == 0 else ()
+        ):
+            name = f"j{len(joints)}"
+            joints.append(name)
+            spring = f'stiffness="{rng.uniform(0, 5):.3f}" springref="{rng.uniform(-1, 1):.3f}"'
+            ref = f'ref="{rng.uniform(-0.3, 0.3):.3f}"'
+            made += (
+                f'<joint name="{name}" type="{kind}" axis="{three(1.0)}" pos="{three(0.1)}" {spring} {ref}'
+                f' damping="{rng.uniform(0.05, 1):.3f}" armature="{rng.uniform(0.01, 0.1):.3f}"/>'
+            )
+        inner = "".join(body(c) for c in specs[b])
+        return (
+            f'<body pos="{three(0.3)}" euler="{three(90.0)}">{made}'
+            f'<geom type="box" size="0.05 0.03 0.08" pos="{three(0.1)}" euler="{three(90.0)}" mass="0.7"/>'
+            f"{inner}</body>"
+        )
+
+    world = body(0)
+    motors = "".join(
+        f'<position joint="{j}" kp="8" kv="0.5" gear="{1 + i % 2}" forcerange="-6 6"/>' for i, j in enumerate(joints)
+    )
+    return (
+        '<mujoco><option timestep="0.002" integrator="implicitfast" gravity="1 -2 -9"/>'
+        '<default><geom contype="0" conaffinity="0"/></default>'
+        f"<worldbody>{world}</worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(st.integers(0, 10**6), st.integers(1, 7), st.booleans(), st.booleans())
+def test_any_tree_of_joints_moves_as_in_mujoco(seed: int, bodies: int, rubs: bool, stops: bool) -> None:
+    model = mujoco.MjModel.from_xml_string(tree(np.random.default_rng(seed), bodies))
+    assert eligible(model)
+    assert agrees(model, Compiled(chain_of(model, rubs, stops)), rubs, stops)
+
+
+def test_the_arms_of_the_docs_have_programs() -> None:
+    for xml in (UR5E, panda(), arm_xml()):
+        model = mujoco.MjModel.from_xml_string(xml)
+        if model.neq == 0 and model.ntendon == 0:
+            model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+            assert eligible(model)
+
+
+@pytest.mark.parametrize(
+    ("what", "by"),
+    [
+        ("RK4", ('integrator="implicitfast"', 'integrator="RK4"')),
+        ("a fluid", ("<option", '<option density="1.2" viscosity="0.00002"')),
+        ("a body that floats", ("<worldbody>", '<worldbody><body><freejoint/><geom size="0.1" mass="1"/></body>')),
+        ("contacts", ('contype="0" conaffinity="0"', 'contype="1" conaffinity="1"')),
+        ("gravity compensation", ('<body name="lower"', '<body name="lower" gravcomp="1"')),
+        ("a filter", ('kv="1.5" gear="2"', 'kv="1.5" gear="2" timeconst="0.1"')),
+        ("a coupling", ("</worldbody>", '</worldbody><equality><joint joint1="j1" joint2="j2"/></equality>')),
+        ("a curved limit", ('range="-90 90"', 'range="-90 90" solimplimit="0.9 0.95 0.001 0.5 3"')),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)  # fmt: skip
+def test_what_programs_do_not_know_is_left_to_mujoco(what: str, by: tuple[str, str]) -> None:
+    xml = arm_xml(SERVOS)
+    assert eligible(mujoco.MjModel.from_xml_string(xml))
+    changed = xml.replace(*by)
+    assert changed != xml
+    assert not eligible(mujoco.MjModel.from_xml_string(changed))
+
+
+def rolled(model: mujoco.MjModel, native: NativeArm) -> tuple[np.ndarray, np.ndarray | None]:
+    """Positions (rows, K, n) of MuJoCo's, and of the programs."""
+    rng, rows, steps = np.random.default_rng(2), 11, 60
+    u = rng.uniform(-1.0, 1.0, (rows, steps, model.nu))
+    batch = Batch(model, rows, nthread=1)
+    batch.reset()
+    q = 0.3 * rng.normal(size=(rows, model.nq))
+    batch.bind("qpos")[:] = q
+    found = native.rollout(batch, u, (0,), 1, lambda k: None)
+    np.testing.assert_array_equal(batch.bind("qpos"), q)
+    return batch.rollout(steps, u, CONTROL, ("qpos",))["qpos"], None if found is None else found[0][:, 1:]
+
+
+def test_a_program_that_disagrees_is_not_used() -> None:
+    model = mujoco.MjModel.from_xml_string(arm_xml())
+    _, found = rolled(model, NativeArm(model))
+    assert found is not None
+    with patch.object(arms, "agrees", lambda *_: False):
+        assert rolled(model, NativeArm(model))[1] is None
+
+
+def test_the_check_sees_a_wrong_program() -> None:
+    """One that was made for other gears, joints or stops does not pass."""
+    model = mujoco.MjModel.from_xml_string(arm_xml())
+    assert agrees(model, Compiled(chain_of(model, True, True)), True, True)
+    for change in ("actuator_gear", "jnt_axis", "body_quat"):
+        other = mujoco.MjModel.from_xml_string(arm_xml())
+        getattr(other, change)[-1] = np.roll(getattr(other, change)[-1], 1) + 0.1
+        assert not agrees(model, Compiled(chain_of(other, True, True)), True, True)
+    assert not agrees(model, Compiled(chain_of(model, True, False)), True, True)
+
+
+def test_both_translations_give_the_same_bits() -> None:
+    model = mujoco.MjModel.from_xml_string(arm_xml())
+    native = NativeArm(model)
+    _, quick = rolled(model, native)
+    for program in native._plain.values():
+        assert program is not None
+        program._spent = 2.0 * WORTH
+    _, better = rolled(model, native)
+    assert all(program is not None and program._spent is None for program in native._plain.values())
+    assert quick is not None and better is not None
+    np.testing.assert_array_equal(quick, better)
+
+
+def test_rows_whose_solver_does_not_converge_go_to_mujoco() -> None:
+    xml = arm_xml().replace('frictionloss="0.02"', 'frictionloss="0.3"')
+    model = mujoco.MjModel.from_xml_string(xml)
+    by_mujoco, found = rolled(model, NativeArm(model))
+    assert found is not None
+    np.testing.assert_allclose(found, by_mujoco, atol=1e-6)
+    with patch("plants.mujoco_robot.native.step.MOST", 1), patch.object(arms, "compiled", Compiled):
+        impatient = NativeArm(model)
+        with patch.object(arms, "agrees", lambda *_: True):
+            assert rolled(model, impatient)[1] is None
+    assert constraints.MOST > 1
