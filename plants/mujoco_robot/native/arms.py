@@ -15,6 +15,7 @@ from plants.mujoco_robot.native.changing import Changing
 from plants.mujoco_robot.native.compiled import Compiled, Rollout, compiled
 from plants.mujoco_robot.native.eligible import FIXED, agrees, eligible
 from plants.mujoco_robot.native.program import LANES
+from plants.mujoco_robot.native.running import Running, in_blocks, whole_blocks
 from plants.mujoco_robot.native.step import Chain, sizes
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class NativeArm:
             program = self._program(field)
             if program is None:
                 break
-            on.numbers[:] = _in_blocks(numbers_of(self._model, field, rows))
+            on.numbers[:] = in_blocks(numbers_of(self._model, field, rows))
             program(on, k, end, each)
         if program is None or on.failed.any():
             q[:], v[:] = begun
@@ -66,13 +67,26 @@ class NativeArm:
         if program is None:
             return None
         on = self._begun(batch, controls, numbers)
-        on.numbers[:, : -changing.count] = _in_blocks(numbers_of(self._model, field, rows))
+        on.numbers[:, : self._size] = in_blocks(numbers_of(self._model, field, rows))
         program(on, 0, controls.shape[1], each)
         if on.failed.any():
             return None
         if changing.records:
             on.outputs[:, -1] = on.outputs[:, -2]
         return on.positions[:rows], on.velocities[:rows], on.outputs[:rows]
+
+    def running(
+        self, batch: Any, steps: int, each: int, changing: Changing | None, numbers: np.ndarray | None
+    ) -> Running | None:
+        """The batch's rows, to go on by so many steps at a time; see `changing_rollout`. None where MuJoCo has to."""
+        field, rows = fields_of(batch, self._model), batch.nsim
+        program = self._program(field, changing) if self._knows(batch) else None
+        if program is None:
+            return None
+        more = np.zeros((rows, 0)) if numbers is None else numbers
+        on = self._begun(batch, np.zeros((rows, steps, self._model.nu)), more)
+        on.numbers[:, : self._size] = in_blocks(numbers_of(self._model, field, rows))
+        return Running(program, on, self._size, changing, each)
 
     def _knows(self, batch: Any) -> bool:
         """Whether the batch's rows differ in nothing that a program takes from the model."""
@@ -88,9 +102,9 @@ class NativeArm:
         room = np.zeros((rows, self._size))
         blocks = whole // LANES
         return Rollout(
-            _in_blocks(np.concatenate([room, more], axis=1)),
-            _in_blocks(np.concatenate([q, v, np.zeros_like(v)], axis=1)),
-            _whole(np.ascontiguousarray(controls)),
+            in_blocks(np.concatenate([room, more], axis=1)),
+            in_blocks(np.concatenate([q, v, np.zeros_like(v)], axis=1)),
+            whole_blocks(np.ascontiguousarray(controls)),
             positions,
             velocities,
             np.empty((whole, steps + 1, nu)),
@@ -140,15 +154,3 @@ def fields_of(batch: Any, model: mujoco.MjModel) -> Field:
         return np.asarray(getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name))[None]
 
     return field
-
-
-def _whole(x: np.ndarray) -> np.ndarray:
-    """Rows for whole blocks, the last repeated."""
-    missing = -len(x) % LANES
-    return np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
-
-
-def _in_blocks(x: np.ndarray) -> np.ndarray:
-    """(B, k) -> (blocks, k, LANES)"""
-    whole = _whole(x)
-    return np.ascontiguousarray(whole.reshape(len(whole) // LANES, LANES, x.shape[1]).transpose(0, 2, 1))

@@ -11,6 +11,7 @@ import numpy as np
 
 from plants.mujoco_robot.native.arms import native_arm
 from plants.mujoco_robot.native.changing import COMPILED, Acting, Changing
+from plants.mujoco_robot.native.running import Running
 from plants.mujoco_robot.simulation.fitted_laws import joint_laws
 from plants.mujoco_robot.simulation.gear_feedback import Feedback
 from plants.mujoco_robot.simulation.servo_integral import ServoIntegrals
@@ -76,6 +77,28 @@ def replay_natively(
     changing = _changing(batch, robot, settings, drive, base, integrals, servos, records, columns)
     sent = u if not changing.switched else np.concatenate([u, np.asarray(drive.enabled, dtype=float)], axis=2)
     return native.changing_rollout(batch, sent, robot.substeps, changing, columns.stacked(len(u)))
+
+
+def run_natively(
+    batch: Any,
+    robot: CompiledRobot,
+    settings: Settings,
+    drive: Drive,
+    base: Fields | None,
+    integrals: ServoIntegrals | None,
+    servos: Feedback | None,
+    steps: int,
+) -> Running | None:
+    """The batch's rows, to go on by so many steps of the robot at a time; base: see `replay_natively`, None where
+    nothing changes between steps. None where MuJoCo has to do it."""
+    native = native_arm(robot.model)
+    if native is None or not set(settings.effects) <= COMPILED:
+        return None
+    if base is None:
+        return native.running(batch, steps, robot.substeps, None, None)
+    columns = _Columns()
+    changing = _changing(batch, robot, settings, drive, base, integrals, servos, False, columns)
+    return native.running(batch, steps, robot.substeps, changing, columns.stacked(settings.rows))
 
 
 def lead_natively(batch: Any, robot: CompiledRobot, u: np.ndarray, rows: np.ndarray, servos: Feedback | None) -> bool:

@@ -9,8 +9,10 @@ import numpy as np
 from plants.mujoco_log import silence_mujoco
 from plants.mujoco_robot.edits.batch import edit_batch
 from plants.mujoco_robot.edits.split_gears import by_gears, edit_gears
+from plants.mujoco_robot.native.running import State
 from plants.mujoco_robot.simulation.between import between_steps, changing
 from plants.mujoco_robot.simulation.channels import read_channels, write_start
+from plants.mujoco_robot.simulation.compiled_steps import FORCES, RESISTANCES, copied, run_natively
 from plants.mujoco_robot.simulation.gear_feedback import feedback
 from plants.mujoco_robot.simulation.gear_start import begin
 from plants.mujoco_robot.simulation.one_step import OneStep
@@ -68,7 +70,9 @@ class CorrectedMujoco:
         self._clock = np.zeros(rows)
         nothing = np.zeros((rows, 0, nu))
         drive = Drive(dt, 0, nothing, None, self._clock, None)
+        base = copied(self._batch, FORCES)
         self._between = between_steps(self._batch, robot, self._settings, drive)
+        base |= copied(self._batch, RESISTANCES)
         self._one_by_one = bool(changing(robot, self._settings, ()).any())
         if not self._one_by_one:  # what they write never changes
             for update in self._between:
@@ -78,13 +82,17 @@ class CorrectedMujoco:
         self._once = OneStep(self._batch, robot, self._between, servos, errors, dt, self._integrals)
         delay = changes(effects, "command delay")
         self._late, self._part = np.divmod(np.zeros((rows, nu)) if delay is None else delay / dt, 1.0)
-        self._late = self._late.astype(int)
+        self._late, self._delayed = self._late.astype(int), bool(self._late.any() or self._part.any())
         self._line = np.zeros((int(self._late.max()) + 2, rows, nu))  # newest first
         self._chain = [(e, p) for e, p in on_command(effects, ~robot.servo) if e.trim is None]  # after the line
         self._memories: tuple[Any, ...] = ()
         self._k = 0
         self._sensors = Late(robot, self._settings, period)
         self._force = np.zeros((rows, nu))  # of the last step: a friction may depend on the load
+        changed = base if self._one_by_one else None
+        self._running = run_natively(self._batch, robot, self._settings, drive, changed, self._integrals, servos, whole)
+        q, v, warm = (self._batch.bind(x) for x in ("qpos", "qvel", "qacc_warmstart"))
+        self._state = State(q, v, warm, self._force, None if self._integrals is None else self._integrals.value)
         self._engines_force = self._batch.bind("actuator_force")  # what is bound later is not filled by this step
         self.reset()
 
@@ -151,39 +159,54 @@ class CorrectedMujoco:
         self._sensors.begin(self._truth())
 
     def step(self, command: Any) -> Mapping[str, np.ndarray]:
-        import mujoco
-
         held = self._commanded(command)
-        if self._one_by_one:
-            for _ in range(self._whole):
-                self._once(self._k, self._actuated(held), self._force)
-                self._force[:] = self._engines_force
-                self._k += 1
-        else:
-            u = np.stack([self._actuated(held) for _ in range(self._whole)], axis=1)  # (rows, steps, nu)
-            finer = self.robot.substeps
-            u = np.repeat(u, finer, axis=1)
-            self._batch.rollout(finer * self._whole, u, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
-            self._k += self._whole
+        u = self._sent(held)
+        middle = self._clock + (self._k + 0.5) * self._dt
+        if self._running is None or not self._running(self._state, u, middle):
+            self._by_mujoco(u)
+        self._k += self._whole
         self._sensors.push(self._truth())
         return self._sensors.read()
 
-    def _actuated(self, held: np.ndarray) -> np.ndarray:
-        """What the actuators see in the next step of the model, (rows, nu)."""
-        self._line[1:] = self._line[:-1]
-        self._line[0] = held
-        u = held
-        if self._late.any() or self._part.any():
-            rows, columns = np.ogrid[: self.rows, : self.robot.model.nu]
-            u = (1.0 - self._part) * self._line[self._late, rows, columns]
-            u += self._part * self._line[self._late + 1, rows, columns]
+    def _by_mujoco(self, u: np.ndarray) -> None:
+        """The steps under commands (rows, steps, nu) that have gone through the chain."""
+        import mujoco
+
+        if self._one_by_one:
+            for k in range(self._whole):
+                self._once(self._k + k, u[:, k], self._force)
+                self._force[:] = self._engines_force
+            return
+        held = np.repeat(u, self.robot.substeps, axis=1)
+        self._batch.rollout(held.shape[1], held, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos",))
+
+    def _sent(self, held: np.ndarray) -> np.ndarray:
+        """What the actuators see in the next steps of the model, (rows, steps, nu); their memories go on."""
+        u = np.broadcast_to(held[:, None], (self.rows, self._whole, held.shape[1]))
+        if self._delayed:
+            before = (
+                self._late[:, None] - np.arange(1, self._whole + 1)[None, :, None]
+            )  # places in the line, newest first
+            now, then = (np.where(before + k >= 0, self._at(before + k), u) for k in (0, 1))
+            u = (1.0 - self._part[:, None]) * now + self._part[:, None] * then
+            newest = np.broadcast_to(held, (min(self._whole, len(self._line)), *held.shape))
+            self._line[:] = np.concatenate([newest, self._line])[: len(self._line)]
         memories = []
         for (effect, p), memory in zip(self._chain, self._memories, strict=True):
             assert effect.step is not None
-            u, memory = effect.step(NUMPY, p, memory, u, self._dt)
+            steps = []
+            for k in range(self._whole):
+                now, memory = effect.step(NUMPY, p, memory, u[:, k], self._dt)
+                steps.append(now)
+            u = np.stack(steps, axis=1)
             memories.append(memory)
         self._memories = tuple(memories)
         return np.asarray(u)
+
+    def _at(self, place: np.ndarray) -> np.ndarray:
+        """Commands (rows, steps, nu) at places of the line, the first for those before it."""
+        rows, _, columns = np.ogrid[: self.rows, :1, : place.shape[2]]
+        return np.asarray(self._line[np.maximum(place, 0), rows, columns])
 
     def _settled(self, u: np.ndarray) -> tuple[tuple[Any, ...], np.ndarray]:
         """What the chain remembers of a command (rows, nu) that has been held for ever, and what arrives of it."""
