@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ctypes import CFUNCTYPE, c_int64, c_void_p
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from time import perf_counter
 from typing import Any
 
@@ -15,6 +15,7 @@ from plants.mujoco_robot.native.lanes import gather, load, scatter, store
 from plants.mujoco_robot.native.program import LANES, VECTOR, Program, Value
 from plants.mujoco_robot.native.step import Chain, sizes, trace
 
+PROGRAMS = 256  # that a process keeps, about a megabyte each
 WORTH = 0.2  # s in a quick translation, from which a better one is made
 
 
@@ -115,9 +116,9 @@ def text_of(chain: Chain, changing: Changing | None = None) -> str:
     return p.text("roll", [*(f"ptr noalias %{a}" for a in ARRAYS), *(f"i64 %{c}" for c in COUNTS)])
 
 
-@cache
+@lru_cache(maxsize=PROGRAMS)
 def compiled(chain: Chain, changing: Changing | None = None) -> Compiled:
-    """The program, made once in a process."""
+    """The program, made once in a process as long as it is not forgotten."""
     return Compiled(chain, changing)
 
 
@@ -135,8 +136,12 @@ def engine_of(text: str, level: int) -> Any:
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    try:
+        features = llvm.get_host_cpu_features().flatten()
+    except RuntimeError:  # not known on every platform
+        features = ""
     machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=level
+        cpu=llvm.get_host_cpu_name(), features=features, opt=level
     )
     module = llvm.parse_assembly(text)
     module.verify()
