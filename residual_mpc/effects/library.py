@@ -2,6 +2,7 @@
 own come last."""
 
 from collections.abc import Iterator, Mapping
+from operator import itemgetter
 from typing import Any
 
 from residual_mpc.effects import actuator, body, command, contact, sensor, surroundings
@@ -47,6 +48,14 @@ CHAINED: tuple[Effect, ...] = tuple(sorted(HOSTED, key=lambda effect: effect.ran
 Sites = Mapping[Site, tuple[str, ...]]  # where effects can act on a robot -> its targets there
 Effects = Mapping[str, Values]  # effect -> parameter -> values, those of Settings.effects
 
+# by name: where in the chain, and at which site; a replay asks for these hundreds of times
+PLACED: dict[str, tuple[int, Site, Effect]] = {e.name: (rank, e.place, e) for rank, e in enumerate(CHAINED)}
+_CHANGED: dict[Quantity, list[tuple[str, str]]] = {}  # quantity -> effects and parameters, in the order of the chain
+for _effect in CHAINED:
+    for _parameter in _effect.parameters:
+        if _parameter.quantity is not None:
+            _CHANGED.setdefault(_parameter.quantity, []).append((_effect.name, _parameter.name))
+
 FACTORS: frozenset[Quantity] = frozenset({"wheel radius", "right wheel radius", "track width", "reading scale"})
 
 
@@ -57,9 +66,9 @@ def slots_of(effect: str, sites: Sites) -> tuple[str, ...]:
 
 def present(effects: Effects, *sites: Site) -> Iterator[tuple[Effect, Values]]:
     """The effects at these sites, with their parameters, in the order of the chain."""
-    for effect in CHAINED:
-        if effect.place in sites and effect.name in effects:
-            yield effect, effects[effect.name]
+    here = [PLACED[name] for name in effects if name in PLACED and PLACED[name][1] in sites]
+    for _, _, effect in sorted(here, key=itemgetter(0)):
+        yield effect, effects[effect.name]
 
 
 def elastic_line(ops: Ops, effects: Effects) -> tuple[Array, Array] | None:
@@ -86,11 +95,10 @@ def changes(effects: Effects, quantity: Quantity) -> Array | None:
     """What the effects make of a quantity of the model: the product of its factors, or the sum of what is added;
     None where none of them changes it."""
     total = None
-    for effect in CHAINED:
-        for p in effect.parameters if effect.name in effects else ():
-            if p.quantity == quantity:
-                value = effects[effect.name][p.name]
-                total = value if total is None else total * value if quantity in FACTORS else total + value
+    for effect, parameter in _CHANGED.get(quantity, ()):
+        if effect in effects:
+            value = effects[effect][parameter]
+            total = value if total is None else total * value if quantity in FACTORS else total + value
     return total
 
 

@@ -69,7 +69,8 @@ def stepped(effects: Mapping[str, Mapping[str, np.ndarray]], u: np.ndarray) -> n
 def test_a_chain_is_stepped_as_it_is_replayed(names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(BY_NAME, "echo", ECHO)
     monkeypatch.setattr(chain_module, "CHAINED", ordered := sorted((*LIBRARY, ECHO), key=lambda e: e.rank))
-    monkeypatch.setattr("residual_mpc.effects.library.CHAINED", ordered)
+    ranked = {e.name: (rank, e.place, e) for rank, e in enumerate(ordered)}
+    monkeypatch.setattr("residual_mpc.effects.library.PLACED", ranked)
     effects = {n: {**NUMBERS, "echo": {"share": np.array([[0.3, 0.6]])}}[n] for n in names}
     u = np.random.default_rng(3).standard_normal((1, STEPS, 2))
     clock = (DT * (np.arange(STEPS) + 0.5))[None, :, None]
