@@ -205,10 +205,10 @@ def _links(model: mujoco.MjModel, field: Field) -> tuple[tuple[Joint, ...], list
     for body, (_, parent, outer, _, origin) in enumerate(frames.bodies, 1):
         outside.append(inside[parent] + position[:, body] @ outer.T)
         inside.append(outside[body] if origin is None else origin[None])
-    empty = np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3, 3))
-    links: list[Link] = [
-        (offset[None] if body < 0 else outside[body] + offset, *empty) for body, offset in frames.places
-    ]
+    places = [offset[None] if body < 0 else outside[body] + offset for body, offset in frames.places]
+    origin = places[0].copy()  # the first joint: far from it, sums of large numbers would lose digits
+    places = [x - origin if joint.parent < 0 else x for joint, x in zip(frames.joints, places, strict=True)]
+    links: list[Link] = [(place, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3, 3))) for place in places]
     for body, (link, _, _, axes, _) in enumerate(frames.bodies, 1):
         if link < 0:
             continue

@@ -72,6 +72,11 @@ def test_any_tree_of_joints_moves_as_in_mujoco(seed: int, bodies: int, rubs: boo
     assert agrees(model, Compiled(chain_of(model, rubs, stops)), rubs, stops)
 
 
+def test_an_arm_far_from_the_origin_loses_no_digits() -> None:
+    model = mujoco.MjModel.from_xml_string(arm_xml().replace('pos="0 0 1"', 'pos="300 -200 40"'))
+    assert agrees(model, Compiled(chain_of(model, True, True)), True, True)
+
+
 def test_the_arms_of_the_docs_have_programs() -> None:
     for xml in (UR5E, panda(), arm_xml()):
         model = mujoco.MjModel.from_xml_string(xml)
