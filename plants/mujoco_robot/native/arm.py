@@ -22,6 +22,13 @@ IMPEDANCE = (1e-4, 0.9999)  # between which MuJoCo clips impedances
 
 Field = Callable[[str], np.ndarray]  # a field of the model -> its values, (rows, ...)
 
+READ = frozenset((  # the fields that may differ from row to row
+    "body_pos", "body_mass", "body_ipos", "body_iquat", "body_inertia", "opt.gravity", "dof_invweight0", "dof_solimp",
+    "dof_solref", "dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness", "qpos_spring", "jnt_limited",
+    "jnt_range", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "tendon_stiffness",
+    "tendon_lengthspring", "tendon_range", "tendon_invweight0",
+))  # fmt: skip
+
 
 def chain_of(model: mujoco.MjModel, rubs: bool, stops: bool) -> Chain:
     """rubs, stops: whether any row has dry friction or limits."""
@@ -93,11 +100,12 @@ def _reference(model: mujoco.MjModel, solref: np.ndarray, high: np.ndarray | flo
     return stiff, damp
 
 
-def numbers_of(model: mujoco.MjModel, field: Field, rows: int) -> np.ndarray:
-    """(rows, numbers) in the order of native.step; field: values of the rows, (rows, ...) or (1, ...)."""
+def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.ndarray:
+    """(B, numbers) in the order of native.step; field: values of the rows, (B, ...) or (1, ...), of the fields in READ;
+    applied (B, n) N m: torques beside the actuators'."""
     joints, links = _links(model, field)
     n, nu = len(joints), model.nu
-    out = np.zeros((rows, ARM + (LINK + JOINT) * n + ACTUATOR * nu + TENDON * model.ntendon))
+    out = np.zeros((len(applied), ARM + (LINK + JOINT) * n + ACTUATOR * nu + TENDON * model.ntendon))
     out[:, 0], out[:, 1:ARM] = model.opt.timestep, field("opt.gravity")
     for i, (place, mass, centre, inertia) in enumerate(links):
         at = ARM + LINK * i
@@ -124,7 +132,7 @@ def numbers_of(model: mujoco.MjModel, field: Field, rows: int) -> np.ndarray:
         np.where(limited, ends[..., 1], FAR),
         *stops,
         weight,
-        np.zeros(1),
+        applied,
     )
     at = ARM + LINK * n
     for k, column in enumerate(columns):
@@ -151,7 +159,7 @@ Link = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
-    """What of the links is the same for all rows. places: of each joint, the body whose origin it is counted
+    """The part of the links that all rows share. places: of each joint, the body whose origin it is counted
     from, the body's axes in those of the link before, and the offset there; bodies: of each but the world, its link,
     -1 where it does not move, its parent, the parent's axes, its own, and its origin in the link if it has joints."""
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache, cached_property
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
@@ -13,15 +14,27 @@ import numpy as np
 from plants.mujoco_robot.native.arm import Field, chain_of, numbers_of
 from plants.mujoco_robot.native.changing import Changing
 from plants.mujoco_robot.native.compiled import Compiled, Rollout, compiled
-from plants.mujoco_robot.native.eligible import FIXED, agrees, eligible
-from plants.mujoco_robot.native.program import LANES
+from plants.mujoco_robot.native.eligible import agrees, alike
+from plants.mujoco_robot.native.program import LANES, Program
 from plants.mujoco_robot.native.running import Running, in_blocks, whole_blocks
 from plants.mujoco_robot.native.step import Chain, sizes
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 if TYPE_CHECKING:
     import mujoco
 
-Nodes = tuple[np.ndarray, np.ndarray]
+LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Rolled:
+    """Positions and velocities (B, K + 1, n), and the actuators' forces in the step from a node on (B, K + 1, nu),
+    written only where they were asked for; exact (B,) bool: rows in which every step is that of MuJoCo."""
+
+    positions: np.ndarray
+    velocities: np.ndarray
+    forces: np.ndarray
+    exact: np.ndarray
 
 
 class NativeArm:
@@ -34,63 +47,56 @@ class NativeArm:
 
     def rollout(
         self, batch: Any, controls: np.ndarray, cuts: Sequence[int], each: int, between: Callable[[int], None]
-    ) -> Nodes | None:
-        """Positions and velocities (B, K + 1, n) of a batch from its present state on, under controls (B, K, nu) that
-        are held for `each` steps of the model; `between` is called before the steps in `cuts` and may write to the
-        batch. None, and the batch in its state of before, where MuJoCo has to do it."""
-        if batch.bind("qfrc_applied").any() or not self._knows(batch):
-            return None
+    ) -> Rolled | None:
+        """A batch from its present state on, in which it is left, under controls (B, K, nu) that are held for `each`
+        steps of the model; `between` is called before the steps in `cuts` and may write to the batch. None where
+        MuJoCo has to do it."""
         on = self._begun(batch, controls, np.zeros((len(controls), 0)))
         q, v, rows = batch.bind("qpos"), batch.bind("qvel"), len(controls)
-        field = fields_of(batch, self._model)
         begun = q.copy(), v.copy()
+        known = True
         for k, end in zip(cuts, [*cuts[1:], controls.shape[1]], strict=True):
             q[:], v[:] = on.positions[:rows, k], on.velocities[:rows, k]
             between(k)
-            program = self._program(field)
+            program = self._program(batch)
             if program is None:
+                known = False
                 break
-            on.numbers[:] = in_blocks(numbers_of(self._model, field, rows))
+            on.numbers[:] = in_blocks(self._numbers(batch))
             program(on, k, end, each)
-        if program is None or on.failed.any():
-            q[:], v[:] = begun
-            return None
-        return on.positions[:rows], on.velocities[:rows]
+        q[:], v[:] = begun
+        return _rolled(on, rows) if known else None
 
     def changing_rollout(
         self, batch: Any, controls: np.ndarray, each: int, changing: Changing, numbers: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Positions and velocities as in `rollout` and the actuators' forces (B, K + 1, nu), where things change from
-        step to step; numbers (B, changing.count). controls (B, K, nu), or (B, K, 2 nu) with what is switched on."""
-        field, rows = fields_of(batch, self._model), len(controls)
-        program = self._program(field, changing) if self._knows(batch) else None
+    ) -> Rolled | None:
+        """As `rollout`, where things change from step to step; numbers (B, changing.count). controls (B, K, nu), or
+        (B, K, 2 nu) with what is switched on."""
+        program = self._program(batch, changing)
         if program is None:
             return None
         on = self._begun(batch, controls, numbers)
-        on.numbers[:, : self._size] = in_blocks(numbers_of(self._model, field, rows))
+        on.numbers[:, : self._size] = in_blocks(self._numbers(batch))
         program(on, 0, controls.shape[1], each)
-        if on.failed.any():
-            return None
-        if changing.records:
+        if changing.records and controls.shape[1]:
             on.outputs[:, -1] = on.outputs[:, -2]
-        return on.positions[:rows], on.velocities[:rows], on.outputs[:rows]
+        return _rolled(on, len(controls))
 
     def running(
         self, batch: Any, steps: int, each: int, changing: Changing | None, numbers: np.ndarray | None
     ) -> Running | None:
-        """The batch's rows, to go on by so many steps at a time; see `changing_rollout`. None where MuJoCo has to."""
-        field, rows = fields_of(batch, self._model), batch.nsim
-        program = self._program(field, changing) if self._knows(batch) else None
+        """The batch's rows, to go on by so many steps at a time; see `changing_rollout`. None where MuJoCo has to do
+        it."""
+        program, rows = self._program(batch, changing), batch.nsim
         if program is None:
             return None
         more = np.zeros((rows, 0)) if numbers is None else numbers
         on = self._begun(batch, np.zeros((rows, steps, self._model.nu)), more)
-        on.numbers[:, : self._size] = in_blocks(numbers_of(self._model, field, rows))
+        on.numbers[:, : self._size] = in_blocks(self._numbers(batch))
         return Running(program, on, self._size, changing, each)
 
-    def _knows(self, batch: Any) -> bool:
-        """Whether the batch's rows differ in nothing that a program takes from the model."""
-        return all(batch.expanded(name) is None for name in FIXED)
+    def _numbers(self, batch: Any) -> np.ndarray:
+        return numbers_of(self._model, _fields_of(batch, self._model), batch.bind("qfrc_applied"))
 
     def _begun(self, batch: Any, controls: np.ndarray, more: np.ndarray) -> Rollout:
         """At the batch's present state; its own numbers are still to be written before `more` (B, k)."""
@@ -99,12 +105,11 @@ class NativeArm:
         q, v = batch.bind("qpos"), batch.bind("qvel")
         positions, velocities = (np.empty((whole, steps + 1, n)) for _ in range(2))
         positions[:rows, 0], velocities[:rows, 0] = q, v
-        room = np.zeros((rows, self._size))
         blocks = whole // LANES
         return Rollout(
-            in_blocks(np.concatenate([room, more], axis=1)),
+            in_blocks(np.concatenate([np.zeros((rows, self._size)), more], axis=1)),
             in_blocks(np.concatenate([q, v, np.zeros_like(v)], axis=1)),
-            whole_blocks(np.ascontiguousarray(controls)),
+            whole_blocks(np.ascontiguousarray(controls, dtype=np.float64)),
             positions,
             velocities,
             np.empty((whole, steps + 1, nu)),
@@ -116,7 +121,8 @@ class NativeArm:
     def _size(self) -> int:
         return sizes(chain_of(self._model, False, False))
 
-    def _program(self, field: Field, changing: Changing | None = None) -> Compiled | None:
+    def _program(self, batch: Any, changing: Changing | None = None) -> Compiled | None:
+        field = _fields_of(batch, self._model)
         rubs = changing is not None and changing.level >= 0
         kind = rubs or bool((field("dof_frictionloss") > 0.0).any()), bool(field("jnt_limited").any())
         if kind not in self._plain:
@@ -129,22 +135,31 @@ class NativeArm:
         return compiled(self._chains[kind], changing)
 
 
-_ARMS: WeakKeyDictionary[Any, NativeArm | None] = WeakKeyDictionary()
+_ARMS: WeakKeyDictionary[CompiledRobot, NativeArm | None] = WeakKeyDictionary()
 
 
-def native_arm(model: mujoco.MjModel) -> NativeArm | None:
-    """The programs of a model, made at first use; None of a model that MuJoCo alone can step."""
-    if model not in _ARMS:
-        _ARMS[model] = NativeArm(model) if _compiles() and eligible(model) else None
-    return _ARMS[model]
+def native_arm(robot: CompiledRobot) -> NativeArm | None:
+    """The programs of a robot, made at first use; None of one that MuJoCo alone can step."""
+    if robot not in _ARMS:
+        models = [part.model for part in robot.settings] or [robot.model]
+        _ARMS[robot] = NativeArm(robot.model) if _compiles() and alike(models, robot.differing) else None
+    return _ARMS[robot]
 
 
 @cache
 def _compiles() -> bool:
-    return find_spec("llvmlite") is not None
+    """Whether there is a compiler; its absence is no error."""
+    from plants.mujoco_robot.native.compiled import engine_of
+
+    try:
+        engine_of(Program().text("nothing", []), 0)
+    except (ImportError, OSError, RuntimeError) as error:
+        LOG.info("arms are replayed by MuJoCo, many times more slowly: %s", error)
+        return False
+    return True
 
 
-def fields_of(batch: Any, model: mujoco.MjModel) -> Field:
+def _fields_of(batch: Any, model: mujoco.MjModel) -> Field:
     """A field of the model -> its values in the batch's rows, (B, ...), or (1, ...) where all are alike."""
 
     def field(name: str) -> np.ndarray:
@@ -154,3 +169,8 @@ def fields_of(batch: Any, model: mujoco.MjModel) -> Field:
         return np.asarray(getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name))[None]
 
     return field
+
+
+def _rolled(on: Rollout, rows: int) -> Rolled:
+    exact = on.failed.transpose(0, 2, 1).reshape(-1)[:rows] == 0.0
+    return Rolled(on.positions[:rows], on.velocities[:rows], on.outputs[:rows], exact)

@@ -16,7 +16,7 @@ from plants.mujoco_robot.native.program import LANES, VECTOR, Program, Value
 from plants.mujoco_robot.native.step import Chain, sizes, trace
 
 PROGRAMS = 256  # that a process keeps, about a megabyte each
-WORTH = 0.2  # s in a quick translation, from which a better one is made
+WORTH = 0.2  # s of running, after which optimised code is made
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +43,14 @@ class Rollout:
 class Compiled:
     """The machine code of a chain's steps, and of what is rewritten between them.
 
-    It is translated quickly at first, and better once that would have been worth it; the results are the same to the
-    last bit.
+    It is compiled without optimisation at first, and again with it once it has run long enough to repay that; the
+    results are the same to the last bit.
     """
 
     def __init__(self, chain: Chain, changing: Changing | None = None) -> None:
         self._text = text_of(chain, changing)
         self._roll = _function(self._text, 0)
-        self._spent: float | None = 0.0  # s in the quick translation, None once there is the better one
+        self._spent, self._better = 0.0, False  # s that it has run, and whether it was optimised
 
     def __call__(self, on: Rollout, begin: int, end: int, each: int) -> None:
         """Steps begin to end - 1, each of so many of the model's."""
@@ -59,12 +59,12 @@ class Compiled:
         skipped = (0, 0, begin * sent, (begin + 1) * n, (begin + 1) * n, begin * nu, 0, 0)
         places = [a.ctypes.data + a.itemsize * k for a, k in zip(arrays, skipped, strict=True)]
         sizes_of_rows = steps * sent, (steps + 1) * n, (steps + 1) * nu
-        if self._spent is not None and self._spent > WORTH:
-            self._roll, self._spent = _function(self._text, 1), None
+        assert all(a.dtype == np.float64 and a.flags.c_contiguous for a in arrays)
+        if not self._better and self._spent > WORTH:
+            self._roll, self._better = _function(self._text, 1), True
         started = perf_counter()
         self._roll(*places, len(on.state), end - begin, each, *sizes_of_rows)
-        if self._spent is not None:
-            self._spent += perf_counter() - started
+        self._spent += perf_counter() - started
 
 
 ARRAYS = ("numbers", "state", "controls", "positions", "velocities", "outputs", "forces", "failed")
@@ -79,34 +79,34 @@ def text_of(chain: Chain, changing: Changing | None = None) -> str:
     size = sizes(chain) + (0 if changing is None else changing.count)
     held = p.memory(VECTOR, max(sent, 1))
 
-    def at(kind: str, array: Value, index: Value, size: int | Value) -> Value:
+    def row_of(kind: str, array: Value, index: Value, size: int | Value) -> Value:
         return p.place(kind, array, p.pure(f"mul i64 {index}, {size}"))
 
     def block(b: Value) -> None:
-        mine, row = at(VECTOR, "%state", b, 3 * n), at(VECTOR, "%numbers", b, size)
-        force, wrong = at(VECTOR, "%forces", b, nu), at(VECTOR, "%failed", b, 1)
+        mine, row = row_of(VECTOR, "%state", b, 3 * n), row_of(VECTOR, "%numbers", b, size)
+        force, wrong = row_of(VECTOR, "%forces", b, nu), row_of(VECTOR, "%failed", b, 1)
         first = p.pure(f"mul i64 {b}, {LANES}")
         lanes = [p.pure(f"add i64 {first}, {lane}") for lane in range(LANES)]
         commands, places, rates, written = (
-            [at("double", array, lane, per) for lane in lanes]
+            [row_of("double", array, lane, per) for lane in lanes]
             for array, per in (
                 ("%controls", "%sent"), ("%positions", "%node"), ("%velocities", "%node"), ("%outputs", "%output"),
             )
         )  # fmt: skip
 
         def one(k: Value) -> None:
-            now = [at("double", c, k, sent) for c in commands]
+            now = [row_of("double", c, k, sent) for c in commands]
             for i in range(sent):
                 store(p, gather(p, now, i), held, i)
             if changing is not None:
                 Rewriting(p, chain, changing, row, mine, held, force)()
             p.loop("%each", lambda j: trace(p, chain, row, mine, held, force, wrong))
             for arrays, begin in ((places, 0), (rates, n)):
-                to = [at("double", a, k, n) for a in arrays]
+                to = [row_of("double", a, k, n) for a in arrays]
                 for i in range(n):
                     scatter(p, load(p, mine, begin + i), to, i)
             if changing is not None and changing.records:
-                to = [at("double", a, k, nu) for a in written]
+                to = [row_of("double", a, k, nu) for a in written]
                 for i in range(nu):
                     scatter(p, load(p, force, i), to, i)
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.native.arm import numbers_of
+from plants.mujoco_robot.native.arm import READ, numbers_of
 from plants.mujoco_robot.native.compiled import Compiled, Rollout
 from plants.mujoco_robot.native.program import LANES
 
@@ -17,13 +18,13 @@ if TYPE_CHECKING:
 CHECKED = 24  # steps of LANES rows in which a program is compared with MuJoCo
 SCALES = (1.0, 0.1, 0.01)  # rad and rad/s, of the motions that are tried
 BOUNDED = 1e3  # rad/s
+REASON = 1e5  # N m or rad: a range beyond it stands for none
 SAME = 1e-9  # largest difference there, rad or m and per s, relative to 1 and the value
-# what a program takes from the model for all rows
-FIXED = (
-    "body_quat", "jnt_axis", "jnt_pos", "jnt_margin", "jnt_solref", "jnt_solimp", "qpos0", "body_gravcomp",
-    "jnt_actfrclimited", "jnt_actfrcrange", "actuator_gear", "actuator_ctrllimited", "actuator_ctrlrange",
-    "actuator_forcelimited", "dof_dampingpoly", "jnt_stiffnesspoly", "tendon_limited", "opt.timestep", "opt.integrator",
-)  # fmt: skip
+DERIVED = frozenset((  # constants that MuJoCo computes for other purposes, and marks of its shortcuts
+    "dof_M0", "dof_length", "dof_simplenum", "body_subtreemass", "body_invweight0", "body_sameframe", "body_simple",
+    "actuator_acc0", "actuator_length0", "actuator_lengthrange", "tendon_length0",
+))  # fmt: skip
+UNUSED = ("geom_", "site_", "cam_", "light_", "mat_", "key_", "bvh_", "name", "numeric_", "text_", "tuple_")
 NONE = ("neq", "na", "nflex", "nplugin", "nmocap")  # of which such a model has none
 ZERO = (  # and of whose fields no number differs from 0
     "body_gravcomp", "jnt_actgravcomp", "dof_dampingpoly", "jnt_stiffnesspoly", "jnt_springyield", "tendon_damping",
@@ -31,6 +32,12 @@ ZERO = (  # and of whose fields no number differs from 0
     "tendon_actfrclimited", "actuator_damping", "actuator_dampingpoly", "actuator_armature", "actuator_delay",
     "actuator_dyntype", "actuator_gaintype",
 )  # fmt: skip
+
+
+def alike(models: Sequence[mujoco.MjModel], differing: Sequence[str]) -> bool:
+    """Whether models that differ in these fields do so only in what programs read from each row, or do not use."""
+    known = all(f in READ or f in DERIVED or f.startswith(UNUSED) for f in differing)
+    return known and all(eligible(m) for m in models)
 
 
 def eligible(model: mujoco.MjModel) -> bool:
@@ -56,7 +63,13 @@ def eligible(model: mujoco.MjModel) -> bool:
         and not _touching(model)
         and bool(np.isin(model.jnt_solimp[:, 4], (1.0, 2.0)).all())
         and all(_known(model, t) for t in range(model.ntendon))
+        and not any(_mixed(x) for x in (model.jnt_solref, model.dof_solref, model.tendon_solref_lim))
     )
+
+
+def _mixed(solref: np.ndarray) -> bool:
+    """Whether a pair of numbers has different signs: MuJoCo takes its default in their place."""
+    return bool(((solref[:, 0] > 0.0) != (solref[:, 1] > 0.0)).any())
 
 
 def _known(model: mujoco.MjModel, t: int) -> bool:
@@ -104,14 +117,18 @@ def _touching(model: mujoco.MjModel) -> bool:
 
 
 def agrees(model: mujoco.MjModel, program: Compiled, rubs: bool, stops: bool) -> bool:
-    """Whether a program does the same as MuJoCo, whose solver is not to stop early, in random motions with friction at
-    every joint (rubs) and some of them beyond limits (stops): in the largest motions that stay bounded."""
+    """Whether a program takes the same steps as MuJoCo with its solver's tolerance at 0, in the largest random motions
+    that stay bounded, under small commands and under such as reach every range. rubs: with friction at every joint;
+    stops: with some joints beyond their limits."""
     tried = _tried(model, rubs, stops)
-    for scale in SCALES:
-        close = _compared(tried, program, scale)
-        if close is not None:
-            return close
-    return False
+    found = [_compared_bounded(tried, program, saturating) for saturating in (False, True)]
+    return found[0] is not None and all(close in (None, True) for close in found)
+
+
+def _compared_bounded(model: mujoco.MjModel, program: Compiled, saturating: bool) -> bool | None:
+    """Whether the two agree in the largest motions that stay bounded; None if none do."""
+    outcomes = (_compared(model, program, scale, saturating) for scale in SCALES)
+    return next((close for close in outcomes if close is not None), None)
 
 
 def _tried(model: mujoco.MjModel, rubs: bool, stops: bool) -> mujoco.MjModel:
@@ -127,29 +144,53 @@ def _tried(model: mujoco.MjModel, rubs: bool, stops: bool) -> mujoco.MjModel:
     return tried
 
 
-def _compared(model: mujoco.MjModel, program: Compiled, scale: float) -> bool | None:
+def _compared(model: mujoco.MjModel, program: Compiled, scale: float, saturating: bool) -> bool | None:
     """Whether the two agree in motions of about so many rad and rad/s; None if MuJoCo's do not stay bounded."""
     import mujoco
     from mujoco.batch import Batch
 
     rng, n, nu = np.random.default_rng(1), model.nv, model.nu
     q, v = model.qpos0 + scale * rng.uniform(-1.0, 1.0, (LANES, n)), scale * rng.normal(size=(LANES, n))
-    sent = model.actuator_ctrllimited[:, None].astype(bool)
-    low, high = np.where(sent, 1.2 * model.actuator_ctrlrange, np.array([-1.0, 1.0])).T
-    u = rng.uniform(low, high, (LANES, CHECKED, nu))
+    ends = model.jnt_range[np.arange(n), rng.integers(0, 2, (LANES, n))]
+    near = (rng.random((LANES, n)) < 0.4) & model.jnt_limited.astype(bool) & (np.abs(ends) < REASON)
+    q = np.where(near, ends + 0.05 * scale * rng.uniform(-1.0, 1.0, (LANES, n)), q)
+    u = _reach(model, saturating)[:, None] * rng.uniform(-1.0, 1.0, (nu, LANES, CHECKED)) + _middle(model)[:, None]
+    u = np.ascontiguousarray(u.transpose(1, 2, 0))
     batch = Batch(model, LANES, nthread=1)
     batch.reset()
     batch.bind("qpos")[:], batch.bind("qvel")[:] = q, v
     there = batch.rollout(CHECKED, u, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos", "qvel"))
     if not (np.abs(there["qvel"]) < BOUNDED).all():
         return None
-    numbers = numbers_of(model, lambda name: _field(model, name), LANES)
+    numbers = numbers_of(model, lambda name: _field(model, name), np.zeros((LANES, n)))
     nodes = np.empty((2, LANES, CHECKED + 1, n))
     state = np.concatenate([q, v, np.zeros((LANES, n))], axis=1).T[None].copy()
     outputs, forces, failed = np.empty((0, 0, nu)), np.zeros((1, nu, LANES)), np.zeros((1, 1, LANES))
     program(Rollout(numbers.T[None].copy(), state, u, nodes[0], nodes[1], outputs, forces, failed), 0, CHECKED, 1)
     pairs = ((nodes[0, :, 1:], there["qpos"]), (nodes[1, :, 1:], there["qvel"]))
     return all((np.abs(a - b) <= SAME * (1.0 + np.abs(b))).all() for a, b in pairs) and not failed.any()
+
+
+def _reach(model: mujoco.MjModel, saturating: bool) -> np.ndarray:
+    """(nu, 1) how far commands go from their middle; saturating: beyond what the ranges of forces and torques let
+    through, where that is within reason."""
+    clamped = model.actuator_ctrllimited.astype(bool)
+    half = np.where(clamped, 0.6 * (model.actuator_ctrlrange[:, 1] - model.actuator_ctrlrange[:, 0]), 1.0)
+    if saturating:
+        gain = np.maximum(np.abs(model.actuator_gainprm[:, 0]), 1e-9)
+        joint = model.actuator_trnid[:, 0]
+        gear = np.maximum(np.abs(model.actuator_gear[:, 0]), 1e-9)
+        own = np.where(model.actuator_forcelimited, np.abs(model.actuator_forcerange).max(axis=1), 0.0)
+        joints = np.where(model.jnt_actfrclimited[joint], np.abs(model.jnt_actfrcrange[joint]).max(axis=1), 0.0) / gear
+        force = np.maximum(np.where(own < REASON, own, 0.0), np.where(joints < REASON, joints, 0.0))
+        half = np.maximum(half, 1.5 * force / gain)
+    return np.asarray(half[:, None])
+
+
+def _middle(model: mujoco.MjModel) -> np.ndarray:
+    """(nu, 1) of the commands' ranges."""
+    clamped = model.actuator_ctrllimited.astype(bool)
+    return np.asarray(np.where(clamped, model.actuator_ctrlrange.mean(axis=1), 0.0)[:, None])
 
 
 def _field(model: mujoco.MjModel, name: str) -> np.ndarray:

@@ -204,7 +204,7 @@ def _actuated(
     p: Program, chain: Chain, row: _Row, q: Sequence[Lanes], v: Sequence[Lanes], controls: Value, outputs: Value
 ) -> tuple[list[Number], list[Number]]:
     """Torques at the joints, and how they fall with the joints' velocities; an actuator at the end of its range has no
-    damping."""
+    damping, and neither have those of a joint at the end of its own."""
     n = len(chain.joints)
     torque: list[Number] = [0.0] * n
     damping: list[Number] = [0.0] * n
@@ -225,6 +225,8 @@ def _actuated(
         damping[j] = damping[j] - gear * gear * slope
     for j, reach in enumerate(chain.reach):
         if reach is not None:
+            inside = compared(p, "ogt", torque[j], reach[0]) & compared(p, "olt", torque[j], reach[1])
+            damping[j] = where(p, inside, damping[j], 0.0)
             torque[j] = smaller(p, larger(p, torque[j], reach[0]), reach[1])
     return torque, damping
 

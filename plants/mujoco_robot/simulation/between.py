@@ -123,8 +123,8 @@ def _friction(batch: Any, robot: CompiledRobot, settings: Settings, drive: Drive
     solimp = batch.expand("dof_solimp")
     index = np.argwhere(touched)
     solimp[index[:, 0], dof[index[:, 1]]] = STIFF_SOLIMP
-    constant = _braked(base, constants, base, base)
-    loss[:, dof] = np.maximum(constant, 0.0)
+    constant = np.maximum(_braked(base, constants, base, base), 0.0)
+    loss[:, dof] = constant
     if not varying and not laws:
         return None
     signals = signals_of(batch, robot, drive) if laws else None

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from plants.mujoco_robot.native.arms import native_arm
+from plants.mujoco_robot.native.arms import Rolled, native_arm
 from plants.mujoco_robot.native.changing import COMPILED, Acting, Changing
 from plants.mujoco_robot.native.running import Running
 from plants.mujoco_robot.simulation.fitted_laws import joint_laws
@@ -67,10 +67,10 @@ def replay_natively(
     integrals: ServoIntegrals | None,
     servos: Feedback | None,
     records: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Positions, velocities and actuators' forces at the nodes, from the batch's present state on, under commands u
-    (B, K, nu); base: FORCES and RESISTANCES. None where it has to be done step by step."""
-    native = native_arm(robot.model)
+) -> Rolled | None:
+    """The batch from its present state on, under commands u (B, K, nu); base: FORCES and RESISTANCES. None where it has
+    to be done step by step."""
+    native = native_arm(robot)
     if native is None or not set(settings.effects) <= COMPILED:
         return None
     columns = _Columns()
@@ -91,7 +91,7 @@ def run_natively(
 ) -> Running | None:
     """The batch's rows, to go on by so many steps of the robot at a time; base: see `replay_natively`, None where
     nothing changes between steps. None where MuJoCo has to do it."""
-    native = native_arm(robot.model)
+    native = native_arm(robot)
     if native is None or not set(settings.effects) <= COMPILED:
         return None
     if base is None:
@@ -101,26 +101,25 @@ def run_natively(
     return native.running(batch, steps, robot.substeps, changing, columns.stacked(settings.rows))
 
 
-def lead_natively(batch: Any, robot: CompiledRobot, u: np.ndarray, rows: np.ndarray, servos: Feedback | None) -> bool:
-    """Move some rows (m,) of a batch to where commands u (B, K, nu) lead; False, and nothing moved, where it has to be
-    done step by step."""
-    native, q, v = native_arm(robot.model), batch.bind("qpos"), batch.bind("qvel")
+def lead_natively(
+    batch: Any, robot: CompiledRobot, u: np.ndarray, rows: np.ndarray, servos: Feedback | None
+) -> np.ndarray:
+    """Move some rows (m,) of a batch to where commands u (B, K, nu) lead; returns those that MuJoCo has to move."""
+    native, q, v = native_arm(robot), batch.bind("qpos"), batch.bind("qvel")
     if native is None:
-        return False
-    kept = q.copy(), v.copy()
-    nodes: tuple[np.ndarray, ...] | None
+        return rows
     if servos is None:
-        nodes = native.rollout(batch, u, (0,), robot.substeps, lambda k: None)
+        rolled = native.rollout(batch, u, (0,), robot.substeps, lambda k: None)
     else:
         columns = _Columns()
         clock = columns.add(np.zeros(1), np.zeros(1))
         changing = _with_links(Changing(0, clock), robot, servos, columns)
-        nodes = native.changing_rollout(batch, u, robot.substeps, changing, columns.stacked(len(u)))
-    if nodes is None:
-        return False
-    q[:], v[:] = kept
-    q[rows], v[rows] = nodes[0][rows, -1], nodes[1][rows, -1]
-    return True
+        rolled = native.changing_rollout(batch, u, robot.substeps, changing, columns.stacked(len(u)))
+    if rolled is None:
+        return rows
+    done = rows[rolled.exact[rows]]
+    q[done], v[done] = rolled.positions[done, -1], rolled.velocities[done, -1]
+    return rows[~rolled.exact[rows]]
 
 
 def _with_links(changing: Changing, robot: CompiledRobot, servos: Feedback, columns: _Columns) -> Changing:

@@ -77,7 +77,8 @@ def _lead(
         else:  # it came from where its speeds have led it away
             q[:, at] -= u[:, :, i].sum(axis=1) * robot.substeps * model.opt.timestep / gear[i]
     settle(batch, robot, settings, u[:, 0], servos)
-    if lead_natively(batch, robot, u, moving, servos):
+    moving = lead_natively(batch, robot, u, moving, servos)
+    if not len(moving):
         return
     if servos is None:
         held = np.repeat(u[moving], robot.substeps, axis=1)

@@ -1,6 +1,6 @@
 """The batched replay: one simulation a row, the effects written into the batch before and between its steps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -160,34 +160,45 @@ def _roll_out(
     batch: Any, robot: CompiledRobot, drive: Drive, u: np.ndarray, between: list[Any], wanted: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
     """All steps in one call, or in a few where actuators are switched on and off on the way."""
-    import mujoco
 
-    model, (rows, steps, _) = robot.model, u.shape
+    rows, nu = len(u), robot.model.nu
     cuts = [0]
     if drive.enabled is not None:
         cuts += (1 + np.flatnonzero((np.diff(drive.enabled, axis=1) != 0).any(axis=(0, 2)))).tolist()
-    control = int(mujoco.mjtState.mjSTATE_CTRL)
-    finer = robot.substeps
 
     def rewrite(k: int) -> None:
         for update in between:
-            update(k, batch.bind("qvel")[:, robot.dofs], np.zeros((rows, model.nu)))
+            update(k, batch.bind("qvel")[:, robot.dofs], np.zeros((rows, nu)))
 
-    native = native_arm(model)
-    nodes = None if native is None else native.rollout(batch, u, cuts, finer, rewrite)
-    if nodes is not None:
-        _stay(*nodes)
-        return read_channels(robot, *nodes, wanted)
-    parts = {"qpos": [batch.bind("qpos")[:, None].copy()], "qvel": [batch.bind("qvel")[:, None].copy()]}
-    for k, end in zip(cuts, [*cuts[1:], steps], strict=True):
+    native = native_arm(robot)
+    rolled = None if native is None else native.rollout(batch, u, cuts, robot.substeps, rewrite)
+    if rolled is None:
+        q, v = _by_mujoco(batch, u, cuts, robot.substeps, rewrite, np.arange(rows))
+    else:
+        q, v = rolled.positions, rolled.velocities
+        left = np.flatnonzero(~rolled.exact)
+        if len(left):
+            q[left], v[left] = _by_mujoco(batch, u[left], cuts, robot.substeps, rewrite, left)
+    _stay(q, v)
+    return read_channels(robot, q, v, wanted)
+
+
+def _by_mujoco(
+    batch: Any, u: np.ndarray, cuts: list[int], finer: int, rewrite: Callable[[int], None], rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (m, K + 1, nq) and velocities (m, K + 1, nv) of some rows (m,), under commands u (m, K, nu)."""
+    import mujoco
+
+    control = int(mujoco.mjtState.mjSTATE_CTRL)
+    parts = {field: [batch.bind(field)[rows, None]] for field in ("qpos", "qvel")}
+    for k, end in zip(cuts, [*cuts[1:], u.shape[1]], strict=True):
         rewrite(k)
         held = np.ascontiguousarray(u[:, k:end]) if finer == 1 else np.repeat(u[:, k:end], finer, axis=1)
-        found = batch.rollout(finer * (end - k), held, control, ("qpos", "qvel"))
+        found = batch.rollout(finer * (end - k), held, control, ("qpos", "qvel"), rows)
         for field, part in parts.items():
             part.append(found[field][:, finer - 1 :: finer])
-    whole = {field: np.concatenate(part, axis=1) for field, part in parts.items()}
-    _stay(whole["qpos"], whole["qvel"])
-    return read_channels(robot, whole["qpos"], whole["qvel"], wanted)
+    q, v = (np.concatenate(part, axis=1) for part in parts.values())
+    return q, v
 
 
 def _changing(
@@ -204,13 +215,20 @@ def _changing(
 ) -> dict[str, np.ndarray]:
     """Rows in which something changes from step to step."""
     records = any(c.startswith("output.") for c in wanted)
-    nodes = replay_natively(batch, robot, settings, drive, u, base, integrals, servos, records)
-    if nodes is None:
+    rolled = replay_natively(batch, robot, settings, drive, u, base, integrals, servos, records)
+    stepped: dict[str, np.ndarray] = {}
+    if rolled is None or not rolled.exact.all():
         step = OneStep(batch, robot, between, servos, on_errors(settings.effects, robot.servo), drive.dt, integrals)
-        return _step_by_step(step, u, wanted)
-    _stay(*(nodes if records else nodes[:2]))
-    outputs = {c: nodes[2][:, :, i] for i, a in enumerate(robot.actuators) if (c := f"output.{a}") in wanted}
-    return outputs | read_channels(robot, *nodes[:2], [c for c in wanted if c not in outputs])
+        stepped = _step_by_step(step, u, wanted)
+    if rolled is None:
+        return stepped
+    q, v, forces = rolled.positions, rolled.velocities, rolled.forces
+    _stay(q, v, *((forces,) if records else ()))
+    outputs = {c: forces[:, :, i] for i, a in enumerate(robot.actuators) if (c := f"output.{a}") in wanted}
+    out = outputs | read_channels(robot, q, v, [c for c in wanted if c not in outputs])
+    for channel, nodes in stepped.items():
+        out[channel] = np.where(rolled.exact[:, None], out[channel], nodes)
+    return out
 
 
 def _step_by_step(step: OneStep, u: np.ndarray, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:

@@ -11,7 +11,8 @@ import pytest
 from oracles.arms import SERVOS, arm_xml, random_drive, random_start, robot_of
 
 from plants.mujoco_robot import MujocoRobot
-from plants.mujoco_robot.simulation import compiled_steps, replay
+from plants.mujoco_robot.native.arms import native_arm
+from plants.mujoco_robot.simulation import compiled_steps, gear_start, replay
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.laws import curve_shape, kind_of
 from residual_mpc.effects.library import HOSTED
@@ -53,8 +54,8 @@ def assert_same(robot: MujocoRobot, drive: Drive, settings: Settings, within: fl
     for channels in (robot.channels, wanted):
         natively = robot.replay(start, drive, settings, channels)
         with (
-            patch.object(replay, "native_arm", lambda model: None),
-            patch.object(compiled_steps, "native_arm", lambda model: None),
+            patch.object(replay, "native_arm", lambda robot: None),
+            patch.object(compiled_steps, "native_arm", lambda robot: None),
         ):
             by_mujoco = robot.replay(start, drive, settings, channels)
         for channel, nodes in by_mujoco.items():
@@ -106,11 +107,88 @@ def test_a_row_is_the_same_in_any_company(tmp_path: Path) -> None:
             assert not np.array_equal(beside[channel][1:], nodes[1:])
 
 
-def test_nothing_is_stepped_in_python(tmp_path: Path) -> None:
+def test_nothing_is_left_to_mujoco(tmp_path: Path) -> None:
     """The programs do all of it: otherwise the comparisons above compare MuJoCo with itself."""
     robot = arm(tmp_path)
     rng, drive, start = np.random.default_rng(6), random_drive(robot, ROWS, 40), random_start(robot, ROWS)
-    with patch.object(replay, "_step_by_step", side_effect=AssertionError("stepped one by one")):
+    with (
+        patch.object(replay, "_step_by_step", side_effect=AssertionError("stepped one by one")),
+        patch.object(replay, "_by_mujoco", side_effect=AssertionError("rolled out by MuJoCo")),
+    ):
         for effect in HERE:
             if robot.slots(effect.name):
                 robot.replay(start, drive, Settings(ROWS, {effect.name: numbers(robot, effect, rng)}), robot.channels)
+
+
+@pytest.mark.parametrize("change", ["longer step", "half step", "tuned", "other settings"])
+def test_so_is_a_robot_that_was_changed(tmp_path: Path, change: str) -> None:
+    robot = arm(tmp_path)
+    rng, drive = np.random.default_rng(7), random_drive(robot, ROWS, STEPS)
+    found = {
+        e.name: numbers(robot, e, rng) for e in HERE if e.name in ("stribeck_friction", "payload", "actuator_gain")
+    }
+    tuned: dict[str, np.ndarray] = {}
+    if change == "longer step":
+        longer = robot.with_longer_step(3)
+        assert longer is not None
+        robot, drive = longer, replace(drive, dt=3.0 * drive.dt, lead=drive.lead // 3, command=drive.command[:, ::3])
+    elif change == "half step":
+        half = robot.with_half_step()
+        assert half is not None
+        robot = half
+    elif change == "tuned":
+        names = ("joint.j1.damping", "joint.j2.frictionloss", "joint.j2.armature", "actuator.j1.kp", "body.lower.mass")
+        nominal = robot.nominal()
+        tuned = {name: nominal[name] * rng.uniform(0.5, 1.5, ROWS) for name in names}
+    else:
+        (tmp_path / "heavy").mkdir()
+        heavy = robot_of(tmp_path / "heavy", arm_xml().replace("<default>", EXACT + "<default>").replace("0.8", "1.1"))
+        merged = robot.merged([heavy])
+        assert merged is not None and "body_mass" in merged.differing
+        robot, drive = merged, replace(drive, setting=rng.integers(0, 2, ROWS))
+    assert native_arm(robot) is not None
+    assert_same(robot, drive, Settings(ROWS, found, tuned))
+
+
+def test_settings_that_differ_in_what_a_program_holds_go_to_mujoco(tmp_path: Path) -> None:
+    robot = arm(tmp_path)
+    (tmp_path / "turned").mkdir()
+    turned = robot_of(
+        tmp_path / "turned",
+        arm_xml().replace("<default>", EXACT + "<default>").replace('axis="0 1 0"', 'axis="0 1 0.1"'),
+    )
+    merged = robot.merged([turned])
+    assert merged is not None
+    assert native_arm(merged) is None
+
+
+@pytest.mark.parametrize("law", ["torque_ripple", "torque_offset", "actuator_gain"])
+@pytest.mark.parametrize("feedback", ["motor", "link"])
+def test_the_commands_before_a_window_lead_to_the_same_start(tmp_path: Path, feedback: str, law: str) -> None:
+    """Of an arm with a soft gear: what `begin` replays before it, and not what it makes of that."""
+    robot = arm(tmp_path, SERVOS, servo_feedback=feedback)
+    rng = np.random.default_rng(8)
+    found = {e.name: numbers(robot, e, rng) for e in HERE if e.name in ("joint_compliance", law)}
+    drive = random_drive(robot, ROWS, 20)
+    more = int(0.8 / drive.dt)
+    drive = replace(drive, lead=more, command=rng.uniform(-0.4, 0.4, (ROWS, 1, 2)).repeat(more + 20, axis=1))
+    drive.command[:, : more // 2] *= 0.5
+    ends = []
+
+    def led(*where: object) -> None:
+        lead(*where)
+        batch = where[0]
+        ends.append((batch.bind("qpos").copy(), batch.bind("qvel").copy()))  # type: ignore[attr-defined]
+
+    lead = gear_start._lead
+    for native in (native_arm, lambda robot: None):
+        with (
+            patch.object(gear_start, "_lead", led),
+            patch.object(compiled_steps, "native_arm", native),
+            patch.object(replay, "native_arm", native),
+        ):
+            robot.replay(random_start(robot, ROWS), drive, Settings(ROWS, found), robot.channels)
+    assert len(ends) % 2 == 0 and ends
+    for natively, by_mujoco in zip(ends[: len(ends) // 2], ends[len(ends) // 2 :], strict=True):
+        for a, b in zip(natively, by_mujoco, strict=True):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-8)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from gc import collect
 from unittest.mock import patch
+from weakref import ref
 
 import mujoco
 import numpy as np
@@ -13,11 +15,12 @@ from mujoco.batch import Batch
 from oracles.arms import SERVOS, arm_xml
 from oracles.own_arms import UR5E, panda
 
-from plants.mujoco_robot.native import arms, constraints
+from plants.mujoco_robot.native import arms
 from plants.mujoco_robot.native.arm import chain_of
-from plants.mujoco_robot.native.arms import NativeArm
+from plants.mujoco_robot.native.arms import NativeArm, Rolled, native_arm
 from plants.mujoco_robot.native.compiled import WORTH, Compiled
-from plants.mujoco_robot.native.eligible import agrees, eligible
+from plants.mujoco_robot.native.eligible import agrees, alike, eligible
+from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
 
@@ -41,7 +44,8 @@ def tree(rng: np.random.Generator, bodies: int) -> str:
             name = f"j{len(joints)}"
             joints.append(name)
             spring = f'stiffness="{rng.uniform(0, 5):.3f}" springref="{rng.uniform(-1, 1):.3f}"'
-            ref = f'ref="{rng.uniform(-0.3, 0.3):.3f}"'
+            ref = f'ref="{rng.uniform(-0.3, 0.3):.3f}" actuatorfrcrange="-{rng.uniform(2, 20):.2f} 9"'
+            ref += f' limited="{str(bool(rng.integers(0, 2))).lower()}" range="-{rng.uniform(20, 60):.1f} 40"'
             made += (
                 f'<joint name="{name}" type="{kind}" axis="{three(1.0)}" pos="{three(0.1)}" {spring} {ref}'
                 f' damping="{rng.uniform(0.05, 1):.3f}" armature="{rng.uniform(0.01, 0.1):.3f}"/>'
@@ -68,6 +72,7 @@ def tree(rng: np.random.Generator, bodies: int) -> str:
 @given(st.integers(0, 10**6), st.integers(1, 7), st.booleans(), st.booleans())
 def test_any_tree_of_joints_moves_as_in_mujoco(seed: int, bodies: int, rubs: bool, stops: bool) -> None:
     model = mujoco.MjModel.from_xml_string(tree(np.random.default_rng(seed), bodies))
+    stops |= bool(model.jnt_limited.any())
     assert eligible(model)
     assert agrees(model, Compiled(chain_of(model, rubs, stops)), rubs, stops)
 
@@ -77,12 +82,11 @@ def test_an_arm_far_from_the_origin_loses_no_digits() -> None:
     assert agrees(model, Compiled(chain_of(model, True, True)), True, True)
 
 
-def test_the_arms_of_the_docs_have_programs() -> None:
-    for xml in (UR5E, panda(), arm_xml()):
-        model = mujoco.MjModel.from_xml_string(xml)
-        if model.neq == 0 and model.ntendon == 0:
-            model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-            assert eligible(model)
+@pytest.mark.parametrize("xml", [UR5E, panda(), arm_xml()], ids=["ur5e", "panda", "two joints"])
+def test_the_arms_of_the_docs_have_programs(xml: str) -> None:
+    model = mujoco.MjModel.from_xml_string(xml)
+    rubs, stops = bool((model.dof_frictionloss > 0.0).any()), bool(model.jnt_limited.any())
+    assert eligible(model) and agrees(model, Compiled(chain_of(model, rubs, stops)), rubs, stops)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +99,7 @@ def test_the_arms_of_the_docs_have_programs() -> None:
         ("gravity compensation", ('<body name="lower"', '<body name="lower" gravcomp="1"')),
         ("a filter", ('kv="1.5" gear="2"', 'kv="1.5" gear="2" timeconst="0.1"')),
         ("a coupling", ("</worldbody>", '</worldbody><equality><joint joint1="j1" joint2="j2"/></equality>')),
+        ("a limit of mixed signs", ('range="-90 90"', 'range="-90 90" solreflimit="-100 1"')),
         ("a curved limit", ('range="-90 90"', 'range="-90 90" solimplimit="0.9 0.95 0.001 0.5 3"')),
     ],
     ids=lambda x: x if isinstance(x, str) else "",
@@ -107,7 +112,7 @@ def test_what_programs_do_not_know_is_left_to_mujoco(what: str, by: tuple[str, s
     assert not eligible(mujoco.MjModel.from_xml_string(changed))
 
 
-def rolled(model: mujoco.MjModel, native: NativeArm) -> tuple[np.ndarray, np.ndarray | None]:
+def rolled(model: mujoco.MjModel, native: NativeArm) -> tuple[np.ndarray, Rolled | None]:
     """Positions (rows, K, n) of MuJoCo's, and of the programs."""
     rng, rows, steps = np.random.default_rng(2), 11, 60
     u = rng.uniform(-1.0, 1.0, (rows, steps, model.nu))
@@ -117,7 +122,7 @@ def rolled(model: mujoco.MjModel, native: NativeArm) -> tuple[np.ndarray, np.nda
     batch.bind("qpos")[:] = q
     found = native.rollout(batch, u, (0,), 1, lambda k: None)
     np.testing.assert_array_equal(batch.bind("qpos"), q)
-    return batch.rollout(steps, u, CONTROL, ("qpos",))["qpos"], None if found is None else found[0][:, 1:]
+    return batch.rollout(steps, u, CONTROL, ("qpos",))["qpos"], found
 
 
 def test_a_program_that_disagrees_is_not_used() -> None:
@@ -147,19 +152,71 @@ def test_both_translations_give_the_same_bits() -> None:
         assert program is not None
         program._spent = 2.0 * WORTH
     _, better = rolled(model, native)
-    assert all(program is not None and program._spent is None for program in native._plain.values())
+    assert all(program is not None and program._better for program in native._plain.values())
     assert quick is not None and better is not None
-    np.testing.assert_array_equal(quick, better)
+    np.testing.assert_array_equal(quick.positions, better.positions)
+    np.testing.assert_array_equal(quick.velocities, better.velocities)
 
 
-def test_rows_whose_solver_does_not_converge_go_to_mujoco() -> None:
+def test_rows_whose_solver_does_not_converge_are_marked() -> None:
     xml = arm_xml().replace('frictionloss="0.02"', 'frictionloss="0.3"')
     model = mujoco.MjModel.from_xml_string(xml)
     by_mujoco, found = rolled(model, NativeArm(model))
+    assert found is not None and found.exact.all()
+    np.testing.assert_allclose(found.positions[:, 1:], by_mujoco, atol=1e-6)
+    with (
+        patch("plants.mujoco_robot.native.step.MOST", 2),
+        patch.object(arms, "compiled", Compiled),
+        patch.object(arms, "agrees", lambda *_: True),
+    ):
+        _, impatient = rolled(model, NativeArm(model))
+    assert impatient is not None
+    assert 0 < impatient.exact.sum() < len(impatient.exact)
+    np.testing.assert_array_equal(impatient.positions[impatient.exact], found.positions[impatient.exact])
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_joint_at_the_end_of_its_torque_has_no_servos_damping(sign: float) -> None:
+    """Under commands that saturate its range and such as do not, which the check has to draw."""
+    servo = '<position name="j2" joint="j2" kp="60" kv="3"/>'
+    xml = arm_xml(servo).replace('damping="0.05"', 'damping="0.05" actuatorfrcrange="-90 90"')
+    model = mujoco.MjModel.from_xml_string(xml)
+    assert eligible(model) and agrees(model, Compiled(chain_of(model, True, True)), True, True)
+    rows, steps = 3, 80
+    batch = Batch(model, rows, nthread=1)
+    batch.reset()
+    u = np.full((rows, steps, 1), sign) * np.array([0.5, 3.0, 6.0])[:, None, None]
+    found = NativeArm(model).rollout(batch, u, (0,), 1, lambda k: None)
     assert found is not None
-    np.testing.assert_allclose(found, by_mujoco, atol=1e-6)
-    with patch("plants.mujoco_robot.native.step.MOST", 1), patch.object(arms, "compiled", Compiled):
-        impatient = NativeArm(model)
-        with patch.object(arms, "agrees", lambda *_: True):
-            assert rolled(model, impatient)[1] is None
-    assert constraints.MOST > 1
+    np.testing.assert_allclose(found.positions[:, 1:], batch.rollout(steps, u, CONTROL, ("qpos",))["qpos"], atol=1e-6)
+
+
+def test_models_that_differ_in_more_than_the_rows_numbers_are_left_to_mujoco() -> None:
+    one, other = (mujoco.MjModel.from_xml_string(arm_xml()) for _ in range(2))
+    assert alike([one, other], ("body_mass", "geom_pos", "dof_M0", "actuator_gainprm"))
+    for field in ("body_quat", "jnt_type", "actuator_biastype", "tendon_damping", "wrap_prm", "jnt_margin"):
+        assert not alike([one, other], ("body_mass", field))
+    other.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    assert not alike([one, other], ())
+
+
+def test_a_robot_that_is_gone_takes_its_programs_along() -> None:
+    model = mujoco.MjModel.from_xml_string(arm_xml())
+    robot = CompiledRobot("arm", model, (2, np.zeros(3)), "motor", "motor")
+    assert native_arm(robot) is not None and robot in arms._ARMS
+    gone = ref(robot)
+    del robot
+    collect()
+    assert gone() is None
+
+
+def test_without_a_compiler_mujoco_replays() -> None:
+    model = mujoco.MjModel.from_xml_string(arm_xml())
+    robot = CompiledRobot("arm", model, (2, np.zeros(3)), "motor", "motor")
+    for error in (ImportError("no llvmlite"), OSError("a library is missing"), RuntimeError("unknown processor")):
+        arms._compiles.cache_clear()
+        with patch("plants.mujoco_robot.native.compiled.engine_of", side_effect=error):
+            assert native_arm(robot) is None
+        arms._ARMS.pop(robot)
+    arms._compiles.cache_clear()
+    assert native_arm(robot) is not None
