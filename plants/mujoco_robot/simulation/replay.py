@@ -250,6 +250,8 @@ def _step_by_step(step: OneStep, u: np.ndarray, wanted: tuple[str, ...]) -> dict
 def _stay(q: np.ndarray, v: np.ndarray, *others: np.ndarray) -> None:
     """Let rows whose positions (B, K + 1, nq) or velocities (B, K + 1, nv) run away stay where they were last, in
     place; others (B, K + 1, n) likewise."""
+    if all(-FAR_AWAY < x.min() and x.max() < FAR_AWAY for x in (q, v) if x.size):  # NaN is not
+        return
     sane = (np.abs(q) < FAR_AWAY).all(axis=2) & (np.abs(v) < FAR_AWAY).all(axis=2)  # NaN is not
     sane[:, 0] = True
     for row in np.flatnonzero(~sane.all(axis=1)):

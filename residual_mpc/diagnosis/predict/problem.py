@@ -6,7 +6,7 @@ inverse square
 root: generalised least squares with the start as a nuisance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,12 +16,13 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.local_fit import local_fit
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.replay import predict_moved
+from residual_mpc.diagnosis.predict.replay import memory_of, predict_moved
 from residual_mpc.diagnosis.predict.settings import PredictSettings
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.diagnosis.predict.step_lengths import with_longer_steps
 from residual_mpc.diagnosis.predict.tolerances import Tolerances
-from residual_mpc.models.settings import Values
+from residual_mpc.models.sensing import sensor_value
+from residual_mpc.models.settings import Settings, Values
 
 
 @dataclass(frozen=True)
@@ -156,10 +157,26 @@ def on_part(problem: Problem, keep: np.ndarray, samples: int | None = None) -> T
     return replace(problem.tolerances, columns=columns if samples is None else columns[:, : samples * c])
 
 
+def wider_start(problem: Problem, values: Values, settings: PredictSettings = PredictSettings()) -> Problem:
+    """The problem with the start's uncertainty under these values, where a low-pass of the readings widens it."""
+    sensitivity = start_sensitivity(problem.data, problem.space, values, settings)
+    wide = weighed(problem.replays, sensitivity, 1.0 / problem.weight, problem.motion)
+    return tolerating(replace(wide, count=problem.count), problem.tolerances)
+
+
 def start_sensitivity(data: Dataset, space: Space, values: Values, settings: PredictSettings) -> np.ndarray:
-    """(W, M * C, k): how one inflated standard deviation of each start coordinate moves the prediction."""
-    sizes = start_sigma(data, settings=settings)
-    moves: list[dict[str, np.ndarray]] = [{channel: size} for channel, size in sizes.items() if size.any()]
+    """(W, M * C, k): how one inflated standard deviation of each start coordinate moves the prediction.
+
+    What a low-pass of the readings holds moves apart from the state before it, which is known from its slope.
+    """
+    lags = _lags(data, space.settings([values]))
+    sizes = start_sigma(data, lags, settings=settings)
+    moves: list[dict[str, np.ndarray]] = []
+    for channel, size in sizes.items():
+        if size.any():
+            moves.append({channel: size, **({memory_of(channel): np.zeros_like(size)} if channel in lags else {})})
+    plain = start_sigma(data, settings=settings) if lags else {}
+    moves += [{memory_of(channel): plain[channel]} for channel in lags if channel in plain]
     if not moves:
         return np.zeros((data.count, data.y.shape[1] * data.y.shape[2], 1))
     moved = predict_moved(data, space.settings([values]), [{}, *moves])
@@ -169,8 +186,22 @@ def start_sensitivity(data: Dataset, space: Space, values: Values, settings: Pre
     return np.ascontiguousarray(change).reshape(data.count, -1, len(moves))
 
 
-def start_sigma(data: Dataset, *, settings: PredictSettings = PredictSettings()) -> dict[str, np.ndarray]:
-    """Inflated standard deviation (W,) of each start coordinate: the local fits' weights under white noise."""
+def _lags(data: Dataset, settings: Settings) -> dict[str, float]:
+    """s: the low-pass of each channel that has one, under one hypothesis."""
+    found = {}
+    for block in data.blocks:
+        for channel in (s.position for s in block.robot.states):
+            lag = sensor_value(block.robot, settings, "reading lag", channel)
+            if lag is not None and lag[0] > 0.0:
+                found[channel] = float(lag[0])
+    return found
+
+
+def start_sigma(
+    data: Dataset, lags: Mapping[str, float] | None = None, *, settings: PredictSettings = PredictSettings()
+) -> dict[str, np.ndarray]:
+    """Inflated standard deviation (W,) of each start coordinate: the local fits' weights under white noise. lags: s,
+    by channel, of a low-pass, whose input is y + lag dy/dt."""
     out: dict[str, np.ndarray] = {}
     for block in data.blocks:
         for state in block.robot.states:
@@ -182,7 +213,10 @@ def start_sigma(data: Dataset, *, settings: PredictSettings = PredictSettings())
                         continue
                     mine = np.flatnonzero(data.run == i)
                     fit = local_fit(signal.t, data.start[mine])
+                    lag = 0.0 if lags is None else lags.get(source, 0.0)
                     weights = fit.slope_weights if slope else fit.value_weights
+                    if lag:
+                        weights = weights + lag * (fit.curvature_weights if slope else fit.slope_weights)
                     sigma = data.sigma[data.channels.index(source)]
                     spread[mine] = settings.start.inflation * sigma * np.sqrt((weights**2).sum(axis=1))
     return out

@@ -9,7 +9,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_prob
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
-from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.predict.problem import Problem, wider_start
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.additions import NONE, closer
 from residual_mpc.diagnosis.search.close_rivals import Rival, are_twins, too_close, without_small_differences
@@ -18,8 +18,8 @@ from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
 from residual_mpc.diagnosis.search.stepwise import Found, without
-from residual_mpc.effects.library import ORDER
-from residual_mpc.models.settings import TUNE, Term, Values
+from residual_mpc.effects.library import BY_NAME, ORDER
+from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 
 @dataclass(frozen=True)
@@ -143,11 +143,29 @@ def _replacements(
     out = []
     for other in (f for f in _fits(problem, rest, fit, starts, phi, settings=settings) if possible(f.values)):
         came = tuple(t for t in other.terms if t not in rest.terms)
-        difference = other.cost - fit.cost
+        difference = _difference(problem, fit, other, settings=settings)
         ratio = difference / phi + tuned.per_knob * (len(other.knobs) - len(fit.knobs))
         alike = ratio < settings.steps.alike and difference < tuned.parallel * (rest.cost - fit.cost)
         out.append(Rival(gone, came, other, ratio, alike))
     return out
+
+
+def _difference(problem: Problem, fit: Fit, other: Fit, settings: SearchSettings) -> float:
+    """How much larger the cost of another fit is. Where one of the two has a low-pass of the readings, whose input at a
+    window's start is known from their slope alone, it counts only as far as it does not hang on how uncertain the start
+    is taken to be: as it is without a low-pass, or, for both, as it is with one."""
+    difference = other.cost - fit.cost
+    lagged = [f for f in (fit, other) if any(_is_low_pass(k) for k in f.knobs)]
+    if len(lagged) != 1:
+        return difference
+    wide = wider_start(problem, lagged[0].values)
+    own, came = fit_all(wide, [fit.values, other.values], settings.rivals.wide_steps, settings=settings.fit)
+    widely = came.cost - own.cost
+    return min(difference, widely, key=abs) if difference * widely > 0.0 else 0.0
+
+
+def _is_low_pass(knob: Knob) -> bool:
+    return knob.effect != TUNE and BY_NAME[knob.effect].parameter(knob.parameter).quantity == "reading lag"
 
 
 def _fits(

@@ -108,7 +108,8 @@ class RivalSettings:
     fits that tell it. lost: squared scaled error at which a window counts (1: all of its motion is missed), and
     far_smaller: times the squared gap on all windows below which a rival takes the place there. of_left: of the squared
     gap beyond the noise floor, by which effects that imitate each other have to differ; works: of what one of them
-    removes of the squared gap, that the other has to remove."""
+    removes of the squared gap, that the other has to remove; wide_steps: of the fits of a low-pass of the readings
+    and its rival, both with the wider start."""
 
     parallel: float = 0.08
     per_knob: float = 2.0
@@ -125,9 +126,11 @@ class RivalSettings:
     far_smaller: float = 0.6
     of_left: float = 0.5
     works: float = 0.5
+    wide_steps: int = 3
 
     def __post_init__(self) -> None:
         check_positive(self, "of_left", "parallel", "looked_at", "best", "far", "visible", "gap_steps", "lost")
+        check_positive(self, "wide_steps")
         check_share(self, "resembles", "share", "far_smaller", "works")
 
 

@@ -7,9 +7,12 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.screen import ScreenedTerm, glance, smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.substitutes import imitate
+from residual_mpc.effects.effect import Quantity
 from residual_mpc.effects.equivalents import together
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term, Values
+
+LATE: tuple[Quantity, ...] = ("command delay", "command lag", "reading delay", "reading lag")
 
 
 def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], settings: SearchSettings) -> list[Values]:
@@ -32,6 +35,7 @@ def stand_ins(problem: Problem, rest: Fit, fit: Fit, gone: tuple[Term, ...], set
         imitators = (lead for lead in _imitators(leads, gone[0], tuned.resembles) if lead.term not in seen)
         starts += [{**rest.values, **(lead.closing or lead.start)} for lead in imitators]
         starts += _as_pair(problem, rest, fit, gone[0], candidates)
+        starts += _as_late(problem, rest, fit, gone[0], candidates)
     elif (word := interchangeable(gone)) is not None:
         rims = [c for c in candidates if BY_NAME[c.effect].interchangeable == word and c not in gone]
         for i, a in enumerate(rims):
@@ -79,6 +83,23 @@ def _as_pair(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tupl
     numbers = {k.parameter: v for k, v in fit.values.items() if k.term == gone}
     found: Values = {Knob(*knob): v for knob, v in together(gone.effect, gone.target, numbers).items()}
     return [_with(problem, rest, found)] if found and all(k.term in candidates for k in found) else []
+
+
+def _as_late(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
+    """What makes commands or readings late as the other effects that do, each with the same number of seconds: a probe
+    that lies elsewhere may resemble it too little."""
+    late = [v for k, v in fit.values.items() if k.term == gone and _delays(k)]
+    starts: list[Values] = []
+    for other in candidates if len(late) == 1 else ():
+        found = [k for k in problem.space.knobs(other) if _delays(k)]
+        if len(found) == 1 and imitate(other, gone):
+            starts.append(_with(problem, rest, {found[0]: late[0]}))
+    return starts
+
+
+def _delays(knob: Knob) -> bool:
+    """Whether a number is the time by which a command or a reading is late."""
+    return BY_NAME[knob.effect].parameter(knob.parameter).quantity in LATE
 
 
 def _on_other_targets(
