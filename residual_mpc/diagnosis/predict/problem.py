@@ -157,7 +157,7 @@ def on_part(problem: Problem, keep: np.ndarray, samples: int | None = None) -> T
     return replace(problem.tolerances, columns=columns if samples is None else columns[:, : samples * c])
 
 
-def wider_start(problem: Problem, values: Values, settings: PredictSettings = PredictSettings()) -> Problem:
+def wider_start(problem: Problem, values: Values, settings: PredictSettings) -> Problem:
     """The problem with the start's uncertainty under these values, where a low-pass of the readings widens it."""
     sensitivity = start_sensitivity(problem.data, problem.space, values, settings)
     wide = weighed(problem.replays, sensitivity, 1.0 / problem.weight, problem.motion)

@@ -158,7 +158,7 @@ def _difference(problem: Problem, fit: Fit, other: Fit, settings: SearchSettings
     lagged = [f for f in (fit, other) if any(_is_low_pass(k) for k in f.knobs)]
     if len(lagged) != 1:
         return difference
-    wide = wider_start(problem, lagged[0].values)
+    wide = wider_start(problem, lagged[0].values, settings=settings.predict)
     own, came = fit_all(wide, [fit.values, other.values], settings.rivals.wide_steps, settings=settings.fit)
     widely = came.cost - own.cost
     return min(difference, widely, key=abs) if difference * widely > 0.0 else 0.0
