@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from oracles.arms import arm_xml, robot_of
 
+from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.problem import _lags, start_sigma
 from residual_mpc.logs.run import Run
-from residual_mpc.models.settings import Term
+from residual_mpc.models.settings import Knob, Term, assemble
 
 LAG, STEP, RATE = 0.04, 5e-4, 100.0  # s, s, Hz
 SIGMA = 1.5e-4  # rad
@@ -64,3 +66,18 @@ def test_it_is_not_taken_for_a_lag_of_the_actuators(tmp_path: Path, stiffness: f
     late = next(c for c in found.causes if c.term == wanted or c.term in grouped)
     (number,) = late.parameters
     assert abs(number.value - LAG) < 0.004
+
+
+def test_a_low_pass_widens_the_start_of_what_is_logged_behind_it(tmp_path: Path) -> None:
+    """Positions by the time constant times the slope, velocities by it times the second derivative."""
+    xml = arm_xml(servos(60.0))
+    run = slow_run(0, mujoco.MjModel.from_xml_string(xml.replace('timestep="0.002"', f'timestep="{STEP}"')))
+    rate = {f"velocity.j{j}": np.gradient(run.columns[f"position.j{j}"], run.t) for j in (1, 2)}
+    robot = robot_of(tmp_path, xml)
+    data = build_dataset([Run(run.name, run.t, {**run.columns, **rate})], [robot], {})
+    settings = assemble([{Knob("sensor_lag", None, "time_constant"): LAG}], {"sensor_lag": robot.slots("sensor_lag")})
+    lags = _lags(data, settings)
+    assert lags == dict.fromkeys(("position.j1", "velocity.j1", "position.j2", "velocity.j2"), LAG)
+    narrow, wide = start_sigma(data), start_sigma(data, lags)
+    for channel in lags:
+        assert (wide[channel] > 1.5 * narrow[channel]).mean() > 0.9

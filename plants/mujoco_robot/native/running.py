@@ -39,7 +39,7 @@ class Running:
         on, rows, n = self.on, len(state.q), state.q.shape[1]
         for k, x in enumerate((state.q, state.v, state.begin)):
             on.state[:, k * n : (k + 1) * n] = in_blocks(x)
-        on.controls[:rows] = controls
+        on.controls[:] = whole_blocks(controls)
         on.forces[:] = in_blocks(state.force)
         changing = self.changing
         if changing is not None:

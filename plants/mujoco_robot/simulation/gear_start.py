@@ -138,6 +138,7 @@ def settle(
     ahead = np.zeros_like(half)
     low, high = np.full_like(half, -np.inf), np.full_like(half, np.inf)
     diagonal = np.arange(count)
+    going = np.ones(len(half), dtype=bool)  # rows that are not solved: the steps of a row do not hang on the others
     for _ in range(SOLVES):
         away = apart(ahead)
         slope = np.stack([(apart(ahead + NUDGE * row) - away) / NUDGE for row in np.eye(count)], axis=-1)
@@ -152,9 +153,10 @@ def settle(
         beyond = (newton < low) | (newton > high)
         bracketed = beyond & np.isfinite(low) & np.isfinite(high)
         newton = np.where(bracketed, 0.5 * (np.where(bracketed, low, 0.0) + np.where(bracketed, high, 0.0)), newton)
-        done = (np.abs(newton - ahead) < SOLVED).all()
-        ahead = np.clip(newton, -half, half)
-        if done:
+        solved = (np.abs(newton - ahead) < SOLVED).all(axis=1)
+        ahead = np.where(going[:, None], np.clip(newton, -half, half), ahead)
+        going &= ~solved
+        if not going.any():
             break
     stops[:, gears.numbers], dead[:, gears.springs] = kept
     place(np.where(loose, np.clip(ahead + fast, -half, half), ahead + 0.5 * gap * np.sign(ahead) + fast))

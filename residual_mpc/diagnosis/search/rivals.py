@@ -140,28 +140,35 @@ def _replacements(
         values = without(values, t)
     rest = fit_all(problem, [values], 4, near=[fit], fresh=[NONE], settings=settings.fit)[0]
     starts = stand_ins(problem, rest, fit, gone, settings=settings)
-    out = []
+    out: dict[EffectSet, Rival] = {}
     for other in (f for f in _fits(problem, rest, fit, starts, phi, settings=settings) if possible(f.values)):
         came = tuple(t for t in other.terms if t not in rest.terms)
-        difference = _difference(problem, fit, other, settings=settings)
+        difference, gain = _difference(problem, rest, fit, other, settings=settings)
         ratio = difference / phi + tuned.per_knob * (len(other.knobs) - len(fit.knobs))
-        alike = ratio < settings.steps.alike and difference < tuned.parallel * (rest.cost - fit.cost)
-        out.append(Rival(gone, came, other, ratio, alike))
-    return out
+        alike = ratio < settings.steps.alike and difference < tuned.parallel * gain
+        if came not in out or ratio < out[came].ratio:  # from two starts
+            out[came] = Rival(gone, came, other, ratio, alike)
+    return list(out.values())
 
 
-def _difference(problem: Problem, fit: Fit, other: Fit, settings: SearchSettings) -> float:
-    """How much larger the cost of another fit is. Where one of the two has a low-pass of the readings, whose input at a
-    window's start is known from their slope alone, it counts only as far as it does not hang on how uncertain the start
-    is taken to be: as it is without a low-pass, or, for both, as it is with one."""
-    difference = other.cost - fit.cost
+def _difference(problem: Problem, rest: Fit, fit: Fit, other: Fit, settings: SearchSettings) -> tuple[float, float]:
+    """How much larger the cost of another fit is, and how much the chosen one gains over the rest.
+
+    Where one of the two has a low-pass of the readings, whose input at a window's start has to be reconstructed from
+    the readings and their slope, the difference counts only if both have the same sign under either uncertainty of the
+    start, that without a low-pass and, for both fits, that with it; the smaller of the two then counts.
+    """
+    difference, gain = other.cost - fit.cost, rest.cost - fit.cost
     lagged = [f for f in (fit, other) if any(_is_low_pass(k) for k in f.knobs)]
-    if len(lagged) != 1:
-        return difference
+    if len(lagged) != 1 or difference > settings.rivals.works * gain:
+        return difference, gain
     wide = wider_start(problem, lagged[0].values, settings=settings.predict)
-    own, came = fit_all(wide, [fit.values, other.values], settings.rivals.wide_steps, settings=settings.fit)
-    widely = came.cost - own.cost
-    return min(difference, widely, key=abs) if difference * widely > 0.0 else 0.0
+    values = [fit.values, other.values, rest.values]
+    own, came, without_it = fit_all(wide, values, settings.rivals.wide_steps, settings=settings.fit)
+    widely, gained = came.cost - own.cost, without_it.cost - own.cost
+    if difference * widely <= 0.0:
+        return 0.0, gained
+    return (widely, gained) if abs(widely) < abs(difference) else (difference, gain)
 
 
 def _is_low_pass(knob: Knob) -> bool:

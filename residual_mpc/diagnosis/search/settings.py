@@ -108,8 +108,8 @@ class RivalSettings:
     fits that tell it. lost: squared scaled error at which a window counts (1: all of its motion is missed), and
     far_smaller: times the squared gap on all windows below which a rival takes the place there. of_left: of the squared
     gap beyond the noise floor, by which effects that imitate each other have to differ; works: of what one of them
-    removes of the squared gap, that the other has to remove; wide_steps: of the fits of a low-pass of the readings
-    and its rival, both with the wider start."""
+    removes of the squared gap, that the other has to remove; wide_steps: iterations when a low-pass of the
+    readings and its rival are refitted with the larger uncertainty of the start."""
 
     parallel: float = 0.08
     per_knob: float = 2.0

@@ -86,13 +86,13 @@ def _as_pair(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tupl
 
 
 def _as_late(problem: Problem, rest: Fit, fit: Fit, gone: Term, candidates: tuple[Term, ...]) -> list[Values]:
-    """What makes commands or readings late as the other effects that do, each with the same number of seconds: a probe
-    that lies elsewhere may resemble it too little."""
+    """For a term that delays commands or readings, the other such effects with the same time: the screening's probe may
+    be too far from it to resemble it."""
     late = [v for k, v in fit.values.items() if k.term == gone and _delays(k)]
     starts: list[Values] = []
     for other in candidates if len(late) == 1 else ():
         found = [k for k in problem.space.knobs(other) if _delays(k)]
-        if len(found) == 1 and imitate(other, gone):
+        if len(found) == 1 and imitate(other, gone) and not problem.space.are_twins(other, gone):
             starts.append(_with(problem, rest, {found[0]: late[0]}))
     return starts
 

@@ -107,6 +107,25 @@ def test_a_row_is_the_same_in_any_company(tmp_path: Path) -> None:
             assert not np.array_equal(beside[channel][1:], nodes[1:])
 
 
+def test_so_is_a_row_with_a_soft_gear_and_commands_before_its_start(tmp_path: Path) -> None:
+    """Among rows whose start takes more and fewer steps to find."""
+    robot = arm(tmp_path)
+    rng = np.random.default_rng(9)
+    found = {e.name: numbers(robot, e, rng) for e in HERE if e.name in ("joint_compliance", "torque_ripple")}
+    found["joint_compliance"]["stiffness"][1:] = np.geomspace(3.0, 300.0, ROWS - 1)[:, None]
+    more = int(0.8 / 0.002)
+    drive = random_drive(robot, ROWS, 20)
+    drive = replace(drive, lead=more, command=rng.uniform(-0.4, 0.4, (ROWS, more + 20, 2)).cumsum(axis=1) * 0.02)
+    start = random_start(robot, ROWS)
+    whole = robot.replay(start, drive, Settings(ROWS, found), robot.channels)
+    for row in range(ROWS):
+        at = np.array([row])
+        one = replace(drive, command=drive.command[at], clock=drive.clock[at])
+        alone = robot.replay({k: v[at] for k, v in start.items()}, one, Settings(ROWS, found).take(at), robot.channels)
+        for channel, nodes in alone.items():
+            np.testing.assert_array_equal(whole[channel][row], nodes[0])
+
+
 def test_nothing_is_left_to_mujoco(tmp_path: Path) -> None:
     """The programs do all of it: otherwise the comparisons above compare MuJoCo with itself."""
     robot = arm(tmp_path)
