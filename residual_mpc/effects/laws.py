@@ -125,8 +125,12 @@ def shortened(kind: LawKind, p: Mapping[str, np.ndarray]) -> tuple[Values, Calla
     law = equation(kind)
     if kind.shape == "wave":
         return p, law
-    last = max((k for k, name in enumerate(LEVELS) if np.any(p[name] != 0.0)), default=0)
-    return p, partial(law, stretches=last)
+    return p, partial(law, stretches=stretches_of(p))
+
+
+def stretches_of(p: Values) -> int:
+    """Of a curve's stretches, the first so many hold all in which any row rises."""
+    return max((k for k, name in enumerate(LEVELS) if np.any(p[name] != 0.0)), default=0)
 
 
 def equation(kind: LawKind) -> Callable[..., Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
@@ -30,11 +31,16 @@ READ = frozenset((  # the fields that may differ from row to row
 ))  # fmt: skip
 
 
+def field_of(model: mujoco.MjModel, name: str) -> np.ndarray:
+    """(1, ...) a field of the model, or "opt.", then one of its options."""
+    return np.asarray(getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name))[None]
+
+
 def chain_of(model: mujoco.MjModel, rubs: bool, stops: bool) -> Chain:
     """rubs, stops: whether any row has dry friction or limits."""
     import mujoco
 
-    joints, _ = _links(model, lambda name: getattr(model, name)[None])
+    joints, _ = _links(model, partial(field_of, model))
     flags = int(model.opt.disableflags)
     clamps = not flags & int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     actuators = tuple(

@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from plants.mujoco_robot.native.arm import Field, chain_of, numbers_of
+from plants.mujoco_robot.native.arm import Field, chain_of, field_of, numbers_of
 from plants.mujoco_robot.native.changing import Changing
 from plants.mujoco_robot.native.compiled import Compiled, Rollout, compiled
 from plants.mujoco_robot.native.eligible import agrees, alike
@@ -29,7 +29,7 @@ LOG = logging.getLogger(__name__)
 @dataclass(frozen=True, eq=False)
 class Rolled:
     """Positions and velocities (B, K + 1, n), and the actuators' forces in the step from a node on (B, K + 1, nu),
-    written only where they were asked for; exact (B,) bool: rows in which every step is that of MuJoCo."""
+    valid only where they were requested; exact (B,) bool: rows whose every step is the same as MuJoCo's."""
 
     positions: np.ndarray
     velocities: np.ndarray
@@ -164,9 +164,7 @@ def _fields_of(batch: Any, model: mujoco.MjModel) -> Field:
 
     def field(name: str) -> np.ndarray:
         rows = batch.expanded(name)
-        if rows is not None:
-            return np.asarray(rows)
-        return np.asarray(getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name))[None]
+        return field_of(model, name) if rows is None else np.asarray(rows)
 
     return field
 

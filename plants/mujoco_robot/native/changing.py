@@ -11,7 +11,7 @@ from typing import Any
 from plants.mujoco_robot.native.elementary import operations
 from plants.mujoco_robot.native.lanes import Lanes, Number, compared, lanes, larger, load, smaller, store, where
 from plants.mujoco_robot.native.program import Program, Value
-from plants.mujoco_robot.native.step import Chain, actuator_at, joint_at, sizes
+from plants.mujoco_robot.native.step import ACTUATOR, BESIDE, DAMPING, FRICTION, Chain, actuator_at, joint_at, sizes
 from residual_mpc.effects.laws import NEAR, equation, kind_of
 from residual_mpc.effects.library import BUILT_IN, BY_NAME, LAWS
 from residual_mpc.effects.ops import Ops, clip
@@ -142,8 +142,8 @@ class Rewriting:
                 law, _ = _step(one)(ops, self._of(one, i), (), law, clock, dt)
         at = actuator_at(self.chain, i)
         for k in range(4):
-            store(self.p, self._load(c.base + 6 * i + k) * law, self.numbers, at + k)
-        ends: list[Number] = [self._load(c.base + 6 * i + k) * supply for k in (4, 5)]
+            store(self.p, self._load(c.base + ACTUATOR * i + k) * law, self.numbers, at + k)
+        ends: list[Number] = [self._load(c.base + ACTUATOR * i + k) * supply for k in (4, 5)]
         if c.reach >= 0:
             low, high = (self._load(c.reach + 2 * i + k) for k in (0, 1))
             ends = [clip(ops, x, low, high) for x in ends]
@@ -167,7 +167,7 @@ class Rewriting:
                 level[i] = level[i] + x
                 touched.add(i)
         for i in sorted(touched):
-            store(self.p, larger(self.p, level[i], 0.0), self.numbers, joint_at(self.chain, i) + 4)
+            store(self.p, larger(self.p, level[i], 0.0), self.numbers, joint_at(self.chain, i) + FRICTION)
 
     def _laws(self, ops: Ops, signals: Mapping[str, Sequence[Number]]) -> None:
         """Torques; what brakes ever more with the speed is damping, which the step takes implicitly."""
@@ -184,9 +184,9 @@ class Rewriting:
         for i, x in braking.items():
             x = larger(self.p, x, 0.0)
             torque[i] = torque[i] + x * signals["speed"][i]
-            store(self.p, self._load(c.damping + i) + x, self.numbers, joint_at(self.chain, i) + 1)
+            store(self.p, self._load(c.damping + i) + x, self.numbers, joint_at(self.chain, i) + DAMPING)
         for i, x in torque.items():
-            store(self.p, x, self.numbers, joint_at(self.chain, i) + 12)
+            store(self.p, x, self.numbers, joint_at(self.chain, i) + BESIDE)
 
     def _law(self, ops: Ops, one: Acting, z: Sequence[Number]) -> dict[int, Number]:
         """By joint, what a law adds."""

@@ -84,7 +84,7 @@ def operations(p: Program) -> Ops:
         cos=of_an_angle(1),
         sin=of_an_angle(0),
         sign=sign,
-        sqrt=lambda x: Lanes(p, p.call("sqrt", VECTOR, value(x))),
+        sqrt=lambda x: Lanes(p, p.call("sqrt", value(x))),
         arctan2=no_angle,
     )
 
@@ -97,7 +97,7 @@ def _polynomial(coefficients: Sequence[float], z: Any) -> Any:
 
 
 def _nearest(p: Program, x: Number) -> Lanes:
-    return Lanes(p, p.call("rint", VECTOR, value(x)))
+    return Lanes(p, p.call("rint", value(x)))
 
 
 def _whole(p: Program, x: Lanes) -> Value:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.native.arm import READ, numbers_of
+from plants.mujoco_robot.native.arm import READ, field_of, numbers_of
 from plants.mujoco_robot.native.compiled import Compiled, Rollout
 from plants.mujoco_robot.native.program import LANES
 
@@ -162,7 +163,7 @@ def _compared(model: mujoco.MjModel, program: Compiled, scale: float, saturating
     there = batch.rollout(CHECKED, u, int(mujoco.mjtState.mjSTATE_CTRL), ("qpos", "qvel"))
     if not (np.abs(there["qvel"]) < BOUNDED).all():
         return None
-    numbers = numbers_of(model, lambda name: _field(model, name), np.zeros((LANES, n)))
+    numbers = numbers_of(model, partial(field_of, model), np.zeros((LANES, n)))
     nodes = np.empty((2, LANES, CHECKED + 1, n))
     state = np.concatenate([q, v, np.zeros((LANES, n))], axis=1).T[None].copy()
     outputs, forces, failed = np.empty((0, 0, nu)), np.zeros((1, nu, LANES)), np.zeros((1, 1, LANES))
@@ -191,7 +192,3 @@ def _middle(model: mujoco.MjModel) -> np.ndarray:
     """(nu, 1) of the commands' ranges."""
     clamped = model.actuator_ctrllimited.astype(bool)
     return np.asarray(np.where(clamped, model.actuator_ctrlrange.mean(axis=1), 0.0)[:, None])
-
-
-def _field(model: mujoco.MjModel, name: str) -> np.ndarray:
-    return np.asarray(getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name))[None]

@@ -136,7 +136,7 @@ def larger(p: Program, a: Number, b: Number) -> Lanes:
 
 def size_of(p: Program, x: Number) -> Lanes:
     """|x|"""
-    return Lanes(p, p.call("fabs", VECTOR, value(x)))
+    return Lanes(p, p.call("fabs", value(x)))
 
 
 def load(p: Program, array: Value, at: int) -> Lanes:

@@ -66,12 +66,11 @@ class Program:
         self._rooms.append(f"  {name} = alloca {kind}, i64 {size}, align 64")
         return name
 
-    def call(self, name: str, kind: str, *values: Value) -> Value:
-        """One of LLVM's own functions, of values of one kind."""
-        suffix = {VECTOR: f"v{LANES}f64"}[kind]
-        full = f"@llvm.{name}.{suffix}"
-        self._declared.setdefault(full, f"declare {kind} {full}({', '.join([kind] * len(values))})")
-        return self.pure(f"call {kind} {full}({', '.join(f'{kind} {v}' for v in values)})")
+    def call(self, name: str, value: Value) -> Value:
+        """One of LLVM's own functions of a vector."""
+        full = f"@llvm.{name}.v{LANES}f64"
+        self._declared.setdefault(full, f"declare {VECTOR} {full}({VECTOR})")
+        return self.pure(f"call {VECTOR} {full}({VECTOR} {value})")
 
     def label(self, word: str) -> str:
         """A name for a block."""

@@ -90,6 +90,7 @@ LINK = 13  # of a link: place 3, mass, centre 3, inertia 6
 # of a joint: armature, damping, stiffness, spring's rest, friction, its 1/R and B, lower and upper limit, their K and
 # B, inverse weight, torque beside the actuators'
 JOINT = 13
+DAMPING, FRICTION, BESIDE = 1, 4, 12  # where among them are those that change between steps
 ACTUATOR = 6  # of an actuator: gain, bias 3, range 2
 TENDON = 8  # of a tendon: stiffness, ends of the dead band, lower and upper limit, their K and B, inverse weight
 

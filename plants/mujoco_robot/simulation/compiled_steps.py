@@ -12,13 +12,13 @@ import numpy as np
 from plants.mujoco_robot.native.arms import Rolled, native_arm
 from plants.mujoco_robot.native.changing import COMPILED, Acting, Changing
 from plants.mujoco_robot.native.running import Running
-from plants.mujoco_robot.simulation.fitted_laws import joint_laws
+from plants.mujoco_robot.simulation.fitted_laws import JointLaw, joint_laws
 from plants.mujoco_robot.simulation.gear_feedback import Feedback
 from plants.mujoco_robot.simulation.servo_integral import ServoIntegrals
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from residual_mpc.effects.chain import limits_of, on_errors
 from residual_mpc.effects.effect import Effect, Values
-from residual_mpc.effects.laws import LEVELS, kind_of
+from residual_mpc.effects.laws import kind_of, stretches_of
 from residual_mpc.effects.library import present
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.settings import Settings
@@ -177,9 +177,7 @@ def _changing(
     return changing if servos is None else _with_links(changing, robot, servos, columns)
 
 
-def _law(columns: _Columns, law: Any, places: np.ndarray) -> Acting:
+def _law(columns: _Columns, law: JointLaw, places: np.ndarray) -> Acting:
     kind = kind_of(law.effect.name)
-    last = 0
-    if kind is not None and kind.shape == "curve":
-        last = max((k for k, name in enumerate(LEVELS) if np.any(law.p[name] != 0.0)), default=0)
-    return columns.of(law.effect, law.p, places[law.joints], on=law.on, stretches=last)
+    rising = stretches_of(law.p) if kind is not None and kind.shape == "curve" else 0
+    return columns.of(law.effect, law.p, places[law.joints].tolist(), on=law.on, stretches=rising)

@@ -160,7 +160,6 @@ def _roll_out(
     batch: Any, robot: CompiledRobot, drive: Drive, u: np.ndarray, between: list[Any], wanted: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
     """All steps in one call, or in a few where actuators are switched on and off on the way."""
-
     rows, nu = len(u), robot.model.nu
     cuts = [0]
     if drive.enabled is not None:

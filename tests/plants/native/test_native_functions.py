@@ -40,6 +40,15 @@ def test_the_exponential_to_the_last_digits() -> None:
     assert compiled("exp", np.zeros(LANES))[0] == 1.0
 
 
+def test_what_is_not_compiled_says_so() -> None:
+    p = Program()
+    x = load(p, "%x", 0)
+    with pytest.raises(NotImplementedError, match="power 3"):
+        x**3
+    with pytest.raises(NotImplementedError, match="arctan2"):
+        operations(p).arctan2(x, x)
+
+
 @pytest.mark.parametrize("name", ["absolute", "sign", "sqrt"])
 def test_the_others_exactly(name: str) -> None:
     x = np.linspace(-3.0, 3.0, 800) if name != "sqrt" else np.linspace(0.0, 3.0, 800)
