@@ -21,6 +21,7 @@ from plants.mujoco_robot.mjcf import to_mjcf
 from plants.mujoco_robot.simulation.replay import replay
 from plants.mujoco_robot.simulation.simulator import CorrectedMujoco
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
+from plants.mujoco_robot.structure.setpoints import steady_setpoints
 from plants.mujoco_robot.structure.variants import merge
 from plants.mujoco_robot.symbolic.rigid_gripper import gripper_joints
 from plants.mujoco_robot.symbolic.step import arm_step
@@ -90,6 +91,9 @@ class MujocoRobot(CompiledRobot):
 
     def reference(self, kind: str, slot: str | None) -> float:
         return reference(self, kind, slot)
+
+    def steady_setpoints(self, motion: Mapping[str, np.ndarray]) -> np.ndarray:
+        return steady_setpoints(self, motion)
 
     def nominal(self) -> Mapping[str, float]:
         return tunable_values(self.model)

@@ -12,6 +12,8 @@ of pictures in `drawing`.
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.stepping import BODY
 from residual_mpc.models.wrapped import innermost
@@ -38,11 +40,11 @@ class GearRatios(Protocol):
 
 
 @runtime_checkable
-class ServoLags(Protocol):
-    @property
-    def servo_lags(self) -> tuple[float, ...]:
-        """s by which the joint of each position servo trails its setpoint in steady motion without load; in the order
-        of `actuators`, NaN where that says nothing: of other actuators, and where a servo's law is another."""
+class SteadySetpoints(Protocol):
+    def steady_setpoints(self, motion: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(W, actuators) the setpoint of each position servo, in units of its command, that keeps the robot moving as
+        it moves: motion has W positions (and velocities) by channel, those of unknown ones are at rest. NaN where that
+        says nothing: of other actuators, and where a servo's law is another."""
         ...
 
 
@@ -145,10 +147,12 @@ def gear_ratios(robot: Robot) -> tuple[float, ...]:
     return robot.gear_ratios if isinstance(robot, GearRatios) else (1.0,) * len(robot.actuators)
 
 
-def servo_lags(robot: Robot) -> tuple[float, ...]:
-    """s by which joints trail the setpoints of their position servos in steady motion; NaN, not known, by default."""
+def steady_setpoints(robot: Robot, motion: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(W, actuators) the setpoints that keep W motions going; NaN, not known, by default."""
     robot = innermost(robot)
-    return robot.servo_lags if isinstance(robot, ServoLags) else (float("nan"),) * len(robot.actuators)
+    if isinstance(robot, SteadySetpoints):
+        return robot.steady_setpoints(motion)
+    return np.full((max(map(len, motion.values()), default=0), len(robot.actuators)), np.nan)
 
 
 def joints(robot: Robot) -> tuple[str, ...]:

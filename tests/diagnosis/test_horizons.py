@@ -22,6 +22,7 @@ from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Settings
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
+KNOWN = np.zeros(3, dtype=bool)
 
 
 def diagnosed(runs: list[Run]) -> Diagnosis:
@@ -39,7 +40,7 @@ def test_five_seconds_and_the_longest_up_to_thirty(seconds: float, wanted: tuple
 def test_windows_for_fits_lie_outside_what_is_kept_back() -> None:
     runs = [rover_run(f"r{k}", {}, 30.0, seed=k) for k in range(3)]
     kept = (KeptBack("r0", 10.0, 15.0), KeptBack("r1"), KeptBack("r2", 0.0, 5.0))
-    look = windows_over(runs, [ROVER] * 3, {}, 5.0, 1.0, kept, {}, settings=PredictSettings())
+    look = windows_over(runs, [ROVER] * 3, {}, 5.0, 1.0, kept, {}, KNOWN[: len(runs)], settings=PredictSettings())
     assert look is not None and look.free is not None
     free = look.free[0]
     for name, start in zip((runs[i].name for i in free.run), free.start, strict=True):
@@ -53,7 +54,7 @@ def test_windows_for_fits_lie_outside_what_is_kept_back() -> None:
 
 def test_short_runs_have_no_windows_of_a_longer_horizon() -> None:
     runs = [rover_run("long", {}, 20.0), rover_run("short", {}, 3.0, seed=1)]
-    look = windows_over(runs, [ROVER] * 2, {}, 5.0, 1.0, (), {}, settings=PredictSettings())
+    look = windows_over(runs, [ROVER] * 2, {}, 5.0, 1.0, (), {}, KNOWN[: len(runs)], settings=PredictSettings())
     assert look is not None
     assert {runs[i].name for i in look.raw.run} == {"long"}
 
@@ -84,9 +85,9 @@ def test_a_model_that_diverges_is_not_foretold() -> None:
         replace(r, columns={**r.columns, "pose.theta": r.columns["pose.theta"] + jump})
         for r, jump in zip(runs, jumps, strict=True)
     ]
-    look = windows_over(noisy, [ROVER] * 3, {}, 5.0, 1.0, (), {}, settings=PredictSettings())
+    look = windows_over(noisy, [ROVER] * 3, {}, 5.0, 1.0, (), {}, KNOWN[: len(runs)], settings=PredictSettings())
     assert look is None or not foretold(look.clean, look.scales, np.random.default_rng(0), settings=PredictSettings())
-    clear = windows_over(runs, [ROVER] * 3, {}, 5.0, 1.0, (), {}, settings=PredictSettings())
+    clear = windows_over(runs, [ROVER] * 3, {}, 5.0, 1.0, (), {}, KNOWN[: len(runs)], settings=PredictSettings())
     assert clear is not None and foretold(
         clear.clean, clear.scales, np.random.default_rng(0), settings=PredictSettings()
     )
@@ -96,7 +97,7 @@ def test_shorter_windows_fill_what_is_not_held_out() -> None:
     """If errors grow fast, the fits use windows of a quarter of a second, none of which overlaps a held-out span."""
     runs = [rover_run(f"r{k}", {}, seed=k) for k in range(2)]
     kept = [KeptBack("r0", 2.0, 5.0)]
-    near = windows_between(runs, [ROVER] * 2, SIGMA, 0.25, kept, {}, settings=PredictSettings())
+    near = windows_between(runs, [ROVER] * 2, SIGMA, 0.25, kept, {}, KNOWN[: len(runs)], settings=PredictSettings())
     assert near is not None
     data, _ = near
     mine = data.start[data.run == 0]

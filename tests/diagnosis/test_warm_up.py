@@ -40,7 +40,8 @@ def limited_run(seconds: float = 24.0) -> Run:
 def test_a_limited_rate_goes_on_from_the_setpoint_that_it_let_through(tmp_path: Path) -> None:
     """Jumps that take longer than the warm-up lasts: from the command at its beginning the setpoint would be there."""
     robot = robot_of(tmp_path, wheel_xml(f'<position name="hub" joint="hub" kp="{STIFF}" kv="{DAMPED}"/>'))
-    assert optional.servo_lags(robot) == (pytest.approx(DAMPED / STIFF),)
+    moving = {"position.hub": np.array([0.1, 0.2]), "velocity.hub": np.array([0.0, 1.0])}
+    assert optional.steady_setpoints(robot, moving) == pytest.approx(np.array([[0.1], [0.2 + DAMPED / STIFF]]))
     data = build_dataset([limited_run()], [robot], {"position.hub": 1e-4})
     limit = {Knob("rate_limit", "hub", "rate"): RATE}
     error = data.y - predict(data, assemble([limit], Targets(robot)))[0]
@@ -57,4 +58,5 @@ def test_a_limited_rate_goes_on_from_the_setpoint_that_it_let_through(tmp_path: 
     ],
 )
 def test_what_is_no_plain_position_servo_has_no_setpoint_to_trail(actuator: str, tmp_path: Path) -> None:
-    assert np.isnan(optional.servo_lags(robot_of(tmp_path, wheel_xml(actuator)))).all()
+    robot = robot_of(tmp_path, wheel_xml(actuator))
+    assert np.isnan(optional.steady_setpoints(robot, {"position.hub": np.zeros(1)})).all()

@@ -100,17 +100,6 @@ class CompiledRobot:
         """The torque (force) at the joint per unit of each actuator's force."""
         return tuple(self.model.actuator_gear[:, 0].tolist())
 
-    @property
-    def servo_lags(self) -> tuple[float, ...]:
-        """See residual_mpc.models.optional.ServoLags: all damping over the stiffness. NaN where the variants that a
-        robot was merged from have stiffnesses of their own."""
-        m = self.model
-        constant, stiff, damp = m.actuator_biasprm[:, 0], -m.actuator_biasprm[:, 1], -m.actuator_biasprm[:, 2]
-        beside = m.dof_damping[self.dofs[self.driven]] / m.actuator_gear[:, 0] ** 2
-        plain = (stiff > 0.0) & (m.actuator_gainprm[:, 0] == stiff) & (constant == 0.0) & (m.actuator_dyntype == 0)
-        known = plain & (not self.settings)
-        return tuple(np.divide(damp + beside, stiff, out=np.full(m.nu, np.nan), where=known).tolist())
-
     @cached_property
     def sliding(self) -> frozenset[str]:
         """Joints that slide; the others turn."""

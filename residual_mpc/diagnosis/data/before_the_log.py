@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from residual_mpc.diagnosis.data.local_fit import NEAREST, REACH, local_fit
+from residual_mpc.diagnosis.data.reached_setpoints import reached
 from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.logs.run import Run, held
 from residual_mpc.logs.signals import noise_sigma
@@ -26,7 +27,7 @@ def held_before(
     robot: Robot, runs: Sequence[Run], index: Sequence[int], signals: Signals, variants: Sequence[int] | None = None
 ) -> list[tuple[float | None, ...]]:
     """What each actuator held before the first stamp of each run, as far as the runs show it: a wheel's speed, a
-    servo's position, no speed of a robot that stands still, no torque where all runs together move as if there were
+    servo's setpoint, no speed of a robot that stands still, no torque where all runs together move as if there were
     none. None: the first command. index: the runs' numbers in the signals; variants: which one of a merged robot each
     has."""
     idle = "torque" in robot.command_kinds and _idle(robot, runs, index, signals, variants)
@@ -37,16 +38,30 @@ def _held_before(robot: Robot, run: Run, i: int, signals: Signals, idle: bool) -
     moving, error = _moving(robot, run, i, signals)
     first = {a: float(held(run, f"command.{a}")[0]) for a in robot.actuators}
     joints, out = optional.actuator_joints(robot), list[float | None]()
-    for actuator, joint, kind in zip(robot.actuators, joints, robot.command_kinds, strict=True):
+    setpoints = reached(robot, i, run.t[:1], signals)[0]
+    for k, (actuator, joint, kind) in enumerate(zip(robot.actuators, joints, robot.command_kinds, strict=True)):
         measured = {"speed": "velocity", "velocity": "velocity", "position": "position"}.get(kind)
         signal = signals.get((i, f"{measured}.{joint}"))
         if signal is not None and len(signal.y):
-            out.append(float(signal.y[0]))
+            measured_there = float(signal.y[0])
+            if kind == "position" and np.isfinite(setpoints[k]):
+                unloaded = optional.gear_ratios(robot)[k] * measured_there
+                out.append(_setpoint(float(setpoints[k]), unloaded, first[actuator]))
+            else:
+                out.append(measured_there)
         elif kind == "torque":
             out.append(0.0 if idle else None)
         else:
             out.append(0.0 if moving and _still(actuator, moving, error, first) else None)
     return tuple(out)
+
+
+def _setpoint(needed: float, measured: float, first: float) -> float:
+    """What a position servo held, units of its command: the first command, where load and friction may be why the joint
+    is not there; else the setpoint that the measured motion needs. measured: the setpoint without any load."""
+    low, high = sorted((needed, measured))
+    near = abs(needed - measured)
+    return first if low - near <= first <= high + near else needed
 
 
 def _still(own: str, moving: Mapping[str, float], error: Mapping[str, float], first: Mapping[str, float]) -> bool:

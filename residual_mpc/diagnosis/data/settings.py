@@ -57,6 +57,23 @@ class HoldOutSettings:
 
 
 @dataclass(frozen=True)
+class UnknownPastSettings:
+    """Windows that begin less than `forgotten` s after the first stamp of a run with an unknown past are left out of
+    fits, if they are at most the share `most` of the windows. A run begins in motion if the slope of a quadratic
+    through the samples of its first `seconds`, at least `samples`, exceeds `certain` standard errors."""
+
+    forgotten: float = 1.0
+    most: float = 0.25
+    seconds: float = 0.05
+    samples: int = 5
+    certain: float = 4.0
+
+    def __post_init__(self) -> None:
+        check_positive(self, "forgotten", "seconds", "samples", "certain")
+        check_share(self, "most")
+
+
+@dataclass(frozen=True)
 class OutlierSettings:
     """frequent: share of a channel's samples from which outliers are a cause, whatever they do to the gap; fewest:
     flagged samples below which a share says nothing."""
@@ -133,3 +150,4 @@ class DataSettings:
     where: WhereSettings = field(default_factory=WhereSettings)
     encoders: EncoderSettings = field(default_factory=EncoderSettings)
     wheel_angle: WheelAngleSettings = field(default_factory=WheelAngleSettings)
+    unknown_past: UnknownPastSettings = field(default_factory=UnknownPastSettings)

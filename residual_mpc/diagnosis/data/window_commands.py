@@ -5,15 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from residual_mpc.diagnosis.data.before_the_log import held_before
-from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.diagnosis.data.reached_setpoints import reached
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.diagnosis.data.wheel_angle import has_round_wheels, wheel_angles
 from residual_mpc.logs.run import Run, held
-from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Robot
-
-MEASURED: Mapping[str, str] = {"speed": "velocity", "position": "position"}  # kind of a command -> what shows its state
 
 
 def drive_of(
@@ -41,8 +38,8 @@ def drive_of(
             _mean_held(run, held(run, f"command.{a}"), edges, x) for a, x in zip(robot.actuators, held_by, strict=True)
         ]
         warm = np.stack(per_actuator, axis=-1)
-        for k in range(len(robot.actuators)):
-            _settle(warm[:, 0, k], robot, k, i, edges[:, 0], signals)
+        found = reached(robot, i, edges[:, 0], signals)
+        warm[:, 0] = np.where(np.isfinite(found), found, warm[:, 0])
         commands.append(warm)
         if rolls:
             mine = {c: (s.t, s.y) for (j, c), s in signals.items() if j == i}
@@ -71,24 +68,6 @@ def drive_of(
         enabled_after=None if always else on_all[:, end:],
         angle=np.concatenate(angles) if rolls else None,
     )
-
-
-def _settle(
-    first: np.ndarray, robot: Robot, k: int, i: int, at: np.ndarray, signals: Mapping[tuple[int, str], Signal]
-) -> None:
-    """Start a wheel's warm-up at its measured speed, and a position servo's at the setpoint that its measured motion
-    implies without load. Otherwise a slow lag or rate limit would start from the command rather than from the setpoint
-    that it has reached. first (W,): the first command of each window's warm-up, changed in place; at (W,) s."""
-    joint, measured = optional.actuator_joints(robot)[k], MEASURED.get(robot.command_kinds[k])
-    signal = None if measured is None else signals.get((i, f"{measured}.{joint}"))
-    if signal is None:
-        return
-    fit = local_fit(signal.t, at)
-    found = fit.value(signal.y)
-    if measured == "position":
-        ahead = optional.servo_lags(robot)[k] * np.nan_to_num(fit.slope(signal.y))
-        found = optional.gear_ratios(robot)[k] * (found + ahead)
-    first[:] = np.where((fit.count > 0) & np.isfinite(found), found, first)
 
 
 def _mean_held(run: Run, u: np.ndarray, edges: np.ndarray, before: float | None) -> np.ndarray:

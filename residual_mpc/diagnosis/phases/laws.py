@@ -62,7 +62,7 @@ def _unexplained(validated: Validated) -> Unexplained:
     """The windows of the headline's horizon, or shorter ones where the model cannot predict that far."""
     of = validated.explanation
     near = of.problem.data.horizon < of.raw.horizon
-    data = replace(of.problem.data, noise=of.raw.noise) if near else of.clean.take(~of.held)
+    data = replace(of.problem.data, noise=of.raw.noise) if near else of.clean.take(of.free)
     values = of.final.values if validated.gaps.helps else of.base.values
     scales = measure_scales(data) if near else of.scales
     return Unexplained(data, scales, 1.0 / of.problem.weight, of.space, of.base.values, values)

@@ -12,6 +12,7 @@ from residual_mpc.diagnosis.data.hold_out import KeptBack, choose_held_out, held
 from residual_mpc.diagnosis.data.outliers import Outliers, find_outliers
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.data.subsampling import evenly, thin_whole
+from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.options import Options, Progress
 from residual_mpc.diagnosis.predict.horizons import (
     HorizonWindows,
@@ -46,7 +47,8 @@ class Prepared:
     the samples that jump away. kept, held (W,) bool: what no fit may see; longer: the same runs over the longer
     horizons that the nominal model can predict; near: shorter windows that fits may see, with their scales, if the
     model can predict the headline's horizon but no longer one. Errors then grow so fast that a few diverging windows of
-    the headline's horizon would dominate the fit."""
+    the headline's horizon would dominate the fit. free (W,) bool: the windows that fits may see: neither held out nor
+    at the beginning of a run whose past is unknown."""
 
     raw: Dataset
     clean: Dataset
@@ -54,6 +56,7 @@ class Prepared:
     outliers: Outliers
     kept: tuple[KeptBack, ...]
     held: np.ndarray
+    free: np.ndarray
     space: Space
     longer: tuple[HorizonWindows, ...]
     near: tuple[Dataset, Scales] | None
@@ -68,7 +71,7 @@ class Prepared:
     @property
     def fitting(self) -> Dataset:
         """The windows that fits may see, without outliers."""
-        return self.clean.take(~self.held)
+        return self.clean.take(self.free)
 
 
 def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress) -> Prepared:
@@ -89,10 +92,13 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     used = held | _evenly_of(raw, ~held, most, settings.data)
     if not used.all():
         raw, clean, held = raw.take(used), clean.take(used), held[used]
-    space = build_space(clean.take(~held), given.tunable, options.only, options.without, options.without_because)
+    past = settings.data.unknown_past
+    unknown = runs_with_unknown_past(raw, past)
+    free = ~held & after_unknown_past(raw, unknown, past)
+    space = build_space(clean.take(free), given.tunable, options.only, options.without, options.without_because)
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon, settings=settings.predict))
     looks = (
-        windows_over(runs, robots, noise, h, shorter, kept, outliers.flagged, settings=settings.predict)
+        windows_over(runs, robots, noise, h, shorter, kept, outliers.flagged, unknown, settings=settings.predict)
         for shorter, h in pairwise(wanted)
     )
     there = [_with_fewer(look, most, settings.data) for look in looks if look is not None]
@@ -100,8 +106,8 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
     near = None
     if there and not longer and foretold(clean, scales, rng, settings=settings.predict):
         shorter = options.horizon * settings.predict.horizons.shorter
-        near = windows_between(runs, robots, noise, shorter, kept, outliers.flagged, settings=settings.predict)
-    return Prepared(raw, clean, scales, outliers, kept, held, space, longer, near, options)
+        near = windows_between(runs, robots, noise, shorter, kept, outliers.flagged, unknown, settings=settings.predict)
+    return Prepared(raw, clean, scales, outliers, kept, held, free, space, longer, near, options)
 
 
 def _evenly_of(data: Dataset, free: np.ndarray, most: int, settings: DataSettings) -> np.ndarray:

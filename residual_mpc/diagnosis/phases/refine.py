@@ -72,8 +72,8 @@ def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> 
     if final.terms or with_outliers:
         expected = cross_validated_shrink(prepared, problem, final, before, with_outliers, rng, times)
     explanation = FittedExplanation(
-        prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, problem, before, final,
-        polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
+        prepared.raw, prepared.clean, prepared.scales, prepared.kept, prepared.held, prepared.free, problem, before,
+        final, polished.ends, rivalry, searched.untestable, prepared.outliers, with_outliers, unnamed, vetoed, doubtful,
         expected, _marginalised(problem, searched.scales, final, options),
     )  # fmt: skip
     return Refined(explanation, prepared.longer, options)
@@ -124,7 +124,7 @@ def cross_validated_shrink(
 ) -> Shrink:
     """The shrink, by cross-validation on the windows of the headline's horizon. times: see build_problem."""
     settings = prepared.options.settings
-    spoilt = prepared.raw.take(~prepared.held)
+    spoilt = prepared.raw.take(prepared.free)
     here = final
     if problem.data.count != prepared.fitting.count or problem.data.horizon != prepared.raw.horizon:
         sigma = 1.0 / problem.weight
@@ -202,7 +202,7 @@ def _weigh(prepared: Prepared, row: Settings, rng: np.random.Generator) -> bool:
     options, clean, scales = prepared.options, prepared.fitting, prepared.scales
     settings = options.settings
     keep = evenly(clean, options.final_steps, settings=settings.data)
-    spoilt, clean = prepared.raw.take(~prepared.held).take(keep), clean.take(keep)
+    spoilt, clean = prepared.raw.take(prepared.free).take(keep), clean.take(keep)
     left, cleaned = (gap_of(d, scales, d.y - predict(d, row)[0]).total ** 2 for d in (spoilt, clean))
     floor = float(np.mean([gap_of(clean, scales, e).total ** 2 for e in noise_errors(clean, row, rng, 4)]))
     worth = max(options.phases.outliers_worth * floor, settings.search.sizeable * (left - floor))

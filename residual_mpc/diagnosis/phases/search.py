@@ -123,19 +123,26 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
 def _closed_by_one(found: Found, rivalry: Rivalry, settings: ResultSettings) -> Found | None:
     """The result with the effect that closes a good part of the remaining gap, less what it makes redundant; None if
     there is none, or nothing is left beyond the noise. Where little is left, small differences of everything may make
-    it up, and an effect has to close most of it by itself."""
+    it up, and an effect has to close most of it by itself. They may also hide an effect from the first look: without
+    them it has to make the gap far smaller."""
     search, ruler, current = settings.search.without_tolerances(), found.ruler, rivalry.fit
     much = ruler.much_left(current)
     left = much or bool(ruler.squared([current])[0] > settings.predict.floor.margin**2 * ruler.floor)
     if not current.terms or len(current.terms) >= search.largest or not left:
         return None
-    near = closest(found.problem, current, (), ruler, settings.remainder)
-    if near is None or not near[1] >= (search.sizeable if much else search.most):
-        return None
     plain = tolerating(found.problem, None)  # small differences elsewhere may absorb what the effect explains
+    near, enough = None, search.sizeable if much else search.most
+    gap = float(ruler.squared([current])[0])
+    far = max(enough, (1.0 - search.rivals.far_smaller) * gap / max(gap - ruler.floor, 1e-12))
+    for problem, least in ((found.problem, enough), (plain, far)):
+        near = closest(problem, current, (), ruler, settings.remainder)
+        if near is not None and near[1] >= least:
+            break
+    else:
+        return None
     fit, before = fit_all(plain, [near[0].values, current.values], settings=settings.fit)
     blocks = blocks_of(plain.data, settings=settings.fit)
-    if not possible(fit.values) or not convincing(plain, ruler, before, fit, found.base, blocks, search):
+    if not possible(fit.values) or convincing(plain, ruler, before, fit, found.base, blocks, search) is None:
         return None
     fit = prune(plain, ruler, fit, found.base, plain.data.sigma, blocks, search)
     return _extended(found, fit, settings=settings.search)

@@ -66,6 +66,7 @@ def windows_over(
     shorter: float,
     kept: Sequence[KeptBack],
     flagged: Mapping[tuple[int, str], np.ndarray],
+    unknown: np.ndarray,
     settings: PredictSettings,
 ) -> HorizonWindows | None:
     """The runs over a horizon, of which `shorter` is the one before; None where nothing moves or no window has a
@@ -87,7 +88,7 @@ def windows_over(
         clean,
         scales,
         held,
-        _free(runs, robots, noise, horizon, shorter, spans, flagged, settings=settings),
+        _free(runs, robots, noise, horizon, shorter, spans, flagged, unknown, settings=settings),
     )
 
 
@@ -98,12 +99,13 @@ def windows_between(
     horizon: float,
     kept: Sequence[KeptBack],
     flagged: Mapping[tuple[int, str], np.ndarray],
+    unknown: np.ndarray,
     settings: PredictSettings,
 ) -> tuple[Dataset, Scales] | None:
     """The windows of this horizon outside the held-out spans, with the scales of their motion; None if too few have a
     measured start, or nothing moves."""
     spans = [held_spans(r, kept) for r in runs]
-    return _cut(runs, robots, noise, horizon, spans, flagged, settings)
+    return _cut(runs, robots, noise, horizon, spans, flagged, unknown, settings)
 
 
 def _free(
@@ -114,6 +116,7 @@ def _free(
     shorter: float,
     spans: Sequence[Sequence[tuple[float, float]]],
     flagged: Mapping[tuple[int, str], np.ndarray],
+    unknown: np.ndarray,
     settings: PredictSettings,
 ) -> tuple[Dataset, Scales] | None:
     """The longest windows up to the horizon of which enough lie between what is held out."""
@@ -121,7 +124,7 @@ def _free(
     for length in (horizon, *(x for x in horizons.lengths if x < horizon)):
         if length < horizons.apart * shorter:
             break
-        cut = _cut(runs, robots, noise, length, spans, flagged, settings)
+        cut = _cut(runs, robots, noise, length, spans, flagged, unknown, settings)
         if cut is not None:
             return cut
     return None
@@ -134,9 +137,15 @@ def _cut(
     length: float,
     spans: Sequence[Sequence[tuple[float, float]]],
     flagged: Mapping[tuple[int, str], np.ndarray],
+    unknown: np.ndarray,
     settings: PredictSettings,
 ) -> tuple[Dataset, Scales] | None:
     between = [free_starts(r, s, length) for r, s in zip(runs, spans, strict=True)]
+    past = settings.data.unknown_past
+    skips = past.forgotten * unknown  # (R,) s
+    later = [free_starts(r, s, length, float(x)) for r, s, x in zip(runs, spans, skips, strict=True)]
+    if sum(map(len, later)) >= settings.horizons.fewest:
+        between = later
     if sum(map(len, between)) < settings.horizons.fewest:
         return None
     try:
@@ -174,9 +183,10 @@ def _inside(spans: Sequence[tuple[float, float]], begin: float, end: float) -> b
     return any(a - 1e-6 <= begin and end <= b + 1e-6 for a, b in spans)
 
 
-def free_starts(run: Run, spans: Sequence[tuple[float, float]], horizon: float) -> np.ndarray:
-    """(W,) s: windows one after the other in each stretch between what is held out."""
-    edges = [float(run.t[0]), *(x for span in spans for x in span), float(run.t[-1])]
+def free_starts(run: Run, spans: Sequence[tuple[float, float]], horizon: float, skip: float = 0.0) -> np.ndarray:
+    """(W,) s: windows one after the other in each stretch between what is held out, from `skip` s after the first stamp
+    on."""
+    edges = [float(run.t[0]) + skip, *(x for span in spans for x in span), float(run.t[-1])]
     out = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         slack = run.period if end >= run.t[-1] else 0.0  # none of what is held out

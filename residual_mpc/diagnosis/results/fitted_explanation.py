@@ -32,8 +32,8 @@ class MarginalisedFit:
 @dataclass(frozen=True, eq=False)
 class FittedExplanation:
     """raw: all W windows as they were logged; clean: less the samples that jump away. kept, held (W,) bool: what no fit
-    has seen. problem: the windows that the last fit saw, of one horizon or several, on the weights of the search;
-    base, final: the model alone and with the effects, fitted to them; ends: where other
+    has seen; free (W,) bool: what fits may see. problem: the windows that the last fit saw, of one horizon or several,
+    on the weights of the search; base, final: the model alone and with the effects, fitted to them; ends: where other
     starts of the last fit ended as well. with_outliers: whether jumping samples are among the causes, unnamed_outliers:
     whether they would be if `sensor_outliers` were not excluded. vetoed: effects that the encoders contradict,
     doubtful: that cannot be told from none on all windows. expected: the shrink, None where nothing explains anything.
@@ -44,6 +44,7 @@ class FittedExplanation:
     scales: Scales
     kept: tuple[KeptBack, ...]
     held: np.ndarray
+    free: np.ndarray
     problem: Problem
     base: Fit
     final: Fit

@@ -241,7 +241,7 @@ def _noise(
 ) -> tuple[ChannelNoise, ...]:
     """The noise that the model leaves on the windows that fits may see: of the next longer horizon, where there is one,
     since slow noise does not show in short windows, and no more than there is in short ones."""
-    headline = of.clean.take(~of.held)
+    headline = of.clean.take(of.free)
     free = [look.free for look in longer if look.free is not None]
     data, scales = free[0] if free else (headline, of.scales)
     problem = build_problem(data, of.space, data.sigma, settings=settings.predict)

@@ -91,7 +91,7 @@ class VariationSettings:
     it is stated; absent: share of the size on the other side of an instant below which an effect counts as absent;
     free: times a limit or a stiffness, from which on it restricts nothing; screened: share of the required drop
     that the derivatives must predict before anything is replayed; steps: maximum simulation steps of a prediction;
-    runs: most runs that are compared with each other."""
+    runs: most runs that are compared with each other; fewest: windows on either side of an instant."""
 
     beyond_doubt: float = 20.0
     per_part: float = 4.0
@@ -101,9 +101,10 @@ class VariationSettings:
     screened: float = 0.4
     steps: int = 40_000
     runs: int = 24
+    fewest: int = 3
 
     def __post_init__(self) -> None:
-        check_positive(self, "beyond_doubt", "per_part", "material", "free", "steps", "runs")
+        check_positive(self, "beyond_doubt", "per_part", "material", "free", "steps", "runs", "fewest")
         check_share(self, "absent", "screened")
 
 

@@ -234,6 +234,8 @@ def _instant(scores: _Scores, problem: Problem, values: Values, settings: Variat
     total_h, total_g = float(scores.information.sum()), float(scores.score.sum())
     with np.errstate(divide="ignore", invalid="ignore"):
         gains = g**2 / h + (total_g - g) ** 2 / (total_h - h) - total_g**2 / total_h
+    before = np.arange(1, len(order))  # windows
+    gains = np.where(np.minimum(before, len(order) - before) < settings.fewest, np.nan, gains)
     need = settings.beyond_doubt + 2.0 * np.log(len(order))  # one of many instants
     if not np.isfinite(gains).any() or not np.nanmax(gains) > settings.screened * need:
         return None

@@ -101,13 +101,14 @@ def convincing(
     base: Fit,
     blocks: np.ndarray,
     settings: SearchSettings,
-) -> bool:
-    """Beyond doubt against coloured residuals, and seen above the noise and above the error of the model's own time
-    step, which a small effect may stand for."""
+) -> Fit | None:
+    """The best fit, if it is beyond doubt against coloured residuals, and seen above the noise and above the error of
+    the model's own time step, which a small effect may stand for; else None. It is taken from where it ends without
+    small differences if these held it where its gap is far larger: they may take up what a number has to."""
     _, was, now = ruler.squared([base, current, best])
-    removed, left = was - now, max(was - ruler.floor, 0.0)
+    held, removed, left = now, was - now, max(was - ruler.floor, 0.0)
     if removed < max(settings.over_floor * ruler.floor, settings.share * left):
-        return False  # the cheap question first
+        return None  # the cheap question first
     fair = judge(problem, best, 1.0 / problem.weight, ruler.scales, settings=settings, beside=current)
     if fair.marginal is not None:  # small differences let a fit rest where its gap is not smallest
         plain = fit_all(
@@ -121,7 +122,10 @@ def convincing(
         _, was, now = ruler.squared([base, *plain])
         removed, left = was - now, max(was - ruler.floor, 0.0)
         if removed < max(settings.over_floor * ruler.floor, settings.share * left):
-            return False
+            return None
+        if now < settings.rivals.far_smaller * held:
+            current, best = plain
+            fair = judge(problem, best, 1.0 / problem.weight, ruler.scales, settings=settings, beside=current)
     else:  # nothing is marginalised: the likelihood is as sure of itself as ever
         settings = settings.without_tolerances()
     after, before = fit_all(fair, [best.values, current.values], 3, fresh=[NONE, NONE], settings=settings.fit)
@@ -133,5 +137,5 @@ def convincing(
     if left > ruler.floor and removed > settings.most * left:  # the search is not finished while one effect closes that
         least = min(least, settings.beyond_doubt_most)
     if ratio < least + settings.per_knob * knobs:
-        return False
-    return bool(removed >= settings.over_floor * ruler.step_error(best))
+        return None
+    return best if removed >= settings.over_floor * ruler.step_error(best) else None

@@ -139,7 +139,8 @@ class Forward:
 
         def first(some: list[Fit]) -> Fit | None:
             base, blocks, settings = self.base, self.blocks, self.settings
-            return next((c for c in some if convincing(problem, ruler, current, c, base, blocks, settings)), None)
+            looked_at = (convincing(problem, ruler, current, c, base, blocks, settings) for c in some)
+            return next((c for c in looked_at if c is not None), None)
 
         # the set with the lowest cost may improve the gap by too little to see; a later one may be the cause
         chosen = first(children)
@@ -239,7 +240,7 @@ def simplest_first(children: list[Fit], blocks: np.ndarray, settings: SearchSett
 def leaving_far_less(ruler: Ruler, children: list[Fit], chosen: Fit, settings: SearchSettings) -> list[Fit]:
     """The sets that leave a far smaller gap than the chosen one, the smallest first. Small differences elsewhere may
     take up what tells two sets apart, so that their likelihoods are alike."""
-    rest = [c for c in children if c is not chosen]
+    rest = [c for c in children if makeup(c.values) != makeup(chosen.values)]
     *gaps, own = ruler.squared([*rest, chosen])
     far = settings.rivals.far_smaller * own
     found = sorted(((g, i) for i, g in enumerate(gaps) if g < far), key=lambda pair: pair[0])
@@ -300,8 +301,9 @@ def prune(
         anew = [replace(f, fresh=None) for f in fewer if len(f.terms) < len(full.terms)]
         shown = with_shown(here, anew, dispersion(full, blocks), 1.0, settings)
         weakest = min([*fewer, *(f for f in shown if f is not None)], key=lambda f: f.cost)
-        if convincing(problem, ruler, weakest, full, base, blocks, settings):
-            return full
+        kept = convincing(problem, ruler, weakest, full, base, blocks, settings)
+        if kept is not None:
+            return kept
         current = weakest
     return current
 

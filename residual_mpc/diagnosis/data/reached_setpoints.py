@@ -1,0 +1,40 @@
+"""The setpoints that the actuators of a robot have reached at an instant, as far as its measured motion shows them.
+
+Whatever delays or limits a command is warmed up from there. From the command itself, a slow lag or rate limit would
+start at the setpoint that it is still to reach.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.local_fit import local_fit
+from residual_mpc.diagnosis.data.signals import Signal
+from residual_mpc.models import optional
+from residual_mpc.models.protocol import Robot
+
+
+def reached(robot: Robot, i: int, at: np.ndarray, signals: Mapping[tuple[int, str], Signal]) -> np.ndarray:
+    """(W, actuators) in units of the commands, NaN where nothing shows it: the measured speed of a wheel, and the
+    setpoint of a position servo that keeps the measured motion going. i: the run's number in the signals; at (W,) s."""
+    motion, seen = {}, np.ones(len(at), dtype=bool)
+    for state in robot.states:
+        signal = signals.get((i, state.position))
+        if signal is None:
+            continue
+        fit = local_fit(signal.t, at)
+        motion[state.position] = fit.value(signal.y)
+        if state.velocity is not None:
+            rate = signals.get((i, state.velocity))
+            slope = fit.slope(signal.y) if rate is None else local_fit(rate.t, at).value(rate.y)
+            motion[state.velocity] = np.nan_to_num(slope)
+        if state.position.startswith("position."):
+            seen &= np.isfinite(motion[state.position])
+    out = np.full((len(at), len(robot.actuators)), np.nan)
+    if motion and seen.any():
+        out[seen] = optional.steady_setpoints(robot, {c: x[seen] for c, x in motion.items()})
+    for k, (joint, kind) in enumerate(zip(optional.actuator_joints(robot), robot.command_kinds, strict=True)):
+        speed = signals.get((i, f"velocity.{joint}")) if kind == "speed" else None
+        if speed is not None:
+            out[:, k] = local_fit(speed.t, at).value(speed.y)
+    return out

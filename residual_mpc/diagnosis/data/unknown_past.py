@@ -1,0 +1,55 @@
+"""Runs whose log begins in the middle of something: what was sent before its first stamp still acts, and is unknown."""
+
+import numpy as np
+
+from residual_mpc.diagnosis.data.before_the_log import held_before
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.settings import UnknownPastSettings
+from residual_mpc.diagnosis.data.signals import Signal
+from residual_mpc.logs.signals import noise_sigma
+from residual_mpc.models.protocol import Robot
+
+
+def runs_with_unknown_past(data: Dataset, settings: UnknownPastSettings) -> np.ndarray:
+    """(R,) bool: whether a run begins while the robot moves, or while motors give torques that no command tells. A
+    robot that stands still holds the setpoints that it has reached."""
+    out = np.zeros(len(data.runs), dtype=bool)
+    for block in data.blocks:
+        mine = [int(i) for i in np.unique(data.run[block.where])]
+        variants = None if block.drive.setting is None else _variants(data, block.where, block.drive.setting, mine)
+        held = held_before(block.robot, [data.runs[i] for i in mine], mine, data.signals, variants)
+        for i, before in zip(mine, held, strict=True):
+            kinds = zip(block.robot.command_kinds, before, strict=True)
+            out[i] = any(k == "torque" and x is None for k, x in kinds) or _moves(block.robot, i, data, settings)
+    return out
+
+
+def after_unknown_past(data: Dataset, unknown: np.ndarray, settings: UnknownPastSettings) -> np.ndarray:
+    """(W,) bool: the windows that begin long enough after the first stamp of their run, where unknown (R,) says that it
+    matters; all of them where more than a small share would be lost."""
+    begin = np.array([run.t[0] for run in data.runs])
+    early = unknown[data.run] & (data.start < begin[data.run] + settings.forgotten - 1e-6)
+    return ~early if early.mean() <= settings.most else np.ones(data.count, dtype=bool)
+
+
+def _variants(data: Dataset, where: slice, setting: np.ndarray, mine: list[int]) -> list[int]:
+    return [int(setting[data.run[where] == i][0]) for i in mine]
+
+
+def _moves(robot: Robot, i: int, data: Dataset, settings: UnknownPastSettings) -> bool:
+    """Whether any measured position changes at the first stamp, beyond its noise."""
+    signals = (data.signals.get((i, s.position)) for s in robot.states)
+    return any(_rises(s, float(data.runs[i].t[0]), settings) for s in signals if s is not None)
+
+
+def _rises(signal: Signal, begin: float, settings: UnknownPastSettings) -> bool:
+    """Whether the quadratic through the first samples has a slope at the first stamp that noise does not explain: one
+    that sets off from rest has none."""
+    near = max(settings.samples, int(np.searchsorted(signal.t, begin + settings.seconds)))
+    t, y = signal.t[:near] - begin, signal.y[:near]
+    if len(t) < settings.samples:
+        return False
+    design = np.stack([np.ones_like(t), t, t**2], axis=-1)
+    slope = np.linalg.pinv(design)[1]  # (n,) 1/s
+    sigma = noise_sigma(signal.t, signal.y) * float(np.linalg.norm(slope))
+    return bool(abs(slope @ y) > settings.certain * sigma)

@@ -1,0 +1,111 @@
+"""What was sent before a log began: setpoints that still act, and runs of which nobody knows them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.arms import robot_of
+
+from plants.mujoco_robot.robot import MujocoRobot
+from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales, per_window
+from residual_mpc.diagnosis.data.settings import UnknownPastSettings
+from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.logs.run import Run
+from residual_mpc.models import optional
+from residual_mpc.models.settings import Knob, assemble
+from residual_mpc.models.targets import Targets
+
+MASS, ARM, STIFF, DAMPED, LAG = 0.8, 0.25, 40.0, 2.0, 0.06  # kg, m, N m/rad, N m s/rad, s
+INERTIA, GRAVITY = MASS * ARM**2 + 1e-3, 9.81
+FINE, PERIOD, SIGMA = 1e-4, 0.01, 2e-5  # s, s, rad
+SERVO = f'<position name="hub" joint="hub" kp="{STIFF}" kv="{DAMPED}"/>'
+MOTOR = '<motor name="hub" joint="hub"/>'
+
+
+def robot(folder: Path, actuator: str = SERVO) -> MujocoRobot:
+    """A link that hangs from a hinge, horizontal at zero."""
+    return robot_of(
+        folder,
+        f"""<mujoco model="link"><option timestep="0.002" integrator="implicitfast"><flag contact="disable"/></option>
+        <worldbody><body name="arm"><joint name="hub" type="hinge" axis="0 -1 0"/>
+        <inertial pos="{ARM} 0 0" mass="{MASS}" diaginertia="1e-3 1e-3 1e-3"/></body></worldbody>
+        <actuator>{actuator}</actuator></mujoco>""",
+    )
+
+
+def sagging_run(before: float = 2.0, torque: bool = False, seed: int = 0) -> Run:
+    """Explicit Euler steps of 0.1 ms; the servo's setpoint trails a smooth command, or the command is the torque that
+    the servo gives. The log begins `before` s after the start from rest; the command begins to move after 1.5 s."""
+    every, n = round(PERIOD / FINE), round(12.0 / PERIOD)
+    t = PERIOD * np.arange(n)
+    moved = np.clip(t - 1.5, 0.0, None)
+    sent = 0.4 + 0.5 * np.sin(2.1 * moved) * moved / (1.0 + moved)
+    q, w, setpoint, rows = 0.4, 0.0, 0.4, []
+    for _ in range(2000):  # where it rests under the first command
+        q = 0.4 - MASS * GRAVITY * ARM * np.cos(q) / STIFF
+    for k in range(n):
+        force = STIFF * (setpoint - q) - DAMPED * w
+        rows.append((force if torque else sent[k], q))
+        for _ in range(every):
+            setpoint += FINE * (sent[k] - setpoint) / LAG
+            force = force if torque else STIFF * (setpoint - q) - DAMPED * w
+            w += FINE * (force - MASS * GRAVITY * ARM * np.cos(q)) / INERTIA
+            q += FINE * w
+    command, position = np.array(rows)[t >= before].T
+    noise = SIGMA * np.random.default_rng(seed).standard_normal(len(position))
+    return Run(f"r{seed}", t[t >= before], {"command.hub": command, "position.hub": position + noise})
+
+
+def unknown(data: Dataset) -> list[bool]:
+    return list(runs_with_unknown_past(data, UnknownPastSettings()))
+
+
+def test_a_servo_that_hangs_below_its_command_begins_at_the_command(tmp_path: Path) -> None:
+    """Its measured angle is no setpoint: the difference is what holds the load."""
+    link = robot(tmp_path)
+    data = build_dataset([sagging_run(0.0)], [link], {})
+    lag = {Knob("actuator_lag", "hub", "time_constant"): LAG}
+    error = data.y - predict(data, assemble([lag], Targets(link)))[0]
+    size = np.sqrt(per_window(data, measure_scales(data), error))
+    assert data.start[0] == 0.0
+    assert size[0] < 2.0 * np.median(size) < 0.01
+
+
+def test_setpoints_hold_the_load(tmp_path: Path) -> None:
+    link, q, v = robot(tmp_path), np.array([0.3, -1.0]), np.array([0.0, 2.0])
+    found = optional.steady_setpoints(link, {"position.hub": q, "velocity.hub": v})
+    load = MASS * GRAVITY * ARM * np.cos(q)
+    assert found[:, 0] == pytest.approx(q + (DAMPED * v + load) / STIFF)
+
+
+def test_a_command_that_jumps_as_the_log_begins_is_not_what_was_held(tmp_path: Path) -> None:
+    run = sagging_run(0.0)
+    jumped = replace(run, columns={**run.columns, "command.hub": run.columns["command.hub"] + 0.5})
+    (data,) = (build_dataset([r], [robot(tmp_path)], {}) for r in (jumped,))
+    drive = data.blocks[0].drive
+    assert drive.command[0, drive.lead - 1, 0] == pytest.approx(0.4, abs=2e-3)
+    assert drive.command[0, drive.lead, 0] == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize(("begins", "wanted"), [(0.0, False), (4.0, True)])
+def test_a_servo_that_moves_as_the_log_begins_has_an_unknown_past(tmp_path: Path, begins: float, wanted: bool) -> None:
+    assert unknown(build_dataset([sagging_run(begins)], [robot(tmp_path)], {})) == [wanted]
+
+
+def test_a_motor_that_held_a_load_before_the_log_has_an_unknown_past(tmp_path: Path) -> None:
+    """It stands still, but with torques that no command tells."""
+    assert unknown(build_dataset([sagging_run(0.0, torque=True)], [robot(tmp_path, MOTOR)], {})) == [True]
+
+
+def test_the_first_windows_are_left_out_unless_they_are_many(tmp_path: Path) -> None:
+    link = robot(tmp_path)
+    runs = [sagging_run(0.0, seed=0), sagging_run(4.0, seed=1)]
+    data = build_dataset(runs, [link] * 2, {})
+    free = after_unknown_past(data, np.array([False, True]), UnknownPastSettings())
+    assert list(zip(data.run[~free], data.start[~free], strict=True)) == [(1, 4.0)]
+    assert after_unknown_past(data, np.array([True, True]), UnknownPastSettings(most=0.05)).all()
