@@ -1,6 +1,7 @@
 """What the last fit makes nothing of is not named."""
 
 import numpy as np
+import pytest
 
 from residual_mpc.diagnosis.fit.evidence import least_sure
 from residual_mpc.diagnosis.fit.least_squares import Fit
@@ -25,8 +26,8 @@ def fitted(values: dict[Knob, float], correlated: float = 0.0) -> Fit:
     return Fit(terms, knobs, values, np.full(len(knobs), 0.01), float(np.sum(r * r)), r, j, held)
 
 
-def asked(fit: Fit) -> Term | None:
-    return least_sure(fit, np.arange(WINDOWS), settings=FitSettings())
+def asked(fit: Fit, finer: dict[Knob, float] | None = None) -> Term | None:
+    return least_sure(fit, np.arange(WINDOWS), finer or {}, settings=FitSettings())
 
 
 def test_effects_far_from_none_stay() -> None:
@@ -43,6 +44,12 @@ def test_two_numbers_that_stand_for_each_other_are_asked_together() -> None:
     both = fitted({MASS: 0.002, COM: 0.002}, correlated=0.999)
     assert asked(both) is None
     assert asked(fitted({MASS: 0.0002, COM: -0.0002}, correlated=0.999)) == MASS.term
+
+
+@pytest.mark.parametrize(("there", "stands"), [(0.0019, True), (0.0001, False), (-0.0005, False)])
+def test_what_a_finer_time_step_would_take_away_goes(there: float, stands: bool) -> None:
+    asked_of = asked(fitted({TRACK: 1.002, DELAY: 0.002}), {TRACK: 1.002, DELAY: there})
+    assert asked_of == (None if stands else DELAY.term)
 
 
 def test_a_threshold_is_not_asked() -> None:

@@ -1,5 +1,7 @@
 """How much a drop in cost is worth when residuals are coloured and the model is not the truth."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy.special import chdtri
 
@@ -8,7 +10,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import TUNE, Term
+from residual_mpc.models.settings import TUNE, Knob, Term
 
 
 def blocks_of(data: Dataset, settings: FitSettings) -> np.ndarray:
@@ -81,13 +83,14 @@ def profile_sigma(problem: Problem, fit: Fit, phi: float, settings: FitSettings)
     return out
 
 
-def least_sure(fit: Fit, blocks: np.ndarray, settings: FitSettings) -> Term | None:
+def least_sure(fit: Fit, blocks: np.ndarray, finer: Mapping[Knob, float], settings: FitSettings) -> Term | None:
     """The effect that is the nearest to none among those whose numbers a 95 % region does not tell from none; None
     where every effect is told from none.
 
     Wald's test of all numbers of an effect at once (Wald 1943), with the sandwich covariance. A threshold, whose
     derivative says little, what rests on a bound and what does nothing at infinity are not tested, unless they do
-    nothing at all.
+    nothing at all. finer: the numbers as a finer time step would have them, by which an effect is also tested: it may
+    only stand for the error of the model's own step.
     """
     spread = covariance(fit, blocks)
     doubtful: dict[Term, float] = {}
@@ -100,7 +103,9 @@ def least_sure(fit: Fit, blocks: np.ndarray, settings: FitSettings) -> Term | No
             continue
         if any(p.threshold for p in kinds) or fit.held[mine].any():
             continue
-        away = np.array([fit.values[fit.knobs[i]] - p.null for i, p in zip(mine, kinds, strict=True) if not p.shape])
+        away = np.array(
+            [_away(fit, fit.knobs[i], p.null, finer) for i, p in zip(mine, kinds, strict=True) if not p.shape]
+        )
         mine = [i for i, p in zip(mine, kinds, strict=True) if not p.shape]
         if not mine or not np.isfinite(away).all():
             continue
@@ -108,3 +113,11 @@ def least_sure(fit: Fit, blocks: np.ndarray, settings: FitSettings) -> Term | No
         if distance < (most := float(chdtri(len(mine), settings.evidence.doubt))):
             doubtful[term] = distance / most
     return min(doubtful, key=lambda t: doubtful[t], default=None)
+
+
+def _away(fit: Fit, knob: Knob, null: float, finer: Mapping[Knob, float]) -> float:
+    """How far a number is from where it does nothing, with either time step: the smaller distance, 0 if it would be on
+    the other side."""
+    own = fit.values[knob] - null
+    there = finer.get(knob, fit.values[knob]) - null
+    return 0.0 if own * there <= 0.0 else min(own, there, key=abs)

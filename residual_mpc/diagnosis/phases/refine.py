@@ -172,10 +172,13 @@ def _leave_doubtful(problem: Problem, polished: Polished, options: Options) -> t
     """The fit without the effects that cannot be told from none on all windows, and those."""
     settings = options.settings
     blocks, gone = blocks_of(problem.data, settings=settings.fit), list[Term]()
-    while (term := least_sure(polished.fit, blocks, settings=settings.fit)) is not None:
+    while True:
+        finer = finely_stepped(problem, polished.fit)
+        term = least_sure(polished.fit, blocks, finer, settings=settings.fit)
+        if term is None:
+            return polished, tuple(gone)
         gone.append(term)
         polished = _again(problem, polished, without(polished.fit.values, term), options)
-    return polished, tuple(gone)
 
 
 def _again(problem: Problem, polished: Polished, fewer: Values, options: Options) -> Polished:

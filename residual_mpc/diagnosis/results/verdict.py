@@ -9,7 +9,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.gap import Gap
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL, NoiseFloor, as_good_as_told
 
-HALF = 0.5  # of the squared gap beyond the noise floor
+HALF = 0.5**2  # of the gap beyond the noise floor, squared
 Verdict = Literal["no_gap", "effects", "partial", "unknown"]
 
 
@@ -52,7 +52,8 @@ def clearest(looks: Sequence[HorizonGaps]) -> HorizonGaps:
 
 
 def hardly_explained(look: HorizonGaps) -> bool:
-    """Whether more than half of the squared gap beyond the floor is left, and the gap is above twice the floor."""
+    """Whether more than half of the gap beyond the floor is left, a quarter of it squared, and the gap is above twice
+    the floor."""
     return look.steady.total > AS_GOOD * look.floor.total and left_share(look) > HALF
 
 
