@@ -1,4 +1,4 @@
-"""An effect that small differences of everything else could stand for, with sensors that are far better than the gap."""
+"""An effect that small differences elsewhere could stand for, where the sensors are far better than the gap."""
 
 from __future__ import annotations
 

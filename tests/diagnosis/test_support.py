@@ -18,7 +18,7 @@ from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.causes import without_doubtful
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.support import Support, _size, doubts
+from residual_mpc.diagnosis.results.support import Support, _beside, _size, doubts
 from residual_mpc.models.settings import Knob, Term
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
@@ -71,6 +71,19 @@ def test_an_effect_that_rests_on_one_run_is_in_doubt() -> None:
     settings = ResultSettings()
     assert doubts({gain: certain}, None, settings=settings)[gain] == 1.0
     assert doubts({gain: fails}, None, settings=settings)[gain] == settings.support.unsupported
+
+
+@pytest.mark.parametrize(("beside", "factor"), [(0.02, 0.5), (0.03, 0.5), (0.045, 0.75), (0.06, 1.0), (2.0, 1.0)])
+def test_what_the_law_of_a_large_effect_may_lack_is_in_doubt(beside: float, factor: float) -> None:
+    small, large = Term("coulomb_friction", "j1"), Term("gear_efficiency", "j1")
+    supports = {small: Support(("fits", "predicts"), 100.0, beside=beside), large: Support(("fits", "predicts"), 1e6)}
+    assert doubts(supports, None, settings=ResultSettings()) == pytest.approx({small: factor, large: 1.0})
+
+
+def test_an_effect_is_small_beside_another_only_if_it_is_at_every_horizon() -> None:
+    second, longer = np.array([4.0, 1e4, -1.0]), np.array([100.0, 1e4, 1.0])
+    assert [_beside([second, longer], k) for k in range(3)] == pytest.approx([0.1, 50.0, 0.01])
+    assert _beside([np.array([3.0])], 0) == np.inf
 
 
 def test_an_effect_of_one_run_of_three_is_possible_at_most() -> None:

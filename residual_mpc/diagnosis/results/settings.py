@@ -15,7 +15,8 @@ from residual_mpc.diagnosis.search.settings import SearchSettings
 class CauseSettings:
     """form: of the relative size of what the named effects leave, which may lie along an effect and pull its number;
     law: the smallest half-width of a 95 % interval, relative to the size of the effect, since no robot obeys its model
-    exactly; order: the share of a lag by which the lag and a dead time named with it may be wrong, since real motors
+    exactly; an effect that predicts no more of the motion than that, beside another, may be what the other's law lacks;
+    order: the share of a lag by which the lag and a dead time named with it may be wrong, since real motors
     are of second order. most_sure: the library may lack the cause, whatever the likelihoods say; most_partial: factor
     where something is left that these sensors can tell; shadow: of the probability that is lost for each factor e by
     which more is left than they can tell, down to the factor least_sure; useful: the share of a constant-velocity

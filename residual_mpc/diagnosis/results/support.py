@@ -38,12 +38,14 @@ class Support:
     the windows that are judged, which no fit has seen), "survives" (still there when any one run is left out).
     fails: whether leaving one out removes it, False with a single run; strength: how much the squared gap rises without
     it, in units of the squared noise floor, at the horizon where that is most; size: its own, in units of the small
-    differences in everything else, infinite where there are none."""
+    differences in everything else, infinite where there are none; beside: the root of that rise over the largest one of
+    another effect, infinite where there is none."""
 
     evidence: tuple[str, ...]
     strength: float
     size: float = np.inf
     fails: bool = False
+    beside: float = np.inf
 
 
 def support_of(
@@ -62,14 +64,15 @@ def support_of(
     for k, term in enumerate(of.final.terms):
         strength = float(max(r[k] for r in rises))
         evidence = ("fits", *(("predicts",) if strength > 0.0 else ()), *(("survives",) if lasts[term] else ()))
-        out[term] = Support(evidence, strength, _size(of, term, settings=settings), several and not lasts[term])
+        size, fails, beside = _size(of, term, settings=settings), several and not lasts[term], _beside(rises, k)
+        out[term] = Support(evidence, strength, size, fails, beside)
     return out
 
 
 def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: ResultSettings) -> dict[Term, float]:
     """A factor on the probability of each effect: less where it does not help on unseen windows or rests on a single
-    run, where it is faint or no larger than small differences elsewhere, and where what is left depends on a quantity
-    that it would imitate or did so before a law took that up."""
+    run, where it is faint, no larger than small differences elsewhere or than what another effect's law may lack, and
+    where what is left depends on a quantity that it would imitate or did so before a law took that up."""
     tuned = settings.support
     named = {term.effect for term in supports}
     on = set() if rest is None else {DEPENDENCE.get(d.kind) for d in rest.depends if d.share >= tuned.depends}
@@ -81,8 +84,11 @@ def doubts(supports: Mapping[Term, Support], rest: Rest | None, settings: Result
         large = tuned.unsupported + (1.0 - tuned.unsupported) * float(
             np.clip((support.size - 1.0) / (tuned.large - 1.0), 0.0, 1.0)
         )
+        beyond = tuned.unsupported + (1.0 - tuned.unsupported) * float(
+            np.clip(support.beside / settings.causes.law - 1.0, 0.0, 1.0)
+        )
         imitates = on & BY_NAME[term.effect].imitates
-        out[term] = helps * min(clear, large) * (tuned.unsupported if imitates else 1.0)
+        out[term] = helps * min(clear, large, beyond) * (tuned.unsupported if imitates else 1.0)
     return out
 
 
@@ -100,6 +106,16 @@ def _size(of: FittedExplanation, term: Term, settings: ResultSettings) -> float:
             return np.inf
         sizes.append(abs(of.final.values[knob] - p.null) / usual)
     return max(sizes)
+
+
+def _beside(rises: Sequence[np.ndarray], k: int) -> float:
+    """How much of the motion effect k predicts beside the largest of the others, at the horizon where that is most."""
+    shares = []
+    for rise in rises:
+        others = np.delete(np.maximum(rise, 0.0), k)
+        most = float(others.max(initial=0.0))
+        shares.append(np.inf if most == 0.0 else float(np.sqrt(max(rise[k], 0.0) / most)))
+    return max(shares)
 
 
 def _shadow(values: Values, term: Term) -> float:
