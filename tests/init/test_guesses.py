@@ -271,3 +271,20 @@ def test_velocities_and_torques_under_the_same_name(tmp_path: Path, greased: pd.
     found = drafted(tmp_path / "six.xml", table)
     claimed = {g.value for g in found.guesses if g.what.startswith("velocity.")}
     assert claimed <= {f"x_{k}" for k in range(6)}
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_torques_are_the_commands_of_motors_unless_others_say_so(tmp_path: Path, beside: bool) -> None:
+    """tau may be sent or measured. Where nothing else commands the motors it was sent."""
+    path, table = tmp_path / "arm.xml", simulate("motor")
+    path.write_text(mjcf("motor"))
+    short = {"command": "tau", "position": "q", "velocity": "dq"}
+    table, truth = named(table, lambda g, j, i: f"{short[g]}_{i + 1}")
+    if beside:
+        truth |= {f"effort.{j}": f"tau_{i + 1}" for i, j in enumerate(JOINTS)}
+        truth |= {f"command.{j}": f"tau_des_{i + 1}" for i, j in enumerate(JOINTS)}
+        table = table.assign(**{f"tau_des_{i}": 1.02 * table[f"tau_{i}"] for i in (1, 2)})
+    found = drafted(path, table)
+    assert columns_of(found) == truth
+    sure = {g.what: g.sure for g in found.guesses}
+    assert all((sure[f"command.{j}"] > 0.9) is beside for j in JOINTS)

@@ -28,7 +28,7 @@ def _command(case: ColumnEvidence, roles: Roles, member: int, driven: JointDrive
     if words.quantity is not None and driven.kind is not None:
         same = words.quantity == driven.kind
         odds += 1.5 if same else -2.5
-        reasons.append(f"it is a {driven.kind}, as the actuator takes" if same else "")
+        reasons.append(f"it is {'an' if driven.kind == 'effort' else 'a'} {driven.kind}, as the actuator takes" if same else "")
     elif words.quantity is not None and not words.commanded:
         odds -= 1.0
     seen, what = joint_response(case, roles, words.name, driven)
@@ -38,7 +38,11 @@ def _command(case: ColumnEvidence, roles: Roles, member: int, driven: JointDrive
         reasons.append(f"{what} {seen.words('it')}")
     elif seen is not NOTHING and r < 0.2:
         odds -= 1.0
-    if not words.commanded and r < (0.7 if words.kind else CLEAR):
+    if words.quantity == driven.kind == "effort" and not words.commanded:
+        # a torque is logged as a command and as a measurement, and under gravity it says little of the motion
+        odds -= 1.5
+        reasons.append("its name does not say that it was measured")
+    elif not words.commanded and r < (0.7 if words.kind else CLEAR):
         return NEVER, ()
     return odds, tuple(reasons)
 
