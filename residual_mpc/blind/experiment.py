@@ -20,12 +20,12 @@ import numpy as np
 
 from residual_mpc.blind.commanded_motion import CommandedMotion, read_commanded_motions
 from residual_mpc.blind.families import make_hidden_robot
-from residual_mpc.blind.processes.isolated import program, run_isolated
-from residual_mpc.blind.processes.parallel import Progress, run_in_parallel
 from residual_mpc.blind.run import diagnose_case
 from residual_mpc.blind.seal import digest, read_sealed
 from residual_mpc.blind.suite import NOTHING_OPEN, RECORD, Entry, Suite, program_version, read_suite, write_json
 from residual_mpc.errors import BadInput
+from residual_mpc.processes.isolated import program, run_isolated
+from residual_mpc.processes.parallel import Progress, run_in_parallel
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ import numpy as np
 
 from residual_mpc.blind.best_fit import with_best_fit
 from residual_mpc.blind.families import levels_of, load_family, load_level, make_case
-from residual_mpc.blind.processes.parallel import Progress, run_in_parallel, silent
 from residual_mpc.blind.seal import Sealed, digest, read_sealed, seal, write_sealed
 from residual_mpc.blind.suite import FIRST_TEST_SEED, Entry, Suite, program_version, write_suite
 from residual_mpc.errors import BadInput
+from residual_mpc.processes.parallel import Progress, run_in_parallel, silent
 
 
 @dataclass(frozen=True)

@@ -8,21 +8,19 @@ environment variables.
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from residual_mpc.blind.processes.isolated import program, run_isolated
-from residual_mpc.blind.processes.parallel import Progress, run_in_parallel, silent
 from residual_mpc.blind.recorded.case_files import has_halves, is_recorded
 from residual_mpc.blind.suite import Entry, Suite, program_version, read_suite, write_json
 from residual_mpc.errors import BadInput
-from residual_mpc.extras import extra
+from residual_mpc.processes.engine import Engine, run_on
+from residual_mpc.processes.isolated import program, run_isolated
+from residual_mpc.processes.parallel import Progress, silent
 
-ENGINES = ("processes", "dask")
 DIAGNOSE, COMPARE = "diagnose", "compare"
 
 
@@ -41,8 +39,7 @@ class RunSettings:
     def __post_init__(self) -> None:
         if self.timeout <= 0:
             raise BadInput(f"must be > 0 s, got {self.timeout}", "--timeout")
-        if self.engine not in ENGINES:
-            raise BadInput(f"unknown engine {self.engine!r}", "--engine", f"Known engines: {', '.join(ENGINES)}")
+        Engine(self.engine)
 
 
 @dataclass(frozen=True)
@@ -73,23 +70,14 @@ def _spread(
     suite: Suite, todo: list[Entry], results: Path, command: list[str], settings: RunSettings, progress: Progress
 ) -> list[bool]:
     """Whether each case was diagnosed, in order, on all workers."""
-    from joblib import delayed, parallel_config
+    from joblib import delayed
 
-    names = [entry.name for entry in todo]
     calls = [
         delayed(diagnose_case)(suite.case(entry).resolve(), entry, (results / entry.name).resolve(), command,
                                settings.timeout)
         for entry in todo
     ]  # fmt: skip
-    if settings.engine == "processes":
-        # each case is a process of its own already; threads only wait for them
-        return run_in_parallel(calls, names, progress, n_jobs=settings.jobs, prefer="threads")
-    with extra("dask"):
-        from dask.distributed import Client, LocalCluster  # type: ignore[import-not-found, unused-ignore]
-    workers = settings.jobs if settings.jobs > 0 else os.cpu_count()
-    cluster = settings.address or LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
-    with Client(cluster), parallel_config(backend="dask"):
-        return run_in_parallel(calls, names, progress)
+    return run_on(Engine(settings.engine, settings.jobs, settings.address), calls, [e.name for e in todo], progress)
 
 
 def diagnose_case(case: Path, entry: Entry, result: Path, command: list[str], timeout: float) -> bool:

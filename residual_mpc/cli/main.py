@@ -20,6 +20,7 @@ class _Lazy(click.Group):
             "diagnose",
             "Find where the gap lies, what causes it and how far it shrinks.",
         ),
+        "batch": ("residual_mpc.cli.batch", "batch", "Diagnose many robots, each from a folder of its runs."),
         "compare": ("residual_mpc.cli.compare", "compare", "Find what changed between two sets of runs."),
         "watch": ("residual_mpc.cli.watch", "watch", "Follow logs as they arrive and say when something changes."),
         "excite": ("residual_mpc.cli.excite", "excite", "Plan the next motions and write them to a command file."),

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from residual_mpc.blind.explain.truth_gaps import GapOverHorizons, measure_truth_gaps
-from residual_mpc.blind.processes.isolated import program
-from residual_mpc.blind.processes.parallel import Progress, run_in_parallel, silent
 from residual_mpc.blind.run import diagnose_case
 from residual_mpc.blind.score.claim import Claim
 from residual_mpc.blind.score.explained import EXPLAINED, Explained, answer_of, explained_from, faults
@@ -20,6 +18,8 @@ from residual_mpc.blind.score.outcome import Outcome, outcome
 from residual_mpc.blind.score.score import score_suite
 from residual_mpc.blind.suite import Entry, read_suite, write_json
 from residual_mpc.errors import BadInput
+from residual_mpc.processes.isolated import program
+from residual_mpc.processes.parallel import Progress, run_in_parallel, silent
 
 _RECORD = "explained.json"
 _MARGIN = 0.1  # by which a fit's gap must exceed the truth's: less is within the noise of the held-out windows

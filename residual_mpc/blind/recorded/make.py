@@ -11,7 +11,6 @@ from zlib import crc32
 import numpy as np
 
 from residual_mpc.blind.make import MadeSuite, check_apart
-from residual_mpc.blind.processes.parallel import Progress, silent
 from residual_mpc.blind.recorded.case_files import aliases_of, write_case
 from residual_mpc.blind.recorded.half import Half
 from residual_mpc.blind.recorded.halves import halves
@@ -26,6 +25,7 @@ from residual_mpc.blind.suite import FIRST_TEST_SEED, Entry, Suite, program_vers
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.models.robot_file import RobotFile
+from residual_mpc.processes.parallel import Progress, silent
 
 LEVEL = "recorded"
 

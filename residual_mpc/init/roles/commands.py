@@ -28,7 +28,8 @@ def _command(case: ColumnEvidence, roles: Roles, member: int, driven: JointDrive
     if words.quantity is not None and driven.kind is not None:
         same = words.quantity == driven.kind
         odds += 1.5 if same else -2.5
-        reasons.append(f"it is {'an' if driven.kind == 'effort' else 'a'} {driven.kind}, as the actuator takes" if same else "")
+        article = "an" if driven.kind == "effort" else "a"
+        reasons.append(f"it is {article} {driven.kind}, as the actuator takes" if same else "")
     elif words.quantity is not None and not words.commanded:
         odds -= 1.0
     seen, what = joint_response(case, roles, words.name, driven)

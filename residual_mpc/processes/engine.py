@@ -1,0 +1,42 @@
+"""Where many calls run: on this machine's cores, or on the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from residual_mpc.errors import BadInput
+from residual_mpc.extras import extra
+from residual_mpc.processes.parallel import Progress, run_in_parallel
+
+ENGINES = ("processes", "dask")
+
+
+@dataclass(frozen=True)
+class Engine:
+    """jobs: calls at once, -1 for all cores; address: of a running Dask scheduler, empty for a local cluster."""
+
+    name: str = "processes"
+    jobs: int = -1
+    address: str = ""
+
+    def __post_init__(self) -> None:
+        if self.name not in ENGINES:
+            raise BadInput(f"unknown engine {self.name!r}", "--engine", f"Known engines: {', '.join(ENGINES)}")
+
+
+def run_on(engine: Engine, calls: Sequence[Any], names: Sequence[str], progress: Progress) -> list[Any]:
+    """The outcomes of joblib's delayed calls, in their order. Each starts a process of its own: on this machine threads
+    only wait for them."""
+    if engine.name == "processes":
+        return run_in_parallel(calls, names, progress, n_jobs=engine.jobs, prefer="threads")
+    with extra("dask"):
+        from dask.distributed import Client, LocalCluster  # type: ignore[import-not-found, unused-ignore]
+    from joblib import parallel_config
+
+    workers = engine.jobs if engine.jobs > 0 else os.cpu_count()
+    cluster = engine.address or LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+    with Client(cluster), parallel_config(backend="dask"):
+        return run_in_parallel(calls, names, progress)
