@@ -127,18 +127,18 @@ def settle(
         q[:, motor] = measured - ahead if robot.position_sensor == "link" else measured
 
     def apart(ahead: np.ndarray) -> np.ndarray:
-        """(B, g) rad/s^2 at which the link leaves the motor."""
+        """(B, g) rad/s^2 at which the link leaves the motor, of the rows that are not solved."""
         place(ahead)
         control[:] = command
         if servos is not None:
             servos.correct(control, robot, q, v)
-        batch.forward()
+        batch.forward(np.flatnonzero(going))
         return np.asarray(acceleration[:, gears.dofs]).copy()
 
+    going = np.ones(len(half), dtype=bool)  # rows that are not solved: the steps of a row do not hang on the others
     ahead = np.zeros_like(half)
     low, high = np.full_like(half, -np.inf), np.full_like(half, np.inf)
     diagonal = np.arange(count)
-    going = np.ones(len(half), dtype=bool)  # rows that are not solved: the steps of a row do not hang on the others
     for _ in range(SOLVES):
         away = apart(ahead)
         slope = np.stack([(apart(ahead + NUDGE * row) - away) / NUDGE for row in np.eye(count)], axis=-1)

@@ -8,7 +8,7 @@ from residual_mpc.diagnosis.data.local_fit import NEAREST, REACH, local_fit
 from residual_mpc.diagnosis.data.reached_setpoints import reached
 from residual_mpc.diagnosis.data.signals import Signal
 from residual_mpc.logs.run import Run, held
-from residual_mpc.logs.signals import noise_sigma
+from residual_mpc.logs.signals import noise_sigma, resolution
 from residual_mpc.models import optional
 from residual_mpc.models.protocol import Drive, Inverting, Robot
 from residual_mpc.models.settings import Settings
@@ -18,6 +18,7 @@ SAMPLES = 2 * NEAREST  # looked at, as far as they lie within REACH of the start
 LITTLE = 0.25  # share of the commanded motion below which all these samples say that nothing was given yet
 SPLIT = 2.0 * np.log(5.0)  # deviance for which one actuator is taken to do something else than all together
 FITS = 2.0 / 3.0  # of what torques from the start leave; the motors gave something else if a later start leaves more
+RESTING = 0.3  # s in which a joint that stands still under a constant command shows that it has come to rest
 FINE = 0.001  # s: steps of a replay of a robot that takes any
 
 Signals = Mapping[tuple[int, str], Signal]
@@ -44,7 +45,9 @@ def _held_before(robot: Robot, run: Run, i: int, signals: Signals, idle: bool) -
         signal = signals.get((i, f"{measured}.{joint}"))
         if signal is not None and len(signal.y):
             measured_there = float(signal.y[0])
-            if kind == "position" and np.isfinite(setpoints[k]):
+            if kind == "position" and _rests(run, actuator, signal):
+                out.append(first[actuator])
+            elif kind == "position" and np.isfinite(setpoints[k]):
                 unloaded = optional.gear_ratios(robot)[k] * measured_there
                 out.append(_setpoint(float(setpoints[k]), unloaded, first[actuator]))
             else:
@@ -54,6 +57,14 @@ def _held_before(robot: Robot, run: Run, i: int, signals: Signals, idle: bool) -
         else:
             out.append(0.0 if moving and _still(actuator, moving, error, first) else None)
     return tuple(out)
+
+
+def _rests(run: Run, actuator: str, signal: Signal) -> bool:
+    """Whether a joint stands still while its command stays as it is, so that it has come to where that leads."""
+    early = run.t <= run.t[0] + RESTING
+    sent, seen = held(run, f"command.{actuator}")[early], signal.y[signal.t <= run.t[0] + RESTING]
+    moves = CERTAIN * max(noise_sigma(signal.t, signal.y), 0.5 * resolution(signal.y))
+    return len(seen) >= NEAREST and bool(np.ptp(sent) == 0.0 and np.ptp(seen) <= 2.0 * moves)
 
 
 def _setpoint(needed: float, measured: float, first: float) -> float:
