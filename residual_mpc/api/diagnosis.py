@@ -207,14 +207,14 @@ def diagnose(
         runs.runs, runs.models, runs.noise, robot.file.tunable, options, np.random.default_rng(seed), progress,
         LEARNERS, answered, checkpoint, unheard if say is None else EarlyAnswers(robot, folder, say),
     )  # fmt: skip
-    progress("planning the next experiment", 0.96)
+    progress("planning the next experiment", 0.95)
     document = _document(made.diagnosis, robot, runs, said)
     logged = {c for r in runs for c in (*r.columns, *r.extra_columns)}
     proposal = propose(document, robot.model, excite_command(robot.given, Path()), seed, logged)
     document["next_experiment"] = proposal.next_experiment
     found = Diagnosis(robot, document, made, proposal.table, runs.paths)
     if folder is not None:
-        progress("writing the report", 0.98)
+        progress("writing the report", 0.96)
         found.save(folder)
     checkpoint.close()
     return found

@@ -22,11 +22,31 @@ class Progress:
 
 
 QUIET = 20.0  # s without a new stage, after which a plain log says that work goes on
+SOON = 4.0  # s after which the time left can be told
+LEAST = 0.3  # of the time that was left as a stage began: so much is left at least, however long the stage takes
+
+
+def time_left(now: float, began: float, done: float) -> float | None:
+    """s until the end, from the share `done` of the time that was behind as the present stage began, `began` s after
+    the start; now: s after the start. None where too little is behind to tell."""
+    if began < SOON or not 0.0 < done < 1.0:
+        return None
+    left = began * (1.0 - done) / done
+    return max(left - (now - began), LEAST * left)
+
+
+def words_left(seconds: float | None) -> str:
+    """Such as ", about 40 s left", to two digits at most; empty where it is not known."""
+    if seconds is None:
+        return ""
+    if seconds < 100.0:
+        return f", about {max(5, 5 * round(seconds / 5.0))} s left"
+    return f", about {round(seconds / 60.0)} min left"
 
 
 @contextmanager
 def progress_bar(quiet: float = QUIET) -> Iterator[Progress]:
-    """A bar with the stage and the time taken; plain lines where stderr is no terminal."""
+    """A bar with the stage, the time taken and the time left; plain lines where stderr is no terminal."""
     with _bar() if sys.stderr.isatty() else _lines(quiet) as report:
         yield report
 
@@ -34,30 +54,45 @@ def progress_bar(quiet: float = QUIET) -> Iterator[Progress]:
 @contextmanager
 def _bar() -> Iterator[Progress]:
     from rich.console import Console
-    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
+    from rich.text import Text
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    start, began, share = monotonic(), 0.0, 0.0
+
+    class Left(ProgressColumn):
+        """The time left, which goes down while a stage lasts."""
+
+        def render(self, task: Task) -> Text:
+            return Text(words_left(time_left(monotonic() - start, began, share)).removeprefix(", "))
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), Left())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
-        yield Progress(
-            lambda stage, done: bar.update(task, description=stage, completed=done),
-            lambda line: bar.console.print(line, markup=False, highlight=False),
-        )
+
+        def report(stage: str, done: float) -> None:
+            nonlocal began, share
+            if done != share:
+                began, share = monotonic() - start, done
+            bar.update(task, description=stage, completed=done)
+
+        yield Progress(report, lambda line: bar.console.print(line, markup=False, highlight=False))
 
 
 @contextmanager
 def _lines(quiet: float) -> Iterator[Progress]:
     """A line a stage; the stage again, with its seconds, every `quiet` seconds that it lasts."""
     stage, share, since = "", 0.0, monotonic()
+    start = since
     lock, over = threading.Lock(), threading.Event()
 
     def report(now: str, done: float) -> None:
         nonlocal stage, share, since
         with lock:
             if now != stage:
-                click.echo(f"[{done:4.0%}] {now}", err=True)
                 since = monotonic()
+                left = words_left(time_left(since - start, since - start, done))
+                click.echo(f"[{done:4.0%}] {now}{left}", err=True)
             stage, share = now, done
 
     def remind() -> None:
@@ -66,7 +101,8 @@ def _lines(quiet: float) -> Iterator[Progress]:
             with lock:
                 seconds = monotonic() - since
                 if stage and monotonic() - max(told, since) >= quiet:
-                    click.echo(f"[{share:4.0%}] {stage} ({seconds:.0f} s)", err=True)
+                    left = words_left(time_left(monotonic() - start, since - start, share))
+                    click.echo(f"[{share:4.0%}] {stage} ({seconds:.0f} s){left}", err=True)
                     told = monotonic()
 
     reminder = threading.Thread(target=remind, daemon=True)

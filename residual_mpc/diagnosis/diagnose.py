@@ -48,7 +48,7 @@ def diagnose(
         prepared = prepare(given, rng, progress)
         keep = Keeper(checkpoint or Checkpoint(), rng, _known(prepared), _without_memory)
         if told is not unheard and (checkpoint is None or checkpoint.last is None):
-            progress("taking a first look", 0.05)
+            progress("taking a first look", 0.02)
             told(first_look(prepared))
         # what the search holds is not kept once it is refined
         refined = keep(

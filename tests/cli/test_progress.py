@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from residual_mpc.cli.progress import progress_bar
+from residual_mpc.cli.progress import progress_bar, time_left, words_left
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
 
@@ -18,6 +18,29 @@ def test_a_long_stage_is_not_silent(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().err.splitlines()
     assert said[0] == "[ 50%] fitting" and said[-1].startswith("[ 90%] reporting")
     assert any(line.startswith("[ 50%] fitting (") for line in said)
+
+
+@pytest.mark.parametrize(
+    ("now", "began", "done", "left"),
+    [
+        (10.0, 10.0, 0.2, 40.0),
+        (30.0, 10.0, 0.2, 20.0),
+        (90.0, 10.0, 0.2, 12.0),
+        (2.0, 2.0, 0.5, None),
+        (9.0, 9.0, 1.0, None),
+    ],
+)
+def test_the_time_left_is_told_once_it_can_be(now: float, began: float, done: float, left: float | None) -> None:
+    """It goes down while a stage lasts, but not to nothing."""
+    assert time_left(now, began, done) == (None if left is None else pytest.approx(left))
+
+
+@pytest.mark.parametrize(
+    ("left", "words"),
+    [(None, ""), (1.0, ", about 5 s left"), (42.0, ", about 40 s left"), (200.0, ", about 3 min left")],
+)
+def test_the_time_left_in_words(left: float | None, words: str) -> None:
+    assert words_left(left) == words
 
 
 def test_a_stage_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:

@@ -62,3 +62,11 @@ def test_all_joints_alike_have_forces_where_all_of_them_slide(tmp_path: Path) ->
 def test_wheels_turn() -> None:
     assert unit_of(ROVER, Term("rate_limit", None), "command unit/s") == "rad/s^2"
     assert unit_of(ROVER, Term("sensor_bias", "pose.theta"), "channel unit") == "rad"
+
+
+def test_all_actuators_alike_slide_where_what_turns_has_no_motor(tmp_path: Path) -> None:
+    """A cart with a pendulum."""
+    spin = '<velocity name="spin" joint="turn" kv="5"/>'
+    robot = robot_of(tmp_path, MIXED.replace(spin, ""))
+    assert unit_of(robot, Term("rate_limit", None), "command unit/s") == "m/s"
+    assert unit_of(robot, Term("coulomb_friction", None), "N m") == "N m"

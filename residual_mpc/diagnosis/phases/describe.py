@@ -51,9 +51,9 @@ def describe(
     """answered: told the answer before the extras are computed."""
     answered(_diagnosis(validated, Extras()))
     found, of, settings = validated.gaps, validated.explanation, validated.options.settings
-    progress("analysing the remaining error", 0.9)
+    progress("analysing the remaining error", 0.87)
     learned, rest = _left(found, rng, learners, settings)
-    progress("attributing the gap to the stages", 0.94)
+    progress("attributing the gap to the stages", 0.93)
     gaps = found.everywhere["before"], found.everywhere["after"], found.floor_everywhere.total
     final = of.final if found.helps else None
     budget = validated.options.final_steps // 2

@@ -34,7 +34,7 @@ def find_laws(
     wanted = FITTED_LAW not in options.without and (not options.only or FITTED_LAW in options.only)
     if not wanted or not validated.explanation.held.any() or not _more_to_explain(validated):
         return validated
-    progress("looking for a law in what is left", 0.87)
+    progress("looking for a law in what is left", 0.72)
     rng = deepcopy(rng)
     found = add_laws(_unexplained(validated), rng, options.settings.remainder, options.settings.laws)
     if found is None or not (validated.verdict != "effects" or _replaces(validated, found)):

@@ -76,7 +76,7 @@ class Prepared:
 
 def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress) -> Prepared:
     """Raises BadInput where nothing can be compared."""
-    progress("splitting the runs into windows", 0.02)
+    progress("splitting the runs into windows", 0.005)
     runs, robots, noise, options = given.runs, given.robots, given.noise, given.options
     settings = options.settings
     raw = build_dataset(runs, robots, noise, options.horizon, settings=settings.data)

@@ -51,7 +51,7 @@ class Refined:
 
 def refine(searched: Searched, rng: np.random.Generator, progress: Progress) -> Refined:
     """The explanation with its numbers, less the effects that a closer look refutes, and the shrink expected of it."""
-    progress("fitting on all windows", 0.75)
+    progress("fitting on all windows", 0.6)
     prepared, found, rivalry = searched.prepared, searched.found, searched.rivalry
     options, settings = prepared.options, prepared.options.settings
     motion = found.problem.motion

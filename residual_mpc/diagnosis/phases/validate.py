@@ -53,7 +53,7 @@ class Validated:
 
 def validate(refined: Refined, rng: np.random.Generator, progress: Progress) -> Validated:
     """From here on nothing is fitted to change the explanation."""
-    progress("evaluating on the held-out windows", 0.85)
+    progress("evaluating on the held-out windows", 0.67)
     options, longer, settings = refined.options, refined.longer, refined.options.settings
     gaps = measure_gaps(refined.explanation, longer, options.final_steps, rng, settings=settings)
     if not gaps.helps:

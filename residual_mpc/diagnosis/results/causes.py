@@ -248,7 +248,8 @@ def _slides(robot: Robot, term: Term) -> bool:
     if not slides:
         return False
     if term.target is None:
-        return kind in ("actuator", "joint", "channel") and slides >= set(optional.joints(robot))
+        reached = optional.actuator_joints(robot) if kind == "actuator" else optional.joints(robot)
+        return kind in ("actuator", "joint", "channel") and slides >= set(reached)
     if kind == "actuator":
         return dict(zip(robot.actuators, optional.actuator_joints(robot), strict=True)).get(term.target) in slides
     return term.target.split(".", 1)[-1] in slides

@@ -38,7 +38,7 @@ def law_sentence(law: Law) -> str:
     else:
         where = f"joint {target}" if target else "the joint"
         clause = f"{WHAT.get(law['of'], 'a ' + str(law['of']))} {shape} acts at {where}"
-    return clause + (f", {like}" if like else "")
+    return clause.removesuffix(",") + (f", {like}" if like else "")
 
 
 def _of_column(law: Law, target: object) -> str:
