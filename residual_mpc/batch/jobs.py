@@ -29,13 +29,18 @@ class Job:
         return {path: [s.st_size, s.st_mtime_ns] for path, s in stats.items()}
 
 
-def jobs_in(folders: Sequence[Path], robot: str | None) -> list[Job]:
+def jobs_in(folders: Sequence[Path], robot: str | None, out: Path) -> list[Job]:
     """A job for each folder: with the robot file that lies in it, else with `robot`.
 
-    Raises BadInput for a folder that is not there or has no robot, and for two of the same name.
+    Raises BadInput for a folder that is not there or has no robot, for two of the same name, and for one that holds the
+    results or is among them.
     """
     jobs: dict[str, Job] = {}
     for folder in folders:
+        if out.resolve().is_relative_to(folder.resolve()) or folder.resolve().is_relative_to(out.resolve()):
+            raise BadInput(
+                f"the results of --out {out} and these runs are in one folder", str(folder), "keep them apart"
+            )
         if not folder.is_dir():
             raise BadInput("must be a folder with the runs of one robot", str(folder), "give one folder for each robot")
         own = folder / ROBOT_FILE

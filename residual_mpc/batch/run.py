@@ -18,6 +18,7 @@ from residual_mpc.processes.isolated import program, run_isolated
 from residual_mpc.processes.parallel import Progress, silent
 
 ANSWER, STATE = "diagnosis.json", "batch.json"
+OLD = (STATE, ANSWER, "model.json", "report.html", "next.csv")  # of an earlier call: a job that fails has none of them
 TAKEN = ("--robot", "--out", "--json", "--seed")  # options that a batch gives itself
 
 
@@ -80,7 +81,8 @@ def run_batch(jobs: Sequence[Job], out: Path, settings: BatchSettings, progress:
 def run_job(job: Job, result: Path, here: Path, command: Sequence[str], timeout: float) -> Outcome:
     """Diagnose one robot, from the folder `here`. What a stopped call left in its folder is gone on from."""
     result.mkdir(parents=True, exist_ok=True)
-    (result / STATE).unlink(missing_ok=True)
+    for name in OLD:
+        (result / name).unlink(missing_ok=True)
     inputs, begin = job.inputs, time.monotonic()
     call = [*command, "--robot", job.robot, str(job.runs), "--out", str(result)]
     ended = run_isolated(call, here, timeout)

@@ -52,7 +52,7 @@ def batch(
     from residual_mpc.report.index import entries_in, index_page
 
     settings = BatchSettings(options, seed, timeout, Engine(engine, jobs, address))
-    todo = jobs_in(folders, robot)
+    todo = jobs_in(folders, robot, out)
     with progress_bar() as progress:
         outcomes = run_batch(todo, out, settings, progress)
     write_atomically(out / PAGE, index_page(out.resolve().name, entries_in(out)))

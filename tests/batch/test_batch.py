@@ -58,11 +58,18 @@ def test_each_robot_is_diagnosed_by_itself_and_a_bad_one_fails_alone(
 
 
 def test_what_has_changed_is_diagnosed_again(fleet: Path) -> None:
-    jobs, settings = jobs_in([fleet / "a", fleet / "b"], "rover.toml"), BatchSettings(ONLY, engine=Engine(jobs=1))
+    jobs, settings = (
+        jobs_in([fleet / "a", fleet / "b"], "rover.toml", fleet / "out"),
+        BatchSettings(ONLY, engine=Engine(jobs=1)),
+    )
     first = run_batch(jobs, fleet / "out", settings)
     assert [o.resumed for o in first] == [False, False]
     write_run(rover_run("r2", {}, 8.0, seed=2), fleet / "a")
     assert [o.resumed for o in run_batch(jobs, fleet / "out", settings)] == [False, True]
+    (fleet / "b" / "r0.csv").write_text("t,nothing\n")
+    failed = run_batch(jobs, fleet / "out", settings)[1]
+    assert failed.status == "failed" and not (fleet / "out" / "b").exists()  # nothing of the runs before is left
+    write_run(rover_run("r0", {"track_width": {"scale": 1.1}}, 8.0), fleet / "b")
     other = BatchSettings(ONLY, seed=1, engine=Engine(jobs=1))
     assert [o.resumed for o in run_batch(jobs[1:], fleet / "out", other)] == [False]
 
@@ -72,6 +79,7 @@ def test_what_has_changed_is_diagnosed_again(fleet: Path) -> None:
     [
         (("a",), "no robot.toml in it"),
         (("a", "nowhere", "--robot", "rover.toml"), "must be a folder with the runs of one robot"),
+        (("a", "--robot", "rover.toml", "--out", "a/results"), "in one folder"),
         (("a", "sub/a", "--robot", "rover.toml"), "two folders are called 'a'"),
         (("a", "--robot", "rover.toml", "--options", "--out x"), "cannot be handed"),
         (("a", "--robot", "rover.toml", "--timeout", "0"), "must be > 0"),
@@ -82,21 +90,21 @@ def test_what_cannot_be_done_is_said_before_anything_is_written(
     fleet: Path, arguments: tuple[str, ...], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (fleet / "sub" / "a").mkdir(parents=True)
-    assert call(*arguments, "--out", "out") == 2
+    assert call("--out", "out", *arguments) == 2
     error = capsys.readouterr().err
     assert says in error and "Traceback" not in error
     assert not (fleet / "out").exists()
 
 
 def test_a_robot_that_takes_too_long_is_stopped(fleet: Path) -> None:
-    jobs = jobs_in([fleet / "b"], "rover.toml")
+    jobs = jobs_in([fleet / "b"], "rover.toml", fleet / "out")
     (outcome,) = run_batch(jobs, fleet / "out", BatchSettings(timeout=0.2, engine=Engine(jobs=1)))
     assert outcome.status == "over 0.2 s" and not outcome.done
 
 
 def test_dask_spreads_as_processes_do(fleet: Path) -> None:
     pytest.importorskip("dask.distributed")
-    jobs = jobs_in([fleet / "a"], "rover.toml")
+    jobs = jobs_in([fleet / "a"], "rover.toml", fleet / "out")
     (outcome,) = run_batch(jobs, fleet / "out", BatchSettings(ONLY, engine=Engine("dask", 1)))
     assert outcome.verdict == "no_gap"
 
