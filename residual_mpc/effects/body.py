@@ -107,6 +107,7 @@ STRIBECK = Effect(
     summary="dry friction that is larger at rest than in motion",
     step=stribeck_level,
     sensible=lambda p: p["static"] >= p["kinetic"],
+    equal=("coulomb_friction", ("static", "kinetic")),
     rank=20,
     stalls=("static", "kinetic"),
     unseen="no slow motion in which the friction would rise",

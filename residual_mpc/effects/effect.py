@@ -172,6 +172,8 @@ class Effect:
     # fitted laws that are this effect: what they add, the quantity (None for any) and their form
     laws: tuple[tuple[str, str | None, str], ...] = ()
     shadows: tuple[tuple[Quantity, float], ...] = ()  # (quantity, share): its size that such a number may feign
+    # the effect that this one is where two of its parameters are equal, and these
+    equal: tuple[str, tuple[str, str]] | None = None
     interchangeable: str = ""  # effects with the same word do the same in pairs
 
     # the words

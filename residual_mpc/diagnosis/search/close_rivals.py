@@ -6,13 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import gap_of
+from residual_mpc.diagnosis.fit.evidence import covariance
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.substitutes import imitate
-from residual_mpc.models.settings import TUNE, Term
+from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.settings import TUNE, Knob, Term
+
+T95 = 1.96
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,22 @@ def _without(problem: Problem, fit: Fit, gone: EffectSet, settings: SearchSettin
     rest = {k: v for k, v in fit.values.items() if k.effect == TUNE or k.term not in gone}
     plain = tolerating(problem, None)
     return fit_all(plain, [rest], settings.rivals.gap_steps, rough=True, settings=settings.fit)[0]
+
+
+def is_its_simple_case(fit: Fit, rival: Rival, blocks: np.ndarray, settings: SearchSettings) -> bool:
+    """Whether the rival is what the effect in the fit comes to where two of its numbers are equal, and these are equal
+    within their 95 % intervals: those of the sandwich covariance, and what no robot's law is exact to."""
+    if rival.exchange is None:
+        return False
+    gone, came = rival.exchange
+    equal = BY_NAME[gone.effect].equal
+    if equal is None or came != Term(equal[0], gone.target):
+        return False
+    knobs = [Knob(gone.effect, gone.target, p) for p in equal[1]]
+    one, other = (fit.values[k] for k in knobs)
+    spread = np.sqrt(np.maximum(np.diag(covariance(fit, blocks)), 0.0))
+    half = [max(T95 * spread[fit.knobs.index(k)], settings.rivals.law * abs(fit.values[k])) for k in knobs]
+    return bool(abs(one - other) <= sum(half))
 
 
 def are_twins(problem: Problem, rival: Rival) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual_mpc.diagnosis.data.gap import per_window
+from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
@@ -12,7 +13,13 @@ from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, wider_start
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.additions import NONE, closer
-from residual_mpc.diagnosis.search.close_rivals import Rival, are_twins, too_close, without_small_differences
+from residual_mpc.diagnosis.search.close_rivals import (
+    Rival,
+    are_twins,
+    is_its_simple_case,
+    too_close,
+    without_small_differences,
+)
 from residual_mpc.diagnosis.search.optional_numbers import with_shown
 from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
@@ -66,7 +73,9 @@ def find_rivals(
         # twins are equally likely: their likelihoods differ because each rounds the delay to time steps in its own way.
         # One that fits far better still takes the place: the other rests in a poorer minimum
         twins = [r.alike and r.ratio >= tuned.better and are_twins(found.problem, r) for r in here]
-        same = [s or t for s, t in zip(same, twins, strict=True)]
+        blocks = blocks_of(found.problem.data, settings=settings.fit)
+        simple = [is_its_simple_case(fit, r, blocks, settings) for r in here]
+        same = [s or t or p for s, t, p in zip(same, twins, simple, strict=True)]
         here = [replace(r, ratio=0.0, alike=True) if s else r for r, s in zip(here, same, strict=True)]
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)

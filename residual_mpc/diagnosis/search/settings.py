@@ -109,7 +109,8 @@ class RivalSettings:
     far_smaller: times the squared gap on all windows below which a rival takes the place there. of_left: of the squared
     gap beyond the noise floor, by which effects that imitate each other have to differ; works: of what one of them
     removes of the squared gap, that the other has to remove; wide_steps: iterations when a low-pass of the
-    readings and its rival are refitted with the larger uncertainty of the start."""
+    readings and its rival are refitted with the larger uncertainty of the start. law: smallest half-width of a number's
+    interval, relative to it."""
 
     parallel: float = 0.08
     per_knob: float = 2.0
@@ -127,11 +128,12 @@ class RivalSettings:
     of_left: float = 0.5
     works: float = 0.5
     wide_steps: int = 3
+    law: float = 0.03
 
     def __post_init__(self) -> None:
         check_positive(self, "of_left", "parallel", "looked_at", "best", "far", "visible", "gap_steps", "lost")
         check_positive(self, "wide_steps")
-        check_share(self, "resembles", "share", "far_smaller", "works")
+        check_share(self, "resembles", "share", "far_smaller", "works", "law")
 
 
 @dataclass(frozen=True)
