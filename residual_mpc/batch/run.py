@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import time
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ from residual_mpc.processes.parallel import Progress, silent
 
 ANSWER, STATE = "diagnosis.json", "batch.json"
 OLD = (STATE, ANSWER, "model.json", "report.html", "next.csv")  # of an earlier call: a job that fails has none of them
-TAKEN = ("--robot", "--out", "--json", "--seed")  # options that a batch gives itself
+TAKEN = ("--robot", "--out", "--json", "--seed", "--help", "-h", "--video")  # given by the batch, or for one alone
 
 
 @dataclass(frozen=True)
@@ -34,9 +35,17 @@ class BatchSettings:
     def __post_init__(self) -> None:
         if not self.timeout > 0.0:
             raise BadInput(f"must be > 0 s, got {self.timeout:g}", "--timeout")
-        for word in shlex.split(self.options):
+        for word in self.words:
             if word.partition("=")[0] in TAKEN:
                 raise BadInput(f"{word} cannot be handed to every diagnosis", "--options", "leave it out; see --help")
+
+    @property
+    def words(self) -> list[str]:
+        """The options. Raises BadInput for a quote that is not closed."""
+        try:
+            return shlex.split(self.options)
+        except ValueError as error:
+            raise BadInput(f"{error} in {self.options!r}", "--options", "close the quotes") from error
 
 
 @dataclass(frozen=True)
@@ -64,11 +73,11 @@ class Outcome:
 
 
 def run_batch(jobs: Sequence[Job], out: Path, settings: BatchSettings, progress: Progress = silent) -> list[Outcome]:
-    """The outcome of each job, in order; each has its results in a folder of its name below `out`. A job whose inputs,
-    options and version are those of a finished result is not done again; one that fails, fails alone."""
+    """The outcome of each job, in order; each has its results in a folder of its name below `out`. A job whose robot,
+    inputs, options and version are those of a finished result is not done again; one that fails, fails alone."""
     from joblib import delayed
 
-    command = [*program("", "diagnose"), *shlex.split(settings.options), "--seed", str(settings.seed)]
+    command = [*program("", "diagnose"), *settings.words, "--seed", str(settings.seed)]
     kept = {job.name: _finished(job, out / job.name, command) for job in jobs}
     todo = [job for job in jobs if kept[job.name] is None]
     here = Path.cwd()  # where a model of the user's own may be imported from
@@ -79,33 +88,41 @@ def run_batch(jobs: Sequence[Job], out: Path, settings: BatchSettings, progress:
 
 
 def run_job(job: Job, result: Path, here: Path, command: Sequence[str], timeout: float) -> Outcome:
-    """Diagnose one robot, from the folder `here`. What a stopped call left in its folder is gone on from."""
-    result.mkdir(parents=True, exist_ok=True)
-    for name in OLD:
-        (result / name).unlink(missing_ok=True)
-    inputs, begin = job.inputs, time.monotonic()
-    call = [*command, "--robot", job.robot, str(job.runs), "--out", str(result)]
-    ended = run_isolated(call, here, timeout)
-    seconds = time.monotonic() - begin
-    if not ended.done:
-        lines = [line for line in ended.complaint.splitlines() if line.strip()]
-        if not any(result.iterdir()):
-            result.rmdir()
-        complaint = lines[-1].removeprefix("residual-mpc: ") if lines else ""
-        return Outcome(job.name, ended.status, seconds, complaint)
-    # written last: its presence says that the job is finished
-    state = {"command": list(command), "inputs": inputs, "seconds": seconds, "version": _version()}
-    write_atomically(result / STATE, json.dumps(state))
-    return _outcome(job, result, seconds)
+    """Diagnose one robot, from the folder `here`. Resumes what an interrupted call left in the result's folder."""
+    begin = time.monotonic()
+    try:
+        result.mkdir(parents=True, exist_ok=True)
+        for name in OLD:
+            (result / name).unlink(missing_ok=True)
+        state = _state(job, command)  # before the runs are read: they may change meanwhile
+        call = [*command, "--robot", job.robot, str(job.runs), "--out", str(result)]
+        ended = run_isolated(call, here, timeout, dict(os.environ))
+        seconds = time.monotonic() - begin
+        if not ended.done:
+            lines = [line for line in ended.complaint.splitlines() if line.strip()]
+            if not any(result.iterdir()):
+                result.rmdir()
+            complaint = lines[-1].removeprefix("residual-mpc: ") if lines else ""
+            return Outcome(job.name, ended.status, seconds, complaint)
+        # written last: its presence says that the job is finished
+        write_atomically(result / STATE, json.dumps({"state": state, "seconds": seconds}))
+        return _outcome(job, result, seconds)
+    except (OSError, ValueError, KeyError) as error:
+        return Outcome(job.name, "failed", time.monotonic() - begin, str(error))
+
+
+def _state(job: Job, command: Sequence[str]) -> dict[str, Any]:
+    """What a finished result has to have been made from."""
+    return {"command": list(command), "robot": job.robot, "inputs": job.inputs(command), "version": _version()}
 
 
 def _finished(job: Job, result: Path, command: Sequence[str]) -> Outcome | None:
     """The outcome of an earlier call with the same inputs, options and version; None if there is none."""
     try:
-        state = json.loads((result / STATE).read_text(encoding="utf-8"))
-        same = [state["command"], state["inputs"], state["version"]] == [list(command), job.inputs, _version()]
-        return _outcome(job, result, state["seconds"], resumed=True) if same else None
-    except (OSError, ValueError, KeyError):
+        kept = json.loads((result / STATE).read_text(encoding="utf-8"))
+        same = kept["state"] == _state(job, command)
+        return _outcome(job, result, kept["seconds"], resumed=True) if same else None
+    except (OSError, ValueError, KeyError, TypeError):
         return None
 
 

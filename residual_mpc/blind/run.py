@@ -39,7 +39,7 @@ class RunSettings:
     def __post_init__(self) -> None:
         if self.timeout <= 0:
             raise BadInput(f"must be > 0 s, got {self.timeout}", "--timeout")
-        Engine(self.engine)
+        Engine(self.engine, self.jobs, self.address)
 
 
 @dataclass(frozen=True)

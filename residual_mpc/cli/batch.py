@@ -40,9 +40,9 @@ def batch(
 ) -> None:
     """Diagnose many robots: each FOLDER holds the runs of one, and its robot.toml if it has a model of its own.
 
-    The results are in the folders of the same names below --out, and index.html compares them. If interrupted, the
-    same command goes on; robots whose runs or model have changed are diagnosed again. With dask, the workers have to
-    see the same files. The exit status is 2 if any diagnosis fails; the others stand.
+    The results are in the folders of the same names below --out, and index.html compares them. Run the same command
+    again to resume; only robots whose runs, model or options have changed are diagnosed again. With dask, the workers
+    have to see the same files. The exit status is 2 if any diagnosis fails; the others stand.
     """
     writable_folder(out)
     from residual_mpc.batch.jobs import jobs_in

@@ -126,7 +126,7 @@ def diagnose(
     from residual_mpc.api.diagnosis import diagnose as run_diagnosis
 
     tested: Confirmation | None = None
-    with progress_bar() as progress, _told_where(out):
+    with progress_bar(timed=True) as progress, _told_where(out):
         found = run_diagnosis(
             nominal, logged, only=names(only), without=names(without), held_out=held_out, horizon=horizon, seed=seed,
             start=start, out=out, command=shlex.join(["residual-mpc", *sys.argv[1:]]), progress=progress,

@@ -23,12 +23,31 @@ class Progress:
 
 QUIET = 20.0  # s without a new stage, after which a plain log says that work goes on
 SOON = 4.0  # s after which the time left can be told
+JUMP = 0.3  # share that is not reached that soon, unless an interrupted call is resumed: its pace is not known
 LEAST = 0.3  # of the time that was left as a stage began: so much is left at least, however long the stage takes
 
 
+class Pace:
+    """How fast a piece of work goes. timed: whether its shares are shares of the time."""
+
+    def __init__(self, timed: bool) -> None:
+        self._start, self._began, self._share, self._told = monotonic(), 0.0, 0.0, timed
+
+    def reach(self, share: float) -> None:
+        """Take note of the share of the total time that has passed."""
+        if share != self._share:
+            self._began, self._share = monotonic() - self._start, share
+            self._told = self._told and not (self._began < SOON and share > JUMP)
+
+    def words(self) -> str:
+        """How long the rest takes, empty where that is not known."""
+        left = time_left(monotonic() - self._start, self._began, self._share) if self._told else None
+        return words_left(left)
+
+
 def time_left(now: float, began: float, done: float) -> float | None:
-    """s until the end, from the share `done` of the time that was behind as the present stage began, `began` s after
-    the start; now: s after the start. None where too little is behind to tell."""
+    """s until the end, from the share `done` of the total time that had passed when the current stage began, `began` s
+    after the start; now: s after the start. None where too little has passed to tell."""
     if began < SOON or not 0.0 < done < 1.0:
         return None
     left = began * (1.0 - done) / done
@@ -36,63 +55,60 @@ def time_left(now: float, began: float, done: float) -> float | None:
 
 
 def words_left(seconds: float | None) -> str:
-    """Such as ", about 40 s left", to two digits at most; empty where it is not known."""
+    """Such as "about 40 s left"; empty where it is not known."""
     if seconds is None:
         return ""
-    if seconds < 100.0:
-        return f", about {max(5, 5 * round(seconds / 5.0))} s left"
-    return f", about {round(seconds / 60.0)} min left"
+    if seconds < 90.0:
+        return f"about {max(5, 5 * round(seconds / 5.0))} s left"
+    return f"about {round(seconds / 60.0)} min left" if seconds < 5400.0 else f"about {round(seconds / 3600.0)} h left"
 
 
 @contextmanager
-def progress_bar(quiet: float = QUIET) -> Iterator[Progress]:
-    """A bar with the stage, the time taken and the time left; plain lines where stderr is no terminal."""
-    with _bar() if sys.stderr.isatty() else _lines(quiet) as report:
+def progress_bar(quiet: float = QUIET, timed: bool = False) -> Iterator[Progress]:
+    """A bar with the stage and the time taken, and the time left if the shares are shares of the time (timed); plain
+    lines where stderr is no terminal."""
+    pace = Pace(timed)
+    with _bar(pace) if sys.stderr.isatty() else _lines(quiet, pace) as report:
         yield report
 
 
 @contextmanager
-def _bar() -> Iterator[Progress]:
+def _bar(pace: Pace) -> Iterator[Progress]:
     from rich.console import Console
     from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
     from rich.text import Text
 
-    start, began, share = monotonic(), 0.0, 0.0
-
     class Left(ProgressColumn):
         """The time left, which goes down while a stage lasts."""
 
         def render(self, task: Task) -> Text:
-            return Text(words_left(time_left(monotonic() - start, began, share)).removeprefix(", "))
+            return Text(pace.words())
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), Left())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
 
         def report(stage: str, done: float) -> None:
-            nonlocal began, share
-            if done != share:
-                began, share = monotonic() - start, done
+            pace.reach(done)
             bar.update(task, description=stage, completed=done)
 
         yield Progress(report, lambda line: bar.console.print(line, markup=False, highlight=False))
 
 
 @contextmanager
-def _lines(quiet: float) -> Iterator[Progress]:
+def _lines(quiet: float, pace: Pace) -> Iterator[Progress]:
     """A line a stage; the stage again, with its seconds, every `quiet` seconds that it lasts."""
     stage, share, since = "", 0.0, monotonic()
-    start = since
     lock, over = threading.Lock(), threading.Event()
 
     def report(now: str, done: float) -> None:
         nonlocal stage, share, since
         with lock:
+            pace.reach(done)
             if now != stage:
                 since = monotonic()
-                left = words_left(time_left(since - start, since - start, done))
-                click.echo(f"[{done:4.0%}] {now}{left}", err=True)
+                click.echo(", ".join(x for x in (f"[{done:4.0%}] {now}", pace.words()) if x), err=True)
             stage, share = now, done
 
     def remind() -> None:
@@ -101,8 +117,8 @@ def _lines(quiet: float) -> Iterator[Progress]:
             with lock:
                 seconds = monotonic() - since
                 if stage and monotonic() - max(told, since) >= quiet:
-                    left = words_left(time_left(monotonic() - start, since - start, share))
-                    click.echo(f"[{share:4.0%}] {stage} ({seconds:.0f} s){left}", err=True)
+                    line = f"[{share:4.0%}] {stage} ({seconds:.0f} s)"
+                    click.echo(", ".join(x for x in (line, pace.words()) if x), err=True)
                     told = monotonic()
 
     reminder = threading.Thread(target=remind, daemon=True)

@@ -42,9 +42,9 @@ class GearRatios(Protocol):
 @runtime_checkable
 class SteadySetpoints(Protocol):
     def steady_setpoints(self, motion: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(W, actuators) the setpoint of each position servo, in units of its command, that keeps the robot moving as
-        it moves: motion has W positions (and velocities) by channel, those of unknown ones are at rest. NaN where that
-        says nothing: of other actuators, and where a servo's law is another."""
+        """(W, actuators) the setpoint of each position servo, in units of its command, that sustains the given motion:
+        W positions (and velocities) by channel; what is missing or NaN is taken to be at rest. NaN where that says
+        nothing: of other actuators, and where a servo's law is another."""
         ...
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from residual_mpc.errors import BadInput
 from residual_mpc.extras import extra
+from residual_mpc.processes.isolated import stop_all
 from residual_mpc.processes.parallel import Progress, run_in_parallel
 
 ENGINES = ("processes", "dask")
@@ -25,13 +26,23 @@ class Engine:
     def __post_init__(self) -> None:
         if self.name not in ENGINES:
             raise BadInput(f"unknown engine {self.name!r}", "--engine", f"Known engines: {', '.join(ENGINES)}")
+        if self.jobs == 0:
+            raise BadInput("must be -1 or a number of calls at once, got 0", "--jobs")
+        if self.address and self.name != "dask":
+            raise BadInput("is of a Dask scheduler", "--address", "add --engine dask")
 
 
 def run_on(engine: Engine, calls: Sequence[Any], names: Sequence[str], progress: Progress) -> list[Any]:
     """The outcomes of joblib's delayed calls, in their order. Each starts a process of its own: on this machine threads
     only wait for them."""
     if engine.name == "processes":
-        return run_in_parallel(calls, names, progress, n_jobs=engine.jobs, prefer="threads")
+        try:
+            return run_in_parallel(calls, names, progress, n_jobs=engine.jobs, prefer="threads")
+        except BaseException:  # Ctrl-C: nothing is to go on behind the next call
+            stop_all()
+            raise
+    if not calls:
+        return []
     with extra("dask"):
         from dask.distributed import Client, LocalCluster  # type: ignore[import-not-found, unused-ignore]
     from joblib import parallel_config

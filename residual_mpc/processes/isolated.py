@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,16 @@ from residual_mpc.errors import BadInput
 _ENVIRONMENT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "PYTHONPATH", "VIRTUAL_ENV", "LD_LIBRARY_PATH",
                 "MUJOCO_GL", "SYSTEMROOT", "TEMP", "TMP")  # fmt: skip
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+_RUNNING: set[subprocess.Popen[str]] = set()  # by threads of this process
+
+
+def stop_all() -> None:
+    """End every program that threads of this process still wait for."""
+    for process in list(_RUNNING):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 @dataclass(frozen=True)
@@ -45,21 +56,30 @@ def program(given: str, own: str) -> list[str]:
     return [str(Path(found).absolute()), *words[1:]]
 
 
-def run_isolated(call: list[str], work: Path, timeout: float) -> ProcessResult:
-    """Call a program from the folder ``work``; it and whatever it started are ended after ``timeout`` seconds."""
-    environment = {k: os.environ[k] for k in _ENVIRONMENT if k in os.environ} | _ONE_THREAD
+def run_isolated(
+    call: list[str], work: Path, timeout: float, environment: Mapping[str, str] | None = None
+) -> ProcessResult:
+    """Call a program from the folder ``work``; it and whatever it started are ended after ``timeout`` seconds, or with
+    this process. environment: for one that may know more than the short list."""
+    known = {k: os.environ[k] for k in _ENVIRONMENT if k in os.environ} if environment is None else dict(environment)
     try:
         process = subprocess.Popen(
-            call, cwd=work, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            call, cwd=work, env=known | _ONE_THREAD, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
             text=True, errors="replace", start_new_session=True,
         )  # fmt: skip
     except OSError as error:
         return ProcessResult("not started", None, "", str(error))
+    _RUNNING.add(process)
     try:
         said, complaint = process.communicate(timeout=timeout)
     except subprocess.TimeoutExpired:
         _stop(process)
         return ProcessResult(f"over {timeout:g} s", None, "", "")
+    except BaseException:  # Ctrl-C
+        _stop(process)
+        raise
+    finally:
+        _RUNNING.discard(process)
     return ProcessResult("done" if process.returncode == 0 else "failed", process.returncode, said, complaint)
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from oracles.rover_log import ROBOT, rover_run, write_run
 
-from residual_mpc.batch.jobs import jobs_in
-from residual_mpc.batch.run import BatchSettings, run_batch
+from residual_mpc.batch.jobs import Job, jobs_in
+from residual_mpc.batch.run import BatchSettings, _state, run_batch
 from residual_mpc.cli.main import main
 from residual_mpc.errors import BadInput
 from residual_mpc.processes.engine import Engine
@@ -79,11 +79,15 @@ def test_what_has_changed_is_diagnosed_again(fleet: Path) -> None:
     [
         (("a",), "no robot.toml in it"),
         (("a", "nowhere", "--robot", "rover.toml"), "must be a folder with the runs of one robot"),
-        (("a", "--robot", "rover.toml", "--out", "a/results"), "in one folder"),
+        (("a", "--robot", "rover.toml", "--out", "a/results"), "must not contain each other"),
         (("a", "sub/a", "--robot", "rover.toml"), "two folders are called 'a'"),
         (("a", "--robot", "rover.toml", "--options", "--out x"), "cannot be handed"),
         (("a", "--robot", "rover.toml", "--timeout", "0"), "must be > 0"),
         (("a", "--robot", "rover.toml", "--engine", "cloud"), "unknown engine 'cloud'"),
+        (("a", "--robot", "rover.toml", "--jobs", "0"), "must be -1 or a number"),
+        (("a", "--robot", "rover.toml", "--address", "host:8786"), "is of a Dask scheduler"),
+        (("a", "--robot", "rover.toml", "--options", "--without 'x"), "No closing quotation"),
+        (("a", "--robot", "rover.toml", "--options", "--help"), "cannot be handed"),
     ],
 )
 def test_what_cannot_be_done_is_said_before_anything_is_written(
@@ -93,7 +97,34 @@ def test_what_cannot_be_done_is_said_before_anything_is_written(
     assert call("--out", "out", *arguments) == 2
     error = capsys.readouterr().err
     assert says in error and "Traceback" not in error
-    assert not (fleet / "out").exists()
+    assert not (fleet / "out").exists() and not (fleet / "a" / "results").exists()
+
+
+def test_a_job_knows_the_files_that_its_model_is_made_of(fleet: Path) -> None:
+    """An edited mesh, or a file that an option names, makes another answer; so does another robot."""
+    (fleet / "arm").mkdir()
+    for name in ("arm.xml", "link.stl", "arm.toml"):
+        (fleet / "arm" / name).write_text('<mujoco model="arm"/>' if name != "arm.toml" else 'plant = "mujoco"\n')
+    (fleet / "arm" / "arm.toml").write_text('name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n')
+    (job,) = jobs_in([fleet / "a"], "arm/arm.toml", fleet / "out")
+    (fleet / "earlier.json").write_text("{}")
+    first = job.inputs(["--from", "earlier.json"])
+    assert {Path(p).name for p in first} == {"r0.csv", "r1.csv", "arm.toml", "arm.xml", "link.stl", "earlier.json"}
+    (fleet / "arm" / "link.stl").write_text("longer")
+    assert job.inputs(["--from", "earlier.json"]) != first
+
+
+def test_another_built_in_robot_is_another_answer(fleet: Path) -> None:
+    one, other = (Job("a", robot, fleet / "a") for robot in ("rover", "diff_drive"))
+    assert _state(one, ["diagnose"]) == _state(one, ["diagnose"]) != _state(other, ["diagnose"])
+
+
+def test_what_goes_wrong_in_one_job_is_its_own(fleet: Path) -> None:
+    (fleet / "out").mkdir()
+    (fleet / "out" / "a").write_text("no folder")
+    jobs = jobs_in([fleet / "a", fleet / "b"], "rover.toml", fleet / "out")
+    outcomes = run_batch(jobs, fleet / "out", BatchSettings(ONLY, engine=Engine(jobs=1)))
+    assert [o.status for o in outcomes] == ["failed", "done"] and "a" in outcomes[0].complaint
 
 
 def test_a_robot_that_takes_too_long_is_stopped(fleet: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from residual_mpc.cli.progress import progress_bar, time_left, words_left
+from residual_mpc.cli.progress import Pace, progress_bar, time_left, words_left
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
 
@@ -37,10 +37,36 @@ def test_the_time_left_is_told_once_it_can_be(now: float, began: float, done: fl
 
 @pytest.mark.parametrize(
     ("left", "words"),
-    [(None, ""), (1.0, ", about 5 s left"), (42.0, ", about 40 s left"), (200.0, ", about 3 min left")],
+    [
+        (None, ""),
+        (1.0, "about 5 s left"),
+        (42.0, "about 40 s left"),
+        (200.0, "about 3 min left"),
+        (9000.0, "about 2 h left"),
+    ],
 )
 def test_the_time_left_in_words(left: float | None, words: str) -> None:
     assert words_left(left) == words
+
+
+def test_a_resumed_call_tells_no_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It reaches in a moment what took minutes."""
+    clock = iter((0.0, 1.0, 60.0, 60.0))
+    monkeypatch.setattr("residual_mpc.cli.progress.monotonic", lambda: next(clock))
+    resumed = Pace(timed=True)
+    resumed.reach(0.6)
+    resumed.reach(0.7)
+    assert resumed.words() == ""
+
+
+def test_only_shares_of_the_time_tell_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("residual_mpc.cli.progress.monotonic", lambda: clock[0])
+    paces = [Pace(timed) for timed in (True, False)]
+    clock[0] = 10.0
+    for pace in paces:
+        pace.reach(0.2)
+    assert [pace.words() for pace in paces] == ["about 40 s left", ""]
 
 
 def test_a_stage_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:

@@ -116,6 +116,10 @@ def test_the_first_windows_are_left_out_unless_they_are_many(tmp_path: Path) -> 
     link = robot(tmp_path)
     runs = [sagging_run(0.0, seed=0), sagging_run(4.0, seed=1)]
     data = build_dataset(runs, [link] * 2, {})
-    free = after_unknown_past(data, np.array([False, True]), UnknownPastSettings())
+    settings, every = UnknownPastSettings(), np.ones(data.count, dtype=bool)
+    free = after_unknown_past(data, every, np.array([False, True]), settings)
     assert list(zip(data.run[~free], data.start[~free], strict=True)) == [(1, 4.0)]
-    assert after_unknown_past(data, np.array([True, True]), UnknownPastSettings(most=0.05)).all()
+    assert after_unknown_past(data, every, np.array([True, True]), replace(settings, most=0.05)).all()
+    first = data.start == data.start[data.run == 0][0]
+    only = (data.run == 0) & first  # all others are held out
+    assert (after_unknown_past(data, only, np.array([True, True]), settings) == only).all()

@@ -1,4 +1,4 @@
-"""The setpoints that position servos follow in a steady motion: what they need to hold the load is in them."""
+"""The setpoints of position servos in a steady motion, including what holds the load."""
 
 from collections.abc import Mapping
 
@@ -14,11 +14,12 @@ def steady_setpoints(robot: CompiledRobot, motion: Mapping[str, np.ndarray]) -> 
     m = robot.model
     constant, stiff, damp = m.actuator_biasprm[:, 0], -m.actuator_biasprm[:, 1], -m.actuator_biasprm[:, 2]
     plain = (stiff > 0.0) & (m.actuator_gainprm[:, 0] == stiff) & (constant == 0.0) & (m.actuator_dyntype == 0)
-    known = plain & (not robot.settings)
+    if robot.settings or not plain.any():  # variants have stiffnesses of their own
+        return np.full((max((len(x) for x in motion.values()), default=0), m.nu), np.nan)
     q, v = (_joints(robot, motion, kind) for kind in ("position", "velocity"))  # (W, joints)
     gear, at = m.actuator_gear[:, 0], robot.driven
     force = _forces(robot, q, v)[:, at] / gear
-    more = np.divide(damp * gear * v[:, at] + force, stiff, out=np.full(force.shape, np.nan), where=known)
+    more = np.divide(damp * gear * v[:, at] + force, stiff, out=np.full(force.shape, np.nan), where=plain)
     return np.asarray(gear * q[:, at] + more)
 
 
@@ -27,7 +28,7 @@ def _joints(robot: CompiledRobot, motion: Mapping[str, np.ndarray], kind: str) -
     count = max((len(x) for x in motion.values()), default=0)
     rest = [robot.rest.get(f"{kind}.{j}", 0.0) for j in robot.joints]
     columns = [motion.get(f"{kind}.{j}", np.full(count, r)) for j, r in zip(robot.joints, rest, strict=True)]
-    return np.nan_to_num(np.stack(columns, axis=-1))
+    return np.stack([np.where(np.isfinite(c), c, r) for c, r in zip(columns, rest, strict=True)], axis=-1)
 
 
 def _forces(robot: CompiledRobot, q: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -44,14 +44,14 @@ def _held_before(robot: Robot, run: Run, i: int, signals: Signals, idle: bool) -
         measured = {"speed": "velocity", "velocity": "velocity", "position": "position"}.get(kind)
         signal = signals.get((i, f"{measured}.{joint}"))
         if signal is not None and len(signal.y):
-            measured_there = float(signal.y[0])
+            scale = optional.gear_ratios(robot)[k] if kind == "position" else 1.0
+            there = scale * float(signal.y[0])  # units of the command
             if kind == "position" and _rests(run, actuator, signal):
                 out.append(first[actuator])
             elif kind == "position" and np.isfinite(setpoints[k]):
-                unloaded = optional.gear_ratios(robot)[k] * measured_there
-                out.append(_setpoint(float(setpoints[k]), unloaded, first[actuator]))
+                out.append(_setpoint(float(setpoints[k]), there, first[actuator]))
             else:
-                out.append(measured_there)
+                out.append(there)
         elif kind == "torque":
             out.append(0.0 if idle else None)
         else:
@@ -62,9 +62,13 @@ def _held_before(robot: Robot, run: Run, i: int, signals: Signals, idle: bool) -
 def _rests(run: Run, actuator: str, signal: Signal) -> bool:
     """Whether a joint stands still while its command stays as it is, so that it has come to where that leads."""
     early = run.t <= run.t[0] + RESTING
-    sent, seen = held(run, f"command.{actuator}")[early], signal.y[signal.t <= run.t[0] + RESTING]
-    moves = CERTAIN * max(noise_sigma(signal.t, signal.y), 0.5 * resolution(signal.y))
-    return len(seen) >= NEAREST and bool(np.ptp(sent) == 0.0 and np.ptp(seen) <= 2.0 * moves)
+    sent, mine = held(run, f"command.{actuator}")[early], signal.t <= run.t[0] + RESTING
+    t, y = signal.t[mine], signal.y[mine]
+    if len(t) < NEAREST or np.ptp(sent) > 0.0:
+        return False
+    line = np.linalg.pinv(np.stack([np.ones_like(t), t - t[0]], axis=-1))[1]  # (n,) 1/s
+    noise = CERTAIN * noise_sigma(signal.t, signal.y) * float(np.linalg.norm(line))
+    return bool(abs(line @ y) <= noise + resolution(signal.y) / RESTING)
 
 
 def _setpoint(needed: float, measured: float, first: float) -> float:

@@ -16,8 +16,9 @@ from residual_mpc.models.protocol import Robot
 
 def reached(robot: Robot, i: int, at: np.ndarray, signals: Mapping[tuple[int, str], Signal]) -> np.ndarray:
     """(W, actuators) in units of the commands, NaN where nothing shows it: the measured speed of a wheel, and the
-    setpoint of a position servo that keeps the measured motion going. i: the run's number in the signals; at (W,) s."""
-    motion, seen = {}, np.ones(len(at), dtype=bool)
+    setpoint of a position servo that sustains the measured motion of its joint; unmeasured joints are taken to be at
+    rest. i: the run's number in the signals; at (W,) s."""
+    motion = {}
     for state in robot.states:
         signal = signals.get((i, state.position))
         if signal is None:
@@ -28,11 +29,10 @@ def reached(robot: Robot, i: int, at: np.ndarray, signals: Mapping[tuple[int, st
             rate = signals.get((i, state.velocity))
             slope = fit.slope(signal.y) if rate is None else local_fit(rate.t, at).value(rate.y)
             motion[state.velocity] = np.nan_to_num(slope)
-        if state.position.startswith("position."):
-            seen &= np.isfinite(motion[state.position])
-    out = np.full((len(at), len(robot.actuators)), np.nan)
-    if motion and seen.any():
-        out[seen] = optional.steady_setpoints(robot, {c: x[seen] for c, x in motion.items()})
+    nothing = np.full(len(at), np.nan)
+    out = optional.steady_setpoints(robot, motion) if motion else np.full((len(at), len(robot.actuators)), np.nan)
+    own = [motion.get(f"position.{joint}", nothing) for joint in optional.actuator_joints(robot)]
+    out = np.where(np.isfinite(np.stack(own, axis=-1)), out, np.nan)
     for k, (joint, kind) in enumerate(zip(optional.actuator_joints(robot), robot.command_kinds, strict=True)):
         speed = signals.get((i, f"velocity.{joint}")) if kind == "speed" else None
         if speed is not None:

@@ -58,19 +58,24 @@ class HoldOutSettings:
 
 @dataclass(frozen=True)
 class UnknownPastSettings:
-    """Windows that begin less than `forgotten` s after the first stamp of a run with an unknown past are left out of
-    fits, if they are at most the share `most` of the windows. A run begins in motion if the slope of a quadratic
-    through the samples of its first `seconds`, at least `samples`, exceeds `certain` standard errors."""
+    """Windows that begin less than `forgotten` s (two of the longest lags) after the first stamp of a run with an
+    unknown past are left out of fits, if they are at most the share `most` of those that fits may see, `most_longer`
+    over longer horizons. A run begins in motion if the slope of a quadratic through the samples of its first
+    `seconds`, at least `samples`, exceeds `certain` standard errors; a robot that sets off from rest has hardly moved
+    by then."""
 
     forgotten: float = 1.0
     most: float = 0.25
+    most_longer: float = 0.5
     seconds: float = 0.05
     samples: int = 5
     certain: float = 4.0
 
     def __post_init__(self) -> None:
-        check_positive(self, "forgotten", "seconds", "samples", "certain")
-        check_share(self, "most")
+        check_positive(self, "forgotten", "seconds", "certain")
+        check_share(self, "most", "most_longer")
+        if not self.samples >= 4:  # a quadratic and what it leaves
+            raise ValueError(f"UnknownPastSettings.samples must be >= 4, got {self.samples}")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Runs whose log begins in the middle of something: what was sent before its first stamp still acts, and is unknown."""
+"""Runs whose log begins in mid-motion or under load: what was sent before still acts, and is unknown."""
 
 import numpy as np
 
@@ -24,12 +24,15 @@ def runs_with_unknown_past(data: Dataset, settings: UnknownPastSettings) -> np.n
     return out
 
 
-def after_unknown_past(data: Dataset, unknown: np.ndarray, settings: UnknownPastSettings) -> np.ndarray:
-    """(W,) bool: the windows that begin long enough after the first stamp of their run, where unknown (R,) says that it
-    matters; all of them where more than a small share would be lost."""
+def after_unknown_past(
+    data: Dataset, free: np.ndarray, unknown: np.ndarray, settings: UnknownPastSettings
+) -> np.ndarray:
+    """(W,) bool: of the windows `free` (W,) those that begin long enough after the first stamp of their run, where
+    unknown (R,) says that it matters; all of them where more than a small share would be lost."""
     begin = np.array([run.t[0] for run in data.runs])
     early = unknown[data.run] & (data.start < begin[data.run] + settings.forgotten - 1e-6)
-    return ~early if early.mean() <= settings.most else np.ones(data.count, dtype=bool)
+    few = early[free].mean() <= settings.most if free.any() else False
+    return free & ~early if few else free
 
 
 def _variants(data: Dataset, where: slice, setting: np.ndarray, mine: list[int]) -> list[int]:
@@ -44,10 +47,10 @@ def _moves(robot: Robot, i: int, data: Dataset, settings: UnknownPastSettings) -
 
 def _rises(signal: Signal, begin: float, settings: UnknownPastSettings) -> bool:
     """Whether the quadratic through the first samples has a slope at the first stamp that noise does not explain: one
-    that sets off from rest has none."""
-    near = max(settings.samples, int(np.searchsorted(signal.t, begin + settings.seconds)))
+    that sets off from rest has none. Too few samples do not tell that from motion."""
+    near = int(np.searchsorted(signal.t, begin + settings.seconds + 1e-9))
     t, y = signal.t[:near] - begin, signal.y[:near]
-    if len(t) < settings.samples:
+    if len(t) < settings.samples or np.ptp(y) == 0.0:
         return False
     design = np.stack([np.ones_like(t), t, t**2], axis=-1)
     slope = np.linalg.pinv(design)[1]  # (n,) 1/s

@@ -103,21 +103,22 @@ def least_sure(fit: Fit, blocks: np.ndarray, finer: Mapping[Knob, float], settin
             continue
         if any(p.threshold for p in kinds) or fit.held[mine].any():
             continue
-        away = np.array(
-            [_away(fit, fit.knobs[i], p.null, finer) for i, p in zip(mine, kinds, strict=True) if not p.shape]
-        )
+        pairs = [(fit.knobs[i], p.null) for i, p in zip(mine, kinds, strict=True) if not p.shape]
         mine = [i for i, p in zip(mine, kinds, strict=True) if not p.shape]
-        if not mine or not np.isfinite(away).all():
+        own = np.array([fit.values[k] - null for k, null in pairs])
+        there = np.array([finer.get(k, fit.values[k]) - null for k, null in pairs])
+        if not mine or not np.isfinite(own).all():
             continue
-        distance = float(away @ np.linalg.pinv(spread[np.ix_(mine, mine)]) @ away)
+        distance = _distance(own, there, np.linalg.pinv(spread[np.ix_(mine, mine)]))
         if distance < (most := float(chdtri(len(mine), settings.evidence.doubt))):
             doubtful[term] = distance / most
     return min(doubtful, key=lambda t: doubtful[t], default=None)
 
 
-def _away(fit: Fit, knob: Knob, null: float, finer: Mapping[Knob, float]) -> float:
-    """How far a number is from where it does nothing, with either time step: the smaller distance, 0 if it would be on
-    the other side."""
-    own = fit.values[knob] - null
-    there = finer.get(knob, fit.values[knob]) - null
-    return 0.0 if own * there <= 0.0 else min(own, there, key=abs)
+def _distance(own: np.ndarray, there: np.ndarray, inverse: np.ndarray) -> float:
+    """Wald's distance of numbers from where they do nothing, with either time step: the smaller one, 0 if a finer step
+    takes them to the other side. own, there (n,): as they are and with a finer step; inverse (n, n): of their
+    covariance."""
+    if float(own @ inverse @ there) <= 0.0:
+        return 0.0
+    return float(min(own @ inverse @ own, there @ inverse @ there))

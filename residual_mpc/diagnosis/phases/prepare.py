@@ -94,7 +94,7 @@ def prepare(given: DiagnosisInput, rng: np.random.Generator, progress: Progress)
         raw, clean, held = raw.take(used), clean.take(used), held[used]
     past = settings.data.unknown_past
     unknown = runs_with_unknown_past(raw, past)
-    free = ~held & after_unknown_past(raw, unknown, past)
+    free = after_unknown_past(raw, ~held, unknown, past)
     space = build_space(clean.take(free), given.tunable, options.only, options.without, options.without_because)
     wanted = (options.horizon, *longer_horizons(raw.runs, options.horizon, settings=settings.predict))
     looks = (

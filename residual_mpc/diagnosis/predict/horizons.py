@@ -144,7 +144,7 @@ def _cut(
     past = settings.data.unknown_past
     skips = past.forgotten * unknown  # (R,) s
     later = [free_starts(r, s, length, float(x)) for r, s, x in zip(runs, spans, skips, strict=True)]
-    if sum(map(len, later)) >= settings.horizons.fewest:
+    if sum(map(len, later)) >= max(settings.horizons.fewest, (1.0 - past.most_longer) * sum(map(len, between))):
         between = later
     if sum(map(len, between)) < settings.horizons.fewest:
         return None
@@ -186,7 +186,8 @@ def _inside(spans: Sequence[tuple[float, float]], begin: float, end: float) -> b
 def free_starts(run: Run, spans: Sequence[tuple[float, float]], horizon: float, skip: float = 0.0) -> np.ndarray:
     """(W,) s: windows one after the other in each stretch between what is held out, from `skip` s after the first stamp
     on."""
-    edges = [float(run.t[0]) + skip, *(x for span in spans for x in span), float(run.t[-1])]
+    first = float(run.t[0]) + skip
+    edges = [first, *(max(x, first) for span in spans for x in span), float(run.t[-1])]
     out = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         slack = run.period if end >= run.t[-1] else 0.0  # none of what is held out

@@ -23,8 +23,8 @@ class OddRun:
             "gap": self.gap,
             "others": self.others,
             "note": f"{name} fits far worse than every other run (a gap of {self.gap:.2g} over {horizon:g} s against "
-            f"at most {self.others:.2g}): its motion or the robot may differ in it. Diagnose it alone, or compare the "
-            "other runs with it (`residual-mpc compare`).",
+            f"at most {self.others:.2g}): the robot or its motion may have been different. Diagnose it alone, or "
+            "compare the other runs with it (`residual-mpc compare`).",
         }
 
 

@@ -112,9 +112,9 @@ def _beside(rises: Sequence[np.ndarray], k: int) -> float:
     """How much of the motion effect k predicts beside the largest of the others, at the horizon where that is most."""
     shares = []
     for rise in rises:
-        others = np.delete(np.maximum(rise, 0.0), k)
-        most = float(others.max(initial=0.0))
-        shares.append(np.inf if most == 0.0 else float(np.sqrt(max(rise[k], 0.0) / most)))
+        most = float(np.delete(np.maximum(rise, 0.0), k).max(initial=0.0))
+        told = most > 0.0 and np.isfinite(rise[k]) and np.isfinite(most)  # without an effect a prediction may diverge
+        shares.append(float(np.sqrt(max(rise[k], 0.0) / most)) if told else np.inf)
     return max(shares)
 
 

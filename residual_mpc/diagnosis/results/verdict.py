@@ -9,7 +9,7 @@ import numpy as np
 from residual_mpc.diagnosis.data.gap import Gap
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL, NoiseFloor, as_good_as_told
 
-HALF = 0.5**2  # of the gap beyond the noise floor, squared
+MOST_LEFT = 0.5**2  # of the squared gap beyond the noise floor: half of the gap
 Verdict = Literal["no_gap", "effects", "partial", "unknown"]
 
 
@@ -54,7 +54,7 @@ def clearest(looks: Sequence[HorizonGaps]) -> HorizonGaps:
 def hardly_explained(look: HorizonGaps) -> bool:
     """Whether more than half of the gap beyond the floor is left, a quarter of it squared, and the gap is above twice
     the floor."""
-    return look.steady.total > AS_GOOD * look.floor.total and left_share(look) > HALF
+    return look.steady.total > AS_GOOD * look.floor.total and left_share(look) > MOST_LEFT
 
 
 def left_share(look: HorizonGaps) -> float:

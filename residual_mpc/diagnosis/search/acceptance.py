@@ -126,7 +126,7 @@ def convincing(
         if now < settings.rivals.far_smaller * held:
             current, best = plain
             fair = judge(problem, best, 1.0 / problem.weight, ruler.scales, settings=settings, beside=current)
-    else:  # nothing is marginalised: the likelihood is as sure of itself as ever
+    if fair.marginal is None:  # nothing is marginalised: the likelihood is as sure of itself as ever
         settings = settings.without_tolerances()
     after, before = fit_all(fair, [best.values, current.values], 3, fresh=[NONE, NONE], settings=settings.fit)
     ratio = (before.cost - after.cost) / dispersion(after, blocks)

@@ -134,19 +134,20 @@ class Forward:
         """Whether a fit leaves more than the sensors can tell from nothing."""
         return self.ruler_at(about(self.problem, fit.values, settings=self.settings.predict)).much_left(fit)
 
-    def _choose(self, problem: Problem, ruler: Ruler, current: Fit, children: list[Fit]) -> Fit | None:
-        """The first of these sets that is convincing, or another one that is and leaves a far smaller gap."""
+    def _choose(self, problem: Problem, ruler: Ruler, current: Fit, children: list[Fit]) -> tuple[Fit, Fit] | None:
+        """The first of these sets that is convincing, or another one that is and leaves a far smaller gap: as it is,
+        and from where to go on."""
 
-        def first(some: list[Fit]) -> Fit | None:
+        def first(some: list[Fit]) -> tuple[Fit, Fit] | None:
             base, blocks, settings = self.base, self.blocks, self.settings
-            looked_at = (convincing(problem, ruler, current, c, base, blocks, settings) for c in some)
-            return next((c for c in looked_at if c is not None), None)
+            looked_at = ((c, convincing(problem, ruler, current, c, base, blocks, settings)) for c in some)
+            return next(((c, onward) for c, onward in looked_at if onward is not None), None)
 
         # the set with the lowest cost may improve the gap by too little to see; a later one may be the cause
         chosen = first(children)
         if chosen is None:
             return None
-        return first(leaving_far_less(ruler, children, chosen, self.settings)) or chosen
+        return first(leaving_far_less(ruler, children, chosen[1], self.settings)) or chosen
 
     def from_both(self, found: Fit, steps: list[Step]) -> tuple[list[Fit], list[Step], list[Fit]]:
         """As `go_on` from what was found, or from nothing where that leads to a far smaller gap: what was found first
@@ -185,12 +186,13 @@ class Forward:
             chosen = self._choose(problem, ruler, beam[0], children)
             if chosen is None:
                 break
-            best = prune(problem, ruler, chosen, base, self.noise, blocks, settings)
+            child, onward = chosen
+            best = prune(problem, ruler, onward, base, self.noise, blocks, settings)
             if makeup(best.values) in seen:  # what was added is dropped again: it would go on for ever
                 break
             seen.add(makeup(best.values))
             self.accepted(ruler, base, best)
-            steps.append(Step(chosen.terms, beam[0].cost, chosen.cost))
+            steps.append(Step(child.terms, beam[0].cost, child.cost))
             beam = [best, *others(ruler, base, best, children, settings)]
         return beam, steps, met
 
