@@ -52,6 +52,13 @@ def test_what_a_finer_time_step_would_take_away_goes(there: float, stands: bool)
     assert asked_of == (None if stands else DELAY.term)
 
 
+def test_a_finer_step_does_not_save_what_is_in_doubt_without_it() -> None:
+    """Two numbers that stand for each other: what is near by itself would be far if one of them were taken alone."""
+    apart = fitted({MASS: 0.0003, COM: -0.0003}, correlated=0.999)
+    assert asked(apart) == MASS.term
+    assert asked(apart, {MASS: 0.0003, COM: 1e-6}) == MASS.term
+
+
 def test_a_threshold_is_not_asked() -> None:
     assert asked(fitted({ZONE: 1e-6})) is None
 

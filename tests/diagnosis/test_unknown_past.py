@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles.arms import robot_of
+from oracles.arms import arm_xml, robot_of
 
 from plants.mujoco_robot.robot import MujocoRobot
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales, per_window
+from residual_mpc.diagnosis.data.reached_setpoints import reached
 from residual_mpc.diagnosis.data.settings import UnknownPastSettings
+from residual_mpc.diagnosis.data.signals import Signal, Signals
 from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.logs.run import Run
@@ -123,3 +125,30 @@ def test_the_first_windows_are_left_out_unless_they_are_many(tmp_path: Path) -> 
     first = data.start == data.start[data.run == 0][0]
     only = (data.run == 0) & first  # all others are held out
     assert (after_unknown_past(data, only, np.array([True, True]), settings) == only).all()
+
+
+def test_a_gear_turns_the_setpoint_into_units_of_the_command(tmp_path: Path) -> None:
+    geared = robot(tmp_path, SERVO.replace("/>", ' gear="2"/>'))
+    q, v = np.array([0.3]), np.array([1.5])
+    found = optional.steady_setpoints(geared, {"position.hub": q, "velocity.hub": v})
+    load = MASS * GRAVITY * ARM * np.cos(q)
+    assert found[:, 0] == pytest.approx(2.0 * q + (2.0 * DAMPED * v + 0.5 * load) / STIFF)
+
+
+def test_variants_have_no_setpoint_of_their_own(tmp_path: Path) -> None:
+    places = [tmp_path / name for name in ("soft", "stiff")]
+    for place in places:
+        place.mkdir()
+    soft, stiff = robot(places[0]), robot(places[1], SERVO.replace(str(STIFF), "80.0"))
+    merged = soft.merged([stiff])
+    assert merged is not None
+    assert np.isnan(optional.steady_setpoints(merged, {"position.hub": np.zeros(3)})).tolist() == [[True]] * 3
+
+
+def test_a_joint_that_nobody_measures_shows_no_setpoint(tmp_path: Path) -> None:
+    """The other joint's is still known, with the unmeasured one at rest."""
+    two = robot_of(tmp_path, arm_xml())
+    run = sagging_run(0.0)
+    signals = Signals({(0, "position.j1"): Signal(run.t, run.columns["position.hub"])})
+    found = reached(two, 0, run.t[:2], signals)
+    assert np.isfinite(found[:, 0]).all() and np.isnan(found[:, 1]).all()
