@@ -60,7 +60,7 @@ class HoldOutSettings:
 class UnknownPastSettings:
     """Windows that begin less than `forgotten` s (two of the longest lags) after the first stamp of a run with an
     unknown past are left out of fits, if they are at most the share `most` of those that fits may see, `most_longer`
-    over longer horizons. A run begins in motion if the slope of a quadratic through the samples of its first
+    over longer horizons. A run begins in motion if the slope of a cubic through the samples of its first
     `seconds`, at least `samples`, exceeds `certain` standard errors; a robot that sets off from rest has hardly moved
     by then."""
 
@@ -74,8 +74,8 @@ class UnknownPastSettings:
     def __post_init__(self) -> None:
         check_positive(self, "forgotten", "seconds", "certain")
         check_share(self, "most", "most_longer")
-        if not self.samples >= 4:  # a quadratic and what it leaves
-            raise ValueError(f"UnknownPastSettings.samples must be >= 4, got {self.samples}")
+        if not self.samples >= 5:  # a cubic and what it leaves
+            raise ValueError(f"UnknownPastSettings.samples must be >= 5, got {self.samples}")
 
 
 @dataclass(frozen=True)

@@ -46,13 +46,13 @@ def _moves(robot: Robot, i: int, data: Dataset, settings: UnknownPastSettings) -
 
 
 def _rises(signal: Signal, begin: float, settings: UnknownPastSettings) -> bool:
-    """Whether the quadratic through the first samples has a slope at the first stamp that noise does not explain: one
-    that sets off from rest has none. Too few samples do not tell that from motion."""
+    """Whether the cubic through the first samples has a slope at the first stamp that noise does not explain: what sets
+    off from rest has none. Too few samples do not tell that from motion."""
     near = int(np.searchsorted(signal.t, begin + settings.seconds + 1e-9))
     t, y = signal.t[:near] - begin, signal.y[:near]
     if len(t) < settings.samples or np.ptp(y) == 0.0:
         return False
-    design = np.stack([np.ones_like(t), t, t**2], axis=-1)
+    design = np.stack([t**n for n in range(4)], axis=-1)
     slope = np.linalg.pinv(design)[1]  # (n,) 1/s
     sigma = noise_sigma(signal.t, signal.y) * float(np.linalg.norm(slope))
     return bool(abs(slope @ y) > settings.certain * sigma)
