@@ -73,10 +73,10 @@ def _rests(run: Run, actuator: str, signal: Signal) -> bool:
 
 def _setpoint(needed: float, measured: float, first: float) -> float:
     """What a position servo held, units of its command: the first command, where load and friction may be why the joint
-    is not there; else the setpoint that the measured motion needs. measured: the setpoint without any load."""
+    is not there; else where the joint was. measured: the setpoint without any load."""
     low, high = sorted((needed, measured))
     near = abs(needed - measured)
-    return first if low - near <= first <= high + near else needed
+    return first if low - near <= first <= high + near else measured
 
 
 def _still(own: str, moving: Mapping[str, float], error: Mapping[str, float], first: Mapping[str, float]) -> bool:
