@@ -21,15 +21,13 @@ _ENVIRONMENT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "PYTHONPATH", "VIRTU
                 "MUJOCO_GL", "SYSTEMROOT", "TEMP", "TMP")  # fmt: skip
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
-
 _RUNNING: set[subprocess.Popen[str]] = set()  # by threads of this process
 
 
 def stop_all() -> None:
     """End every program that threads of this process still wait for."""
     for process in list(_RUNNING):
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
+        _kill(process)
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,12 @@ def run_isolated(
 
 
 def _stop(process: subprocess.Popen[str]) -> None:
+    """End the process and whatever it started, and wait for it."""
+    _kill(process)
+    process.communicate()
+
+
+def _kill(process: subprocess.Popen[str]) -> None:
     """End the process and whatever it started: its session is its own."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
