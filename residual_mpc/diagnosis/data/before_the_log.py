@@ -28,9 +28,9 @@ def held_before(
     robot: Robot, runs: Sequence[Run], index: Sequence[int], signals: Signals, variants: Sequence[int] | None = None
 ) -> list[tuple[float | None, ...]]:
     """What each actuator held before the first stamp of each run, as far as the runs show it: a wheel's speed, a
-    servo's first command or position, no speed of a robot that stands still, no torque where all runs together move as if there were
-    none. None: the first command. index: the runs' numbers in the signals; variants: which one of a merged robot each
-    has."""
+    servo's first command or position, no speed of a robot that stands still, no torque where all runs together move
+    as if there were none. None: the first command. index: the runs' numbers in the signals; variants: which one of
+    a merged robot each has."""
     idle = "torque" in robot.command_kinds and _idle(robot, runs, index, signals, variants)
     return [_held_before(robot, run, i, signals, idle) for run, i in zip(runs, index, strict=True)]
 
