@@ -233,7 +233,7 @@ def test_every_extra_that_a_message_names_is_there() -> None:
         for path in (ROOT / package).rglob("*.py")
         for name in re.findall(r"""with extra\("(\w+)"\)""", path.read_text())
     }
-    assert named == {"mpc", "arm", "jax", "onnx", "dask", "pybullet", "rosbag", "mcap", "hdf5", "rerun"}
+    assert named == {"mpc", "arm", "jax", "onnx", "dask", "warp", "pybullet", "rosbag", "mcap", "hdf5", "rerun"}
     assert named <= set(PROJECT["optional-dependencies"])
 
 

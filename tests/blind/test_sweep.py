@@ -206,7 +206,6 @@ def test_the_command_line_makes_runs_and_scores(suite):
 
 
 def test_the_engine_dask_runs_a_local_cluster(suite):
-    pytest.importorskip("distributed")
     summary = run_suite(suite / "suite", suite / "results", RunSettings(stub("no_gap"), jobs=2, engine="dask"))
     assert (summary.diagnosed, summary.failed) == (6, 0)
 

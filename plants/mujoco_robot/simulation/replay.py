@@ -18,6 +18,7 @@ from plants.mujoco_robot.simulation.gear_feedback import Feedback, feedback
 from plants.mujoco_robot.simulation.gear_start import WARM, begin
 from plants.mujoco_robot.simulation.one_step import OneStep
 from plants.mujoco_robot.simulation.servo_integral import ServoIntegrals, begin_integrals
+from plants.mujoco_robot.simulation.warp_batch import batch_of
 from plants.mujoco_robot.structure.base import unwrapped
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 from plants.mujoco_timers import stop_mujoco_timers
@@ -109,12 +110,10 @@ def _replay(
     wanted: tuple[str, ...],
     stepped: bool,
 ) -> Mapping[str, np.ndarray]:
-    from mujoco.batch import Batch
-
     silence_mujoco()
     stop_mujoco_timers()
     model = robot.model
-    batch = Batch(model, settings.rows, nthread=threads_for(settings.rows * model.nv))
+    batch = batch_of(model, settings.rows, threads_for(settings.rows * model.nv))
     if robot.differing and drive.setting is not None:
         for field in robot.differing:
             batch.expand(field)[:] = np.stack([getattr(r.model, field) for r in robot.settings])[drive.setting]

@@ -191,6 +191,7 @@ def test_the_commands_before_a_window_lead_to_the_same_start(tmp_path: Path, fee
     robot = arm(tmp_path, SERVOS, servo_feedback=feedback)
     rng = np.random.default_rng(8)
     found = {e.name: numbers(robot, e, rng) for e in HERE if e.name in ("joint_compliance", law)}
+    found["joint_compliance"]["damping_ratio"][1:] = 0.5  # servos that see the link swing up behind a gear with less
     drive = random_drive(robot, ROWS, 20)
     more = int(0.8 / drive.dt)
     drive = replace(drive, lead=more, command=rng.uniform(-0.4, 0.4, (ROWS, 1, 2)).repeat(more + 20, axis=1))
@@ -213,4 +214,5 @@ def test_the_commands_before_a_window_lead_to_the_same_start(tmp_path: Path, fee
     assert len(ends) % 2 == 0 and ends
     for natively, by_mujoco in zip(ends[: len(ends) // 2], ends[len(ends) // 2 :], strict=True):
         for a, b in zip(natively, by_mujoco, strict=True):
+            assert np.abs(b).max() < 30.0  # rad, rad/s: nothing has swung up
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-8)
