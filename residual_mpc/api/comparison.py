@@ -13,6 +13,7 @@ from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.run_models import RunModels
 from residual_mpc.api.runs import Runs, usable
+from residual_mpc.api.servos import with_motors_changed
 from residual_mpc.comparison.compare import compare as run_comparison
 from residual_mpc.comparison.document import to_document
 from residual_mpc.comparison.prepare import ComparisonInput
@@ -135,7 +136,7 @@ def compare(
         robot.file.tunable, options,
     )  # fmt: skip
     compared = run_comparison(given, settings, np.random.default_rng(seed), progress)
-    document = to_document(compared)
+    document = with_motors_changed(to_document(compared), robot)
     findings = dict.fromkeys((*before.findings, *_findings(before, after)))
     document["audit"] = [asdict(finding) for finding in findings]
     document["command"] = command or _command(robot, before, after, options, seed)

@@ -21,6 +21,7 @@ from residual_mpc.report.words.changes import (
 )
 from residual_mpc.report.words.groups import member_name
 from residual_mpc.report.words.numbers import listed, number, percent, plain
+from residual_mpc.report.words.servo import motor_lines
 
 __all__ = ["comparison_lines", "comparison_page", "comparison_sentence"]
 
@@ -40,7 +41,7 @@ def comparison_lines(document: Document) -> list[str]:
         f"gap at {number(gap['horizon'])} s of the model fitted to the runs before: {number(gap['before'])} on these "
         f"runs, {number(gap['after'])} on the runs after{explained} (noise floor {number(gap['noise_floor'], 2)})",
         *warnings(document),
-        *(change_line(change) for change in changes),
+        *(line for change in changes for line in (change_line(change), *(f"  {line}" for line in motor_lines(change)))),
         *(alike_sentence(group) for group in document["confounded"]),
     ]
     if document["account"]:
@@ -95,7 +96,7 @@ def _changes(document: Document) -> Section | None:
     named = {(c["effect"], c["target"]) for c in document["changes"]}
     likely = [c for c in document["candidates"] if c["probability"] > LIKELY]
     others = [c for c in likely if (c["effect"], c["target"]) not in named]
-    body = render("comparison/changes.html.jinja", cards=cards, others=others)
+    body = render("comparison/changes.html.jinja", cards=cards, others=others, motor=motor_lines)
     return Section("changes", "What changed", body)
 
 

@@ -8,7 +8,7 @@ from residual_mpc.report.words.gaps import few_windows, horizon_line, horizons_o
 from residual_mpc.report.words.groups import group_sentence
 from residual_mpc.report.words.numbers import count, measure_interval, number, percent, percent_interval, plain
 from residual_mpc.report.words.rest import rest_sentence
-from residual_mpc.report.words.servo import readings_sentence, servo_lines
+from residual_mpc.report.words.servo import motor_lines, servo_lines
 from residual_mpc.report.words.summary import sentence, surest_first, unseen
 
 Document = Mapping[str, Any]
@@ -93,8 +93,7 @@ def _sizes(effect: Document) -> list[str]:
 
 
 def _motor(effect: Document) -> list[str]:
-    text = readings_sentence(effect.get("motor") or [])
-    return [f"  {text.removesuffix('.')}"] if text else []
+    return [f"  {line}" for line in motor_lines(effect)]
 
 
 def _remark(entry: Document) -> str:

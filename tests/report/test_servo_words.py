@@ -11,12 +11,12 @@ from fabricated_diagnosis import document
 from oracles.arms import arm_xml
 
 import residual_mpc as rm
-from residual_mpc.api.servos import with_servos
+from residual_mpc.api.servos import with_motors_changed, with_servos
 from residual_mpc.report import Evidence
 from residual_mpc.report.report import compose
 from residual_mpc.report.terminal import diagnosis_lines
 from residual_mpc.report.words.numbers import plain
-from residual_mpc.report.words.servo import readings_sentence
+from residual_mpc.report.words.servo import motor_lines, readings_sentence
 from residual_mpc.report.words.summary import sentence
 
 ACTUATORS = '<position name="s1" joint="j1" kp="30" kv="1.5"/><position name="s2" joint="j2" kp="30" kv="0.8"/>'
@@ -137,3 +137,21 @@ def test_a_terminal_says_once_what_is_alike(tmp_path: Path) -> None:
 def test_the_page_leaves_out_what_concerns_no_servo() -> None:
     page = compose(document("effects"), Evidence())
     assert 'id="servos"' not in page and 'id="servo-changes"' not in page
+
+
+def test_a_changed_gain_is_said_as_another_supply(tmp_path: Path) -> None:
+    """Relative to the runs before, whatever the model's own stiffness is."""
+    (tmp_path / "arm.xml").write_text(arm_xml(ACTUATORS))
+    (tmp_path / "robot.toml").write_text(f'name = "arm"\nplant = "mujoco"\nmodel = "arm.xml"\n{MOTOR}p_gain = 16\n')
+    size = {"before": 0.9, "after": 0.738, "change": {"value": 0.82, "ci95": [0.8, 0.84], "unit": "1"}}
+    changes = [
+        {"effect": "actuator_gain", "target": None, "probability": 0.9, "parameters": {"gain": size}},
+        {"effect": "payload", "target": None, "probability": 0.9, "parameters": {"mass": {**size, "before": 0.0}}},
+    ]
+    gain, payload = with_motors_changed({"changes": changes}, rm.load_robot(tmp_path / "robot.toml"))["changes"]
+    assert motor_lines(payload) == [] and "motor" not in payload
+    (line,) = motor_lines(gain)
+    assert plain(line) == (
+        "As if the supply were 6.07 V (5.92 to 6.22) rather than 7.4 V; or as if the motor's resistance were 4.88 ohm "
+        "(4.76 to 5.00) rather than 4 ohm"
+    )

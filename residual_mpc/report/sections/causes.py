@@ -11,7 +11,7 @@ from residual_mpc.report.figures.curve import law_curve, ripple_curve
 from residual_mpc.report.sections.section import Document, Section, render
 from residual_mpc.report.words.effects import remarks
 from residual_mpc.report.words.groups import member_name
-from residual_mpc.report.words.servo import readings_sentence
+from residual_mpc.report.words.servo import motor_lines
 from residual_mpc.report.words.summary import SURE, surest_first
 
 SHOWN = 10  # candidates in the table; the rest fold away
@@ -29,7 +29,7 @@ def causes(document: Document, evidence: Evidence) -> Section | None:
         "sections/causes.html.jinja",
         verdict=document["verdict"],
         explanation=[
-            (effect, [*_motor(effect), *remarks(effect, since)], _picture(effect, f"law{k}"))
+            (effect, [*motor_lines(effect), *remarks(effect, since)], _picture(effect, f"law{k}"))
             for k, effect in enumerate(surest_first(document["explanation"]))
         ],
         sure=SURE,
@@ -39,11 +39,6 @@ def causes(document: Document, evidence: Evidence) -> Section | None:
         rivals=[(member_name(rival["terms"]), rival["probability"]) for rival in rivals[:RIVALS]],
     )
     return Section("causes", "Causes", body)
-
-
-def _motor(effect: Mapping[str, Any]) -> list[str]:
-    text = readings_sentence(effect.get("motor") or [])
-    return [text.removesuffix(".")] if text else []
 
 
 def _picture(effect: Mapping[str, Any], name: str) -> str:

@@ -35,6 +35,12 @@ def readings_sentence(readings: Sequence[Reading]) -> str:
     return f"{text}." if text else ""
 
 
+def motor_lines(entry: Mapping[str, Any]) -> list[str]:
+    """The sentence on an effect or a change without its full stop; nothing where its motor is not known."""
+    text = readings_sentence(entry.get("motor") or [])
+    return [text.removesuffix(".")] if text else []
+
+
 def short_reading(readings: Sequence[Reading]) -> str:
     """The first equivalent, for a headline; empty where the actuators differ in it."""
     causes = [r for r in readings if r["quantity"] in CAUSES]
