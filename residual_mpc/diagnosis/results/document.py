@@ -43,6 +43,7 @@ def to_document(d: Diagnosis) -> dict[str, Any]:
             "constant_velocity": d.gap.constant_velocity,
             "step_error": d.gap.step_error,
             "own_step": d.gap.own_step,
+            "blinded": d.gap.blinded,
         },
         "shrink": shrink,
         "where": {

@@ -43,8 +43,9 @@ class ExplanationGaps:
     over each horizon, the headline's first, and anywhere: whether they are beyond the noise on all windows; helps:
     whether the explanation makes the gap smaller; useless: whether even the explained model is worse than a
     forecast of constant velocity; constant_velocity: the gap of that forecast; step_error: that of the model's own
-    time step, None where it has none; stepping: whether without it there is no gap beyond the noise. floors (draws,
-    W, M, C): errors of a perfect model."""
+    time step, None where it has none; stepping: whether without it there is no gap beyond the noise; blinded: whether
+    the sensors' noise alone makes a perfect model worse than that forecast. floors (draws, W, M, C): errors of a
+    perfect model."""
 
     of: FittedExplanation
     predicted: dict[str, np.ndarray]
@@ -59,6 +60,7 @@ class ExplanationGaps:
     constant_velocity: float
     step_error: float | None
     stepping: bool
+    blinded: bool
 
     @property
     def coarse(self) -> bool:
@@ -72,7 +74,7 @@ class ExplanationGaps:
     def verdict(self) -> tuple[Verdict, float]:
         """And the share of the squared gap beyond the floor that is left."""
         if not self.helps:
-            return ("unknown", 1.0) if self.anywhere else ("no_gap", 0.0)
+            return ("unknown", 1.0) if self.anywhere or self.blinded else ("no_gap", 0.0)
         verdict = verdict_of(self.looks)
         if verdict == "effects" and any(is_law(t.effect) for t in self.of.final.terms):
             verdict = "partial"  # a law names no cause
@@ -103,6 +105,7 @@ class ExplanationGaps:
             constant_velocity=self.constant_velocity,
             step_error=self.step_error,
             own_step=self.stepping,
+            blinded=self.blinded,
         )
 
     def _horizon(self, data: Dataset, look: HorizonGaps) -> HorizonFigures:
@@ -181,6 +184,7 @@ def measure_gaps(
         steady,
         step_error(of.raw, scales, row, settings=settings.data),
         stepping,
+        floor.total > np.fmax(steady, settings.gaps.useless),
     )
 
 

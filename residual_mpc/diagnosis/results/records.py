@@ -45,7 +45,8 @@ class HorizonFigures:
 class GapFigures:
     """Gaps on the held-out windows, unitless; channels: name -> (before, after, noise floor); horizons: the same over
     each horizon; constant_velocity: the gap of a forecast that knows no model; step_error: that of the
-    model's time step, None where it has none; own_step: whether that is all that is beyond the noise."""
+    model's time step, None where it has none; own_step: whether that is all that is beyond the noise; blinded: whether
+    the sensors' noise alone makes a perfect model worse than that forecast."""
 
     nominal: float
     before: float
@@ -60,6 +61,7 @@ class GapFigures:
     constant_velocity: float
     step_error: float | None
     own_step: bool
+    blinded: bool
 
 
 @dataclass(frozen=True)

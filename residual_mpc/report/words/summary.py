@@ -73,7 +73,14 @@ def _varying_with_the_state(document: Mapping[str, Any]) -> str:
 
 
 def _unknown(document: Mapping[str, Any]) -> str:
-    worst = hardest(document["gap"], "before")
+    gap = document["gap"]
+    if gap.get("blinded"):
+        missed = f"miss {number(gap['noise_floor'], 2)} times the motion"
+        return (
+            f"These runs cannot test the model over {number(gap['horizon'], 2)} s: the sensor noise alone makes the "
+            f"prediction of a perfect model {missed}. Shorten the horizon, or log velocities."
+        )
+    worst = hardest(gap, "before")
     times = ratio(worst, "before")
     noise = "more than the sensor noise" if times is None else f"{number(times, 2)} times the noise floor"
     learned = (document.get("unexplained") or {}).get("learned_residual_shrink") or 0.0
