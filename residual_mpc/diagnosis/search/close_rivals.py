@@ -74,15 +74,18 @@ def without_small_differences(problem: Problem, fits: list[Fit], settings: Searc
 def _within_what_is_left(
     problem: Problem, ruler: Ruler, fit: Fit, rivals: list[Rival], settings: SearchSettings
 ) -> list[bool]:
-    """Which of these rivals, all in place of the same effect, imitate it, remove a good part of what it removes, and
-    leave hardly more of the squared gap than the fit: less than a share of what both leave beyond the noise, than the
-    error of the model's own time step, or, where there are small differences elsewhere, too little to see. A twin,
-    which no run here can tell apart, counts unless its gap is visibly larger.
+    """Which of these rivals, all in place of the same effect, imitate it or are hardly told from it by the likelihood,
+    remove a good part of what it removes, and leave hardly more of the squared gap than the fit: less than a share of
+    what both leave beyond the noise, than the error of the model's own time step, or, where there are small differences
+    elsewhere, too little to see. A twin, which no run here can tell apart, counts unless its gap is visibly larger.
 
     A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
     """
     twins = [are_twins(problem, r) for r in rivals]
-    like = [t or (r.exchange is not None and imitate(*r.exchange)) for r, t in zip(rivals, twins, strict=True)]
+    like = [
+        t or (r.exchange is not None and (imitate(*r.exchange) or r.ratio < settings.rivals.hardly))
+        for r, t in zip(rivals, twins, strict=True)
+    ]
     if not any(like):
         return like
     imitators = [r.fit for r, s in zip(rivals, like, strict=True) if s]

@@ -25,6 +25,7 @@ from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
 from residual_mpc.diagnosis.search.stepwise import Found, without
+from residual_mpc.diagnosis.search.substitutes import imitate
 from residual_mpc.effects.library import BY_NAME, ORDER
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
@@ -75,7 +76,8 @@ def find_rivals(
         twins = [r.alike and r.ratio >= tuned.better and are_twins(found.problem, r) for r in here]
         blocks = blocks_of(found.problem.data, settings=settings.fit)
         simple = [is_its_simple_case(fit, r, blocks, settings) for r in here]
-        same = [s or t or p for s, t, p in zip(same, twins, simple, strict=True)]
+        begun = [_begun_otherwise(fit, r) for r in here]
+        same = [any(reasons) for reasons in zip(same, twins, simple, begun, strict=True)]
         here = [replace(r, ratio=0.0, alike=True) if s else r for r, s in zip(here, same, strict=True)]
         rivals += here
         better = min(here, key=lambda r: r.ratio, default=None)
@@ -115,9 +117,14 @@ def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
 def _seen_larger(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSettings) -> list[bool]:
     """Which rivals leave a gap that one would see to be larger than the chosen fit's, by more than the error of the
     model's own time step. Precise encoders may outweigh the pose in the likelihood, and what they show is no reason to
-    give up what the pose shows."""
+    give up what the pose shows. Gaps with and without a low-pass of the readings are not compared: its windows begin
+    less certainly, and have a larger gap for that alone."""
     tuned = settings.rivals
-    close = [i for i, r in enumerate(rivals) if r.alike or r.ratio < tuned.better]
+    close = [
+        i
+        for i, r in enumerate(rivals)
+        if (r.alike or r.ratio < tuned.better) and _with_low_pass(fit) == _with_low_pass(r.fit)
+    ]
     if not close:
         return [False] * len(rivals)
     fits = without_small_differences(found.problem, [fit, *(rivals[i].fit for i in close)], settings)
@@ -168,7 +175,7 @@ def _difference(problem: Problem, rest: Fit, fit: Fit, other: Fit, settings: Sea
     start, that without a low-pass and, for both fits, that with it; the smaller of the two then counts.
     """
     difference, gain = other.cost - fit.cost, rest.cost - fit.cost
-    lagged = [f for f in (fit, other) if any(_is_low_pass(k) for k in f.knobs)]
+    lagged = [f for f in (fit, other) if _with_low_pass(f)]
     if len(lagged) != 1 or difference > settings.rivals.works * gain:
         return difference, gain
     wide = wider_start(problem, lagged[0].values, settings=settings.predict)
@@ -178,6 +185,17 @@ def _difference(problem: Problem, rest: Fit, fit: Fit, other: Fit, settings: Sea
     if difference * widely <= 0.0:
         return 0.0, gained
     return (widely, gained) if abs(widely) < abs(difference) else (difference, gain)
+
+
+def _begun_otherwise(fit: Fit, rival: Rival) -> bool:
+    """Whether the likelihood hardly tells a low-pass of the readings from what imitates it: what is left of a
+    difference comes from how the input of the low-pass at a window's start is reconstructed."""
+    imitates = rival.exchange is not None and imitate(*rival.exchange)
+    return rival.alike and imitates and _with_low_pass(fit) != _with_low_pass(rival.fit)
+
+
+def _with_low_pass(fit: Fit) -> bool:
+    return any(_is_low_pass(k) for k in fit.knobs)
 
 
 def _is_low_pass(knob: Knob) -> bool:

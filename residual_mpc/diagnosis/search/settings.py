@@ -107,7 +107,8 @@ class RivalSettings:
     share: times the squared noise floor and of the squared gap, by which a rival's gap may be larger; gap_steps: of the
     fits that tell it. lost: squared scaled error at which a window counts (1: all of its motion is missed), and
     far_smaller: times the squared gap on all windows below which a rival takes the place there. of_left: of the squared
-    gap beyond the noise floor, by which effects that imitate each other have to differ; works: of what one of them
+    gap beyond the noise floor, by which effects have to differ that imitate each other, or whose likelihood ratio is
+    below `hardly`; works: of what one of them
     removes of the squared gap, that the other has to remove; wide_steps: iterations when a low-pass of the
     readings and its rival are refitted with the larger uncertainty of the start. law: smallest half-width of a number's
     interval, relative to it."""
@@ -126,13 +127,14 @@ class RivalSettings:
     lost: float = 1.0
     far_smaller: float = 0.6
     of_left: float = 0.5
+    hardly: float = 20.0
     works: float = 0.5
     wide_steps: int = 3
     law: float = 0.03
 
     def __post_init__(self) -> None:
-        check_positive(self, "of_left", "parallel", "looked_at", "best", "far", "visible", "gap_steps", "lost")
-        check_positive(self, "wide_steps")
+        check_positive(self, "of_left", "hardly", "parallel", "looked_at", "best", "far", "visible", "gap_steps")
+        check_positive(self, "lost", "wide_steps")
         check_share(self, "resembles", "share", "far_smaller", "works", "law")
 
 
