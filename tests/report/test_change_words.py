@@ -135,6 +135,9 @@ def test_only_target_is_named():
 
 
 def test_sentences_of_the_verdicts():
+    faint = document("changed")
+    faint["changes"] = [*faint["changes"], {**faint["changes"][0], "probability": 0.01}]
+    assert comparison_sentence(faint) == comparison_sentence(document("changed"))
     assert comparison_sentence(document("same")).startswith("No change found: ")
     assert comparison_sentence(document("unknown")).startswith("The two sets differ, but no change of an effect")
     assert "explains only part" in comparison_sentence(document("partial"))

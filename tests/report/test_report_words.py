@@ -10,7 +10,16 @@ from residual_mpc.effects.library import LIBRARY
 from residual_mpc.report.words.effects import name, remarks, sentence_of, sizes_words, stage, variation_clause
 from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
 from residual_mpc.report.words.groups import group_sentence
-from residual_mpc.report.words.numbers import in_brackets, listed, measure, measure_interval, number, percent, spelled
+from residual_mpc.report.words.numbers import (
+    in_brackets,
+    listed,
+    measure,
+    measure_interval,
+    number,
+    percent,
+    percent_of_nominal,
+    spelled,
+)
 from residual_mpc.report.words.rest import hint_of, rest_sentence
 from residual_mpc.report.words.summary import sentence
 
@@ -203,6 +212,23 @@ def test_effects_that_are_counted_are_doubted_like_the_rest(probability, text):
     many = document("partial")
     many["explanation"] = [many["explanation"][0]] + [many["explanation"][2] | {"probability": probability}] * 5
     assert f" and {text} contribute; adding" in sentence(many)
+
+
+def test_a_faint_effect_is_counted_and_not_said():
+    found = document("partial")
+    surest = max(found["explanation"], key=lambda e: e["probability"])
+    found["explanation"] = [surest, found["explanation"][0] | {"probability": 0.05}]
+    said = sentence(found)
+    assert said.count("possibly") == 1 and " and possibly 1 more effect contributes; adding" in said
+    found["explanation"] = found["explanation"][1:]
+    assert sentence(found).startswith("Possibly ") and "more effect" not in sentence(found)
+
+
+@pytest.mark.parametrize(
+    ("factor", "text"), [(1.0251, "102.5 %"), (0.97, "97 %"), (0.62, "62 %"), (1.2, "120 %"), (1.0, "100 %")]
+)
+def test_a_factor_near_one_has_a_tenth_of_a_per_cent(factor, text):
+    assert plain(percent_of_nominal(factor)) == text
 
 
 def test_what_is_left_is_said_at_the_horizon_where_most_is():

@@ -8,12 +8,21 @@ from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.phrase import Noun
 from residual_mpc.report.words.effects import name
 from residual_mpc.report.words.groups import Member, member_name
-from residual_mpc.report.words.numbers import ARROW, listed, measure, measure_interval, number, percent
+from residual_mpc.report.words.numbers import (
+    ARROW,
+    listed,
+    measure,
+    measure_interval,
+    number,
+    percent,
+    percent_of_nominal,
+)
 
 Document = Mapping[str, Any]  # comparison.json
 Number = Mapping[str, Any]  # an entry of `parameters` of a change
 
 SURE = 0.5  # probability from which a change is stated without "possibly"
+FAINT = 0.1  # probability below which a change is left out of the sentence, unless there is none above
 WORSE = 1.5  # times the gap before, from which a larger gap after is remarked where no change was found
 NONE = 0.02  # share of a number's value on the other side under which something is said to be absent
 
@@ -25,8 +34,9 @@ def comparison_sentence(document: Document) -> str:
         return "No change found: no effect differs by more between the two sets than within one of them."
     if verdict == "unknown":
         return "The two sets differ, but no change of an effect in the library explains how."
-    clauses = [change_clause(change) for change in document["changes"]]
-    said = capital(listed(clauses))
+    changes = document["changes"]
+    likely = [c for c in changes if c["probability"] >= FAINT] or changes
+    said = capital(listed([change_clause(change) for change in likely]))
     if verdict == "changed":
         return f"{said}."
     return f"{said}; this explains only part of the difference between the two sets."
@@ -131,7 +141,7 @@ def _clause(change: Mapping[str, Any], parameter: str, n: Number) -> str:
     before, after = _ends(change, parameter)
     if is_ratio(change, parameter):
         if noun.kind == "factor":
-            before, after = percent(n["before"]), f"{percent(n['after'])} of the modelled value"
+            before, after = percent_of_nominal(n["before"]), f"{percent_of_nominal(n['after'])} of the modelled value"
         return f"{the} {_scaled(value)}, from {before} to {after}"
     turned = f"{the} {'increased' if value >= 0.0 else 'decreased'}"
     if _is_share(change, parameter):

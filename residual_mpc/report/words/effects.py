@@ -6,7 +6,7 @@ from typing import Any
 
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.report.words.laws import law_sentence
-from residual_mpc.report.words.numbers import listed, measure, number, percent
+from residual_mpc.report.words.numbers import listed, measure, number, percent_of_nominal
 from residual_mpc.report.words.phrases import OPPOSITES, QUANTITIES
 
 Effect = Mapping[str, Any]  # an entry of diagnosis.json that names an effect
@@ -150,7 +150,7 @@ def variation_clause(effect: Effect) -> str:
 
 
 def _written(key: str, shares: tuple[str, ...]) -> Callable[[float, str], str]:
-    return (lambda value, unit: percent(value)) if key in shares else measure
+    return (lambda value, unit: percent_of_nominal(value)) if key in shares else measure
 
 
 def _opposite(text: str, value: float) -> tuple[str, float]:

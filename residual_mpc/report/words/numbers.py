@@ -45,6 +45,13 @@ def percent(share: float | None) -> str:
     return f"{_trimmed(_fixed(hundredths, decimals))}{SPACE}%"
 
 
+def percent_of_nominal(factor: float) -> str:
+    """1.0251 as 102.5 %: a tenth of a per cent within a tenth of 1, where it matters."""
+    if abs(factor - 1.0) >= 0.1 or not math.isfinite(factor):
+        return percent(factor)
+    return f"{_trimmed(_fixed(100.0 * factor, 1))}{SPACE}%"
+
+
 def percent_interval(interval: Interval | None) -> str:
     """[0.83, 0.89] as "83 % to 89 %"; empty where there is no interval."""
     if not interval:

@@ -10,6 +10,7 @@ from residual_mpc.report.words.servo import short_reading
 
 NAMED = 3  # causes named in the sentence; the rest are counted
 SURE = 0.5  # probability below which an effect is a possibility
+FAINT = 0.1  # probability below which an effect is only counted, unless there is none above
 AS_GOOD = 2.0  # times the noise floor up to which a model is as good as these sensors can tell
 SLOW = 0.4  # shrink at the headline's horizon below which a longer one is quoted as well
 WORTH_SAYING = 0.05  # a learned residual that removes less than this is not worth the sentence
@@ -92,13 +93,15 @@ def _unknown(document: Mapping[str, Any]) -> str:
 def _causes(document: Mapping[str, Any]) -> str:
     """The surest causes first; those below an even chance after the word "possibly"."""
     effects = surest_first(document["explanation"])
-    said = effects if len(effects) <= NAMED + 1 else effects[:NAMED]  # "1 more" is no shorter than the effect
+    likely = [effect for effect in effects if _probability(effect) >= FAINT] or effects
+    said = likely if len(likely) <= NAMED + 1 else likely[:NAMED]  # "1 more" is no shorter than the effect
     sure = [_clause(effect) for effect in said if _probability(effect) >= SURE]
     maybe = [f"possibly {_clause(effect)}" for effect in said if _probability(effect) < SURE]
     hidden = effects[len(said) :]
     if hidden:
         doubted = "possibly " if all(_probability(effect) < SURE for effect in hidden) else ""
-        (maybe if maybe else sure).append(f"{doubted}{len(hidden)} more effects contribute")
+        more = "1 more effect contributes" if len(hidden) == 1 else f"{len(hidden)} more effects contribute"
+        (maybe if maybe else sure).append(f"{doubted}{more}")
     text = listed([*sure, *maybe])
     return text[:1].upper() + text[1:]
 
