@@ -1,5 +1,6 @@
 """The causes of a diagnosis: each chosen effect with its probability, and its numbers with their intervals."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -263,6 +264,6 @@ def _dose(space: Space, knob: Knob, value: float) -> float:
         return 1.0
     if BY_NAME[knob.effect].parameter(knob.parameter).cover:
         return 1.0 / space.turned(knob)
-    if null == 1.0 and 0.0 < value < 1.0 / np.e:
-        return float((np.e - 1.0) * value * abs(np.log(value)))  # as large as 1 - value at 1 / e
+    if null == 1.0 and 0.0 < value < 1.0 / math.e:
+        return float((math.e - 1.0) * value * abs(np.log(value)))  # as large as 1 - value at 1 / e
     return abs(value) if not np.isfinite(null) else abs(value - null)
