@@ -58,6 +58,7 @@ class WarpBatch:
 
     def __init__(self, batch: Any, on: OnDevice) -> None:
         self._batch, self._on = batch, on
+        self._by_mujoco = batch.bind("actuator_force")  # filled by MuJoCo's own steps alone
         self._force = np.zeros((batch.nsim, batch.model.nu))
 
     def __getattr__(self, name: str) -> Any:
@@ -71,6 +72,7 @@ class WarpBatch:
         """As `Batch.step`."""
         if rows is not None:
             self._batch.step(rows, nstep=nstep)
+            self._force[rows] = self._by_mujoco[rows]
             return
         self.rollout(nstep, np.repeat(self._batch.bind("ctrl")[:, None], nstep, axis=1), CONTROL, ())
 
@@ -79,7 +81,10 @@ class WarpBatch:
     ) -> dict[str, np.ndarray]:
         """As `Batch.rollout` under controls (rows, nstep, nu), for records (rows, nstep, n) of the state."""
         if spec != CONTROL or (rows is not None and len(rows) < self._batch.nsim) or self._unknown():
-            return dict(self._batch.rollout(nstep, control, spec, record, rows))
+            recorded = dict(self._batch.rollout(nstep, control, spec, record, rows))
+            moved = slice(None) if rows is None else rows
+            self._force[moved] = self._by_mujoco[moved]
+            return recorded
         import mujoco_warp
         import warp
 
@@ -107,6 +112,7 @@ class WarpBatch:
             self._batch.state[left] = begun[left]
             for field, exact in self._batch.rollout(nstep, control[left], CONTROL, record, left).items():
                 out[field][left] = exact
+            self._force[left] = self._by_mujoco[left]
         return out
 
     @cached_property

@@ -44,8 +44,8 @@ class ExplanationGaps:
     whether the explanation makes the gap smaller; useless: whether even the explained model is worse than a
     forecast of constant velocity; constant_velocity: the gap of that forecast; step_error: that of the model's own
     time step, None where it has none; stepping: whether without it there is no gap beyond the noise; blinded: whether
-    the sensors' noise alone makes a perfect model worse than that forecast. floors (draws, W, M, C): errors of a
-    perfect model."""
+    no gap is seen because the sensors' noise alone makes a perfect model worse than that forecast. floors (draws, W,
+    M, C): errors of a perfect model."""
 
     of: FittedExplanation
     predicted: dict[str, np.ndarray]
@@ -184,7 +184,7 @@ def measure_gaps(
         steady,
         step_error(of.raw, scales, row, settings=settings.data),
         stepping,
-        floor.total > np.fmax(steady, settings.gaps.useless),
+        not anywhere and not stepping and bool(floor.total > np.fmax(steady, settings.gaps.useless)),
     )
 
 

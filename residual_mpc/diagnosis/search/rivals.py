@@ -117,13 +117,11 @@ def _told_apart(rival: Rival, settings: SearchSettings) -> Rival:
 def _seen_larger(found: Found, fit: Fit, rivals: list[Rival], settings: SearchSettings) -> list[bool]:
     """Which rivals leave a gap that one would see to be larger than the chosen fit's, by more than the error of the
     model's own time step. Precise encoders may outweigh the pose in the likelihood, and what they show is no reason to
-    give up what the pose shows. Gaps with and without a low-pass of the readings are not compared: its windows begin
-    less certainly, and have a larger gap for that alone."""
+    give up what the pose shows. The gap of a low-pass of the readings is not compared with that of what imitates it:
+    its input at a window's start is reconstructed from noisy readings, which alone enlarges the gap."""
     tuned = settings.rivals
     close = [
-        i
-        for i, r in enumerate(rivals)
-        if (r.alike or r.ratio < tuned.better) and _with_low_pass(fit) == _with_low_pass(r.fit)
+        i for i, r in enumerate(rivals) if (r.alike or r.ratio < tuned.better) and not _low_pass_for_another(fit, r)
     ]
     if not close:
         return [False] * len(rivals)
@@ -190,8 +188,13 @@ def _difference(problem: Problem, rest: Fit, fit: Fit, other: Fit, settings: Sea
 def _begun_otherwise(fit: Fit, rival: Rival) -> bool:
     """Whether the likelihood hardly tells a low-pass of the readings from what imitates it: what is left of a
     difference comes from how the input of the low-pass at a window's start is reconstructed."""
+    return rival.alike and _low_pass_for_another(fit, rival)
+
+
+def _low_pass_for_another(fit: Fit, rival: Rival) -> bool:
+    """Whether one of two effects that imitate each other is a low-pass of the readings."""
     imitates = rival.exchange is not None and imitate(*rival.exchange)
-    return rival.alike and imitates and _with_low_pass(fit) != _with_low_pass(rival.fit)
+    return imitates and _with_low_pass(fit) != _with_low_pass(rival.fit)
 
 
 def _with_low_pass(fit: Fit) -> bool:
