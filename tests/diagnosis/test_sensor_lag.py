@@ -48,11 +48,11 @@ def test_a_localisation_that_follows_at_once_has_none() -> None:
 
 
 def test_without_encoders_a_lag_of_the_motors_is_not_told_from_it() -> None:
-    """The slow pose leaves a larger gap than the slow motors, because its windows begin less certainly: a lag of the
-    motors was 0.67, in no group."""
+    """The slow pose leaves a larger gap than the slow motors, since its input at the start of a window is reconstructed
+    from noisy readings: a lag of the motors was 0.67, in no group."""
     runs = [slow_run(k, LAG, 3.0) for k in (3, 4, 5)]
     blind = [Run(r.name, r.t, {k: v for k, v in r.columns.items() if not k.startswith("velocity")}) for r in runs]
     found = diagnose(blind, [ROBOT] * 3, {}, (), Options(), np.random.default_rng(0)).diagnosis
-    assert all(c.term.effect == "sensor_lag" or c.probability < 0.5 for c in found.causes)
-    if found.causes[0].term.effect == "actuator_lag":
-        assert any("sensor_lag" in {t.effect for member in group for t in member} for group in found.groups)
+    assert all(c.probability < 0.5 for c in found.causes)
+    groups = [{t.effect for member in group for t in member} for group in found.groups]
+    assert any({"actuator_lag", "sensor_lag"} <= group for group in groups)

@@ -114,3 +114,19 @@ def test_rows_with_more_contacts_than_room_go_to_mujoco(on_warp: None) -> None:
     there = exact.rollout(5, held, warp_batch.CONTROL, ("qpos", "qvel"))["qvel"][:, -1]
     np.testing.assert_allclose(ends[0], there, atol=1e-4)
     np.testing.assert_array_equal(ends[1], there)
+
+
+@pytest.mark.slow
+def test_rows_that_warp_cannot_tell_apart_have_mujocos_forces(tmp_path: Path, on_warp: None) -> None:
+    """Where the rows differ in a field that Warp shares between them, MuJoCo's forces are the batch's."""
+    model = robot_of(tmp_path, arm_xml(TORQUES)).model
+    forces = []
+    for batch in (batch_of(model, 2, 1), mujoco.batch.Batch(model, 2, nthread=1)):
+        batch.expand("jnt_limited")[1] = 1
+        batch.reset()
+        force = batch.bind("actuator_force")
+        batch.bind("ctrl")[:] = [[0.7, -0.2], [0.3, 0.1]]
+        batch.step()
+        forces.append(force.copy())
+    assert np.abs(forces[1]).min() > 0.0
+    np.testing.assert_array_equal(*forces)

@@ -53,8 +53,8 @@ class OnDevice:
 
 class WarpBatch:
     """A batch whose rows Warp steps. States and model fields stay in the host's batch and are copied to Warp before
-    each call; states are copied back after it. MuJoCo steps a part of the rows, and rows with more contacts than Warp
-    has room for."""
+    each call; states are copied back after it. MuJoCo performs calls for a subset of the rows, calls with rows that
+    differ in a field that Warp shares, and the rows that exceed Warp's contact buffer."""
 
     def __init__(self, batch: Any, on: OnDevice) -> None:
         self._batch, self._on = batch, on
@@ -180,7 +180,7 @@ def _taken(model: mujoco.MjModel, device: str) -> OnDevice | None:
     except ValueError as wrong:
         there = ", ".join(str(d) for d in warp.get_devices())
         fault = f"{DEVICE} is {device!r}, but the devices of Warp are {there}"
-        raise BadInput(fault, "", "name one of them") from wrong
+        raise BadInput(fault, "", "set it to one of them, or unset it") from wrong
     given = copy(model)
     given.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # Warp never resets a row that diverges
     with warp.ScopedDevice(known):

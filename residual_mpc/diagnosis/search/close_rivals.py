@@ -40,8 +40,8 @@ def too_close(
     problem: Problem, ruler: Ruler, fit: Fit, rivals: Sequence[Rival], settings: SearchSettings
 ) -> list[bool]:
     """Which of the rivals that the likelihood tells from the fit are so close to it that something else may have
-    decided: the model's own time step, or, between effects that imitate each other, what neither explains. problem:
-    the one that they were fitted on.
+    decided: the model's own time step, or, between effects that imitate each other or that the likelihood hardly
+    tells apart, what neither explains. problem: the one that they were fitted on.
     """
     near = [i for i, r in enumerate(rivals) if not r.alike and 0.0 < r.ratio < settings.rivals.far]
     out = [False] * len(rivals)
@@ -82,14 +82,15 @@ def _within_what_is_left(
     A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
     """
     twins = [are_twins(problem, r) for r in rivals]
-    like = [
+    near = [
         t or (r.exchange is not None and (imitate(*r.exchange) or r.ratio < settings.rivals.hardly))
         for r, t in zip(rivals, twins, strict=True)
     ]
-    if not any(like):
-        return like
-    imitators = [r.fit for r, s in zip(rivals, like, strict=True) if s]
-    *compared, chosen = without_small_differences(problem, [*imitators, fit], settings)
+    if not any(near):
+        return near
+    *compared, chosen = without_small_differences(
+        problem, [*(r.fit for r, n in zip(rivals, near, strict=True) if n), fit], settings
+    )
     *others, bare, own = ruler.squared([*compared, _without(problem, fit, rivals[0].gone, settings), chosen])
     most = max(settings.rivals.of_left * (own - ruler.floor), ruler.step_error(fit))
     if problem.marginal is not None:
@@ -98,8 +99,8 @@ def _within_what_is_left(
     least = settings.rivals.works * (bare - own)  # of what the effect removes; a twin does the same by definition
     more = iter(others)
     out = []
-    for imitates, twin in zip(like, twins, strict=True):
-        gap = next(more) if imitates else np.inf
+    for is_near, twin in zip(near, twins, strict=True):
+        gap = next(more) if is_near else np.inf
         out.append(bool(gap - own < (seen if twin else most)) and (twin or bool(bare - gap >= least)))
     return out
 

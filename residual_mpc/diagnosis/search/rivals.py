@@ -186,8 +186,8 @@ def _difference(problem: Problem, rest: Fit, fit: Fit, other: Fit, settings: Sea
 
 
 def _begun_otherwise(fit: Fit, rival: Rival) -> bool:
-    """Whether the likelihood hardly tells a low-pass of the readings from what imitates it: what is left of a
-    difference comes from how the input of the low-pass at a window's start is reconstructed."""
+    """Whether the likelihood hardly tells a low-pass of the readings from an effect that imitates it: the remaining
+    difference depends on how the input of the low-pass at the start of a window is reconstructed."""
     return rival.alike and _low_pass_for_another(fit, rival)
 
 
