@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from residual_mpc.comparison.account import account_of
 from residual_mpc.comparison.gaps import compared_gap
-from residual_mpc.comparison.named import named_changes, other_candidates, plain
+from residual_mpc.comparison.named import may_be_none, named_changes, other_candidates, plain
 from residual_mpc.comparison.outliers import changed_outliers
 from residual_mpc.comparison.position_gain import doubted, notes_on, servo_doubts
 from residual_mpc.comparison.prepare import (
@@ -140,8 +140,14 @@ def _judged(
     else:
         whole, units, fit, left = last.problem, last.units, last.found.fit, last.found.left
     moved = tuple(c for c in found.changes if not came_to_nothing(fit, space, c.term))
-    found, rivals = replace(found, changes=moved), replace(rivals, found=replace(found, changes=moved))
     spread = jackknife(fit, units)
+    seen = tuple(c for c in moved if not may_be_none(whole, fit, c.term, rivals, spread, settings))
+    if seen != moved:
+        kept = {k: v for k, v in fit.values.items() if not k.changed or k.term in {c.term for c in seen}}
+        fit = to_the_end(whole, fit_all(whole, [kept], settings=fits)[0], settings.results)
+        spread = jackknife(fit, units)
+    found = replace(found, changes=seen)
+    rivals = replace(rivals, found=found, groups=tuple(g for g in rivals.groups if any((c.term,) in g for c in seen)))
     jumping = _outliers(given, sets, settings)
     gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
     unexplained = _unexplained(gap.rise)

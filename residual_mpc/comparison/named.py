@@ -32,6 +32,16 @@ def named_changes(
     return tuple(out)
 
 
+def may_be_none(
+    problem: Problem, fit: Fit, term: Term, rivals: ChangeRivals, spread: Spread, settings: ComparisonSettings
+) -> bool:
+    """Whether a change that explains next to nothing of what all explain also may have no size: the interval of each of
+    its numbers contains none."""
+    if rivals.parts.get(term, 1.0) >= settings.faint:
+        return False
+    return all(n.may_be_none for n in changed_numbers(problem, fit, term, spread, settings.results.causes.law))
+
+
 def other_candidates(rivals: ChangeRivals, sure: float) -> list[ChangeCandidate]:
     """What could stand in place of the changes, most probable first."""
     named = {c.term for c in rivals.found.changes}

@@ -7,9 +7,9 @@ import numpy as np
 
 from residual_mpc.comparison.likelihood import Explanation, likelihood_ratios
 from residual_mpc.comparison.search import (
-    FittedLead,
     FoundChange,
     FoundChanges,
+    changed_terms,
     fitted_leads,
     told_apart,
     without_change,
@@ -21,6 +21,7 @@ from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed
 from residual_mpc.diagnosis.search.rivals import place
+from residual_mpc.diagnosis.search.substitutes import imitate
 from residual_mpc.models.settings import Knob, Term
 
 
@@ -53,11 +54,14 @@ def find_change_rivals(
             for term, pair in fits.items()
         }
         ratios = {term: ratio - min(beyond.values()) for term, ratio in beyond.items()}
-        weights = {term: float(np.exp(-0.5 * min(ratio, 200.0))) for term, ratio in ratios.items()}
+        leading = next(term for term, ratio in ratios.items() if ratio == 0.0)
+        equal = {t for t, ratio in ratios.items() if _hardly_told(problem, t, leading, ratio, settings)}
+        weights = {t: float(np.exp(-0.5 * min(r, 200.0))) if t not in equal else 1.0 for t, r in ratios.items()}
         total = sum(weights.values())
-        for term, weight in weights.items():
-            shares[term] = max(shares.get(term, 0.0), weight / total)
-        alike = sorted((t for t, ratio in ratios.items() if ratio < settings.search.alike), key=lambda t: place((t,)))
+        for term, weight in weights.items():  # an effect on every target is also there on one
+            everywhere = weights.get(term._replace(target=None), 0.0) if term.target else 0.0
+            shares[term] = max(shares.get(term, 0.0), (weight + everywhere) / total)
+        alike = sorted(equal | {t for t, r in ratios.items() if r < settings.search.alike}, key=lambda t: place((t,)))
         if len(alike) > 1:
             groups.append(tuple((term,) for term in alike))
         first = next(term for term in alike if ratios[term] < settings.search.equal)
@@ -65,6 +69,12 @@ def find_change_rivals(
         if first != change.term:
             found = _replaced(problem, found, change, fits[first][1], settings)
     return ChangeRivals(found, tuple(groups), shares, parts)
+
+
+def _hardly_told(problem: Problem, one: Term, other: Term, ratio: float, settings: ComparisonSettings) -> bool:
+    """Whether an effect imitates the one that explains most and their likelihood ratio is too small to tell them apart.
+    Twins do the same, so no ratio tells them apart."""
+    return problem.space.are_twins(one, other) or (imitate(one, other) and ratio < settings.search.hardly)
 
 
 def _in_place_of(
@@ -79,26 +89,38 @@ def _in_place_of(
     told = [c for c in told_apart(problem, rest, units, settings).told if c.term != change]
     leads = mixed(sorted(told, key=lambda c: -abs(c.z)), sorted(told, key=lambda c: -c.drop))
     fitted = fitted_leads(problem, rest, leads, settings, (without_change(fit.values, change),))
-    rivals = sorted(fitted, key=lambda one: one.fit.cost)[: settings.search.rivals]
-    pairs = {one.lead.term: _beside_same_errors(problem, fit, change, one, settings) for one in rivals}
+    best = sorted(fitted, key=lambda one: one.fit.cost)[: settings.search.rivals]
+    rivals = {one.lead.term: one.fit for one in best} | _twins_of(problem, fit, change, rest, settings)
+    pairs = {term: _beside_same_errors(problem, fit, change, term, its, settings) for term, its in rivals.items()}
     least = settings.search.resembles
     return {t: (own, its) for t, (own, its) in pairs.items() if its.dropped.sum() >= least * own.dropped.sum()}
 
 
+def _twins_of(problem: Problem, fit: Fit, change: Term, rest: Fit, settings: ComparisonSettings) -> dict[Term, Fit]:
+    """What no run here can tell from a change, with its numbers."""
+    space, there = problem.space, changed_terms(rest)
+    twins = [t for t in space.candidates if space.are_twins(t, change) and space.may_join(t, there)]
+    starts = [
+        {Knob(t.effect, t.target, k.parameter, k.changed) if k.changed and k.term == change else k: v
+         for k, v in fit.values.items()}
+        for t in twins
+    ]  # fmt: skip
+    return dict(zip(twins, fit_all(problem, starts, settings=settings.results.fit), strict=True))
+
+
 def _beside_same_errors(
-    problem: Problem, fit: Fit, change: Term, rival: FittedLead, settings: ComparisonSettings
+    problem: Problem, fit: Fit, change: Term, term: Term, rival: Fit, settings: ComparisonSettings
 ) -> tuple[Explanation, Explanation]:
     """A change and a rival, fitted once more with the effects of both on both sets. This leaves the same model errors
     to either: one whose effect also describes an error of the model explains no more of the change by that."""
-    term = rival.lead.term
-    errors = _errors_of([fit, rival.fit])
+    errors = _errors_of([fit, rival])
     both = {k: fit.values.get(k, problem.space.null(k)) for k in errors}
     own = {k: v for k, v in fit.values.items() if k.changed and k.term == change}
-    its = {k: v for k, v in rival.fit.values.items() if k.changed and k.term == term}
+    its = {k: v for k, v in rival.values.items() if k.changed and k.term == term}
     others = {k: v for k, v in fit.values.items() if k.changed and k.term != change}
-    alone = {k: rival.fit.values.get(k, v) for k, v in both.items()}
+    alone = {k: rival.values.get(k, v) for k, v in both.items()}
     starts = [{**both, **others}, {**both, **others, **own}, {**both, **others, **its}, {**alone, **others, **its}]
-    near = [fit, fit, fit, rival.fit]
+    near = [fit, fit, fit, rival]
     common, mine, *its_ends = fit_all(problem, starts, near=near, settings=settings.results.fit)
     best = min(its_ends, key=lambda f: f.cost)
     return (

@@ -59,7 +59,8 @@ class ChangeSearchSettings:
     """shortlist: hypotheses that are fitted roughly at each step; finalists: hypotheses that are fitted to convergence;
     rough: steps of a rough fit; most: maximum number of changes. needed: minimum likelihood ratio of a change; alike:
     likelihood ratio below which two sets of changes are not distinguished, if the rival explains at least the share
-    `resembles` of what the change explains; equal: likelihood ratio below which the first in the contract's table is
+    `resembles` of what the change explains; hardly: the same for two effects that imitate each other: what neither
+    explains may favour either; equal: likelihood ratio below which the first in the contract's table is
     preferred; rivals: number of rivals that are compared with a change beside the same model errors; far_worse: ratio
     of the residuals of every later run to those of every run before, above which a search that found nothing begins
     again from the model of the runs before. steps: simulation steps that one hypothesis may cost in the search;
@@ -71,6 +72,7 @@ class ChangeSearchSettings:
     most: int = 4
     needed: float = 6.0
     alike: float = 4.0
+    hardly: float = 20.0
     resembles: float = 0.5
     equal: float = 1.5
     rivals: int = 4
@@ -79,8 +81,8 @@ class ChangeSearchSettings:
     final_steps: int = 100_000
 
     def __post_init__(self) -> None:
-        check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "resembles", "equal",
-                       "rivals", "far_worse")  # fmt: skip
+        check_positive(self, "shortlist", "finalists", "rough", "most", "needed", "alike", "hardly", "resembles",
+                       "equal", "rivals", "far_worse")  # fmt: skip
         check_positive(self, "steps", "final_steps")
 
 

@@ -127,6 +127,7 @@ def change_space(space: Space, earlier: Sequence[Robot] = (), later: Sequence[Ro
         {t._replace(changed=True): why for t, why in space.ruled_out.items()},
         _limits(space, earlier),
         _limits(space, later),
+        twins=space.twins,
     )
 
 

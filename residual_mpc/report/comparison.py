@@ -19,7 +19,7 @@ from residual_mpc.report.words.changes import (
     visible_words,
     warnings,
 )
-from residual_mpc.report.words.groups import member_name
+from residual_mpc.report.words.groups import member_name, member_names
 from residual_mpc.report.words.numbers import listed, number, percent, plain
 from residual_mpc.report.words.servo import motor_lines
 
@@ -148,7 +148,7 @@ def _groups(document: Document) -> Section | None:
     if not document["confounded"]:
         return None
     following = document["next_experiment"] or {}
-    groups = [[member_name(m) for m in group] for group in document["confounded"]]
+    groups = [member_names(group) for group in document["confounded"]]
     body = render("comparison/groups.html.jinja", groups=groups, what=following.get("what"))
     return Section("confounded", "Changes that cannot be told apart", body)
 

@@ -163,7 +163,9 @@ def test_an_error_of_the_model_speaks_for_no_change() -> None:
     problem, _, found = fitted(lag, {**lag, "command_delay": {"delay": 0.03}}, (DELAY, LAG))
     alone = {term: one.explanation for term, one in found.items()}
     assert alone[LAG].fit.cost < alone[DELAY].fit.cost
-    late, slow = _beside_same_errors(problem, found[DELAY].fit, DELAY, found[LAG], ComparisonSettings())
+    late, slow = _beside_same_errors(
+        problem, found[DELAY].fit, DELAY, LAG, found[LAG].fit, ComparisonSettings()
+    )
     assert (late.term, slow.term) == (DELAY, LAG)
     both = {k for k in late.fit.knobs if not k.changed}
     assert both == {k for k in slow.fit.knobs if not k.changed} and len(both) == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import screen, stand_ins
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, judge
 from residual_mpc.diagnosis.search.close_rivals import Rival, too_close
-from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
+from residual_mpc.diagnosis.search.rivals import Rivalry, _shares, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.screen import ScreenedTerm
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found
@@ -55,6 +56,16 @@ def found_of(faults: dict[str, dict[str, float]], chosen: Values, only: tuple[st
     ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), DataSettings())
     phi = dispersion(fit, blocks_of(data, settings=FitSettings()))
     return Found(problem, fit, base, phi, ruler, (), (), data.sigma)
+
+
+def test_an_effect_on_all_targets_is_also_there_on_the_one_that_is_named() -> None:
+    """A limit that one joint alone reaches may be that of all joints."""
+    fit: Any = SimpleNamespace(terms=(LEFT,))
+    delay = Term("command_delay", None)
+    rivals = [Rival((LEFT,), (came,), fit, ratio, True) for came, ratio in ((BOTH, 0.0), (delay, 2.0))]
+    shares, other = _shares(fit, rivals), float(np.exp(-1.0))
+    assert shares[LEFT] == pytest.approx(2.0 / (2.0 + other)) and shares[BOTH] == pytest.approx(1.0 / (2.0 + other))
+    assert shares[delay] == pytest.approx(other / (2.0 + other))
 
 
 def test_an_effect_said_of_both_wheels_goes_to_the_one_that_has_it() -> None:

@@ -9,7 +9,7 @@ from residual_mpc.effects.effect import STAGES
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.report.words.effects import name, remarks, sentence_of, sizes_words, stage, variation_clause
 from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
-from residual_mpc.report.words.groups import group_sentence
+from residual_mpc.report.words.groups import group_sentence, member_names
 from residual_mpc.report.words.numbers import (
     in_brackets,
     listed,
@@ -231,6 +231,17 @@ def test_a_factor_near_one_has_a_tenth_of_a_per_cent(factor, text):
     assert plain(percent_of_nominal(factor)) == text
 
 
+def test_a_number_at_the_bound_of_its_search_range_says_so():
+    partial = document("partial")
+    gain = {"value": 5.0, "unit": "1", "note": "at the bound of its search range"}
+    partial["explanation"] = [
+        {"effect": "actuator_gain", "target": "a2", "probability": 0.3, "parameters": {"gain": gain}}
+    ]
+    assert plain(sentence(partial)).startswith(
+        "Possibly actuator a2 delivers 500 % of its modelled output (at the bound of its search range); modelling this "
+    )
+
+
 def test_what_is_left_is_said_at_the_horizon_where_most_is():
     slow = document("partial")
     far = {"horizon": 5.0, "before": 0.6, "after": 0.3, "noise_floor": 0.03}
@@ -308,6 +319,15 @@ def test_a_group_in_words():
     assert group_sentence(group) == (
         "On these runs backlash (j1) and payload together with armature cannot be told apart."
     )
+
+
+def test_one_of_a_group_is_called_all_where_another_has_it_on_one_target():
+    group = [{"effect": "saturation", "target": "m2"}, {"effect": "saturation", "target": None}]
+    assert group_sentence(group) == "On these runs saturation (m2) and saturation (all) cannot be told apart."
+    assert member_names([{"effect": "payload", "target": None}, {"effect": "armature", "target": None}]) == [
+        "payload",
+        "armature",
+    ]
 
 
 GAIN = {"effect": "actuator_gain", "target": "right"}

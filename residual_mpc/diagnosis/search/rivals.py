@@ -286,7 +286,8 @@ def _prefer_first(
 
 
 def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
-    """Likelihood weights of each chosen term and of all that could stand in its place."""
+    """Likelihood weights of each chosen term and of all that could stand in its place. An effect on every target is
+    also there on one."""
     shares: dict[Term, float] = {}
     for term in fit.terms:
         # a member of a group that was preferred to the one that was found competes for that one's place
@@ -301,5 +302,6 @@ def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
         total = sum(weights.values())
         for members, weight in weights.items():
             if len(members) == 1:
-                shares[members[0]] = max(shares.get(members[0], 0.0), weight / total)
+                everywhere = weights.get((members[0]._replace(target=None),), 0.0) if members[0].target else 0.0
+                shares[members[0]] = max(shares.get(members[0], 0.0), (weight + everywhere) / total)
     return shares

@@ -2,7 +2,7 @@
 
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.sections.section import Document, Section, render
-from residual_mpc.report.words.groups import Member, effects_of, member_name
+from residual_mpc.report.words.groups import Member, effects_of, member_names
 
 
 def confounded(document: Document, evidence: Evidence) -> Section | None:
@@ -11,7 +11,7 @@ def confounded(document: Document, evidence: Evidence) -> Section | None:
     if not groups:
         return None
     chosen = {(effect["effect"], effect.get("target")) for effect in document["explanation"]}
-    shown = [[(member_name(member), _is_chosen(member, chosen)) for member in group] for group in groups]
+    shown = [[(words, _is_chosen(m, chosen)) for words, m in zip(member_names(g), g, strict=True)] for g in groups]
     # An experiment is for the groups all of whose parts it names.
     experiment = document.get("next_experiment") or {}
     parts = set(experiment.get("parts") or [])

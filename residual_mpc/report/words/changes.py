@@ -7,7 +7,7 @@ from typing import Any
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.phrase import Noun
 from residual_mpc.report.words.effects import name
-from residual_mpc.report.words.groups import Member, member_name
+from residual_mpc.report.words.groups import Member, member_name, member_names
 from residual_mpc.report.words.numbers import (
     ARROW,
     listed,
@@ -113,7 +113,7 @@ def stretch_words(document: Document) -> str:
 
 def alike_sentence(group: list[Member]) -> str:
     """ "These runs cannot tell apart changes of command delay and sensor delay."."""
-    return f"These runs cannot tell apart changes of {listed([member_name(member) for member in group])}."
+    return f"These runs cannot tell apart changes of {listed(member_names(group))}."
 
 
 def capital(text: str) -> str:

@@ -23,10 +23,25 @@ def member_name(member: Member) -> str:
     )
 
 
+def member_names(group: Sequence[Member]) -> list[str]:
+    """The members' names; an effect on all targets is called so where another member has it on one: "saturation (m2)",
+    "saturation (all)"."""
+    on_one = {effect["effect"] for member in group for effect in effects_of(member) if effect.get("target")}
+    return [
+        member_name(member) + (" (all)" if _is_on_all(member) and effects_of(member)[0]["effect"] in on_one else "")
+        for member in group
+    ]
+
+
+def _is_on_all(member: Member) -> bool:
+    (first, *more) = effects_of(member)
+    return not more and not first.get("target")
+
+
 def group_sentence(group: Sequence[Member], document: Mapping[str, Any] | None = None) -> str:
     """ "On these runs command delay and sensor delay cannot be told apart."; document: the diagnosis.json, for a member
     that is clearly likelier than the one that stands in the explanation."""
-    text = f"On these runs {listed([member_name(member) for member in group])} cannot be told apart"
+    text = f"On these runs {listed(member_names(group))} cannot be told apart"
     likelier = None if document is None else _likelier(group, document)
     return f"{text}." if likelier is None else f"{text}; {likelier} is likelier."
 

@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from residual_mpc.report.words.effects import STATES, name, name_at, sentence_of, variation_clause
+from residual_mpc.diagnosis.results.causes import AT_BOUND
+from residual_mpc.report.words.effects import STATES, name, name_at, numbers_of, sentence_of, variation_clause
 from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, size
 from residual_mpc.report.words.numbers import listed, number, percent
 from residual_mpc.report.words.servo import short_reading
@@ -107,10 +108,11 @@ def _causes(document: Mapping[str, Any]) -> str:
 
 
 def _clause(effect: Mapping[str, Any]) -> str:
-    """With what it would be on a motor whose constants are known."""
-    motor = short_reading(effect.get("motor") or [])
+    """With what it would be on a motor whose constants are known, and whether a number was kept from going further."""
+    bound = AT_BOUND if any(p.get("note") == AT_BOUND for p in numbers_of(effect).values()) else ""
+    notes = [note for note in (short_reading(effect.get("motor") or []), bound) if note]
     said = f"{sentence_of(effect)}{variation_clause(effect)}"
-    return f"{said} ({motor})" if motor else said
+    return f"{said} ({', '.join(notes)})" if notes else said
 
 
 def _adding(document: Mapping[str, Any]) -> str:

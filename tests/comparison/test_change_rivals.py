@@ -1,0 +1,85 @@
+"""What could stand in place of a change, and how likely each is."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from oracles.rover_log import SIGMA, rover_run
+
+from plants.diff_drive import DiffDrive
+from residual_mpc.comparison import named, rivals
+from residual_mpc.comparison.likelihood import Explanation
+from residual_mpc.comparison.named import may_be_none
+from residual_mpc.comparison.rivals import _hardly_told, find_change_rivals
+from residual_mpc.comparison.search import FoundChange, search_changes
+from residual_mpc.comparison.sets import cut, units_of
+from residual_mpc.comparison.settings import ComparisonSettings
+from residual_mpc.comparison.space import change_space
+from residual_mpc.comparison.units import build_units
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.models.settings import Knob, Term
+
+ROVER = DiffDrive("rover", 0.033, 0.16)
+LATE, LATE_READINGS = Term("command_delay", None, True), Term("sensor_delay", None, True)
+LIMIT, LIMIT_OF_ONE = Term("saturation", None, True), Term("saturation", "left", True)
+
+
+def test_a_changed_delay_is_in_a_group_with_that_of_the_readings_whichever_both_sets_have() -> None:
+    """Both sets are late and the later one more so: what both have is taken for a delay of the readings."""
+    sets = [[rover_run(f"{i}{k}", {"command_delay": {"delay": delay}}, 12.0, seed=10 * i + k) for k in range(3)]
+            for i, delay in enumerate((0.04, 0.12))]  # fmt: skip
+    settings = ComparisonSettings()
+    two = cut(sets[0], sets[1], [ROVER] * 6, SIGMA, 1.0, settings.results.data)
+    space = change_space(build_space(two.clean, (), ("command_delay", "sensor_delay")))
+    problem = build_problem(two.clean, space, two.clean.sigma, two.scales.motion)
+    number = units_of(two.clean, two.later, settings.contrast)
+    units = build_units(number, two.side(two.clean), two.clean.run, np.zeros((two.clean.count, 1)))
+    found = search_changes(problem, {Knob("sensor_delay", None, "delay"): 0.04}, units, settings)
+    told = find_change_rivals(problem, found, units, settings)
+    assert told.groups == (((LATE,), (LATE_READINGS,)),)
+    assert told.shares[LATE] == told.shares[LATE_READINGS] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("one", "ratio", "expected"),
+    [(LATE_READINGS, 1e6, True), (Term("actuator_lag", None, True), 19.0, True), (LIMIT, 1.0, False),
+     (Term("actuator_lag", None, True), 21.0, False)],
+)  # fmt: skip
+def test_imitations_need_a_larger_ratio_and_twins_are_never_told_apart(one: Term, ratio: float, expected: bool) -> None:
+    twins = {LATE, LATE_READINGS}
+    problem: Any = SimpleNamespace(space=SimpleNamespace(are_twins=lambda a, b: {a, b} == twins))
+    assert _hardly_told(problem, one, LATE, ratio, ComparisonSettings()) is expected
+
+
+def test_an_effect_on_all_targets_speaks_for_the_one_that_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only one of the two limits is ever reached."""
+    fit: Any = SimpleNamespace(values={}, cost=1.0)
+    changes, account = (FoundChange(LIMIT_OF_ONE, 0.0),), SimpleNamespace(cost=3.0)
+    found: Any = SimpleNamespace(changes=changes, fit=fit, account=account, phi=1.0)
+    fits = {t: (Explanation(LIMIT_OF_ONE, fit, np.ones(1)), Explanation(t, fit, np.ones(1))) for t in (LIMIT, LATE)}
+    ratios = {LIMIT: 0.0, LATE: 2.0}
+    monkeypatch.setattr(rivals, "fit_all", lambda *_, **__: [SimpleNamespace(cost=2.0)])
+    monkeypatch.setattr(rivals, "_in_place_of", lambda *_: fits)
+    monkeypatch.setattr(
+        rivals, "likelihood_ratios", lambda problem, pair, *_: np.array([[0.0, ratios[pair[1].term]], [0.0, 0.0]])
+    )
+    problem: Any = SimpleNamespace(space=SimpleNamespace(are_twins=lambda *_: False))
+    shares = find_change_rivals(problem, found, Any, ComparisonSettings()).shares
+    other = np.exp(-1.0)
+    assert shares[LIMIT_OF_ONE] == pytest.approx(2.0 / (2.0 + other))
+    assert shares[LIMIT] == pytest.approx(1.0 / (2.0 + other)) and shares[LATE] == pytest.approx(other / (2.0 + other))
+
+
+@pytest.mark.parametrize(
+    ("part", "intervals_with_none", "expected"),
+    [(0.01, (True,), True), (0.01, (True, False), False), (0.2, (True,), False), (0.01, (False,), False)],
+)
+def test_a_change_without_size_that_explains_next_to_nothing_is_dropped(
+    part: float, intervals_with_none: tuple[bool, ...], expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numbers = [SimpleNamespace(may_be_none=holds) for holds in intervals_with_none]
+    monkeypatch.setattr(named, "changed_numbers", lambda *_: numbers)
+    of: Any = SimpleNamespace(parts={LATE: part})
+    assert may_be_none(Any, Any, LATE, of, Any, ComparisonSettings()) is expected
