@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,9 @@ from residual_mpc.diagnosis.data.settings import UnknownPastSettings
 from residual_mpc.diagnosis.data.signals import Signal, Signals
 from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.results.gaps import _look
+from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.results.verdict import verdict_of
 from residual_mpc.logs.run import Run
 from residual_mpc.models import optional
 from residual_mpc.models.settings import Knob, assemble
@@ -125,6 +130,23 @@ def test_the_first_windows_are_left_out_unless_they_are_many(tmp_path: Path) -> 
     first = data.start == data.start[data.run == 0][0]
     only = (data.run == 0) & first  # all others are held out
     assert (after_unknown_past(data, only, np.array([True, True]), settings) == only).all()
+
+
+def test_what_an_unknown_past_spoils_counts_in_the_gap_and_not_in_the_verdict(tmp_path: Path) -> None:
+    link = robot(tmp_path)
+    data = build_dataset([sagging_run(0.0, seed=0), sagging_run(4.0, seed=1)], [link] * 2, {})
+    early = (data.run == 1) & (data.start == 4.0)
+    error = np.where(early, 0.2, 0.0)[:, None, None] * np.ones_like(data.y)
+    floor: Any = SimpleNamespace(total=0.01)
+    every = np.ones(data.count, dtype=bool)
+    errors = dict.fromkeys(("nominal", "before", "after"), error)
+    spoilt, whole = (
+        _look(data, measure_scales(data), errors, every, False, floor, unknown, ResultSettings())
+        for unknown in (np.array([False, True]), np.array([False, False]))
+    )
+    assert spoilt.after.total == whole.after.total == whole.steady.total > 0.1
+    assert spoilt.steady.total == 0.0 and (spoilt.unjudged, whole.unjudged) == (1, 0)
+    assert (verdict_of([spoilt]), verdict_of([whole])) == ("effects", "partial")
 
 
 def test_a_gear_turns_the_setpoint_into_units_of_the_command(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from oracles.rover_log import SIGMA, rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
-from residual_mpc.diagnosis.results.gaps import worse_than_forecast
+from residual_mpc.diagnosis.results.forecast import worse_than_forecast
 from residual_mpc.diagnosis.results.settings import ResultSettings
 
 ROVER = DiffDrive("rover", 0.05, 0.3)

@@ -90,6 +90,14 @@ def notes(
         said.append(
             f"{', '.join(map(str, of.vetoed))} would reduce the gap of the pose, but contradicts the wheel encoders."
         )
+    for look in found.looks if found.helps else ():
+        if look.unjudged:
+            some = "1 window" if look.unjudged == 1 else f"{look.unjudged} windows"
+            begin, count = ("begins", "It counts") if look.unjudged == 1 else ("begin", "They count")
+            said.append(
+                f"{some} of {look.horizon:g} s {begin} at the start of a run that is already in motion or under load: "
+                f"what was sent before the first stamp is unknown. {count} in the gap, and not in the verdict."
+            )
     if not of.held.any():
         said.append("The runs are too short to hold out windows: all figures are on windows used in the fit.")
     if of.raw.skipped:

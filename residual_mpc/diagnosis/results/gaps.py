@@ -9,7 +9,7 @@ from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
-from residual_mpc.diagnosis.fit.evidence import blocks_of
+from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
@@ -19,6 +19,7 @@ from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
+from residual_mpc.diagnosis.results.forecast import worse_than_forecast
 from residual_mpc.diagnosis.results.own_step import Seen, only_the_step
 from residual_mpc.diagnosis.results.records import GapFigures, HorizonFigures
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -154,7 +155,8 @@ def measure_gaps(
     floors = noise_errors(quick, row, rng, floor_draws(seen, steps, settings=settings.predict), seen)
     floor = floor_from([gap_of(seen, scales, e, test) for e in floors], int(test.sum()), settings=settings.predict)
     everywhere = floor_from([gap_of(seen, scales, e) for e in floors], seen.count, settings=settings.predict)
-    looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, settings=settings)]
+    unknown = runs_with_unknown_past(raw, settings.data.unknown_past)
+    looks = [_look(raw, scales, errors, test, bool(of.held.any()), floor, unknown, settings=settings)]
     # outliers count as a gap if they are named, or if their effect is excluded
     jumps = of.unnamed_outliers or (of.with_outliers and helps)
     # beyond the noise on all windows, and on the very windows that the figures are printed for
@@ -162,7 +164,7 @@ def measure_gaps(
     horizons = [Seen(whole[0], whole[1], scales, everywhere)]
     anywhere = horizons[0].beyond_noise(settings) and _lucky(looks[0])
     for look in longer:
-        more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, jumps, settings=settings)
+        more, all_before, all_floor = _longer(of, look, rows, row, noise, rng, jumps, unknown, settings=settings)
         if all_floor.total < FORETOLD:
             looks.append(more)
             horizons.append(Seen(all_before[0], all_before[1], look.scales, all_floor))
@@ -186,24 +188,6 @@ def measure_gaps(
         stepping,
         not anywhere and not stepping and bool(floor.total > np.fmax(steady, settings.gaps.useless)),
     )
-
-
-def worse_than_forecast(
-    data: Dataset,
-    scales: Scales,
-    error: np.ndarray,
-    forecast: np.ndarray,
-    judged: np.ndarray,
-    settings: ResultSettings,
-) -> bool:
-    """Whether a model's error (W, M, C) is large, and larger than a forecast's beyond chance: by `certain` standard
-    errors of the difference, from stretches of time. judged (W,): weights of the windows."""
-    left, other = (gap_of(data, scales, e, judged).total for e in (error, forecast))
-    if not left > np.fmax(other, settings.gaps.useless):
-        return False
-    apart = judged * (per_window(data, scales, error) - per_window(data, scales, forecast))
-    stretches = np.bincount(blocks_of(data, settings=settings.fit), weights=np.nan_to_num(apart))
-    return bool(stretches.sum() > settings.gaps.certain * np.sqrt((stretches**2).sum()))
 
 
 def _helps(
@@ -260,15 +244,19 @@ def _look(
     test: np.ndarray,
     held_out: bool,
     floor: NoiseFloor,
+    unknown: np.ndarray,
     settings: ResultSettings,
 ) -> HorizonGaps:
+    """unknown (R,) bool: runs with an unknown past, whose first windows say nothing of the model."""
     gaps = {k: gap_of(data, scales, e, test) for k, e in errors.items()}
-    steady = gap_of(
-        data, scales, errors["after"], window_trust(data, scales, errors["after"], settings=settings.data) * test
-    )
+    past = settings.data.unknown_past
+    judged = after_unknown_past(data, test, unknown, past, past.most_longer)
+    trust = window_trust(data, scales, errors["after"], settings=settings.data)
+    steady = gap_of(data, scales, errors["after"], trust * judged)
     return HorizonGaps(
         data.horizon, int(test.sum()), bool(held_out), gaps["nominal"], gaps["before"], gaps["after"], steady, floor,
         {k: quantiles(per_window(data, scales, errors[k])[test]) for k in ("before", "after")},
+        int(test.sum() - judged.sum()),
     )  # fmt: skip
 
 
@@ -280,6 +268,7 @@ def _longer(
     noise: tuple[ChannelNoise, ...],
     rng: np.random.Generator,
     jumps: bool,
+    unknown: np.ndarray,
     settings: ResultSettings,
 ) -> tuple[HorizonGaps, tuple[Dataset, np.ndarray], NoiseFloor]:
     """The gaps over a longer horizon on the windows that are judged, and errors and floor of the model on all of them;
@@ -292,7 +281,7 @@ def _longer(
     judged = (
         floor if look.test.all() else floor_of(seen.take(look.test), look.scales, row, rng, settings=settings.predict)
     )
-    here = _look(raw, look.scales, errors, look.test, bool(look.held.any()), judged, settings=settings)
+    here = _look(raw, look.scales, errors, look.test, bool(look.held.any()), judged, unknown, settings=settings)
     whole = (raw, errors["before"]) if jumps else _nominal_errors(look.clean, rows)
     return here, whole, floor
 

@@ -16,8 +16,8 @@ Verdict = Literal["no_gap", "effects", "partial", "unknown"]
 @dataclass(frozen=True, eq=False)
 class HorizonGaps:
     """The gaps over one horizon on the windows that are judged. held_out: whether no fit has seen these windows;
-    steady: the gap after, in which windows that diverge count at their limit; quantiles: of the windows' own gaps
-    before and after, by "p50", "p90" and "max"."""
+    steady: the gap after, in which windows that diverge count at their limit, and the `unjudged` windows after an
+    unknown past not at all; quantiles: of the windows' own gaps before and after, by "p50", "p90" and "max"."""
 
     horizon: float
     windows: int
@@ -28,6 +28,7 @@ class HorizonGaps:
     steady: Gap
     floor: NoiseFloor
     quantiles: dict[str, dict[str, float]]
+    unjudged: int = 0
 
 
 def verdict_of(looks: Sequence[HorizonGaps]) -> Verdict:
