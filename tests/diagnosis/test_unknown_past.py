@@ -137,7 +137,7 @@ def test_what_an_unknown_past_spoils_counts_in_the_gap_and_not_in_the_verdict(tm
     data = build_dataset([sagging_run(0.0, seed=0), sagging_run(4.0, seed=1)], [link] * 2, {})
     early = (data.run == 1) & (data.start == 4.0)
     error = np.where(early, 0.14, 0.0)[:, None, None] * np.ones_like(data.y)
-    floor: Any = SimpleNamespace(total=0.01)
+    floor: Any = SimpleNamespace(total=0.01, channels=np.array([0.01]))
     every = np.ones(data.count, dtype=bool)
     errors = dict.fromkeys(("nominal", "before", "after"), error)
     spoilt, whole = (
