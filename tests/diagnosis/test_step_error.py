@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -22,6 +24,7 @@ from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.results import causes, gaps
+from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.step_shift import finely_stepped
 from residual_mpc.logs.run import Run
 from residual_mpc.models.settings import Knob, Settings
@@ -134,3 +137,13 @@ def test_a_model_of_equations_has_no_finer_step() -> None:
     data = build_dataset([rover_run("r", {}, 16.0)], [robot], {}, 1.0, settings=DataSettings())
     problem = build_problem(data, build_space(data, ()), data.sigma, measure_scales(data).motion)
     assert finely_stepped(problem, fit_all(problem, [{Knob("track_width", None, "scale"): 1.2}])[0]) == {}
+
+
+@pytest.mark.parametrize(
+    ("error", "left", "expected"), [(0.004, 0.005, True), (0.003, 0.005, False), (None, 0.005, False)]
+)
+def test_what_is_left_is_mostly_the_step_s_error(error: float | None, left: float, expected: bool) -> None:
+    found: Any = SimpleNamespace(
+        left=SimpleNamespace(total=left), looks=[SimpleNamespace(floor=SimpleNamespace(total=0.001))], step_error=error
+    )
+    assert gaps.ExplanationGaps.left_by_step(found, ResultSettings()) is expected

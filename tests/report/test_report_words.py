@@ -363,6 +363,13 @@ def test_what_is_left_in_words():
     assert "depends on no logged quantity; it comes in bursts: half of it occurs in 12 % of the time." in nothing
 
 
+def test_an_error_of_the_time_step_is_said_to_be_one():
+    rest = document("unknown")["remainder"] | {"own_step": True}
+    assert plain(rest_sentence(rest)) == (
+        "The remaining error is mainly in elbow at low speed. Most of it is the error of the model's own time step."
+    )
+
+
 def test_an_effect_that_closes_most_and_is_not_named_comes_with_the_reason():
     rest = document("unknown")["remainder"]
     why = "the search stopped before it."

@@ -157,9 +157,10 @@ def _left(
         remainder = remainder_of(seen, of.scales, row, predicted, error, of.held, tuning=settings.remainder)
         learned = learn(remainder, learners, rng.spawn(1)[0])
     judge = Ruler(PredictionCache(seen.take(of.test), of.space), of.scales, first.floor.total**2, settings.data)
-    like = resembles(of.problem, current, of.left_out, judge, settings=settings.remainder)
+    stepping = found.left_by_step(settings)
+    like = None if stepping else resembles(of.problem, current, of.left_out, judge, settings=settings.remainder)
     unspoilt = np.where(np.isfinite(of.clean.y), error, np.nan)
-    return learned, describe_remainder(
+    rest = describe_remainder(
         seen,
         of.scales,
         row,
@@ -170,3 +171,4 @@ def _left(
         rng.spawn(1)[0],
         tuning=settings.remainder,
     )
+    return learned, replace(rest, depends=(), own_step=True) if stepping else rest

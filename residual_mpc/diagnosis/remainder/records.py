@@ -59,13 +59,15 @@ class Resemblance:
 class Rest:
     """components: the largest first. where: as of the gap, but of what is left. burst: the share of the time that holds
     half of it. depends: the first and, where there is one, the second; empty where nothing that was logged does better
-    than chance."""
+    than chance. own_step: whether most of it is the error of the model's own time step; then nothing else is said to
+    cause it."""
 
     components: tuple[Component, ...]
     where: Where
     burst: float
     depends: tuple[Dependence, ...]
     resembles: Resemblance | None
+    own_step: bool = False
 
     def document(self) -> dict[str, object]:
         """As diagnosis.json has it."""
@@ -82,6 +84,7 @@ class Rest:
                 "target": self.resembles.term.target,
                 "closes": self.resembles.closes,
             },
+            "own_step": self.own_step,
         }
 
 

@@ -71,6 +71,11 @@ class ExplanationGaps:
         removed = max(first.before.total**2 - self.left.total**2, 0.0) ** 0.5
         return self.step_error is not None and self.step_error > max(first.floor.total, COARSE * removed)
 
+    def left_by_step(self, settings: ResultSettings) -> bool:
+        """Whether the error of the model's own time step is most of what is left beyond the noise."""
+        excess = max(self.left.total**2 - self.looks[0].floor.total**2, 0.0)
+        return self.step_error is not None and self.step_error**2 >= settings.gaps.step_most * excess
+
     @property
     def verdict(self) -> tuple[Verdict, float]:
         """And the share of the squared gap beyond the floor that is left."""

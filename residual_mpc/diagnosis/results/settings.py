@@ -50,17 +50,19 @@ class GapSettings:
     """least: share of the squared gap, over one horizon, that an explanation has to remove; worse: times the gap before
     that the headline's may become where a longer horizon gains; useless: gap from which a model that is worse than a
     forecast of constant velocity by `certain` standard errors says nothing; step_part: of the squared gap beyond the
-    noise, from which the error of the model's time step may be all of it."""
+    noise, from which the error of the model's time step may be all of it; step_most: of what effects leave, from which
+    that error is most of it."""
 
     least: float = 0.02
     worse: float = 1.02
     useless: float = 0.3
     certain: float = 2.0
     step_part: float = 0.25
+    step_most: float = 0.5
 
     def __post_init__(self) -> None:
         check_positive(self, "worse", "useless", "certain")
-        check_share(self, "least", "step_part")
+        check_share(self, "least", "step_part", "step_most")
 
 
 @dataclass(frozen=True)

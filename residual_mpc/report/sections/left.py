@@ -6,7 +6,7 @@ from typing import Any
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.figures.curve import curve
 from residual_mpc.report.sections.section import Document, Section, render
-from residual_mpc.report.words.rest import component_name, form_of, hint_of, regime_words, resemblance
+from residual_mpc.report.words.rest import OWN_STEP, component_name, form_of, hint_of, regime_words, resemblance
 
 LEARNERS = {"ridge": "a ridge regression", "network": "a neural network"}
 LIFT = 1.2  # from which a regime is listed
@@ -56,5 +56,6 @@ def _rest(remainder: Mapping[str, Any] | None) -> dict[str, Any] | None:
             }
             for k, d in enumerate(remainder["depends_on"])
         ],
-        "like": resemblance(remainder["resembles"]),
+        "own_step": bool(remainder.get("own_step")),
+        "like": OWN_STEP if remainder.get("own_step") else resemblance(remainder["resembles"]),
     }

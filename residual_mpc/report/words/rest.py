@@ -37,6 +37,7 @@ REGIMES = {
     "slow": "at low speed",
     "fast": "at high speed",
 }
+OWN_STEP = "Most of it is the error of the model's own time step."
 CLOSE = 0.5  # share of the rest from which an effect that was not added needs a reason
 
 
@@ -44,6 +45,8 @@ def rest_sentence(remainder: Mapping[str, Any]) -> str:
     """`remainder` of diagnosis.json in one or two plain sentences."""
     where = f"The remaining error is mainly in {_components(remainder['components'])}{_regime(remainder['regimes'])}"
     depends = remainder["depends_on"]
+    if remainder.get("own_step"):
+        return f"{where}. {OWN_STEP}"
     if depends:
         hint = hint_of(depends[0])
         said = f"{where} and {_depends(depends[0])}{', consistent with ' + hint if hint else ''}."
