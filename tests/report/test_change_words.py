@@ -142,3 +142,9 @@ def test_sentences_of_the_verdicts():
     assert comparison_sentence(document("unknown")).startswith("The two sets differ, but no change of an effect")
     assert "explains only part" in comparison_sentence(document("partial"))
     assert "explains only part" not in comparison_sentence(document("changed"))
+
+
+def test_what_is_nothing_beside_the_other_side_is_zero():
+    line = plain(change_line(change("sensor_delay", None, delay=number(6.24e-8, 0.03, 0.03, 0.001, "s"))))
+    assert line.startswith("sensor_delay: delay 0 -> 30 ms, change 30 ms")
+    assert " 0.01 -> 1," in plain(change_line(change("actuator_gain", None, gain=number(0.01, 1.0, 100.0, 1.0))))

@@ -179,10 +179,12 @@ def _of(change: Mapping[str, Any], preposition: str = "of") -> str:
 
 
 def _ends(change: Mapping[str, Any], parameter: str) -> tuple[str, str]:
-    """Both values, a zero without a unit of its own."""
+    """Both values; one that is nothing beside the other is a zero, without a unit of its own."""
     n = change["parameters"][parameter]
+    both, differs = ((n["before"], n["after"]), (n["after"], n["before"])), not is_ratio(change, parameter)
     before, after = (
-        "none" if v is None else "0" if v == 0.0 else _written(change, parameter, v) for v in (n["before"], n["after"])
+        "none" if v is None else "0" if v == 0.0 or (differs and _absent(v, other)) else _written(change, parameter, v)
+        for v, other in both
     )
     return before, after
 
