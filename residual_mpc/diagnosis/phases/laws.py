@@ -44,8 +44,11 @@ def find_laws(
 
 
 def _more_to_explain(validated: Validated) -> bool:
-    """Whether what is left may have a cause of its own: a small gap alone does not confirm effects."""
+    """Whether what is left may have a cause of its own: a small gap alone does not confirm effects. The error of the
+    model's own time step has none, and where noise hides everything none can be seen."""
     gaps = validated.gaps
+    if gaps.blinded or (validated.verdict == "effects" and gaps.left_by_step(validated.options.settings)):
+        return False
     told = all(x.steady.total <= AS_GOOD * x.floor.total for x in gaps.looks)
     return validated.verdict not in ("no_gap", "effects") or (validated.verdict == "effects" and not told)
 
