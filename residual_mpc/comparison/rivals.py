@@ -58,10 +58,11 @@ def find_change_rivals(
         equal = {t for t, ratio in ratios.items() if _hardly_told(problem, t, leading, ratio, settings)}
         weights = {t: float(np.exp(-0.5 * min(r, 200.0))) if t not in equal else 1.0 for t, r in ratios.items()}
         total = sum(weights.values())
-        for term, weight in weights.items():  # an effect on every target is also there on one
-            everywhere = weights.get(term._replace(target=None), 0.0) if term.target else 0.0
-            shares[term] = max(shares.get(term, 0.0), (weight + everywhere) / total)
         alike = sorted(equal | {t for t, r in ratios.items() if r < settings.search.alike}, key=lambda t: place((t,)))
+        for term, weight in weights.items():  # an effect on every target is also there on one
+            on_one = term.target is not None and term in alike
+            everywhere = weights.get(term._replace(target=None), 0.0) if on_one else 0.0
+            shares[term] = max(shares.get(term, 0.0), (weight + everywhere) / total)
         if len(alike) > 1:
             groups.append(tuple((term,) for term in alike))
         first = next(term for term in alike if ratios[term] < settings.search.equal)

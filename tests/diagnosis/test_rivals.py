@@ -66,6 +66,8 @@ def test_an_effect_on_all_targets_is_also_there_on_the_one_that_is_named() -> No
     shares, other = _shares(fit, rivals), float(np.exp(-1.0))
     assert shares[LEFT] == pytest.approx(2.0 / (2.0 + other)) and shares[BOTH] == pytest.approx(1.0 / (2.0 + other))
     assert shares[delay] == pytest.approx(other / (2.0 + other))
+    told = [Rival((BOTH,), (LEFT,), fit, 50.0, False)]  # both have it: what is said of one alone is not true
+    assert _shares(SimpleNamespace(terms=(BOTH,)), told)[LEFT] < 1e-9
 
 
 def test_an_effect_said_of_both_wheels_goes_to_the_one_that_has_it() -> None:

@@ -287,7 +287,7 @@ def _prefer_first(
 
 def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
     """Likelihood weights of each chosen term and of all that could stand in its place. An effect on every target is
-    also there on one."""
+    also there on one, where the two are not told apart."""
     shares: dict[Term, float] = {}
     for term in fit.terms:
         # a member of a group that was preferred to the one that was found competes for that one's place
@@ -300,8 +300,10 @@ def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
                 weight = float(np.exp(-0.5 * np.clip(r.ratio, 0.0, 200.0)))
                 weights[r.came] = max(weights.get(r.came, 0.0), weight)
         total = sum(weights.values())
+        alike = {place_of, *(r.came for r in rivals if r.gone == place_of and r.alike)}
         for members, weight in weights.items():
             if len(members) == 1:
-                everywhere = weights.get((members[0]._replace(target=None),), 0.0) if members[0].target else 0.0
+                on_one = members[0].target is not None and members in alike
+                everywhere = weights.get((members[0]._replace(target=None),), 0.0) if on_one else 0.0
                 shares[members[0]] = max(shares.get(members[0], 0.0), (weight + everywhere) / total)
     return shares
