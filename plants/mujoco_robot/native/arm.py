@@ -12,7 +12,18 @@ import numpy as np
 
 from plants.mujoco_robot.edits.masses import quat_to_matrix
 from plants.mujoco_robot.native.dynamics import Joint
-from plants.mujoco_robot.native.step import ACTUATOR, ARM, JOINT, LINK, TENDON, Actuator, Chain, Stop, Tendon
+from plants.mujoco_robot.native.step import (
+    ACTUATOR,
+    ARM,
+    JOINT,
+    LINK,
+    TENDON,
+    Actuator,
+    Chain,
+    Integrator,
+    Stop,
+    Tendon,
+)
 
 if TYPE_CHECKING:
     import mujoco
@@ -34,6 +45,14 @@ READ = frozenset((  # the fields that may differ from row to row
 def field_of(model: mujoco.MjModel, name: str) -> np.ndarray:
     """(1, ...) a field of the model, or "opt.", then one of its options."""
     return np.asarray(getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name))[None]
+
+
+def integrators() -> dict[int, Integrator]:
+    """MuJoCo's numbers of the integrators that programs have."""
+    import mujoco
+
+    known = mujoco.mjtIntegrator
+    return {int(known.mjINT_EULER): "Euler", int(known.mjINT_IMPLICITFAST): "implicitfast", int(known.mjINT_RK4): "RK4"}
 
 
 def chain_of(model: mujoco.MjModel, rubs: bool, stops: bool) -> Chain:
@@ -59,7 +78,7 @@ def chain_of(model: mujoco.MjModel, rubs: bool, stops: bool) -> Chain:
         for j in range(model.njnt)
     )
     return Chain(
-        int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        integrators()[int(model.opt.integrator)],
         tuple(model.qpos0.tolist()),
         joints,
         actuators,

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from plants.mujoco_robot.native.changing import Changing, Rewriting
+from plants.mujoco_robot.native.integrate import trace
 from plants.mujoco_robot.native.lanes import gather, load, scatter, store
 from plants.mujoco_robot.native.program import LANES, VECTOR, Program, Value
-from plants.mujoco_robot.native.step import Chain, sizes, trace
+from plants.mujoco_robot.native.step import Chain, sizes
 
 PROGRAMS = 256  # that a process keeps, about a megabyte each
 WORTH = 0.2  # s of running, after which optimised code is made

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.native.arm import READ, field_of, numbers_of
+from plants.mujoco_robot.native.arm import READ, field_of, integrators, numbers_of
 from plants.mujoco_robot.native.compiled import Compiled, Rollout
 from plants.mujoco_robot.native.program import LANES
 
@@ -38,7 +38,7 @@ ZERO = (  # and of whose fields no number differs from 0
 def alike(models: Sequence[mujoco.MjModel], differing: Sequence[str]) -> bool:
     """Whether models that differ in these fields do so only in what programs read from each row, or do not use."""
     known = all(f in READ or f in DERIVED or f.startswith(UNUSED) for f in differing)
-    return known and all(eligible(m) for m in models)
+    return known and all(eligible(m) for m in models) and len({int(m.opt.integrator) for m in models}) == 1
 
 
 def eligible(model: mujoco.MjModel) -> bool:
@@ -46,7 +46,6 @@ def eligible(model: mujoco.MjModel) -> bool:
     import mujoco
 
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)}
-    integrators = {int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)}
     joint = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     option = model.opt
     return bool(
@@ -56,7 +55,7 @@ def eligible(model: mujoco.MjModel) -> bool:
         and not any(np.any(getattr(model, name, 0)) for name in ZERO)
         and np.isin(model.actuator_trntype, joint).all()
         and bool((model.actuator_biastype <= 1).all())
-        and int(option.integrator) in integrators
+        and int(option.integrator) in integrators()
         and option.density == option.viscosity == 0.0
         and not int(option.enableflags)
         and not int(option.disableactuator)

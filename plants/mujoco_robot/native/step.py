@@ -1,4 +1,4 @@
-"""One step of MuJoCo's for a chain of hinges and slides: forces, constraints, integrator.
+"""Accelerations of a chain of hinges and slides as MuJoCo has them: forces, constraints, implicit damping.
 
 The equations are those of MuJoCo's documentation (Computation) and of its source, engine_forward.c,
 engine_core_constraint.c and engine_derivative.c.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from plants.mujoco_robot.native.constraints import (
     MOST,
@@ -38,6 +39,8 @@ from plants.mujoco_robot.native.lanes import (
     where,
 )
 from plants.mujoco_robot.native.program import VECTOR, Program, Value
+
+Integrator = Literal["Euler", "implicitfast", "RK4"]
 
 
 @dataclass(frozen=True)
@@ -70,12 +73,12 @@ class Tendon:
 
 @dataclass(frozen=True)
 class Chain:
-    """An arm as the program has it, the same for all rows and any time step. implicit: whether servos' damping is
-    implicit as well as that of the joints (implicitfast, against Euler); drawn: joint positions in the drawn posture;
-    reach: of the torque of all of a joint's actuators. rubs: whether joints have dry friction; stops: of joints with
-    limits."""
+    """An arm as the program has it, the same for all rows and any time step. integrator: the damping of the joints is
+    implicit in Euler, that of servos as well in implicitfast, and none in RK4; drawn: joint positions in the drawn
+    posture; reach: of the torque of all of a joint's actuators. rubs: whether joints have dry friction; stops: of
+    joints with limits."""
 
-    implicit: bool
+    integrator: Integrator
     drawn: tuple[float, ...]
     joints: tuple[Joint, ...]
     actuators: tuple[Actuator, ...]
@@ -116,7 +119,7 @@ def tendon_at(chain: Chain, i: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class _Row:
+class Row:
     """The numbers of the rows, as they lie in memory."""
 
     p: Program
@@ -152,14 +155,12 @@ class _Row:
         return load(self.p, self.array, at)
 
 
-def trace(
-    p: Program, chain: Chain, numbers: Value, state: Value, controls: Value, outputs: Value, failed: Value
-) -> None:
-    """Add one step to the program, from arrays of vectors. state: positions, velocities, then the accelerations that
-    the solver begins with; outputs (nu): written; failed (1): 1 where the constraints' solver has not converged."""
-    n, row = len(chain.joints), _Row(p, numbers, chain)
-    h = row.step
-    q, v = ([load(p, state, k * n + i) for i in range(n)] for k in (0, 1))
+def accelerations(
+    p: Program, chain: Chain, row: Row, q: Sequence[Lanes], v: Sequence[Lanes], state: Value, controls: Value,
+    outputs: Value, failed: Value,
+) -> tuple[list[Number], list[Number]]:  # fmt: skip
+    """Accelerations of a step, with what damping is implicit, and without it, from which the solver goes on."""
+    n, h = len(chain.joints), row.step
     off = [x - x0 for x, x0 in zip(q, chain.drawn, strict=True)]
     links = [row.link(i) for i in range(n)]
     mass, bias = inertia_and_bias(p, chain.joints, links, row.gravity, off, v)
@@ -169,7 +170,8 @@ def trace(
     for i, (armature, damp, stiff, rest, *_, beside) in enumerate(joints):
         mass[i, i] = mass[i, i] + armature
         torque[i] = torque[i] + driven[i] + beside - stiff * (q[i] - rest) - damp * v[i]
-        damping[i] = damp + (damping[i] if chain.implicit else 0.0)
+        of_joint = damp if chain.integrator != "RK4" else 0.0
+        damping[i] = of_joint + (damping[i] if chain.integrator == "implicitfast" else 0.0)
     constraints = [
         Constraint(
             {i: 1.0},
@@ -193,16 +195,11 @@ def trace(
         keep, held = _constrained(p, mass, torque, constraints, state, failed)
         free = [t + f for t, f in zip(torque, held, strict=True)]
     a = solve({(i, j): m + damping[i] * h if i == j else m for (i, j), m in mass.items()}, free)
-    keep = a if keep is None else keep
-    for i in range(n):
-        after = v[i] + h * a[i]
-        store(p, q[i] + h * after, state, i)
-        store(p, after, state, n + i)
-        store(p, keep[i], state, 2 * n + i)
+    return a, a if keep is None else keep
 
 
 def _actuated(
-    p: Program, chain: Chain, row: _Row, q: Sequence[Lanes], v: Sequence[Lanes], controls: Value, outputs: Value
+    p: Program, chain: Chain, row: Row, q: Sequence[Lanes], v: Sequence[Lanes], controls: Value, outputs: Value
 ) -> tuple[list[Number], list[Number]]:
     """Torques at the joints, and how they fall with the joints' velocities; an actuator at the end of its range has no
     damping, and neither have those of a joint at the end of its own."""
