@@ -79,7 +79,7 @@ def test_an_effect_is_what_it_is_in_mujoco(tmp_path: Path, actuators: str, effec
     assert_same(robot, drive, Settings(ROWS, {effect.name: numbers(robot, effect, rng)}))
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 @pytest.mark.parametrize("feedback", ["motor", "link"])
 def test_all_that_changes_between_steps_together(tmp_path: Path, feedback: str, integrator: str) -> None:
     """Beside play and a soft gear, with servos that see the motor or the link, and actuators that are switched off."""
