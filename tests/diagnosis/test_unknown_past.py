@@ -21,7 +21,7 @@ from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_wi
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.results.gaps import _look
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.verdict import verdict_of
+from residual_mpc.diagnosis.results.verdict import judged_share, verdict_of
 from residual_mpc.logs.run import Run
 from residual_mpc.models import optional
 from residual_mpc.models.settings import Knob, assemble
@@ -147,6 +147,23 @@ def test_what_an_unknown_past_spoils_counts_in_the_gap_and_not_in_the_verdict(tm
     assert spoilt.after.total == whole.after.total == whole.steady.total > 0.1  # no window counts as diverged
     assert spoilt.steady.total == 0.0 and (spoilt.unjudged, whole.unjudged) == (1, 0)
     assert (verdict_of([spoilt]), verdict_of([whole])) == ("effects", "partial")
+    assert judged_share(spoilt) == 0.0 < judged_share(whole)
+
+
+def test_a_horizon_whose_windows_all_begin_after_an_unknown_past_does_not_decide(tmp_path: Path) -> None:
+    """Unless it is the headline's, which is the first."""
+    data = build_dataset([sagging_run(4.0)], [robot(tmp_path)], {}).take(np.array([True] + [False] * 7))
+    error = 0.14 * np.ones_like(data.y)
+    floor: Any = SimpleNamespace(total=0.01, channels=np.array([0.01]))
+    errors = dict.fromkeys(("nominal", "before", "after"), error)
+    early, known = (
+        _look(data, measure_scales(data), errors, np.array([True]), False, floor, np.array([past]), ResultSettings())
+        for past in (True, False)
+    )
+    assert not early.decides and known.decides and early.steady.total == known.steady.total > 0.0
+    right = replace(known, steady=replace(known.steady, total=0.0, channels=np.zeros(1)))
+    assert verdict_of([right, early]) == "effects" and verdict_of([right, known]) == "partial"
+    assert verdict_of([early, right]) == "partial"
 
 
 def test_a_gear_turns_the_setpoint_into_units_of_the_command(tmp_path: Path) -> None:

@@ -25,14 +25,19 @@ def runs_with_unknown_past(data: Dataset, settings: UnknownPastSettings) -> np.n
 
 
 def after_unknown_past(
-    data: Dataset, free: np.ndarray, unknown: np.ndarray, settings: UnknownPastSettings, most: float | None = None
+    data: Dataset, free: np.ndarray, unknown: np.ndarray, settings: UnknownPastSettings
 ) -> np.ndarray:
     """(W,) bool: of the windows `free` (W,) those that begin long enough after the first stamp of their run, where
-    unknown (R,) says that it matters; all of them where more than the share `most` would be lost."""
-    begin = np.array([run.t[0] for run in data.runs])
-    early = unknown[data.run] & (data.start < begin[data.run] + settings.forgotten - 1e-6)
-    few = early[free].mean() <= (settings.most if most is None else most) if free.any() else False
+    unknown (R,) says that it matters; all of them where more than a small share would be lost."""
+    early = soon_after_unknown_past(data, unknown, settings)
+    few = early[free].mean() <= settings.most if free.any() else False
     return free & ~early if few else free
+
+
+def soon_after_unknown_past(data: Dataset, unknown: np.ndarray, settings: UnknownPastSettings) -> np.ndarray:
+    """(W,) bool: the windows that begin soon after the first stamp of a run with an unknown past; unknown (R,)."""
+    begin = np.array([run.t[0] for run in data.runs])
+    return unknown[data.run] & (data.start < begin[data.run] + settings.forgotten - 1e-6)
 
 
 def _variants(data: Dataset, where: slice, setting: np.ndarray, mine: list[int]) -> list[int]:

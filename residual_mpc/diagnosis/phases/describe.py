@@ -25,7 +25,7 @@ from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.stages import staged
 from residual_mpc.diagnosis.results.support import doubts
 from residual_mpc.diagnosis.results.variation_records import Variation
-from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, left_share
+from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, deciding, judged_share
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.models.settings import Term
 
@@ -68,7 +68,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     helps, final, settings = found.helps, of.final, validated.options.settings
     verdict, share = validated.verdict, found.verdict[1]
     # a slow effect hardly shows in the headline's gap: what is left counts where the gap is clearest
-    unexplained = left_share(clearest(found.looks)) if helps else share
+    unexplained = judged_share(clearest(found.looks)) if helps else share
     beats = beats_forecast(found.looks[0], found.constant_velocity)
     sure = most_sure(verdict, unexplained, _times_floor(found), beats, settings=settings)
     sure = min(sure, settings.causes.coarse) if found.coarse else sure
@@ -137,7 +137,7 @@ def steadiness(term: Term, varying: Mapping[Term, Variation], settings: ResultSe
 
 def _times_floor(found: ExplanationGaps) -> float:
     """How many times the noise floor is left, at the horizon where that is most."""
-    return max(look.steady.total / max(look.floor.total, 1e-12) for look in found.looks)
+    return max(look.steady.total / max(look.floor.total, 1e-12) for look in deciding(found.looks))
 
 
 def _left(

@@ -91,7 +91,7 @@ def notes(
             f"{', '.join(map(str, of.vetoed))} would reduce the gap of the pose, but contradicts the wheel encoders."
         )
     for look in found.looks if found.helps else ():
-        if look.unjudged:
+        if look.unjudged and (look.decides or look is not first):
             some = "1 window" if look.unjudged == 1 else f"{look.unjudged} windows"
             begin, count = ("begins", "It counts") if look.unjudged == 1 else ("begin", "They count")
             said.append(

@@ -9,7 +9,7 @@ from residual_mpc.diagnosis.data.constant_velocity import constant_velocity
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Gap, Scales, gap_of, per_window, window_trust
 from residual_mpc.diagnosis.data.noise_model import ChannelNoise
-from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
+from residual_mpc.diagnosis.data.unknown_past import runs_with_unknown_past, soon_after_unknown_past
 from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, stated_sizes
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
@@ -254,14 +254,15 @@ def _look(
 ) -> HorizonGaps:
     """unknown (R,) bool: runs with an unknown past, whose first windows say nothing of the model."""
     gaps = {k: gap_of(data, scales, e, test) for k, e in errors.items()}
-    past = settings.data.unknown_past
-    judged = after_unknown_past(data, test, unknown, past, past.most_longer)
+    judged = test & ~soon_after_unknown_past(data, unknown, settings.data.unknown_past)
+    unjudged = int(test.sum() - judged.sum())
+    judged = judged if judged.any() else test
     trust = window_trust(data, scales, errors["after"], settings=settings.data)
     steady = gap_of(data, scales, errors["after"], trust * judged)
     return HorizonGaps(
         data.horizon, int(test.sum()), bool(held_out), gaps["nominal"], gaps["before"], gaps["after"], steady, floor,
         {k: quantiles(per_window(data, scales, errors[k])[test]) for k in ("before", "after")},
-        int(test.sum() - judged.sum()),
+        unjudged,
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """What the gaps say: none beyond the noise, explained, partly explained, or unknown (contract, section 5)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,8 @@ Verdict = Literal["no_gap", "effects", "partial", "unknown"]
 class HorizonGaps:
     """The gaps over one horizon on the windows that are judged. held_out: whether no fit has seen these windows;
     steady: the gap after, in which windows that diverge count at their limit, and the `unjudged` windows after an
-    unknown past not at all; quantiles: of the windows' own gaps before and after, by "p50", "p90" and "max"."""
+    unknown past not at all, unless there are no others; quantiles: of the windows' own gaps before and after, by "p50",
+    "p90" and "max"."""
 
     horizon: float
     windows: int
@@ -30,10 +31,20 @@ class HorizonGaps:
     quantiles: dict[str, dict[str, float]]
     unjudged: int = 0
 
+    @property
+    def decides(self) -> bool:
+        """Whether any window can be judged."""
+        return self.unjudged < self.windows
+
+
+def deciding(looks: Sequence[HorizonGaps]) -> list[HorizonGaps]:
+    """The horizons that a verdict is about: all that can be judged, and the headline's, the first, in any case."""
+    return [x for i, x in enumerate(looks) if x.decides or i == 0]
+
 
 def verdict_of(looks: Sequence[HorizonGaps]) -> Verdict:
     """What the gaps say of an explanation that helps."""
-    return "effects" if all(as_good_as_told(x.steady, x.floor) for x in looks) else "partial"
+    return "effects" if all(as_good_as_told(x.steady, x.floor) for x in deciding(looks)) else "partial"
 
 
 def beats_forecast(look: HorizonGaps, forecast: float) -> float:
@@ -49,13 +60,18 @@ def beats_forecast(look: HorizonGaps, forecast: float) -> float:
 def clearest(looks: Sequence[HorizonGaps]) -> HorizonGaps:
     """The horizon at which the gap stands most out of what noise alone hardly ever makes, which is much more where
     there are few windows."""
-    return max(looks, key=lambda x: x.before.total / max(x.floor.luck, 1e-12))
+    return max(deciding(looks), key=lambda x: x.before.total / max(x.floor.luck, 1e-12))
 
 
 def hardly_explained(look: HorizonGaps) -> bool:
     """Whether more than half of the gap beyond the floor is left, a quarter of it squared, and the gap is above twice
     the floor."""
-    return look.steady.total > AS_GOOD * look.floor.total and left_share(look) > MOST_LEFT
+    return look.steady.total > AS_GOOD * look.floor.total and judged_share(look) > MOST_LEFT
+
+
+def judged_share(look: HorizonGaps) -> float:
+    """Of the squared gap beyond the noise floor, what is left on the windows that can be judged."""
+    return left_share(replace(look, after=look.steady) if look.unjudged else look)
 
 
 def left_share(look: HorizonGaps) -> float:
