@@ -153,6 +153,7 @@ def test_making_resumes_and_refuses_another_suite_in_its_place(made, arm_robot, 
         make_recorded_suite(*arm_robot, RecordedSettings(10, 41), made / "suite", made / "answers")
 
 
+@pytest.mark.slow
 def test_the_same_seed_makes_the_same_cases(made, arm_robot):
     for recipe in plan("arm", 10, 40, test=False)[:2]:
         *_, changes = changed_halves(*arm_robot, RecordedSettings(10, 40), recipe)

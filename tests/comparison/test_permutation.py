@@ -29,7 +29,7 @@ def differences_of(estimates: np.ndarray, given: Units, settings: ContrastSettin
     return permuted(equal, -estimates, equal, given, settings)
 
 
-@pytest.mark.parametrize("runs", [4, 12])
+@pytest.mark.parametrize("runs", [4, pytest.param(12, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("tails", ["normal", "heavy"])
 def test_false_alarms_over_many_hypotheses(runs: int, tails: str) -> None:
     rng, given = np.random.default_rng(1), units(runs, 24 // runs)
@@ -113,6 +113,7 @@ def nine_runs() -> Units:
     return Units(np.arange(27), run >= 5, run, np.zeros((27, 0)))
 
 
+@pytest.mark.slow
 def test_nine_runs_whose_stretches_are_alike_raise_no_more_alarms_than_the_level() -> None:
     """A hundred hypotheses, of some of which the runs seem alike by chance."""
     rng, given = np.random.default_rng(8), nine_runs()
@@ -125,7 +126,7 @@ def test_nine_runs_whose_stretches_are_alike_raise_no_more_alarms_than_the_level
         assert (np.array(p) <= level).mean() <= level + 2.0 * np.sqrt(level * (1.0 - level) / DRAWS)
 
 
-@pytest.mark.parametrize("varying", [slice(0, 4), slice(39, 40)])
+@pytest.mark.parametrize("varying", [slice(0, 4), pytest.param(slice(39, 40), marks=pytest.mark.slow)])
 def test_hypotheses_that_runs_differ_in_are_not_tested_as_if_they_did_not(varying: slice) -> None:
     """Four among forty, or the last one, which is the size of the residuals."""
     rng, given = np.random.default_rng(12), nine_runs()

@@ -91,6 +91,7 @@ def test_a_weak_servo_that_friction_holds_is_found_as_a_pair(tmp_path: Path) -> 
     assert all(f.cost >= best.cost for f in others)
 
 
+@pytest.mark.slow
 def test_few_probes_go_into_every_pair_and_all_into_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stiff = XML.replace(f'kp="{KP}"', f'kp="{KP / 0.25}"').replace(f'kv="{KV}"', f'kv="{KV / 0.25}"')
     data = build_dataset([swing(1, 0.4)], [robot_of(tmp_path, stiff)], SIGMA)

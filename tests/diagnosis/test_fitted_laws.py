@@ -125,6 +125,7 @@ def test_one_sided_turning_becomes_a_law_of_the_turning_rate(one_sided: Path) ->
     assert [(c["effect"], c["target"]) for c in found.document["candidates"]] == [("fitted_law", "yaw")]
 
 
+@pytest.mark.slow
 def test_a_law_is_left_out_on_request(one_sided: Path) -> None:
     for keys in ({"only": ("track_width",)}, {"only": ("track_width", "fitted_law"), "without": ("fitted_law",)}):
         found = rotor(one_sided, **keys)
