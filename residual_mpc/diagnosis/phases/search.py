@@ -23,9 +23,10 @@ from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, beyond, floor
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import build_problem, reweigh, times_longer, tolerating
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.remainder.resemblance import closest
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.search.acceptance import convincing, judge
+from residual_mpc.diagnosis.search.acceptance import STEP_WINDOWS, convincing, judge
 from residual_mpc.diagnosis.search.optional_numbers import makeup
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.settings import SearchSettings
@@ -65,7 +66,7 @@ def search_effects(
         data, scales = look.free
         data, gap, floor = _seen_over(data, scales, found, prepared, rng)
         more = None
-        if _worth_searching(data, gap, floor, options):
+        if _worth_searching(data, gap, floor, options) and not _made_by_step(data, scales, gap, floor, found):
             behind = 0.56
             progress(f"searching over windows of {data.horizon:g} s", 0.36)
             more = _on(prepared, data, scales, found, rng, lambda text, done: None, told)
@@ -113,6 +114,13 @@ def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Option
     return bearable and (perhaps or beyond(gap, floor, settings=settings.predict))
 
 
+def _made_by_step(data: Dataset, scales: Scales, gap: Gap, floor: NoiseFloor, found: Found) -> bool:
+    """Whether the error of the model's own time step accounts for what the explanation so far leaves here."""
+    row = found.problem.space.settings([found.fit.values])
+    error = step_error(data, scales, row, found.ruler.settings, STEP_WINDOWS)
+    return error is not None and gap.total**2 - floor.total**2 <= error**2
+
+
 def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
     """The rivals of what was found; of the rival that holds far better on all windows, where there is one."""
     settings = prepared.options.settings
@@ -129,17 +137,19 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
 
 def _closed_by_one(found: Found, rivalry: Rivalry, settings: ResultSettings) -> Found | None:
     """The result with the effect that closes a good part of the remaining gap, less what it makes redundant; None if
-    there is none, or nothing is left beyond the noise. Where little is left, small differences of everything may make
-    it up, and an effect has to close most of it by itself. They may also hide an effect from the first look: without
-    them it has to make the gap far smaller."""
+    there is none, or nothing is left beyond the noise and the error of the model's own time step. Where little is left,
+    small differences of everything may make it up, and an effect has to close most of it by itself. They may also hide
+    an effect from the first look: without them it has to make the gap far smaller."""
     search, ruler, current = settings.search.without_tolerances(), found.ruler, rivalry.fit
     much = ruler.much_left(current)
-    left = much or bool(ruler.squared([current])[0] > settings.predict.floor.margin**2 * ruler.floor)
+    gap = float(ruler.squared([current])[0])
+    left = much or gap > settings.predict.floor.margin**2 * ruler.floor
     if not current.terms or len(current.terms) >= search.largest or not left:
         return None
+    if not much and gap - ruler.floor <= ruler.step_error(current):
+        return None  # the model's own time step makes that
     plain = tolerating(found.problem, None)  # small differences elsewhere may absorb what the effect explains
     near, enough = None, search.sizeable if much else search.most
-    gap = float(ruler.squared([current])[0])
     far = max(enough, (1.0 - search.rivals.far_smaller) * gap / max(gap - ruler.floor, 1e-12))
     for problem, least in ((found.problem, enough), (plain, far)):
         near = closest(problem, current, (), ruler, settings.remainder)
