@@ -18,7 +18,7 @@ from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.causes import without_doubtful
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.support import Support, _beside, _size, doubts
+from residual_mpc.diagnosis.results.support import Rises, Support, _beside, _size, doubts
 from residual_mpc.models.settings import Knob, Term
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
@@ -81,9 +81,20 @@ def test_what_the_law_of_a_large_effect_may_lack_is_in_doubt(beside: float, fact
 
 
 def test_an_effect_is_small_beside_another_only_if_it_is_at_every_horizon() -> None:
-    second, longer = np.array([4.0, 1e4, -1.0]), np.array([100.0, 1e4, 1.0])
+    apart = np.full(3, 1e4)  # none explains much by itself
+    second, longer = Rises(np.array([4.0, 1e4, -1.0]), apart, 1e4), Rises(np.array([100.0, 1e4, 1.0]), apart, 1e4)
     assert [_beside([second, longer], k) for k in range(3)] == pytest.approx([0.1, 50.0, 0.01])
-    assert _beside([np.array([3.0])], 0) == np.inf
+    assert _beside([Rises(np.array([3.0]), np.zeros(1), 3.0)], 0) == np.inf
+
+
+def test_an_effect_that_imitates_another_is_compared_with_what_that_explains_alone() -> None:
+    """A dead zone of a servo beside a dry friction: without either, the other still explains most."""
+    dead_zone, friction = 1.0, 200.0
+    rises = Rises(np.array([dead_zone, friction]), np.array([friction, dead_zone]), 2501.0)
+    assert _beside([rises], 0) == pytest.approx(0.5 * 0.02)
+    assert _beside([rises], 1) == pytest.approx(0.5 * (friction / (2501.0 - friction)) ** 0.5)
+    apart = Rises(np.array([1.0, 2500.0]), np.array([2500.0, 1.0]), 2501.0)
+    assert _beside([apart], 0) == pytest.approx(0.02) and _beside([apart], 1) == pytest.approx(25.0)
 
 
 def test_an_effect_of_one_run_of_three_is_possible_at_most() -> None:

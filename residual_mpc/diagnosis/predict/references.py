@@ -9,6 +9,7 @@ from residual_mpc.models import optional
 from residual_mpc.models.settings import Settings
 
 HIGHEST, LOWEST = "highest", "lowest"  # position of a joint in the runs
+GIVEN = "given"  # torque of a joint's actuators at what was measured
 RUN = ("1/run", "")  # 1/s, one over the longest run
 OVER = 0.05  # s, over which a joint's largest speed is measured
 ENDS = (0.002, 0.998)  # quantiles: a stop is where a joint often ends, an outlier is beyond
@@ -47,6 +48,8 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
         for k, a in enumerate(robot.actuators):
             rms[joints[k]] = float(np.sqrt(np.mean(outputs[a] ** 2)))
         typical = float(np.median([x for x in rms.values() if x > 0] or [1.0]))
+        for k, a in enumerate(robot.actuators):  # at the measured states from which the windows start
+            found.setdefault((GIVEN, joints[k]), []).append(float(np.median(np.abs(outputs[a][:, 0]))))
         for j in all_joints:
             torque = rms[j] or typical
             speeds = [s.y for (_, c), s in data.signals.items() if c == f"velocity.{j}"]

@@ -10,7 +10,15 @@ from types import MappingProxyType
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
-from residual_mpc.diagnosis.predict.references import HIGHEST, LOWEST, RUN, longest_run, measure_references, turned_of
+from residual_mpc.diagnosis.predict.references import (
+    GIVEN,
+    HIGHEST,
+    LOWEST,
+    RUN,
+    longest_run,
+    measure_references,
+    turned_of,
+)
 from residual_mpc.effects.command import COMMAND_DELAY
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, LIBRARY, holder
@@ -24,6 +32,7 @@ from residual_mpc.models.targets import Targets
 FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
 UNTOLD = "the angle of a wheel can be estimated only from pose.x, pose.y and pose.theta"
+FAR_MORE = 2.0  # times the torque that a model needs, from which what the motors give is probed as friction
 TURNED = 0.2  # rad over the whole range of a joint: what a typical step of a number of cycles changes
 
 
@@ -153,7 +162,21 @@ class Space:
             columns.append([float(np.clip(self._probe(knob, x), low, high)) for x in p.probes])
         knobs = self.knobs(term)
         rows = zip_longest(*columns)
-        return [{k: (c[-1] if x is None else x) for k, x, c in zip(knobs, row, columns, strict=True)} for row in rows]
+        doses = [{k: (c[-1] if x is None else x) for k, x, c in zip(knobs, row, columns, strict=True)} for row in rows]
+        return doses + self._stalling(term, doses[-1])
+
+    def _stalling(self, term: Term, largest: Values) -> list[Values]:
+        """A dry friction that takes what the motors give at the measured states, where that is far more than the model
+        needs for these motions; empty for other effects and robots. The other doses lie too far below it."""
+        first = BY_NAME[term.effect].parameters[0]
+        slots = self.slots[term.effect] if term.target is None else (term.target,)
+        given, needed = (max(self.references.get((kind, s), 0.0) for s in slots) for kind in (GIVEN, "torque"))
+        if first.quantity != "dry friction" or given < FAR_MORE * needed:
+            return []
+        of_torque = {p.name for p in BY_NAME[term.effect].parameters if p.reference == "torque"}
+        times = given / max(largest[self.knobs(term)[0]], 1e-12)
+        scaled = {k: v * times if k.parameter in of_torque else v for k, v in largest.items()}
+        return [{k: float(np.clip(v, *self.bounds(k))) for k, v in scaled.items()}]
 
     def _probe(self, knob: Knob, x: float) -> float:
         """The value that a probe x stands for."""

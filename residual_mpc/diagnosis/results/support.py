@@ -62,7 +62,7 @@ def support_of(
     lasts, several = _survives(runs, of.final, settings=settings), len(np.unique(runs)) > 1
     out = {}
     for k, term in enumerate(of.final.terms):
-        strength = float(max(r[k] for r in rises))
+        strength = float(max(r.without[k] for r in rises))
         evidence = ("fits", *(("predicts",) if strength > 0.0 else ()), *(("survives",) if lasts[term] else ()))
         size, fails, beside = _size(of, term, settings=settings), several and not lasts[term], _beside(rises, k)
         out[term] = Support(evidence, strength, size, fails, beside)
@@ -108,13 +108,30 @@ def _size(of: FittedExplanation, term: Term, settings: ResultSettings) -> float:
     return max(sizes)
 
 
-def _beside(rises: Sequence[np.ndarray], k: int) -> float:
-    """How much of the motion effect k predicts beside the largest of the others, at the horizon where that is most."""
+@dataclass(frozen=True, eq=False)
+class Rises:
+    """By how much the squared gap over one horizon rises, in units of the squared floor: without (T,) each of the
+    effects, with only (T,) each of them, and with none."""
+
+    without: np.ndarray
+    only: np.ndarray
+    none: float
+
+
+def _beside(horizons: Sequence[Rises], k: int) -> float:
+    """How much of the motion effect k predicts beside the largest of the others, or beside all of them together where
+    they explain more without it, at the horizon where that is most. An effect that would explain most of the gap by
+    itself imitates the others, and what their laws lack looks like it the more: it counts half."""
     shares = []
-    for rise in rises:
-        most = float(np.delete(np.maximum(rise, 0.0), k).max(initial=0.0))
-        told = most > 0.0 and np.isfinite(rise[k]) and np.isfinite(most)  # without an effect a prediction may diverge
-        shares.append(float(np.sqrt(max(rise[k], 0.0) / most)) if told else np.inf)
+    for rises in horizons:
+        own, others = float(rises.without[k]), np.delete(rises.without, k)
+        most = float(np.maximum(others, 0.0).max(initial=0.0))
+        if not len(others) or not (most > 0.0 and np.isfinite([own, most]).all()):
+            shares.append(np.inf)  # without an effect a prediction may diverge
+            continue
+        together = max(most, rises.none - own) if np.isfinite(rises.none) else most
+        imitates = rises.none - rises.only[k] > 0.5 * rises.none
+        shares.append(float(np.sqrt(max(own, 0.0) / together)) * (0.5 if imitates else 1.0))
     return max(shares)
 
 
@@ -129,16 +146,19 @@ def _shadow(values: Values, term: Term) -> float:
     return most
 
 
-def _rises(of: FittedExplanation, data: Dataset, scales: Scales, floor: float, settings: ResultSettings) -> np.ndarray:
-    """(T,) by how much the squared gap on these windows rises without each effect, in units of the squared floor."""
+def _rises(of: FittedExplanation, data: Dataset, scales: Scales, floor: float, settings: ResultSettings) -> Rises:
+    """How the squared gap on these windows rises without effects."""
     terms = of.final.terms
     keep = evenly(data, settings.support.steps, settings=settings.data)
     data = data if keep.all() else data.take(keep)
-    rows = [of.final.values, *(without(of.final.values, t) for t in terms)]
+    none = {k: v for k, v in of.final.values.items() if k.effect == TUNE}
+    only = [{**none, **{k: v for k, v in of.final.values.items() if k.term == t}} for t in terms]
+    rows = [of.final.values, *(without(of.final.values, t) for t in terms), *only, none]
     errors = [data.y - p for p in predict(data, of.space.settings(rows))]
     trust = fit_trust(data, scales, errors[0], settings=settings.data)
     whole, *less = [gap_of(data, scales, e, trust).total ** 2 for e in errors]
-    return (np.array(less) - whole) / max(floor**2, 1e-12)
+    rises = (np.array(less) - whole) / max(floor**2, 1e-12)
+    return Rises(rises[: len(terms)], rises[len(terms) : -1], float(rises[-1]))
 
 
 def _survives(run: np.ndarray, final: Fit, settings: ResultSettings) -> dict[Term, bool]:
