@@ -4,8 +4,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from residual_mpc.diagnosis.options import Options
-from residual_mpc.diagnosis.phases.describe import shared, steadiness
+from residual_mpc.diagnosis.phases.describe import _likely, shared, steadiness
 from residual_mpc.diagnosis.phases.validate import Validated
+from residual_mpc.diagnosis.results.records import Candidate, Cause
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.variation_records import Instant, Variation
 from residual_mpc.models.settings import Term
@@ -69,3 +70,13 @@ def test_an_explanation_whose_law_is_another_is_partial_however_small_the_gap() 
     assert found == ["effects", "partial", "effects"]
     nothing: Any = SimpleNamespace(verdict=("unknown", 1.0))
     assert Validated(nothing, None, {}, {}, Options(), thirds).verdict == "unknown"
+
+
+def test_what_is_named_is_likely_with_what_the_runs_do_not_tell_from_it() -> None:
+    """A group of three at 0.2 each is likelier than not, one at 0.07 beside four others is not."""
+    named = [Cause(GAIN, 0.2, (), ""), Cause(DELAY, 0.4, (), "")]
+    members = [Candidate(t, 0.2, 0.0) for t in (GAIN, RATIO, RADIUS)]
+    group = ((GAIN,), (RATIO,), (RADIUS,))
+    assert _likely(named, members, [group])
+    assert not _likely(named, members, [group[:2]])
+    assert not _likely(named, members, []) and _likely([Cause(DELAY, 0.5, (), "")], [], [])

@@ -20,7 +20,7 @@ from residual_mpc.diagnosis.results.causes import causes_of, most_sure
 from residual_mpc.diagnosis.results.conditions import moved, notes, one_run, setup
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.next_experiment import next_experiment
-from residual_mpc.diagnosis.results.records import Diagnosis, DiagnosisResult, GapStep, StageShare
+from residual_mpc.diagnosis.results.records import Candidate, Cause, Diagnosis, DiagnosisResult, GapStep, StageShare
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.stages import staged
 from residual_mpc.diagnosis.results.support import doubts
@@ -28,6 +28,8 @@ from residual_mpc.diagnosis.results.variation_records import Variation
 from residual_mpc.diagnosis.results.verdict import beats_forecast, clearest, deciding, judged_share
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.models.settings import Term
+
+LIKELY = 0.5  # probability of an effect, with what the runs do not tell from it, from which it explains a gap
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,9 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     every_doubt = {**shared(weak, groups), **doubt}
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
     causes = causes_of(of, share, sure, supports, doubt, validated.lacking, settings=settings) if helps else ()
+    looked_at = candidates(of.rivalry, of.base, final, sure, of.left_out, every_doubt) if helps else ()
+    if verdict == "effects" and not found.told and not _likely(causes, looked_at, groups):
+        verdict = "partial"  # a gap that is small anyway confirms nothing
     odd = one_run(of, found)
     return Diagnosis(
         robot=of.space.robot.name,
@@ -90,7 +95,7 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         stages=extras.stages,
         where=locate(of.raw, of.scales, found.errors["before"], settings=settings.data),
         causes=tuple(replace(c, variation=validated.varying.get(c.term)) for c in causes),
-        candidates=candidates(of.rivalry, of.base, final, sure, of.left_out, every_doubt) if helps else (),
+        candidates=looked_at,
         groups=groups,
         rivals=rival_sets(of.rivalry) if helps else (),
         alternatives=others,
@@ -112,6 +117,14 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
         values=of.space.whole(final.values) if helps else of.base.values,
         notes=notes(of, found, odd, settings=settings),
     )
+
+
+def _likely(causes: Sequence[Cause], looked_at: Sequence[Candidate], groups: Sequence[ConfoundedGroup]) -> bool:
+    """Whether any effect that is named is likelier than not, together with what the runs do not tell from it."""
+    known = {c.term: c.probability for c in looked_at} | {c.term: c.probability for c in causes}
+    alike = [{t for m in g for t in m} for g in groups]
+    sums = (sum(known.get(t, 0.0) for t in {c.term, *(t for g in alike if c.term in g for t in g)}) for c in causes)
+    return any(x >= LIKELY for x in sums)
 
 
 def shared(doubt: Mapping[Term, float], groups: Sequence[ConfoundedGroup]) -> dict[Term, float]:

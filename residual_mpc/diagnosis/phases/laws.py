@@ -17,7 +17,6 @@ from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import weighed
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.shrink import shrink_of
-from residual_mpc.diagnosis.results.verdict import AS_GOOD, deciding
 from residual_mpc.diagnosis.search.rivals import Rivalry
 from residual_mpc.effects.laws import FITTED_LAW, kind_of
 from residual_mpc.models.settings import TUNE
@@ -49,8 +48,7 @@ def _more_to_explain(validated: Validated) -> bool:
     gaps = validated.gaps
     if gaps.blinded or (validated.verdict == "effects" and gaps.left_by_step(validated.options.settings)):
         return False
-    told = all(x.steady.total <= AS_GOOD * x.floor.total for x in deciding(gaps.looks))
-    return validated.verdict not in ("no_gap", "effects") or (validated.verdict == "effects" and not told)
+    return validated.verdict not in ("no_gap", "effects") or (validated.verdict == "effects" and not gaps.told)
 
 
 def _replaces(validated: Validated, found: WithLaws) -> bool:

@@ -14,7 +14,7 @@ from residual_mpc.diagnosis.fit.noise_fit import fit_noise, no_more_than_left, s
 from residual_mpc.diagnosis.predict.horizons import FORETOLD, HorizonWindows
 from residual_mpc.diagnosis.predict.longer_steps import quickened
 from residual_mpc.diagnosis.predict.noise_errors import noise_errors
-from residual_mpc.diagnosis.predict.noise_floor import NoiseFloor, floor_draws, floor_from, floor_of
+from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, NoiseFloor, floor_draws, floor_from, floor_of
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import step_error
@@ -27,6 +27,7 @@ from residual_mpc.diagnosis.results.verdict import (
     HorizonGaps,
     Verdict,
     clearest,
+    deciding,
     hardly_explained,
     left_share,
     verdict_of,
@@ -70,6 +71,11 @@ class ExplanationGaps:
         first = self.looks[0]
         removed = max(first.before.total**2 - self.left.total**2, 0.0) ** 0.5
         return self.step_error is not None and self.step_error > max(first.floor.total, COARSE * removed)
+
+    @property
+    def told(self) -> bool:
+        """Whether no more is left than the sensors can tell."""
+        return all(x.steady.total <= AS_GOOD * x.floor.total for x in deciding(self.looks))
 
     def left_by_step(self, settings: ResultSettings) -> bool:
         """Whether the error of the model's own time step is most of what is left beyond the noise."""
