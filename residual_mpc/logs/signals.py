@@ -58,6 +58,11 @@ def unwrap_with_gaps(y: FloatArray) -> FloatArray:
     return out
 
 
+def continuous(name: str, y: FloatArray) -> FloatArray:
+    """A column (n,) without jumps of 2 pi where it may be an angle, as it is otherwise; name: of its channel."""
+    return unwrap_with_gaps(y) if name == "pose.theta" or name.startswith("position.") else y
+
+
 def fresh_samples(y: FloatArray) -> BoolArray:
     """Where a sample is neither missing nor a mere repeat of a slower sensor's last one, (n,).
 

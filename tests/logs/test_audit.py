@@ -11,6 +11,7 @@ import pytest
 from run_tables import ARM, WHEELS, arm_run, wheel_run
 
 from residual_mpc.logs.audit import ActuatorFacts, RobotFacts, audit
+from residual_mpc.logs.audit.jumps import check_jumps
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.logs.run import FloatArray, Run
@@ -153,6 +154,19 @@ def test_a_planted_fault_of_an_arm_is_found(fault: Fault, severity: str, kind: s
 )
 def test_a_planted_fault_of_a_wheeled_robot_is_found(fault: Fault, severity: str, kind: str, column: str) -> None:
     assert (kind, column) in kinds(audit(with_fault(wheels(), fault), WHEELS), severity)
+
+
+def test_a_noisy_heading_about_half_a_turn_has_no_outliers() -> None:
+    """It changes its sign for a single sample now and then."""
+    t = np.arange(0.0, 20.0, 0.05)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(t))
+    heading = np.pi - 0.02 + noise
+    columns = dict.fromkeys(("command.left", "command.right"), np.sin(t)) | {
+        "pose.theta": (heading + np.pi) % (2.0 * np.pi) - np.pi
+    }
+    run = Run("run", t, columns)
+    assert np.abs(np.diff(columns["pose.theta"])).max() > 6.0
+    assert not check_jumps([run], WHEELS)
 
 
 def test_a_run_whose_clock_is_off_is_named() -> None:

@@ -13,7 +13,7 @@ from residual_mpc.diagnosis.data.signals import Signal, Signals
 from residual_mpc.diagnosis.data.window_commands import drive_of
 from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
-from residual_mpc.logs.signals import noise_sigma, resolution, unwrap_with_gaps
+from residual_mpc.logs.signals import continuous, noise_sigma, resolution
 from residual_mpc.models.protocol import Drive, Merging, Robot
 
 POSITION_LIKE = ("position", "pose")
@@ -205,9 +205,7 @@ def compared_channels(measured: Sequence[str], channels: Sequence[str]) -> tuple
 
 
 def _signal(run: Run, channel: str) -> Signal:
-    y = run.columns[channel]
-    if channel == "pose.theta" or channel.startswith("position."):
-        y = unwrap_with_gaps(y)
+    y = continuous(channel, run.columns[channel])
     good = np.isfinite(y)
     return Signal(run.t[good], y[good])
 

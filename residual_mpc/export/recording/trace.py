@@ -10,7 +10,7 @@ from residual_mpc.diagnosis.data.gap import Scales, gap_of, per_window
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.logs.columns import PER_ACTUATOR, group
 from residual_mpc.logs.run import Run
-from residual_mpc.logs.signals import unwrap_with_gaps
+from residual_mpc.logs.signals import continuous
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings
 
@@ -123,17 +123,12 @@ def _trace(i: int, run: Run, robot: Robot, nominal: Replay, corrected: Replay) -
 
     by_nominal, by_corrected = predicted(nominal), predicted(corrected)
     channels = tuple(c for c in data.channels if c in run.measured and c in by_nominal)
-    measured = {c: _unwrapped(c, run.columns[c]) for c in run.measured}
+    measured = {c: continuous(c, run.columns[c]) for c in run.measured}
     sent = {c: y for c, y in run.columns.items() if group(c) in PER_ACTUATOR}
     return Trace(
         run.name, run.start + begin, run.t - begin, measured, sent, windows, window, at, by_nominal, by_corrected,
         channels, robot,
     )  # fmt: skip
-
-
-def _unwrapped(column: str, y: Array) -> Array:
-    """As the predictions are compared with it."""
-    return unwrap_with_gaps(y) if column == "pose.theta" or column.startswith("position.") else y
 
 
 def _block(data: Dataset, window: int) -> Block:

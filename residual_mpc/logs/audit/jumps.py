@@ -9,7 +9,7 @@ import numpy as np
 from residual_mpc.logs.audit.facts import RobotFacts
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.run import Run
-from residual_mpc.logs.signals import Jumps, find_jumps, noise_sigma
+from residual_mpc.logs.signals import Jumps, continuous, find_jumps, noise_sigma
 
 MANY_SPIKES = 0.005  # share of the samples of all runs
 FEW_LATE = 5  # late stamps, and their share of a run's samples, below which nothing is said
@@ -21,9 +21,10 @@ NAMED = 3  # runs
 def check_jumps(runs: Sequence[Run], robot: RobotFacts) -> list[Finding]:
     """Every column that the robot has over all runs, and the stamps of each run by all its columns."""
     names = dict.fromkeys(name for run in runs for name in run.measured if name in robot.channels)
+    curves = [{n: continuous(n, run.columns[n]) for n in names if n in run.measured} for run in runs]
     found = [
-        {n: find_jumps(run.t, run.columns[n], noise_sigma(run.t, run.columns[n])) for n in names if n in run.measured}
-        for run in runs
+        {n: find_jumps(run.t, y, noise_sigma(run.t, y)) for n, y in mine.items()}
+        for run, mine in zip(runs, curves, strict=True)
     ]
     spikes = [finding for name in names for finding in _spikes(name, runs, found)]
     return spikes + [finding for run, jumps in zip(runs, found, strict=True) for finding in _late(run, jumps)]
