@@ -179,11 +179,14 @@ class Space:
         return [{k: float(np.clip(v, *self.bounds(k))) for k, v in scaled.items()}]
 
     def _probe(self, knob: Knob, x: float) -> float:
-        """The value that a probe x stands for."""
-        if BY_NAME[knob.effect].parameter(knob.parameter).reference != "extremes":
-            return x * self.reference(knob)
-        end = HIGHEST if x > 0 else LOWEST
+        """The value that a probe x stands for. A position at which something rests, in rad, is in units of the joint's
+        range in the runs where the joint slides: that is centimetres, not a turn."""
+        p = BY_NAME[knob.effect].parameter(knob.parameter)
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        if p.reference != "extremes":
+            slides = p.shape and p.unit == "rad" and bool(slots) and set(slots) <= optional.sliding(self.robot)
+            return x * (self.turned(knob) if slides else self.reference(knob))
+        end = HIGHEST if x > 0 else LOWEST
         return float(np.median([self.references.get((end, s), x) for s in slots]))
 
     def null(self, knob: Knob) -> float:
