@@ -21,7 +21,7 @@ from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed
 from residual_mpc.diagnosis.search.rivals import place
-from residual_mpc.diagnosis.search.substitutes import imitate
+from residual_mpc.diagnosis.search.substitutes import counting_all, imitate
 from residual_mpc.models.settings import Knob, Term
 
 
@@ -59,10 +59,8 @@ def find_change_rivals(
         weights = {t: float(np.exp(-0.5 * min(r, 200.0))) if t not in equal else 1.0 for t, r in ratios.items()}
         total = sum(weights.values())
         alike = sorted(equal | {t for t, r in ratios.items() if r < settings.search.alike}, key=lambda t: place((t,)))
-        for term, weight in weights.items():  # an effect on every target is also there on one
-            on_one = term.target is not None and term in alike
-            everywhere = weights.get(term._replace(target=None), 0.0) if on_one else 0.0
-            shares[term] = max(shares.get(term, 0.0), (weight + everywhere) / total)
+        for term, weight in counting_all(weights, alike).items():
+            shares[term] = max(shares.get(term, 0.0), weight / total)
         if len(alike) > 1:
             groups.append(tuple((term,) for term in alike))
         first = next(term for term in alike if ratios[term] < settings.search.equal)

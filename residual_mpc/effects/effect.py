@@ -13,7 +13,7 @@ Port = Literal["command", "output", "speed", "servo", "friction", "torque", "gro
 TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
 Reference = Literal[
     "one", "command", "command/time", "output", "speed", "torque", "torque/speed", "torque/motion", "extremes",
-    "inertia", "mass", "length", "play", "1/run",
+    "reach", "inertia", "mass", "length", "play", "1/run",
 ]  # fmt: skip
 Values = Mapping[str, Array]  # parameter name -> value, an array that broadcasts over the signal
 
@@ -88,7 +88,8 @@ class Parameter:
     "speed" is the actuator's largest; "torque/speed" and "torque/motion" the torque over the joint's typical speed and
     over the size of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run,
     1/s; "extremes" stands for the highest (a positive probe) and the lowest (a negative one) position that the runs
-    reach; "inertia", "mass", "length" and "play" are the robot's own).
+    reach; "reach" is a radian, or for a joint that slides its range in the runs; "inertia", "mass", "length" and "play"
+    are the robot's own).
     """
 
     name: str

@@ -19,6 +19,7 @@ from residual_mpc.diagnosis.data.settings import UnknownPastSettings
 from residual_mpc.diagnosis.data.signals import Signal, Signals
 from residual_mpc.diagnosis.data.unknown_past import after_unknown_past, runs_with_unknown_past
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.results.conditions import notes
 from residual_mpc.diagnosis.results.gaps import _look
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.verdict import judged_share, verdict_of
@@ -164,6 +165,27 @@ def test_a_horizon_whose_windows_all_begin_after_an_unknown_past_does_not_decide
     right = replace(known, steady=replace(known.steady, total=0.0, channels=np.zeros(1)))
     assert verdict_of([right, early]) == "effects" and verdict_of([right, known]) == "partial"
     assert verdict_of([early, right]) == "partial"
+
+
+def test_notes_say_which_windows_the_verdict_leaves_out(tmp_path: Path) -> None:
+    data = build_dataset([sagging_run(0.0, seed=0), sagging_run(4.0, seed=1)], [robot(tmp_path)] * 2, {})
+    floor: Any = SimpleNamespace(total=0.01, channels=np.array([0.01]))
+    errors = dict.fromkeys(("nominal", "before", "after"), np.zeros_like(data.y))
+    every = np.ones(data.count, dtype=bool)
+    look = _look(data, measure_scales(data), errors, every, False, floor, np.array([False, True]), ResultSettings())
+    found: Any = SimpleNamespace(
+        looks=(look,), helps=True, useless=False, stepping=False, step_error=None, constant_velocity=1.0,
+        left=look.after,
+    )  # fmt: skip
+    of: Any = SimpleNamespace(
+        doubtful=(), vetoed=(), held=every, raw=data, outliers=SimpleNamespace(count=0), with_outliers=False,
+        final=SimpleNamespace(knobs=(), held=(), terms=()),
+    )  # fmt: skip
+    (said, _) = notes(of, found, None, ResultSettings())
+    assert said.startswith("1 window of 1 s begins at the start of a run that is already in motion or under load")
+    assert said.endswith("It counts in the gap, and not in the verdict.")
+    nothing: Any = SimpleNamespace(**{**vars(found), "looks": (replace(look, unjudged=look.windows),)})
+    assert len(notes(of, nothing, None, ResultSettings())) == 1  # the headline's horizon decides all the same
 
 
 def test_a_gear_turns_the_setpoint_into_units_of_the_command(tmp_path: Path) -> None:

@@ -93,6 +93,8 @@ class Space:
         if kind == "one":
             return 1.0
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
+        if kind == "reach":
+            return (self.turned(knob) or 1.0) if slots and set(slots) <= optional.sliding(self.robot) else 1.0
         if kind == "extremes":
             ends = [[self.references.get((end, s), x) for s in slots] for end, x in ((HIGHEST, 1.0), (LOWEST, -1.0))]
             return float(np.median(ends[0]) - np.median(ends[1]))
@@ -168,10 +170,11 @@ class Space:
     def _stalling(self, term: Term, largest: Values) -> list[Values]:
         """A dry friction that takes what the motors give at the measured states, where that is far more than the model
         needs for these motions; empty for other effects and robots. The other doses lie too far below it."""
-        first = BY_NAME[term.effect].parameters[0]
+        if BY_NAME[term.effect].parameters[0].quantity != "dry friction":
+            return []
         slots = self.slots[term.effect] if term.target is None else (term.target,)
         given, needed = (max(self.references.get((kind, s), 0.0) for s in slots) for kind in (GIVEN, "torque"))
-        if first.quantity != "dry friction" or given < FAR_MORE * needed:
+        if given < FAR_MORE * needed:
             return []
         of_torque = {p.name for p in BY_NAME[term.effect].parameters if p.reference == "torque"}
         times = given / max(largest[self.knobs(term)[0]], 1e-12)
@@ -179,14 +182,11 @@ class Space:
         return [{k: float(np.clip(v, *self.bounds(k))) for k, v in scaled.items()}]
 
     def _probe(self, knob: Knob, x: float) -> float:
-        """The value that a probe x stands for. A position at which something rests, in rad, is in units of the joint's
-        range in the runs where the joint slides: that is centimetres, not a turn."""
-        p = BY_NAME[knob.effect].parameter(knob.parameter)
-        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
-        if p.reference != "extremes":
-            slides = p.shape and p.unit == "rad" and bool(slots) and set(slots) <= optional.sliding(self.robot)
-            return x * (self.turned(knob) if slides else self.reference(knob))
+        """The value that a probe x stands for."""
+        if BY_NAME[knob.effect].parameter(knob.parameter).reference != "extremes":
+            return x * self.reference(knob)
         end = HIGHEST if x > 0 else LOWEST
+        slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
         return float(np.median([self.references.get((end, s), x) for s in slots]))
 
     def null(self, knob: Knob) -> float:

@@ -59,8 +59,8 @@ class Resemblance:
 class Rest:
     """components: the largest first. where: as of the gap, but of what is left. burst: the share of the time that holds
     half of it. depends: the first and, where there is one, the second; empty where nothing that was logged does better
-    than chance. own_step: whether most of it is the error of the model's own time step; then nothing else is said to
-    cause it."""
+    than chance. own_step: whether most of it is the error of the model's own time step; no other cause is then
+    suggested."""
 
     components: tuple[Component, ...]
     where: Where

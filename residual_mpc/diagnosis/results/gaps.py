@@ -260,15 +260,14 @@ def _look(
 ) -> HorizonGaps:
     """unknown (R,) bool: runs with an unknown past, whose first windows say nothing of the model."""
     gaps = {k: gap_of(data, scales, e, test) for k, e in errors.items()}
-    judged = test & ~soon_after_unknown_past(data, unknown, settings.data.unknown_past)
-    unjudged = int(test.sum() - judged.sum())
-    judged = judged if judged.any() else test
+    early = test & soon_after_unknown_past(data, unknown, settings.data.unknown_past)
+    judged = test if early.sum() == test.sum() else test & ~early
     trust = window_trust(data, scales, errors["after"], settings=settings.data)
     steady = gap_of(data, scales, errors["after"], trust * judged)
     return HorizonGaps(
         data.horizon, int(test.sum()), bool(held_out), gaps["nominal"], gaps["before"], gaps["after"], steady, floor,
         {k: quantiles(per_window(data, scales, errors[k])[test]) for k in ("before", "after")},
-        unjudged,
+        int(early.sum()),
     )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
 from residual_mpc.diagnosis.search.stepwise import Found, without
-from residual_mpc.diagnosis.search.substitutes import imitate
+from residual_mpc.diagnosis.search.substitutes import counting_all, imitate
 from residual_mpc.effects.library import BY_NAME, ORDER
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
@@ -286,8 +286,7 @@ def _prefer_first(
 
 
 def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
-    """Likelihood weights of each chosen term and of all that could stand in its place. An effect on every target is
-    also there on one, where the two are not told apart."""
+    """Likelihood weights of each chosen term and of all that could stand in its place."""
     shares: dict[Term, float] = {}
     for term in fit.terms:
         # a member of a group that was preferred to the one that was found competes for that one's place
@@ -301,9 +300,7 @@ def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
                 weights[r.came] = max(weights.get(r.came, 0.0), weight)
         total = sum(weights.values())
         alike = {place_of, *(r.came for r in rivals if r.gone == place_of and r.alike)}
-        for members, weight in weights.items():
-            if len(members) == 1:
-                on_one = members[0].target is not None and members in alike
-                everywhere = weights.get((members[0]._replace(target=None),), 0.0) if on_one else 0.0
-                shares[members[0]] = max(shares.get(members[0], 0.0), (weight + everywhere) / total)
+        alone = {members[0]: weight for members, weight in weights.items() if len(members) == 1}
+        for t, weight in counting_all(alone, {m[0] for m in alike if len(m) == 1}).items():
+            shares[t] = max(shares.get(t, 0.0), weight / total)
     return shares
