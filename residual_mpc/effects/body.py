@@ -21,8 +21,10 @@ def stribeck_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
 
 
 def load_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
-    """coefficient * |actuator torque|, N m, times sgn(w)."""
-    return p["coefficient"] * ops.absolute(tau)
+    """(coefficient + quadratic |actuator torque|) |actuator torque|, N m, times sgn(w) (Duclusaud et al., Extended
+    friction models for the physics simulation of servo actuators, ICRA 2025, model M6, without its load's torque)."""
+    load = ops.absolute(tau)
+    return (p["coefficient"] + p["quadratic"] * load) * load
 
 
 def gear_level(ops: Ops, p: Values, w: Array, tau: Array) -> Array:
@@ -122,14 +124,22 @@ LOAD_FRICTION = Effect(
     stage="body",
     port="friction",
     target="joint",
-    parameters=(Parameter("coefficient", "1", 0.0, 0.0, 0.9, (0.1, 0.3), tolerance=0.03),),
+    parameters=(
+        Parameter("coefficient", "1", 0.0, 0.0, 0.9, (0.1, 0.3), tolerance=0.03),
+        Parameter("quadratic", "1/(N m)", 0.0, 0.0, math.inf, (0.1,), "1/torque", shape=True, most=1.0, optional=True),
+    ),
     summary="dry friction that grows with the torque that the gear carries",
     step=load_level,
     rank=30,
     stalls=("coefficient",),
     unseen="the torque hardly varies",
     imitates=frozenset({"position", "load"}),
-    phrase=Phrase("friction in {who} takes {coefficient} of the transmitted torque", shares=("coefficient",)),
+    phrase=Phrase(
+        "friction in {who} takes {coefficient} of the transmitted torque",
+        located=", and {where} of it",
+        optional={"quadratic": "{value} more for each {per}"},
+        shares=("coefficient", "quadratic"),
+    ),
     nouns={"coefficient": Noun("load-dependent friction", article="", inside="in")},
     not_in_mjcf="MuJoCo's dry friction does not depend on the load",
 )
@@ -154,7 +164,11 @@ PAYLOAD = Effect(
     summary="a mass at or near the payload site",
     site="tool",
     imitates=frozenset({"position"}),
-    phrase=Phrase("the robot carries {mass} more than modelled", located=", {where} from the payload site"),
+    phrase=Phrase(
+        "the robot carries {mass} more than modelled",
+        located=", {where} from the payload site",
+        optional={axis: f"{{value}} along {axis}" for axis in TOOL_AXES},
+    ),
     nouns={"mass": Noun("payload", "excess")},
 )
 

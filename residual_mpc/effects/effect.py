@@ -14,6 +14,7 @@ TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
 Reference = Literal[
     "one", "command", "command/time", "output", "speed", "torque", "torque/speed", "torque/motion", "extremes",
     "reach", "inertia", "mass", "length", "play", "1/run",
+    "1/torque",
 ]  # fmt: skip
 Values = Mapping[str, Array]  # parameter name -> value, an array that broadcasts over the signal
 
@@ -82,14 +83,14 @@ STAGES: tuple[Stage, ...] = ("command", "actuator", "body", "contact", "sensor")
 class Parameter:
     """One number of an effect.
 
-    `probes` are values worth a first look, in units of the reference named by `reference`, which the robot
-    measures on the runs at hand ("one" is the parameter's own unit; "command" the range of the target's command,
-    "output" the peak and "torque" the root mean square of the actuator's output that the nominal model predicts;
-    "speed" is the actuator's largest; "torque/speed" and "torque/motion" the torque over the joint's typical speed and
-    over the size of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run,
-    1/s; "extremes" stands for the highest (a positive probe) and the lowest (a negative one) position that the runs
-    reach; "reach" is a radian, or for a joint that slides its range in the runs; "inertia", "mass", "length" and "play"
-    are the robot's own).
+    `probes` are values worth a first look, in units of the reference named by `reference`, which the robot measures on
+    the runs at hand ("one" is the parameter's own unit; "command" the range of the target's command, "output" the peak
+    and "torque" the root mean square of the actuator's output that the nominal model predicts; "speed" is the
+    actuator's largest; "torque/speed" and "torque/motion" the torque over the joint's typical speed and over the size
+    of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run, 1/s,
+    "1/torque" one over the torque; "extremes" stands for the highest (a positive probe) and the lowest (a negative one)
+    position that the runs reach; "reach" is a radian, or for a joint that slides its range in the runs; "inertia",
+    "mass", "length" and "play" are the robot's own).
     """
 
     name: str

@@ -23,7 +23,9 @@ class Phrase:
     text: str
     everyone: str = ""  # in place of a target where there is none; else by EVERYONE
     someone: str = ""  # how the target is called, where that differs from TARGETS
-    located: str = ""  # what follows where optional numbers are stated; {where} lists these: "80 mm along x"
+    located: str = ""  # what follows where optional numbers are stated; {where} lists these
+    # of each optional number its words, such as "80 mm along x", from its {value} and, of one per unit, that unit {per}
+    optional: Mapping[str, str] = field(default_factory=dict)
     shares: tuple[str, ...] = ()  # parameters that read better as a percentage
     by_unit: Mapping[str, str] = field(default_factory=dict)  # unit -> the text in place of `text`
 

@@ -2,7 +2,7 @@
 
 _SLIDING = {
     "N m/rad": "N/m", "N m s/rad": "N s/m", "N m": "N", "rad/s": "m/s", "rad/s^2": "m/s^2", "rad": "m", "kg m^2": "kg",
-    "N m/s": "N/s",
+    "N m/s": "N/s", "1/(N m)": "1/N",
 }  # fmt: skip
 
 

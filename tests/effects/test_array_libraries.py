@@ -116,7 +116,7 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
         [(0.1, 1.0), (0.1, 1.0), (0.1, 2.0)],
         2,
     ),
-    "load_dependent_friction": (_one(load_level, "coefficient"), [(0.0, 0.9)], 2),
+    "load_dependent_friction": (_one(load_level, "coefficient", "quadratic"), [(0.0, 0.9), (0.0, 2.0)], 2),
     "rate_limit": (slewed, [(1.0, 100.0)], STEPS),
     "torque_speed_limit": (
         lambda o, s, n, w: line_limits(o, {"stall_torque": s, "no_load_speed": n}, w), [(0.1, 3.0), (0.5, 3.0)], 1

@@ -111,6 +111,7 @@ def test_dry_friction_holds_a_wheel_against_less_torque(tmp_path: Path, torque: 
             0.05,
         ),  # far above its velocity
         ("load_dependent_friction", {"coefficient": 0.25}, 0.05),  # of the motor's 0.2 N m
+        ("load_dependent_friction", {"coefficient": 0.1, "quadratic": 0.75}, 0.05),
         ("viscous_friction", {"coefficient": 0.01}, None),
     ],
 )

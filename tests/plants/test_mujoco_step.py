@@ -122,6 +122,7 @@ EFFECTS = [
     {("viscous_friction", None, "coefficient"): 20.0},
     {("stribeck_friction", "elbow", "static"): 8.0, ("stribeck_friction", "elbow", "kinetic"): 4.0},
     {("load_dependent_friction", None, "coefficient"): 0.2},
+    {("load_dependent_friction", None, k): v for k, v in {"coefficient": 0.1, "quadratic": 0.0004}.items()},
     {("payload", None, "mass"): 0.8},
     {("payload", None, k): v for k, v in {"mass": 0.8, "x": 0.05, "y": 0.1, "z": -0.08}.items()},
     {("link_mass", "forearm", "mass"): 2.0, ("link_mass", "forearm", "com"): 0.05},

@@ -9,7 +9,7 @@ from residual_mpc.effects.effect import STAGES
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.report.words.effects import name, remarks, sentence_of, sizes_words, stage, variation_clause
 from residual_mpc.report.words.gaps import few_windows, horizon_line, warnings
-from residual_mpc.report.words.groups import group_sentence, member_names
+from residual_mpc.report.words.groups import group_sentence, member_names, or_else
 from residual_mpc.report.words.numbers import (
     in_brackets,
     listed,
@@ -351,6 +351,31 @@ def test_a_group_says_which_member_is_clearly_likelier_than_the_named_one(group,
     candidates = [{**member, "probability": p} for member, p in zip((GAIN, RATIO), probabilities, strict=True)]
     found = group_sentence(group, {"explanation": [GAIN], "candidates": candidates})
     assert found == group_sentence(group)[:-1] + end
+
+
+@pytest.mark.parametrize(
+    ("group", "probabilities", "said"),
+    [
+        ([GAIN, RATIO], (0.4, 0.45), "or wheel radius mismatch"),
+        ([RATIO, GAIN], (0.02, 0.76), "or rather wheel radius mismatch"),
+        ([GAIN, [RATIO, DELAY]], (0.4, 0.45), "or wheel radius mismatch together with command delay"),
+        ([GAIN, DELAY, RATIO], (0.1, 0.45), "or rather wheel radius mismatch or command delay"),
+        ([GAIN, DELAY, RATIO, [RATIO, DELAY], [DELAY]], (0.4, 0.1), "or one of 4 other effects"),
+        ([GAIN, GAIN | {"target": None}], (0.4, 0.45), "or actuator gain of all"),
+        ([GAIN, RATIO], (0.95, 0.03), ""),  # hardly a doubt
+        ([DELAY, RATIO], (0.4, 0.45), ""),  # in no group
+    ],
+)
+def test_a_doubtful_effect_names_what_may_be_there_instead(group, probabilities, said):
+    candidates = [{**member, "probability": p} for member, p in zip((GAIN, RATIO), probabilities, strict=True)]
+    effect = GAIN | {"probability": probabilities[0]}
+    assert or_else(effect, {"candidates": candidates, "confounded": [group]}) == said
+
+
+def test_the_first_sentence_says_what_may_be_there_instead():
+    doubtful = document("effects")
+    doubtful["explanation"][0]["probability"] = 0.48
+    assert " late (or sensor delay); adding this delay " in sentence(doubtful)
 
 
 def test_what_is_left_in_words():

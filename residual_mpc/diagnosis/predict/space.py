@@ -100,6 +100,8 @@ class Space:
             return float(np.median(ends[0]) - np.median(ends[1]))
         if kind == "1/run":
             return self.references.get(RUN, 1.0)
+        if kind == "1/torque":
+            return 1.0 / float(np.median([self.references.get(("torque", s), 1.0) for s in slots]))
         if kind in ("inertia", "mass", "length", "play"):
             return float(np.median([self.robot.reference(kind, s) for s in slots]))
         return float(np.median([self.references.get((kind, s), 1.0) for s in slots]))
@@ -216,7 +218,7 @@ class Space:
         return self.references.get(("torque", joint), 1.0) / self.references.get(("torque/speed", joint), 1.0)
 
     def _largest(self, kind: str, knob: Knob) -> float:
-        if kind == "1/run":
+        if kind in ("1/run", "1/torque"):
             return self.reference(knob)
         slots = self.slots[knob.effect] if knob.target is None else (knob.target,)
         return max(self.references.get((kind, s), np.inf) for s in slots)

@@ -82,6 +82,8 @@ NUMBERS: tuple[ServoNumber, ...] = (
                 (Source(VISCOUS, "coefficient", "plus"),)),
     ServoNumber("load_friction", "load-dependent friction", "1", "", 0.0,
                 (Source(LOAD_FRICTION, "coefficient", "is"),)),
+    ServoNumber("load_friction_growth", "growth of load-dependent friction", "1/(N m)", "", 0.0,
+                (Source(LOAD_FRICTION, "quadratic", "is"),)),
     ServoNumber("efficiency_forward", "efficiency when driving", "1", "", 1.0,
                 (Source(GEAR_EFFICIENCY, "forward", "is"),)),
     ServoNumber("efficiency_backward", "efficiency when driven", "1", "", 1.0,

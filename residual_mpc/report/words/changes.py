@@ -7,7 +7,7 @@ from typing import Any
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.phrase import Noun
 from residual_mpc.report.words.effects import name
-from residual_mpc.report.words.groups import Member, member_name, member_names
+from residual_mpc.report.words.groups import Member, member_name, member_names, or_else
 from residual_mpc.report.words.numbers import (
     ARROW,
     listed,
@@ -36,10 +36,16 @@ def comparison_sentence(document: Document) -> str:
         return "The two sets differ, but no change of an effect in the library explains how."
     changes = document["changes"]
     likely = [c for c in changes if c["probability"] >= FAINT] or changes
-    said = capital(listed([change_clause(change) for change in likely]))
+    said = capital(listed([_or_else(change, document) for change in likely]))
     if verdict == "changed":
         return f"{said}."
     return f"{said}; this explains only part of the difference between the two sets."
+
+
+def _or_else(change: Mapping[str, Any], document: Document) -> str:
+    """The change, and what may have changed in its place."""
+    alternative = or_else(change, document)
+    return change_clause(change) + (f" ({alternative})" if alternative else "")
 
 
 def warnings(document: Document) -> list[str]:

@@ -83,7 +83,11 @@ def sentence_of(effect: Effect) -> str:
         if value < 0 and f"{{{key}}}" in text:  # a number that the clause does not name turns no word round
             text, value = _opposite(text, value)
         values[key] = _written(key, phrase.shares)(value, str(parameter.get("unit", "1")))
-    where = [f"{values[p.name]} along {p.name}" for p in known.parameters if p.optional and p.name in parameters]
+    where = [
+        said.format(value=values[key], per=str(parameters[key].get("unit", "1")).removeprefix("1/").strip("()"))
+        for key, said in phrase.optional.items()
+        if key in parameters
+    ]
     if where:
         text, values["where"] = text + phrase.located, listed(where)
     try:

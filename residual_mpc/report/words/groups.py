@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from residual_mpc.report.words.effects import name
+from residual_mpc.report.words.effects import name, name_at
 from residual_mpc.report.words.numbers import listed
 
 LIKELIER = 2.0  # times the probability of a group's named member, from which another is worth a word
+DOUBTED = 0.9  # probability below which the other members are named beside an effect
+LISTED = 3  # other members named beside an effect; more are counted
 
 Member = Mapping[str, Any] | Sequence[Mapping[str, Any]]  # several act together
 
@@ -46,10 +48,48 @@ def group_sentence(group: Sequence[Member], document: Mapping[str, Any] | None =
     return f"{text}." if likelier is None else f"{text}; {likelier} is likelier."
 
 
+def or_else(effect: Mapping[str, Any], document: Mapping[str, Any]) -> str:
+    """What may be there in the place of an effect that stands for a group: "or torque offset of tilt or sensor bias of
+    position.tilt", one that is clearly likelier as "or rather ...". Empty for an effect in no group, or where there is
+    little doubt. document: the diagnosis.json, or the comparison.json."""
+    if effect.get("probability") is None or float(effect["probability"]) >= DOUBTED:
+        return ""
+    place = (effect["effect"], effect.get("target"))
+    group = next((g for g in document.get("confounded") or () if [place] in [_keys(member) for member in g]), ())
+    probability = _probabilities(document)
+    others = [member for member in group if _keys(member) != [place]]
+    own = LIKELIER * probability.get(place, 1.0)
+    likelier = {i for i, m in enumerate(others) if len(_keys(m)) == 1 and probability.get(_keys(m)[0], 0.0) > own}
+    order = sorted(range(len(others)), key=lambda i: i not in likelier)
+    if len(others) > LISTED:
+        shown = [i for i in order if i in likelier][:1]
+        words = [_placed(others[i], effect, True) for i in shown] + [f"one of {len(others) - len(shown)} other effects"]
+    else:
+        words = [_placed(others[i], effect, i in likelier) for i in order]
+    return f"or {listed(words, 'or')}" if words else ""
+
+
+def _placed(member: Member, instead_of: Mapping[str, Any], likelier: bool) -> str:
+    """One member, said to act on all targets where the effect in its place is the same on one."""
+    said = " together with ".join(
+        name_at(e) + (" of all" if e["effect"] == instead_of["effect"] and not e.get("target") else "")
+        for e in effects_of(member)
+    )
+    return f"rather {said}" if likelier else said
+
+
+def _keys(member: Member) -> list[tuple[str, str | None]]:
+    return [(effect["effect"], effect.get("target")) for effect in effects_of(member)]
+
+
+def _probabilities(document: Mapping[str, Any]) -> dict[tuple[str, str | None], float]:
+    return {(c["effect"], c.get("target")): float(c["probability"]) for c in document.get("candidates") or ()}
+
+
 def _likelier(group: Sequence[Member], document: Mapping[str, Any]) -> str | None:
     """The likeliest member and its probability, where that is `LIKELIER` times that of the named member; None where it
     is not, or the group has members whose own probability is not known, such as pairs."""
-    probability = {(c["effect"], c.get("target")): float(c["probability"]) for c in document.get("candidates") or ()}
+    probability = _probabilities(document)
     named = {(e["effect"], e.get("target")) for e in document.get("explanation") or ()}
     known = {}
     for member in group:

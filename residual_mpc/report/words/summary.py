@@ -6,6 +6,7 @@ from typing import Any
 from residual_mpc.diagnosis.results.causes import AT_BOUND
 from residual_mpc.report.words.effects import STATES, name, name_at, numbers_of, sentence_of, variation_clause
 from residual_mpc.report.words.gaps import at_horizon, hardest, ratio, size
+from residual_mpc.report.words.groups import or_else
 from residual_mpc.report.words.numbers import listed, number, percent
 from residual_mpc.report.words.servo import short_reading
 
@@ -96,8 +97,9 @@ def _causes(document: Mapping[str, Any]) -> str:
     effects = surest_first(document["explanation"])
     likely = [effect for effect in effects if _probability(effect) >= FAINT] or effects
     said = likely if len(likely) <= NAMED + 1 else likely[:NAMED]  # "1 more" is no shorter than the effect
-    sure = [_clause(effect) for effect in said if _probability(effect) >= SURE]
-    maybe = [f"possibly {_clause(effect)}" for effect in said if _probability(effect) < SURE]
+    clauses = {id(effect): _clause(effect, or_else(effect, document)) for effect in said}
+    sure = [clauses[id(effect)] for effect in said if _probability(effect) >= SURE]
+    maybe = [f"possibly {clauses[id(effect)]}" for effect in said if _probability(effect) < SURE]
     hidden = effects[len(said) :]
     if hidden:
         doubted = "possibly " if all(_probability(effect) < SURE for effect in hidden) else ""
@@ -107,10 +109,11 @@ def _causes(document: Mapping[str, Any]) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _clause(effect: Mapping[str, Any]) -> str:
-    """With what it would be on a motor whose constants are known, and whether a number was kept from going further."""
+def _clause(effect: Mapping[str, Any], alternative: str) -> str:
+    """With what it would be on a motor whose constants are known, whether a number was kept from going further, and
+    what may be there instead."""
     bound = AT_BOUND if any(p.get("note") == AT_BOUND for p in numbers_of(effect).values()) else ""
-    notes = [note for note in (short_reading(effect.get("motor") or []), bound) if note]
+    notes = [note for note in (short_reading(effect.get("motor") or []), bound, alternative) if note]
     said = f"{sentence_of(effect)}{variation_clause(effect)}"
     return f"{said} ({', '.join(notes)})" if notes else said
 
