@@ -91,12 +91,17 @@ def _robust(y: np.ndarray, weight: np.ndarray, x: np.ndarray, clip: float) -> tu
         right = np.einsum("up,un->np", x, w * y)
         b = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ right[..., None])[..., 0].T
         z = root * (y - x @ b)
-        there = zip(np.abs(z).T, (weight > 0.0).T, strict=True)
-        spread = np.array([np.median(a[m]) if m.any() else 0.0 for a, m in there])
-        scale = np.maximum(MAD * spread, np.sqrt(np.mean(z**2, axis=0)) * 1e-3 + TINY)
+        scale = np.maximum(MAD * _medians(np.abs(z), weight > 0.0), np.sqrt(np.mean(z**2, axis=0)) * 1e-3 + TINY)
         z = z / scale
         w = weight * np.minimum(1.0, clip / np.maximum(np.abs(z), TINY))
     return b, root * np.clip(z, -clip, clip), np.where(np.abs(z) < clip, weight / scale, 0.0)
+
+
+def _medians(x: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(N,) the medians of the seen entries of each column of x (U, N); 0 where none is."""
+    ranked, count = np.sort(np.where(seen, x, np.inf), axis=0), seen.sum(axis=0)
+    low, high = (np.take_along_axis(ranked, at[None], axis=0)[0] for at in (np.maximum(count - 1, 0) // 2, count // 2))
+    return np.where(count > 0, 0.5 * (low + high), 0.0)
 
 
 def _statistics(

@@ -47,7 +47,7 @@ def test_each_of_a_pair_is_needed(seed):
     assert not found.unknown and not found.background
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_no_constant_effect_does_what_one_does_that_comes_and_goes(seed):
     bench, found = hidden("changed", seed)
     low, high = LEVELS["changed"].rest
@@ -56,7 +56,7 @@ def test_no_constant_effect_does_what_one_does_that_comes_and_goes(seed):
     assert found.unknown[0].split()[0] == found.background[0].effect
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_slow_effects_are_under_the_noise_over_a_second(seed):
     bench, found = hidden("slow", seed)
     low, high = LEVELS["slow"].ratio

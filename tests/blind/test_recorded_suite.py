@@ -141,6 +141,7 @@ def test_all_cases_have_the_same_files_whatever_was_changed(made):
     assert len({(case / "robot.toml").read_text() for case in cases}) == 1
 
 
+@pytest.mark.slow
 def test_making_resumes_and_refuses_another_suite_in_its_place(made, arm_robot, tmp_path):
     case = made / "suite" / "cases" / "case-0003"
     stamp = (made / "suite" / "cases" / "case-0002" / "robot.toml").stat().st_mtime_ns

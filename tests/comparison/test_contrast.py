@@ -59,7 +59,12 @@ def test_units_are_stretches_of_runs() -> None:
 
 
 @pytest.mark.parametrize(
-    ("by", "size"), [pytest.param("stretch", 0.0, marks=pytest.mark.slow), ("stretch", 0.3), ("run", 0.3)]
+    ("by", "size"),
+    [
+        pytest.param("stretch", 0.0, marks=pytest.mark.slow),
+        pytest.param("stretch", 0.3, marks=pytest.mark.slow),
+        ("run", 0.3),
+    ],
 )
 def test_false_alarms_are_at_most_as_many_as_the_level_says(by: str, size: float) -> None:
     """Also where every stretch, or every run, has a robot of its own."""

@@ -30,7 +30,7 @@ def differences_of(estimates: np.ndarray, given: Units, settings: ContrastSettin
 
 
 @pytest.mark.parametrize("runs", [4, pytest.param(12, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("tails", ["normal", "heavy"])
+@pytest.mark.parametrize("tails", ["normal", pytest.param("heavy", marks=pytest.mark.slow)])
 def test_false_alarms_over_many_hypotheses(runs: int, tails: str) -> None:
     rng, given = np.random.default_rng(1), units(runs, 24 // runs)
     draw = rng.standard_normal if tails == "normal" else rng.standard_cauchy
@@ -51,7 +51,7 @@ def test_an_outlying_stretch_hides_no_difference() -> None:
     assert np.mean([f.dose[0] for f in found]) == pytest.approx(3.0, abs=0.4)
 
 
-@pytest.mark.parametrize("runs", [3, 12])
+@pytest.mark.parametrize("runs", [3, pytest.param(12, marks=pytest.mark.slow)])
 def test_at_least_four_in_five_changes_of_the_smallest_visible_size_are_found(runs: int) -> None:
     rng, given = np.random.default_rng(3), units(runs, 36 // runs)
     shape = (given.count, 10)
@@ -131,14 +131,14 @@ def test_hypotheses_that_runs_differ_in_are_not_tested_as_if_they_did_not(varyin
     """Four among forty, or the last one, which is the size of the residuals."""
     rng, given = np.random.default_rng(12), nine_runs()
     p = []
-    for _ in range(2 * DRAWS):
+    for _ in range(DRAWS):
         estimates = rng.standard_normal((given.count, 40))
         own = estimates[:, varying].shape[1]
         estimates[:, varying] = rng.standard_normal((9, own))[given.run] + 0.2 * rng.standard_normal((27, own))
         found = differences_of(estimates, given)
         p.append(found.p.min() if own > 1 else found.alone[-1])
     for level in (0.04, 0.1):
-        assert (np.array(p) <= level).mean() <= level + 2.0 * np.sqrt(level * (1.0 - level) / (2 * DRAWS))
+        assert (np.array(p) <= level).mean() <= level + 2.0 * np.sqrt(level * (1.0 - level) / DRAWS)
 
 
 def test_nine_runs_tell_a_change_that_is_larger_than_they_differ() -> None:

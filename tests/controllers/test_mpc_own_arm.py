@@ -91,6 +91,7 @@ def test_a_joint_keeps_off_its_soft_limit(tmp_path: Path) -> None:
     assert reached[0] > 0.55 and reached[1] < 0.305
 
 
+@pytest.mark.slow
 def test_one_iteration_costs_hardly_more_than_all(tmp_path: Path) -> None:
     model = arm(tmp_path, smooth=1e-3)
     mpc = build_mpc(model, replace(settings(model), limits=replace(settings(model).limits, soft=())))

@@ -82,6 +82,7 @@ def test_a_delay_alone_is_no_skew() -> None:
     assert cause.term.effect == "sensor_delay" and found.verdict == "effects"
 
 
+@pytest.mark.slow
 def test_clocks_that_agree_have_none() -> None:
     assert diagnosed([stamped_run(k, 0.0) for k in range(3)]).verdict == "no_gap"
 

@@ -24,7 +24,7 @@ def gyro_run(name: str, bias: float, seed: int) -> Run:
     )
 
 
-@pytest.mark.parametrize("bias", [0.0, BIAS])
+@pytest.mark.parametrize("bias", [pytest.param(0.0, marks=pytest.mark.slow), BIAS])
 def test_the_bias_of_a_gyroscope_is_named(bias: float) -> None:
     runs = [gyro_run(f"r{k}", bias, seed=k) for k in range(4)]
     robot = DiffDrive("rover", 0.033, 0.16)

@@ -37,6 +37,7 @@ def test_five_seconds_and_the_longest_up_to_thirty(seconds: float, wanted: tuple
     assert longer_horizons([run] * 3, 1.0, settings=PredictSettings()) == wanted
 
 
+@pytest.mark.slow
 def test_windows_for_fits_lie_outside_what_is_kept_back() -> None:
     runs = [rover_run(f"r{k}", {}, 30.0, seed=k) for k in range(3)]
     kept = (KeptBack("r0", 10.0, 15.0), KeptBack("r1"), KeptBack("r2", 0.0, 5.0))
@@ -118,6 +119,7 @@ def test_wheels_that_differ_by_two_percent_are_found_without_an_option() -> None
     assert longest.after < longest.before and longest.after < 2.0 * longest.noise_floor
 
 
+@pytest.mark.slow
 def test_a_short_log_is_searched_over_longer_windows_as_well() -> None:
     """Six windows of 5 s are enough to look: what is found there still has to pass the tests for an addition."""
     runs = [rover_run(f"r{k}", {"wheel_radius": {"scale": 0.97}}, 17.0, seed=k, noise=5.0) for k in range(3)]

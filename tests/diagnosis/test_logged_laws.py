@@ -117,6 +117,7 @@ def test_controllers_have_the_law_as_a_parameter(diagnosed: Path) -> None:
         model.p_at({column: float("nan")})
 
 
+@pytest.mark.slow
 def test_what_does_not_follow_the_voltage_is_no_law_of_it(tmp_path: Path) -> None:
     """Turns to the right that fall short, beside a voltage that falls all the same: a law, but of something else."""
     (tmp_path / "robot.toml").write_text(FILE)

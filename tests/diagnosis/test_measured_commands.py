@@ -49,6 +49,7 @@ def test_play_is_named_by_the_joint_that_the_actuator_drives(tmp_path: Path) -> 
     assert Term("backlash", "j2") not in why and Term("joint_compliance", "j1") not in why
 
 
+@pytest.mark.slow
 def test_a_diagnosis_says_why_they_are_not_testable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "rover.toml").write_text(ROBOT + MEASURED)
     paths = []

@@ -77,20 +77,26 @@ def test_coloured_noise_of_a_perfect_rover_is_found_in_size() -> None:
         assert sum(s * s for s, _ in noise.coloured) > 0.7 * noise.sigma**2
 
 
-@pytest.mark.parametrize("horizon", [1.0, 5.0])
+@pytest.mark.parametrize("horizon", [1.0, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_the_floor_of_a_perfect_rover_with_coloured_noise_is_its_gap(horizon: float) -> None:
     assert times_floor(data_of({}, {c: 6.0 * s for c, s in SIGMA.items()}, 0.2, horizon)) == pytest.approx(
         np.ones(3), abs=0.25
     )
 
 
-@pytest.mark.parametrize("horizon", [1.0, 5.0])
+@pytest.mark.parametrize("horizon", [1.0, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_so_is_that_of_one_whose_pose_is_rounded_to_steps_of_its_noise(horizon: float) -> None:
     sigma = {c: 3.0 * s for c, s in SIGMA.items()}
     assert times_floor(data_of({}, sigma, 0.2, horizon, sigma)) == pytest.approx(np.ones(3), abs=0.25)
 
 
-@pytest.mark.parametrize("faults", [{"wheel_radius_mismatch": {"ratio": 1.08}}, {"track_width": {"scale": 1.15}}])
+@pytest.mark.parametrize(
+    "faults",
+    [
+        {"wheel_radius_mismatch": {"ratio": 1.08}},
+        pytest.param({"track_width": {"scale": 1.15}}, marks=pytest.mark.slow),
+    ],
+)
 def test_an_effect_does_not_hide_in_a_rounded_pose(faults: dict[str, dict[str, float]]) -> None:
     assert times_floor(data_of(faults, {}, 0.5, 5.0, {c: 3.0 * s for c, s in SIGMA.items()})).max() > 3.0
 
@@ -104,7 +110,11 @@ def test_white_noise_stays_white() -> None:
 
 @pytest.mark.parametrize(
     "faults",
-    [{"wheel_radius_mismatch": {"ratio": 1.08}}, {"track_width": {"scale": 1.15}}, {"voltage_sag": {"rate": 0.02}}],
+    [
+        {"wheel_radius_mismatch": {"ratio": 1.08}},
+        pytest.param({"track_width": {"scale": 1.15}}, marks=pytest.mark.slow),
+        pytest.param({"voltage_sag": {"rate": 0.02}}, marks=pytest.mark.slow),
+    ],
 )
 def test_what_a_model_does_wrong_is_not_taken_for_noise(faults: dict[str, dict[str, float]]) -> None:
     assert times_floor(data_of(faults, {}, 1.0, 5.0)).max() > 3.0

@@ -37,6 +37,7 @@ def data_of(pauses: dict[int, tuple[float, float]]) -> Dataset:
     )
 
 
+@pytest.mark.slow
 def test_a_window_that_begins_in_a_pause_is_poorly_begun() -> None:
     data = data_of({1: (14.78, 15.18)})
     poor = poorly_begun(data, SETTINGS)

@@ -81,6 +81,7 @@ def test_a_trapezoidal_ripple_is_named_with_its_numbers(tmp_path: Path, only: tu
     assert found.verdict in ("effects", "partial") and found.gap["after"] < 0.3 * found.gap["before"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed_of", [lambda seed: knocked(seed, 0.5), lambda seed: lambda t, q, w: 0.0])
 def test_no_ripple_where_there_is_none(tmp_path: Path, seed_of: Callable[[int], Callable[..., float]]) -> None:
     write_rotor(tmp_path, seed_of)

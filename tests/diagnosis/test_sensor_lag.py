@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from oracles.rover_log import rover_run
 
 from plants.diff_drive import DiffDrive
@@ -42,6 +43,7 @@ def test_the_time_constant_is_recovered() -> None:
     assert number.ci95[0] <= LAG <= number.ci95[1] and number.value < 1.1 * LAG
 
 
+@pytest.mark.slow
 def test_a_localisation_that_follows_at_once_has_none() -> None:
     runs = [slow_run(k, 0.0) for k in range(4)]
     assert diagnose(runs, [ROBOT] * 4, {}, (), Options(), np.random.default_rng(0)).diagnosis.verdict == "no_gap"

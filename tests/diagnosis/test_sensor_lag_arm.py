@@ -50,7 +50,8 @@ def slow_run(seed: int, model: mujoco.MjModel) -> Run:
     return Run(f"r{seed}", t, columns)
 
 
-@pytest.mark.parametrize("stiffness", [pytest.param(60.0, marks=pytest.mark.slow), 3000.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [60.0, 3000.0])
 def test_it_is_not_taken_for_a_lag_of_the_actuators(tmp_path: Path, stiffness: float) -> None:
     """Named itself, or, where stiff servos make the two hard to tell apart, in a group with the one that is named."""
     xml = arm_xml(servos(stiffness))

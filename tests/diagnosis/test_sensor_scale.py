@@ -36,7 +36,13 @@ def scaled_run(name: str, channel: str | None, scale: float, seed: int) -> Run:
 
 
 @pytest.mark.parametrize(
-    ("channel", "scale"), [(None, 1.0), ("pose.theta", 1.06), ("pose.theta", 0.93), ("velocity.right", 1.1)]
+    ("channel", "scale"),
+    [
+        (None, 1.0),
+        ("pose.theta", 1.06),
+        pytest.param("pose.theta", 0.93, marks=pytest.mark.slow),
+        pytest.param("velocity.right", 1.1, marks=pytest.mark.slow),
+    ],
 )
 def test_the_scale_of_a_heading_is_recovered(channel: str | None, scale: float) -> None:
     """The scale of an encoder beside a pose is no gap: encoders are not compared there."""

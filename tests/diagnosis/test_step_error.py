@@ -96,6 +96,7 @@ def test_a_gap_that_is_the_step_s_error_is_no_gap(tmp_path: Path) -> None:
     assert any("Use a smaller time step" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_delay_beside_a_coarse_step_is_a_gap(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, xml(0.005, SERVOS))
     runs = [swinging(seed, actuators=SERVOS, late=3) for seed in range(2)]

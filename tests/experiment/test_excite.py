@@ -125,6 +125,7 @@ def test_a_gap_that_nothing_explains_is_looked_at_twice_and_elsewhere(
     assert "run the motion that shows it most, twice" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_sensor_is_asked_for_where_no_motion_will_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     t = PERIOD * np.arange(401)
     weak = {"actuator_gain": {"gain": 1.1}}

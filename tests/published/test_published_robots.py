@@ -34,7 +34,9 @@ def drafted(folder: Path, case: Case) -> str:
     return "mended" if case.mended else "runs"
 
 
-@pytest.mark.parametrize("name", list(CASES))
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in ("ur5e", "panda") else n for n in CASES]
+)
 def test_init_needs_no_edit(tmp_path: Path, name: str) -> None:
     case = CASES[name]
     drafted(tmp_path, case)
