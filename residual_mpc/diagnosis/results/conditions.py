@@ -7,12 +7,13 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import per_window
 from residual_mpc.diagnosis.fit.least_squares import Fit
+from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.gaps import ExplanationGaps
 from residual_mpc.diagnosis.results.odd_run import odd_run
 from residual_mpc.diagnosis.results.records import Moved, Setup
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.results.verdict import beats_forecast
+from residual_mpc.diagnosis.results.verdict import beats_forecast, deciding
 from residual_mpc.models.settings import TUNE
 
 
@@ -97,6 +98,13 @@ def notes(
             said.append(
                 f"{some} of {look.horizon:g} s {begin} at the start of a run that is already in motion or under load: "
                 f"what was sent before the first stamp is unknown. {count} in the gap, and not in the verdict."
+            )
+    for look in deciding(found.looks)[1:] if found.helps else ():
+        if look.steady.total > max(AS_GOOD * look.floor.total, settings.gaps.worse * look.before.total):
+            said.append(
+                f"Over {look.horizon:g} s the named effects make the gap larger, {look.steady.total:.2g} instead of "
+                f"{look.before.total:.2g} (noise floor {look.floor.total:.2g}): they do not hold for that long, or "
+                "something else compensates for them there."
             )
     if not of.held.any():
         said.append("The runs are too short to hold out windows: all figures are on windows used in the fit.")
