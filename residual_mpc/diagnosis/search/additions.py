@@ -9,7 +9,7 @@ from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.problem import Problem
-from residual_mpc.diagnosis.search.optional_numbers import at_bounds, may_be_shown, with_shown
+from residual_mpc.diagnosis.search.optional_numbers import may_be_shown, misplaced, with_shown, without_nulls
 from residual_mpc.diagnosis.search.screen import (
     compared_mask,
     gap_weights,
@@ -98,7 +98,8 @@ def additions(problem: Problem, beam: list[Fit], blocks: np.ndarray, settings: S
         Race(margin, early=tuned.early),
         settings=settings,
     )
-    kept = (f for f in fits if possible(f.values) and not at_bounds(problem.space, f))
+    fits = without_nulls(problem, fits, settings)
+    kept = (f for f in fits if possible(f.values) and not misplaced(problem.space, f))
     children = distinct(sorted(kept, key=lambda f: f.cost))
     return [on_problem(problem, children[0], settings=settings.fit), *children[1:]] if children else []
 

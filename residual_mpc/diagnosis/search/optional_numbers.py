@@ -61,30 +61,58 @@ def with_shown(
     starts = _promising(problem, fits, phi / weight, settings)
     begun = [(fit, start) for fit, start in zip(fits, starts, strict=True) if start is not None]
     fresh = [(f.fresh or frozenset()) | frozenset(freed(s)) for f, s in begun]
-    ends = iter(
-        fit_all(
-            problem,
-            [s for _, s in begun],
-            settings.additions.rough,
-            rough=True,
-            near=[f for f, _ in begun],
-            fresh=fresh,
-            settings=settings.fit,
-        )
+    fitted = fit_all(
+        problem,
+        [s for _, s in begun],
+        settings.additions.rough,
+        rough=True,
+        near=[f for f, _ in begun],
+        fresh=fresh,
+        settings=settings.fit,
     )
+    ends = iter(without_nulls(problem, fitted, settings))
     found = [None if start is None else next(ends) for start in starts]
     return [
         end
         if end is not None
+        and freed(end.values)
         and _worth(fit, end, phi / weight, settings) > settings.beyond_doubt_most
-        and not at_bounds(problem.space, end)
+        and not misplaced(problem.space, end)
         else None
         for fit, end in zip(fits, found, strict=True)
     ]
 
 
+def without_nulls(problem: Problem, fits: Sequence[Fit], settings: SearchSettings) -> list[Fit]:
+    """The fits without those of their optional numbers that ended at their null value, since they can lie on one side
+    of it alone: the runs do not show them."""
+    fewer = [without_numbers(f.values, *_at_nulls(problem.space, f)) for f in fits]
+    gone = [i for i, (f, values) in enumerate(zip(fits, fewer, strict=True)) if values.keys() != f.values.keys()]
+    again = fit_all(
+        problem, [fewer[i] for i in gone], 1, rough=True, fresh=[fits[i].fresh for i in gone], settings=settings.fit
+    )
+    out = list(fits)
+    for i, fit in zip(gone, again, strict=True):
+        out[i] = fit
+    return out
+
+
+def misplaced(space: Space, fit: Fit) -> tuple[Knob, ...]:
+    """The optional numbers at a bound that is not their null value: something else is the cause."""
+    nulls = _at_nulls(space, fit)
+    return tuple(k for k in at_bounds(space, fit) if k not in nulls)
+
+
+def _at_nulls(space: Space, fit: Fit) -> tuple[Knob, ...]:
+    return tuple(
+        k
+        for k in at_bounds(space, fit)
+        if space.null(k) in space.bounds(k) and abs(fit.values[k] - space.null(k)) < 0.5 * np.ptp(space.bounds(k))
+    )
+
+
 def at_bounds(space: Space, fit: Fit) -> tuple[Knob, ...]:
-    """The optional numbers that are at a bound, or nearly: something else is the cause."""
+    """The optional numbers that are at a bound, or nearly."""
     ends = {k: space.bounds(k) for k in freed(fit.values)}
     near = {k: AT_BOUND * (high - low) for k, (low, high) in ends.items()}
     return tuple(k for k, (a, b) in ends.items() if not a + near[k] < fit.values[k] < b - near[k])
