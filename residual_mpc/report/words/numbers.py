@@ -129,10 +129,10 @@ def _trimmed(text: str) -> str:
 
 
 def spelled(unit: str) -> str:
-    """A unit as it is printed: nothing for 1, "rad/s²" for rad/s^2, "per turn" for 1/turn."""
+    """A unit as it is printed: nothing for 1, "rad/s²" for rad/s^2, "per turn" for 1/turn, "per N m" for 1/(N m)."""
     if unit in ("", "1"):
         return ""
-    unit = f"per {unit[2:]}" if unit.startswith("1/") else unit
+    unit = f"per {unit[2:].strip('()')}" if unit.startswith("1/") else unit
     return re.sub(r"\^(-?\d+)", lambda power: power[1].translate(SUPERSCRIPTS), unit).replace(" ", SPACE)
 
 
