@@ -153,7 +153,8 @@ def test_lines_of_what_is_in_doubt():
     said = comparison_lines(document("partial"))
     assert said[0] == (
         "Possibly the gain of the left wheel decreased by 10 %, from 100 % to 90 % of the modelled value "
-        "(or wheel radius together with track width) and an output limit appeared (4.97 rad/s); this explains only part of the difference between the two sets."
+        "(or wheel radius together with track width) and an output limit appeared (4.97 rad/s); "
+        "this explains only part of the difference between the two sets."
     )
     assert "  saturation: limit none -> 4.97 rad/s (4.84 to 5.10), probability 0.97" in said
     assert (

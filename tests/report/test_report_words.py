@@ -1,6 +1,7 @@
 """Numbers, effects and verdicts in words."""
 
 import math
+from typing import Any
 
 import pytest
 from fabricated_diagnosis import document
@@ -437,3 +438,11 @@ def test_a_payload_beside_its_site_is_said_with_its_place() -> None:
     beside = {**at_site, "parameters": {"mass": mass, "x": metres(0.08), "z": metres(-0.02)}}
     wanted = "the robot carries 0.5 kg more than modelled, 80 mm along x and -20 mm along z from the payload site"
     assert plain(sentence_of(beside)) == wanted
+
+
+def test_a_loss_that_grows_with_the_load_is_said_per_unit_of_load() -> None:
+    rubs: dict[str, Any] = {"effect": "load_dependent_friction", "target": "j1"}
+    rubs["parameters"] = {"coefficient": {"value": 0.13, "unit": "1"}}
+    assert plain(sentence_of(rubs)) == "friction in joint j1 takes 13 % of the transmitted torque"
+    rubs["parameters"]["quadratic"] = {"value": 0.45, "unit": "1/(N m)"}
+    assert plain(sentence_of(rubs)).endswith("of the transmitted torque, and 45 % more for each N m of it")
