@@ -6,10 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset, build_dataset
+from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.predict.step_error import within_step_error
 from residual_mpc.experiment.drive_setup import DriveSetup
 from residual_mpc.experiment.motions import Motion, scaled
 from residual_mpc.logs.run import Run
@@ -31,7 +34,8 @@ class Planned:
 @dataclass(frozen=True)
 class Separation:
     """planned: the motion, as large as the limits of the joints allow; losses: (n, n) likelihood ratio by which
-    explanation j is expected to lose where i is true, residuals as coloured as in the runs so far; infinite for i = j.
+    explanation j is expected to lose where i is true, residuals as coloured as in the runs so far; 0 where the two
+    differ by less than the error of the model's own time step, infinite for i = j.
     """
 
     planned: Planned
@@ -53,7 +57,12 @@ def separation(
         wrong = [k for k in range(len(explanations)) if k != i]
         problem = _problem(robot, simulate_run(robot, setup, planned.motion, true, rng), setup, explanations)
         own, *others = fit_all(problem, [true, *(explanations[k] for k in wrong)], rough=True)
-        losses[i, wrong] = [(other.cost - own.cost) / setup.dispersion for other in others]
+        rows = problem.space.settings([f.values for f in (own, *others)])
+        _, *alike = within_step_error(problem.data, measure_scales(problem.data), rows, DataSettings())
+        losses[i, wrong] = [
+            0.0 if same else (other.cost - own.cost) / setup.dispersion
+            for other, same in zip(others, alike, strict=True)
+        ]
     return Separation(planned, losses)
 
 

@@ -135,6 +135,20 @@ def test_what_removes_nothing_imitates_no_faint_effect() -> None:
     assert too_close(found.problem, found.ruler, found.fit, rivals, SearchSettings()) == [False, True]
 
 
+@pytest.mark.parametrize("twins", [True, False])
+def test_a_twin_that_fits_nearly_as_well_is_close_whatever_the_likelihood_says(twins: bool) -> None:
+    """Small noise in long runs makes a likelihood ratio of any size out of how a delay is rounded to steps."""
+    delay, lag = Term("command_delay", None), Term("actuator_lag", None)
+    truth = {"command_delay": {"delay": 0.01}, "gusts": {"size": 0.3}}
+    found = found_of(truth, {Knob(*delay[:2], "delay"): 0.01}, (delay.effect, lag.effect))
+    (other,) = fit_all(found.problem, [{Knob(*lag[:2], "time_constant"): 0.01}], 0)
+    pairs = (frozenset({delay, lag}),) if twins else ()
+    problem = replace(found.problem, space=replace(found.problem.space, twins=pairs))
+    settings = SearchSettings()
+    rival = Rival((delay,), (lag,), other, 2.0 * settings.rivals.far, False)
+    assert too_close(problem, found.ruler, found.fit, [rival], settings) == [twins]
+
+
 def test_twins_make_a_group_and_share_the_probability() -> None:
     """From the pose alone a smaller wheel is a weaker motor."""
     found = rivals_of(

@@ -22,7 +22,7 @@ from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.predict.step_error import step_error
+from residual_mpc.diagnosis.predict.step_error import step_error, within_step_error
 from residual_mpc.diagnosis.results import causes, gaps
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.step_shift import finely_stepped
@@ -67,6 +67,15 @@ def test_halving_the_step_halves_the_error(tmp_path: Path) -> None:
         data = build_dataset([swinging(1)], [robot], {}, 1.0, settings=DataSettings())
         found.append(step_error(data, measure_scales(data), Settings(1), settings=DataSettings()) or 0.0)
     assert found[0] == pytest.approx(2 * found[1], rel=0.3)
+
+
+def test_predictions_that_differ_by_less_than_the_step_s_error_are_told(tmp_path: Path) -> None:
+    delays = [{Knob("command_delay", None, "delay"): x} for x in (0.05, 0.051, 0.25)]
+    for robot, wanted in ((robot_of(tmp_path, xml(0.01)), [True, True, False]), (None, [True, False, False])):
+        runs = [swinging(1)] if robot else [rover_run("r", {}, 16.0, seed=0)]
+        data = build_dataset(runs, [robot or DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)], {})
+        rows = build_space(data, (), ("command_delay",)).settings(delays)
+        assert within_step_error(data, measure_scales(data), rows, DataSettings()).tolist() == wanted
 
 
 @pytest.mark.parametrize("error", [0.0, 1.0])

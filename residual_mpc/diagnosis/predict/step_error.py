@@ -55,3 +55,15 @@ def step_error(
     if apart is None:
         return None
     return float(gap_of(few, scales, apart, window_trust(few, scales, apart, settings=settings)).total)
+
+
+def within_step_error(data: Dataset, scales: Scales, rows: Settings, settings: DataSettings) -> np.ndarray:
+    """(H,) bool: which predictions differ from that of the first row of settings by less than the error of the model's
+    own time step. A delay before the actuator and one behind the sensor, for example, are rounded to steps in different
+    ways."""
+    error = step_error(data, scales, rows.take(np.array([0])), settings)
+    if error is None:
+        return np.arange(rows.rows) == 0
+    first, *others = predict(data, rows)
+    apart = [np.where(np.isfinite(data.y), other - first, np.nan) for other in others]
+    return np.array([True, *(gap_of(data, scales, x).total <= error for x in apart)])

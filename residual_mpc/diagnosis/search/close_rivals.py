@@ -43,7 +43,11 @@ def too_close(
     decided: the model's own time step, or, between effects that imitate each other or that the likelihood hardly
     tells apart, what neither explains. problem: the one that they were fitted on.
     """
-    near = [i for i, r in enumerate(rivals) if not r.alike and 0.0 < r.ratio < settings.rivals.far]
+    near = [
+        i
+        for i, r in enumerate(rivals)
+        if not r.alike and 0.0 < r.ratio and (r.ratio < settings.rivals.far or are_twins(problem, r))
+    ]
     out = [False] * len(rivals)
     within = _within_step_error(ruler, fit, [rivals[i] for i in near])
     beside = _within_what_is_left(problem, ruler, fit, [rivals[i] for i in near], settings)

@@ -13,6 +13,7 @@ from residual_mpc.diagnosis.options import Progress
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.predict.noise_floor import as_good_as_told, floor_of
 from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.step_error import within_step_error
 from residual_mpc.experiment.confirmation.agreement import costs_at, expected_numbers, score, sigmas_of
 from residual_mpc.experiment.confirmation.effect_tests import Scored, tested_effects
 from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
@@ -40,7 +41,7 @@ def confirm(
         changed = [changed_values(e.values, given.changes) for e in given.explanations]
         begin = [{**e.values, **values} for e, values in zip(given.explanations, changed, strict=True)]
         fitted = fit_explanations(prepared, begin, settings)
-        scored = _scored(given, fitted, changed, settings)
+        scored = _scored(given, fitted, changed, prepared, settings)
         explanations = _explanations(scored, prepared, changed)
         kept, space = scored.kept, fitted.problem.space
         nominal = {k: space.null(k) for k in space.tunables}
@@ -64,7 +65,11 @@ def _fits(prepared: Prepared, rows: Settings, rng: np.random.Generator, settings
 
 
 def _scored(
-    given: ConfirmationInput, fitted: FittedExplanations, changed: Sequence[Values], settings: ConfirmationSettings
+    given: ConfirmationInput,
+    fitted: FittedExplanations,
+    changed: Sequence[Values],
+    prepared: Prepared,
+    settings: ConfirmationSettings,
 ) -> Scored:
     blocks = blocks_of(fitted.problem.data, settings=settings.results.fit)
     phi = max(dispersion(min(fitted.fits, key=lambda f: f.cost), blocks), given.dispersion)
@@ -74,10 +79,27 @@ def _scored(
     scores = [
         score(fit, phi, numbers, cost) for fit, numbers, cost in zip(fitted.fits, expected, at_expected, strict=True)
     ]
+    scores = _told_apart(scores, fitted, prepared, settings)
     kept = int(np.argmin(scores))
     if scores[0] - scores[kept] <= settings.beyond_doubt:
         kept = 0  # the diagnosed explanation is kept unless it is excluded
     return Scored(given, fitted, phi, tuple(changed), tuple(expected), tuple(scores), kept, settings)
+
+
+def _told_apart(
+    scores: Sequence[float], fitted: FittedExplanations, prepared: Prepared, settings: ConfirmationSettings
+) -> list[float]:
+    """The scores, of which none is beyond doubt where the predictions differ from those of the best explanation by less
+    than the error of the model's own time step."""
+    best, most = int(np.argmin(scores)), min(scores) + settings.beyond_doubt
+    doubted = [i for i, score in enumerate(scores) if score > most]
+    out = list(scores)
+    if doubted:
+        rows = fitted.problem.space.settings([fitted.fits[i].values for i in (best, *doubted)])
+        _, *alike = within_step_error(prepared.clean, prepared.scales, rows, settings.results.data)
+        for i, same in zip(doubted, alike, strict=True):
+            out[i] = most if same else scores[i]
+    return out
 
 
 def _explanations(scored: Scored, prepared: Prepared, changed: Sequence[Values]) -> tuple[ExplanationTest, ...]:
