@@ -33,7 +33,7 @@ def usual_settings(model: Augmented) -> MpcSettings:
     )
     soft += tuple(
         Soft(f"effort.{a}", -most, most, PUSH / most, PUSH / most**2)
-        for a, kind, most in zip(at.commands, kinds, at.strengths, strict=True)
+        for a, kind, most in zip(at.commands, kinds, at.strengths or (np.inf,) * len(kinds), strict=True)
         if kind != "torque" and np.isfinite(most)
     )
     error = (TOOL,) * len(at.outputs) if at.outputs else (JOINT,) * len(at.poses)

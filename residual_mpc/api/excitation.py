@@ -126,14 +126,14 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
     out.append(f"  motions: {', then '.join(result['played'])}")
     pairs, separates = result["pairs"], result["separates"]
     for m in result["motions"]:
-        ratio = f"expected likelihood ratio in favour of the true cause {m['ratio']:.3g}"
+        ratio = f"expected likelihood-ratio statistic in favour of the true cause {max(m['ratio'], 0.0):.3g}"
         out.append(f"    {m['name']}: " + (ratio if pairs == 1 else f"separates {m['separates']} of {pairs} pairs"))
     if not result["told_apart"]:
         who = "it separates" if len(result["played"]) == 1 else "together they separate"
         some = f"{who} {separates} of {pairs} pairs; " if separates else ""
         which = "the others" if separates else "them"
         out.append(
-            f"  {some}no motion is expected to separate {which} reliably (likelihood ratio {PARTS:g}); "
+            f"  {some}no motion is expected to separate {which} reliably (statistic {PARTS:g}); "
             "another sensor or a known load may"
         )
     return out

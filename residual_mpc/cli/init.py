@@ -103,7 +103,7 @@ def _report(drafted: "Draft", trial: "Trial", out: Path, following: str, mended:
     if mended is not None:
         click.echo(f"{mended}: the corrected runs" if drafted.mends else "nothing to correct: --mended wrote no files")
     if trial.errors:
-        click.echo(f"the runs cannot be used yet: fix the {len(trial.errors)} errors listed above")
+        click.echo(f"the runs cannot be used yet: fix {_errors(len(trial.errors))} listed above")
     elif drafted.mends and mended is None:
         click.echo(f"usable once {len(drafted.mends)} columns of the log are corrected")
     else:
@@ -137,3 +137,7 @@ def _document(drafted: "Draft", trial: "Trial", out: Path, following: str, ready
         "usable": ready,
         "next": following,
     }
+
+
+def _errors(count: int) -> str:
+    return "the error" if count == 1 else f"the {count} errors"

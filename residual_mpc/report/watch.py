@@ -26,7 +26,7 @@ def event_lines(event: Document) -> list[str]:
 def _reference(e: Document) -> list[str]:
     return [
         f"reference: {e['source']}: {count(e['windows'], 'window')} in {count(e['runs'], 'run')}, gap "
-        f"{number(e['gap'])} (half of the windows below {number(e['p50'])}, nine in ten below {number(e['p90'])})",
+        f"{number(e['gap'])} (median over the windows {number(e['p50'])}, 90th percentile {number(e['p90'])})",
         f"  tested in blocks of {count(e['block'], 'window')}: {', '.join(e['channels'])}; a false alarm in "
         f"{number(e['hours'])} h of such running has a probability of at most {percent(e['false_alarm'])}",
     ]
@@ -36,7 +36,8 @@ def _gap(e: Document) -> list[str]:
     ratio = f"{number(e['gap'] / e['reference'])} times the reference" if e["reference"] else "no reference yet"
     strange = f"  {percent(e['unfamiliar'])} of windows driven unlike the reference, not tested"
     return [
-        f"{_moment(e['at']):<28} gap {number(e['gap']):<8} {ratio:<26} evidence of a change {percent(e['evidence'])}"
+        f"{_moment(e['at']):<28} gap {number(e['gap']):<8} {ratio:<26} "
+        f"evidence of a change {percent(min(e['evidence'], 1.0))}"
         + (strange if e["unfamiliar"] >= MANY else "")
     ]
 

@@ -25,6 +25,7 @@ from residual_mpc.closed_loop.protocols import Reading, Simulator
 from residual_mpc.closed_loop.scenario import Progress, RunOptions
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import Augmented, augment, augmented_from, settings_from
+from residual_mpc.models import optional
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Values
@@ -83,7 +84,9 @@ class OwnScenario:
         result["robot"] = self.robot.name
         result["controller"] = options.controller
         result["tracked"] = list(names)
-        result["unit"] = "m" if is_of_the_tool(names) or "pose.x" in names else "rad"
+        sliding = {f"position.{joint}" for joint in optional.sliding(self.robot.model)}
+        metres = is_of_the_tool(names) or "pose.x" in names or set(names) <= sliding
+        result["unit"] = "m" if metres else "rad"
         if options.out is not None:
             from scenarios.own.figures import write
 

@@ -45,6 +45,13 @@ def settings(model: Augmented) -> MpcSettings:
     return replace(usual_settings(model), compile=False)
 
 
+def test_a_step_that_states_no_strengths_limits_no_force(tmp_path: Path) -> None:
+    model = arm(tmp_path, next(iter(KINDS)))
+    bare = replace(model, stepped=replace(model.stepped, strengths=()))
+    names = [{soft.channel for soft in usual_settings(m).limits.soft} for m in (model, bare)]
+    assert names[1] == {name for name in names[0] if not name.startswith("effort.")}
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_arm_follows_its_reference_whatever_drives_it(tmp_path: Path, kind: str) -> None:
     model = arm(tmp_path, kind)

@@ -25,5 +25,5 @@ def test_a_plan_that_leaves_pairs_says_how_many():
 
 def test_a_plan_in_vain_says_so():
     said = _lines(plan(0, [("spins", 0)], False, pairs=1))
-    assert said[2] == "    spins: expected likelihood ratio in favour of the true cause 0.1"
+    assert said[2] == "    spins: expected likelihood-ratio statistic in favour of the true cause 0.1"
     assert said[3].startswith("  no motion is expected to separate them reliably")

@@ -98,7 +98,9 @@ def choose_validation_windows(
 def without_harmful_outputs(
     evaluation: Evaluation, form: Form, learned: Residual, windows: np.ndarray
 ) -> tuple[Residual, tuple[str, ...]]:
-    """The residual with the outputs switched off that make a channel worse on these windows, and those channels."""
+    """The residual with the outputs switched off that make a channel worse on these windows, and those channels. An
+    output stays on where its channel would be worse still without it: in a chain, what moves one joint moves the next,
+    and the outputs were learned together."""
     base = evaluation.gap(None, windows).channels
     worse: list[str] = []
     for _ in range(len(learned.outputs)):
@@ -110,6 +112,10 @@ def without_harmful_outputs(
         moving = {o for o, s in zip(learned.outputs, learned.output_scale, strict=True) if o in moving and s > 0}
         if not moving:
             break
+        fewer = learned.without(tuple(moving))
+        then = evaluation.gap(fewer, windows).channels
+        if all(then[k] >= now[k] for k, c in enumerate(evaluation.data.channels) if c in off):
+            break
         worse += [c for c in off if c not in worse]
-        learned = learned.without(tuple(moving))
+        learned = fewer
     return learned, tuple(worse)

@@ -5,6 +5,8 @@ import numpy as np
 from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import gap_from_squares, window_squares
 from residual_mpc.diagnosis.results.records import DiagnosisResult
+from residual_mpc.models import optional
+from residual_mpc.report.evidence.channel_units import channel_unit
 from residual_mpc.report.evidence.evidence import Evidence, Panel, Windows
 from residual_mpc.report.evidence.explore import explore
 from residual_mpc.report.evidence.run_traces import run_traces
@@ -12,7 +14,6 @@ from residual_mpc.report.motion.film import film
 
 PANELS = 6
 STRETCH = 8  # windows shown in one panel, at most
-UNITS = {"pose.theta": "rad", "pose.x": "m", "pose.y": "m", "twist.theta": "rad/s", "twist.x": "m/s", "twist.y": "m/s"}
 
 
 def collect(made: DiagnosisResult) -> Evidence:
@@ -27,10 +28,14 @@ def collect(made: DiagnosisResult) -> Evidence:
         [names[i] for i in order], made.data.start[order], before[order], after[order]
     )
     starts = {run.name: float(run.t[0]) for run in made.data.runs}
-    return Evidence(_panels(made, before), windows, starts, *film(made), explore(made), run_traces(made, before, after))
+    sliding = optional.sliding(made.data.blocks[0].robot)
+    return Evidence(
+        _panels(made, before, sliding), windows, starts, *film(made), explore(made), run_traces(made, before, after),
+        sliding,
+    )  # fmt: skip
 
 
-def _panels(made: DiagnosisResult, per_window: np.ndarray) -> tuple[Panel, ...]:
+def _panels(made: DiagnosisResult, per_window: np.ndarray, sliding: frozenset[str]) -> tuple[Panel, ...]:
     data, out = made.data, []
     shares = dict(made.diagnosis.where.channels)
     for channel in sorted(shares, key=lambda c: -shares[c])[:PANELS]:
@@ -39,9 +44,8 @@ def _panels(made: DiagnosisResult, per_window: np.ndarray) -> tuple[Panel, ...]:
         if not usable.any():
             continue
         worst = int(np.flatnonzero(usable)[np.nanargmax(per_window[usable])])
-        out.append(
-            _panel(made, channel, k, _around(worst, np.flatnonzero(usable & (data.run == data.run[worst])), data))
-        )
+        mine = _around(worst, np.flatnonzero(usable & (data.run == data.run[worst])), data)
+        out.append(_panel(made, channel, k, mine, channel_unit(channel, sliding)))
     return tuple(out)
 
 
@@ -55,7 +59,7 @@ def _around(worst: int, windows: np.ndarray, data: Dataset) -> np.ndarray:
     return np.asarray(mine[first : first + STRETCH])
 
 
-def _panel(made: DiagnosisResult, channel: str, k: int, windows: np.ndarray) -> Panel:
+def _panel(made: DiagnosisResult, channel: str, k: int, windows: np.ndarray, unit: str) -> Panel:
     data = made.data
     pieces: list[np.ndarray] = []
     for w in windows:
@@ -64,7 +68,6 @@ def _panel(made: DiagnosisResult, channel: str, k: int, windows: np.ndarray) -> 
         rows = np.stack([data.t[w, seen] + data.start[w], y, y - made.before[w, seen, k], y - made.after[w, seen, k]])
         pieces += [rows, np.array([[rows[0, -1]], [np.nan], [np.nan], [np.nan]])]
     t, measured, before, after = np.concatenate(pieces[:-1], axis=1)
-    unit = UNITS.get(channel, "rad/s" if channel.startswith("velocity.") else "rad")
     if not made.diagnosis.causes:
         after = np.full_like(after, np.nan)
     return Panel(made.data.runs[data.run[windows[0]]].name, channel, unit, t, measured, before, after)

@@ -81,6 +81,7 @@ class Evidence:
     drawing: str = ""  # how the clips were drawn, or why there are none
     exploration: "Exploration | None" = None  # replays with other values of the named parameters
     traces: "tuple[RunTraces, ...]" = ()  # every run's signals, fewer samples of them than in the panels
+    sliding: frozenset[str] = frozenset()  # the joints that slide
 
 
 def _one_length(record: object, *names: str) -> int:

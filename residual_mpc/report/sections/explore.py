@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.report.evidence.channel_units import channel_unit
 from residual_mpc.report.evidence.clock import since_start
-from residual_mpc.report.evidence.collect import UNITS
 from residual_mpc.report.evidence.evidence import Evidence
 from residual_mpc.report.evidence.explore import Exploration, Slider
 from residual_mpc.report.sections.section import Document, Section, render
@@ -54,7 +54,7 @@ def _drawn(found: Exploration, evidence: Evidence, sliders: list[dict[str, Any]]
             "looks": [
                 {
                     "channel": look.channel,
-                    "unit": spelled(UNITS.get(look.channel, "rad")),
+                    "unit": spelled(channel_unit(look.channel, evidence.sliding)),
                     "t": _rounded(look.t),
                     "measured": _rounded(look.measured),
                     "before": _rounded(look.before),

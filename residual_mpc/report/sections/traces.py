@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from residual_mpc.report.evidence.channel_units import channel_unit
 from residual_mpc.report.evidence.clock import first_stamp, since_start
-from residual_mpc.report.evidence.collect import UNITS
 from residual_mpc.report.evidence.evidence import Array, Evidence
 from residual_mpc.report.evidence.run_traces import RunTraces, Signals
 from residual_mpc.report.figures import traces as figures
@@ -68,7 +68,7 @@ def _run(run: RunTraces, evidence: Evidence) -> dict[str, Any]:
         "gaps": [[_digits(b), _digits(a)] for b, a in zip(run.before, run.after, strict=True)],
         "labels": labels,
         "opens": int(np.argmax(np.where(shown, run.before, -np.inf))),
-        "channels": [_channel(signals) for signals in run.signals],
+        "channels": [_channel(signals, evidence) for signals in run.signals],
     }
 
 
@@ -77,7 +77,7 @@ def _before_after(before: float, after: float) -> str:
     return number(before, 2) + (f" \N{RIGHTWARDS ARROW} {number(after, 2)}" if np.isfinite(after) else "")
 
 
-def _channel(signals: Signals) -> dict[str, Any]:
+def _channel(signals: Signals, evidence: Evidence) -> dict[str, Any]:
     """The three signals in 16 bits between the ends of the measured one and as much again on both sides."""
     seen = signals.measured[np.isfinite(signals.measured)]
     low, high = (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
@@ -86,7 +86,7 @@ def _channel(signals: Signals) -> dict[str, Any]:
     name = signals.channel
     return {
         "channel": name,
-        "unit": spelled(UNITS.get(name, "rad/s" if name.startswith("velocity.") else "rad")),
+        "unit": spelled(channel_unit(name, evidence.sliding)),
         "low": ends[0],
         "high": ends[1],
         "values": [_packed(x, *ends) for x in (signals.measured, signals.before, signals.after)],
