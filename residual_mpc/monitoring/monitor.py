@@ -105,6 +105,7 @@ class Watch:
             for rows in reader.read(arrival):
                 for segment in self._stream.add(rows):
                     yield from self._grown(segment)
+            yield from _left_out(reader, arrival.source)
         except BadInput as error:
             if not self._checked:
                 raise
@@ -269,6 +270,14 @@ def watch(
         else:
             yield from of.take(arrival)
     yield from of.end()
+
+
+def _left_out(reader: RowReader, source: str) -> Iterator[Trouble]:
+    """What is said of lines that a reader left out, which it then forgets."""
+    lines, reader.left_out = reader.left_out, []
+    if lines:
+        some = "1 row was" if len(lines) == 1 else f"{len(lines)} rows were"
+        yield Trouble(f"{source}: {some} left out, such as {lines[0][:60]!r}: a cell is missing or is not a number")
 
 
 def _ready(r: Reference) -> ReferenceReady:

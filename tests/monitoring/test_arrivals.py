@@ -143,3 +143,22 @@ def test_a_file_that_appears_later_and_grows_is_followed(tmp_path: Path) -> None
         for arrival in follow_files((tmp_path,), False, SETTINGS, write_more):
             seen += [] if arrival is None else arrival.lines
     assert seen == [line(0.0), line(0.1), "0.2,1.0,1.0,0.0,0.0,0.0"]
+
+
+@pytest.mark.parametrize("bad", ["0.20,1.0,1.0", "0.20,1.0,oops,0.0,0.0,0.0"])
+@pytest.mark.parametrize("early", [True, False])
+def test_a_bad_row_is_left_out_and_the_others_are_not(reader: RowReader, bad: str, early: bool) -> None:
+    """In the first block of a log as well, as after a restart."""
+    lines = [line(0.1 * k) for k in range(SETTINGS.header_rows + 20)]
+    if not early:
+        list(reader.read(Arrival("run", "run.csv", HEADER, tuple(lines[:-10]), fresh=True)))
+        lines = lines[-10:]
+    spoilt = (*lines[:3], bad, *lines[3:])
+    (rows,) = reader.read(Arrival("run", "run.csv", HEADER, spoilt, fresh=early))
+    assert reader.left_out == [bad]
+    np.testing.assert_allclose(rows.stamps[-len(lines) :], [float(x.split(",")[0]) for x in lines])
+
+
+def test_a_block_in_which_nothing_is_like_the_header_is_refused(reader: RowReader) -> None:
+    with pytest.raises(BadInput):
+        list(reader.read(Arrival("run", "run.csv", HEADER, ("a,b",) * (SETTINGS.header_rows + 5), fresh=True)))

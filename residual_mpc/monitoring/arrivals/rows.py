@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -66,12 +66,14 @@ class RowReader:
         self._waiting: tuple[str, ...] = ()
         self._carried: tuple[str, ...] = ()
         self._begun = False
+        self.left_out: list[str] = []  # lines that could not be read, until somebody takes them
 
     def read(self, arrival: Arrival) -> Iterator[Rows]:
         """The new rows, by run; the first of them may be one that was read before.
 
+        Lines that are unlike the others, such as half of one, are left out where a block cannot be read with them.
         Raises BadInput for a log that cannot be read from its beginning, and for a block of one that cannot be read
-        later on, which is then left out.
+        later on, which is then left out as a whole.
         """
         if arrival.file is not None:
             yield from map(rows_of, read_runs([arrival.file], self._robot).runs)
@@ -85,16 +87,27 @@ class RowReader:
             self._waiting = lines
             return
         try:
-            with _as_file(arrival, lines) as path:
-                runs = read_runs([path], self._robot).runs
+            runs = self._runs(arrival, lines)
         except BadInput as error:
             if not self._begun and len(lines) < self._settings.header_rows:
                 self._waiting = lines  # an actuator may still wait for its first command
                 return
-            self._waiting = ()
-            raise BadInput(error.what, arrival.source, error.remedy) from error
+            good = _usual(arrival.header, lines)
+            try:
+                if not 2 <= len(good) < len(lines):
+                    raise error
+                runs = self._runs(arrival, good)
+            except BadInput:
+                self._waiting = ()
+                raise BadInput(error.what, arrival.source, error.remedy) from error
+            self.left_out += [line for line in lines if line not in set(good)]
+            lines = good
         self._begun, self._waiting, self._carried = True, (), (_last_filled(arrival.header, lines),)
         yield from (replace(rows_of(run), source=arrival.source) for run in runs)
+
+    def _runs(self, arrival: Arrival, lines: tuple[str, ...]) -> Sequence[Run]:
+        with _as_file(arrival, lines) as path:
+            return read_runs([path], self._robot).runs
 
 
 class _as_file:
@@ -112,9 +125,36 @@ class _as_file:
         self._folder.cleanup()
 
 
+def _mark(header: str) -> str:
+    """What stands between the cells."""
+    return max(",;\t", key=lambda m: (header.count(m), -",;\t".index(m)))
+
+
+def _usual(header: str, lines: tuple[str, ...]) -> tuple[str, ...]:
+    """The lines with as many cells as the header, and numbers or nothing where most lines have that."""
+    mark = _mark(header)
+    cells = len(header.split(mark))
+    rows = [line.split(mark) for line in lines]
+    numbers = [[_is_number(cell) for cell in row] for row in rows]
+    whole = np.array([of for of in numbers if len(of) == cells], dtype=bool).reshape(-1, cells)
+    expected = whole.mean(axis=0) > 0.5 if len(whole) else np.zeros(cells, dtype=bool)
+    return tuple(
+        line for line, of in zip(lines, numbers, strict=True) if len(of) == cells and np.all(np.array(of) | ~expected)
+    )
+
+
+def _is_number(cell: str) -> bool:
+    """Whether a cell is a number or empty."""
+    try:
+        float(cell.strip() or 0.0)
+    except ValueError:
+        return False
+    return True
+
+
 def _last_filled(header: str, lines: tuple[str, ...]) -> str:
     """The last line, its empty cells as they were last filled."""
-    mark = max(",;\t", key=lambda m: (header.count(m), -",;\t".index(m)))
+    mark = _mark(header)
     last = [""] * len(header.split(mark))
     for row in csv.reader(lines, delimiter=mark):
         if len(row) == len(last):
