@@ -105,7 +105,7 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
     if result["purpose"] == "explore":
         best, _, *elsewhere = result["motions"]
         return [
-            "no effect in the library explains the gap: run the motion that shows it most, twice",
+            "no effect in the library explains what is left: run the motion that shows it most, twice",
             f"  {best['name']}: the gap is expected to grow {best['shows']:.2g} times as fast as in the runs so far",
             *(
                 f"  then {m['name']}: covers states that the runs hardly visited ({', '.join(m['unseen'])})"
