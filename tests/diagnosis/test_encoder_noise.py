@@ -81,6 +81,17 @@ def test_thirds_are_alike_for_noise_and_not_for_an_error_that_grows_with_speed()
     assert unevenness(grows, seen, predicted, [1, 2, 4], tuned) > 2.0
 
 
+def test_thirds_are_not_alike_for_an_error_that_acts_in_some_places() -> None:
+    """Such as a hose that pulls at one end of the range, however fast the joint moves there."""
+    rng = np.random.default_rng(0)
+    turns = np.cumsum(np.repeat(rng.uniform(0.5, 4.0, 80), 25)) * 0.03
+    predicted = np.abs((turns / np.pi) % 2.0 - 1.0).reshape(40, 50, 1)  # a saw of several speeds
+    pulls = rng.standard_normal(predicted.shape) * np.where(predicted > 0.7, 3.0, 1.0)
+    seen = np.ones(predicted.shape, dtype=bool)
+    assert unevenness(pulls, seen, predicted, [1, 2, 4], NoiseFitSettings()) > 2.0
+    assert unevenness(rng.standard_normal(predicted.shape), seen, predicted, [1, 2, 4], NoiseFitSettings()) < 1.4
+
+
 def test_a_joint_that_stands_still_most_of_the_time_cannot_be_compared() -> None:
     rng = np.random.default_rng(0)
     predicted = np.zeros((40, 50, 1))

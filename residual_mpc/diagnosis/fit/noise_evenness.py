@@ -1,8 +1,10 @@
-"""Whether what a model leaves is as large in slow motion as in fast: noise of a sensor is, errors of a model are not.
+"""Whether what a model leaves is as large in slow motion as in fast, and everywhere: noise of a sensor is, errors of a
+model are not.
 
 A coloured noise and an error of the model may leave the same increments. Noise does not depend on the motion. What a
-model gets wrong of a force, a speed or a time grows with speed or acceleration. The increments are sorted into thirds
-by how much the prediction moves meanwhile, and by how much its speed changes, and their mean squares are compared.
+model gets wrong of a force, a speed or a time grows with speed or acceleration; a spring, a cable or a load that it
+lacks acts in some places more than in others. The increments are sorted into thirds by how much the prediction moves
+meanwhile, by how much its speed changes, and by where it is, and their mean squares are compared.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,17 +39,18 @@ def as_even_as_noise(
 def unevenness(
     left: np.ndarray, seen: np.ndarray, predicted: np.ndarray, lags: Sequence[int] | np.ndarray, tuned: NoiseFitSettings
 ) -> np.ndarray:
-    """(C,) the largest mean square of the increments in a third over the smallest, of thirds by speed and by
-    acceleration of the prediction (W, M, C); infinity where there are too few to compare.
+    """(C,) the largest mean square of the increments in a third over the smallest, of thirds by speed, by acceleration
+    and by place of the prediction (W, M, C); infinity where there are too few to compare.
 
     left, seen (W, M, C): what the model leaves, and where that is known. lags: samples; long ones say little, since the
     motion changes meanwhile.
     """
     rate = np.abs(np.gradient(predicted, axis=1))
     change = np.abs(np.gradient(np.gradient(predicted, axis=1), axis=1))
+    place = predicted - np.nanmin(predicted, axis=(0, 1))
     return np.array(
         [
-            max(_ratio(left[..., k], seen[..., k], size[..., k], lags, tuned) for size in (rate, change))
+            max(_ratio(left[..., k], seen[..., k], size[..., k], lags, tuned) for size in (rate, change, place))
             for k in range(left.shape[2])
         ]
     )
