@@ -100,7 +100,8 @@ class RowReader:
             except BadInput:
                 self._waiting = ()
                 raise BadInput(error.what, arrival.source, error.remedy) from error
-            self.left_out += [line for line in lines if line not in set(good)]
+            usual = frozenset(good)
+            self.left_out += [line for line in lines if line not in usual]
             lines = good
         self._begun, self._waiting, self._carried = True, (), (_last_filled(arrival.header, lines),)
         yield from (replace(rows_of(run), source=arrival.source) for run in runs)
