@@ -1,11 +1,11 @@
 """The scenario of a user's own robot: nominal against augmented on a plant of the user's choice.
 
-    model = rm.augment(robot, "out/model.json", dt=0.02)
-    result = OwnScenario(robot, model).run(RunOptions(seeds=3))
+model = rm.augment(robot, "out/model.json", dt=0.02)
+result = OwnScenario(robot, model).run(RunOptions(seeds=3))
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,12 @@ DRIFT = 0.01  # rad/sqrt(s) or m/sqrt(s), process noise of the estimator's posit
 CONTROLLERS = ("nominal", "augmented", "oracle")
 
 PlantFactory = Callable[[RobotFile, float], Simulator]  # (robot file, s between commands) -> plant
+
+
+def unit_of(names: Sequence[str], sliding: Collection[str]) -> str:
+    """The unit of the tracking error of these channels; sliding: the joints that slide."""
+    metres = is_of_the_tool(tuple(names)) or "pose.x" in names
+    return "m" if metres or set(names) <= {f"position.{joint}" for joint in sliding} else "rad"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +90,7 @@ class OwnScenario:
         result["robot"] = self.robot.name
         result["controller"] = options.controller
         result["tracked"] = list(names)
-        sliding = {f"position.{joint}" for joint in optional.sliding(self.robot.model)}
-        metres = is_of_the_tool(names) or "pose.x" in names or set(names) <= sliding
-        result["unit"] = "m" if metres else "rad"
+        result["unit"] = unit_of(names, optional.sliding(self.robot.model))
         if options.out is not None:
             from scenarios.own.figures import write
 

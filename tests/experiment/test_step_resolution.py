@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from residual_mpc.experiment import separate
 from residual_mpc.experiment.confirmation import confirm
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
 
@@ -30,3 +31,21 @@ def test_what_differs_by_less_is_not_excluded(
     given = [100.0, 580.0, 110.0]
     assert confirm._told_apart(given, fitted, prepared, ConfirmationSettings()) == scores
     assert seen == [["kept", "far"]]
+
+
+@pytest.mark.parametrize(("alike", "loss"), [(True, 0.0), (False, 3.0)])
+def test_a_motion_is_not_expected_to_separate_what_differs_by_less(
+    monkeypatch: pytest.MonkeyPatch, alike: bool, loss: float
+) -> None:
+    problem = SimpleNamespace(data=None, space=SimpleNamespace(settings=list))
+    fits = [SimpleNamespace(cost=10.0, values="own"), SimpleNamespace(cost=16.0, values="other")]
+    monkeypatch.setattr(separate, "within_limits", lambda *given: separate.Planned(None, True))  # type: ignore[arg-type]
+    monkeypatch.setattr(separate, "simulate_run", lambda *given: None)
+    monkeypatch.setattr(separate, "_problem", lambda *given: problem)
+    monkeypatch.setattr(separate, "fit_all", lambda *given, **more: fits)
+    monkeypatch.setattr(separate, "measure_scales", lambda data: None)
+    monkeypatch.setattr(separate, "within_step_error", lambda *given: np.array([True, alike]))
+    setup: Any = SimpleNamespace(dispersion=2.0)
+    nothing: Any = None
+    found = separate.separation(nothing, setup, nothing, [{}, {}], np.random.default_rng(0))
+    assert found.losses.tolist() == [[np.inf, loss], [loss, np.inf]]

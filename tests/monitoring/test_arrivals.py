@@ -12,6 +12,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.monitoring.arrivals.follow import Arrival, Tail, follow_files
 from residual_mpc.monitoring.arrivals.rows import RowReader, Rows
 from residual_mpc.monitoring.arrivals.segments import Stream
+from residual_mpc.monitoring.monitor import _left_out
 from residual_mpc.monitoring.settings import ArrivalSettings
 
 SETTINGS = ArrivalSettings()
@@ -162,3 +163,18 @@ def test_a_bad_row_is_left_out_and_the_others_are_not(reader: RowReader, bad: st
 def test_a_block_in_which_nothing_is_like_the_header_is_refused(reader: RowReader) -> None:
     with pytest.raises(BadInput):
         list(reader.read(Arrival("run", "run.csv", HEADER, ("a,b",) * (SETTINGS.header_rows + 5), fresh=True)))
+
+
+def test_a_quoted_cell_may_hold_the_mark(reader: RowReader) -> None:
+    """A row is not bad for that, beside one that is."""
+    header, bad = f"{HEADER},note", "0.20,1.0,1.0"
+    lines = [f'{line(0.1 * k)},"wheels, worn"' for k in range(SETTINGS.header_rows + 20)]
+    list(reader.read(Arrival("run", "run.csv", header, (*lines[:3], bad, *lines[3:]), fresh=True)))
+    assert reader.left_out == [bad]
+
+
+def test_rows_that_were_left_out_are_told_once(reader: RowReader) -> None:
+    reader.left_out = ["0.20,1.0", "x"]
+    (said,) = (event.message for event in _left_out(reader, "run.csv"))
+    assert said.startswith("run.csv: 2 rows were left out, such as '0.20,1.0': a cell is missing")
+    assert not list(_left_out(reader, "run.csv"))

@@ -1,5 +1,6 @@
 """How much of a model's prediction is the error of its own time step, seen by halving it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -65,5 +66,12 @@ def within_step_error(data: Dataset, scales: Scales, rows: Settings, settings: D
     if error is None:
         return np.arange(rows.rows) == 0
     first, *others = predict(data, rows)
-    apart = [np.where(np.isfinite(data.y), other - first, np.nan) for other in others]
-    return np.array([True, *(gap_of(data, scales, x).total <= error for x in apart)])
+    return np.array([True, *no_farther_than(data, scales, first, others, error)])
+
+
+def no_farther_than(
+    data: Dataset, scales: Scales, own: np.ndarray, others: Sequence[np.ndarray], gap: float
+) -> list[bool]:
+    """Which predictions (W, M, C) differ from `own` by no more than a gap, where something was measured."""
+    seen = np.isfinite(data.y)
+    return [bool(gap_of(data, scales, np.where(seen, other - own, np.nan)).total <= gap) for other in others]

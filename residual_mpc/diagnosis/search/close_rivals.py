@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.gap import gap_of
 from residual_mpc.diagnosis.fit.evidence import covariance
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
+from residual_mpc.diagnosis.predict.step_error import no_farther_than
 from residual_mpc.diagnosis.search.acceptance import Ruler
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.substitutes import imitate
@@ -63,8 +63,7 @@ def _within_step_error(ruler: Ruler, fit: Fit, rivals: list[Rival]) -> list[bool
     if most == 0.0:
         return [False] * len(rivals)
     own, *others = ruler.replays([fit.values, *(r.fit.values for r in rivals)])
-    seen = np.isfinite(ruler.replays.data.y)
-    return [gap_of(ruler.replays.data, ruler.scales, np.where(seen, p - own, np.nan)).total ** 2 < most for p in others]
+    return no_farther_than(ruler.replays.data, ruler.scales, own, others, float(np.sqrt(most)))
 
 
 def without_small_differences(problem: Problem, fits: list[Fit], settings: SearchSettings) -> list[Fit]:

@@ -134,13 +134,13 @@ def _mark(header: str) -> str:
 def _usual(header: str, lines: tuple[str, ...]) -> tuple[str, ...]:
     """The lines with as many cells as the header, and numbers or nothing where most lines have that."""
     mark = _mark(header)
-    cells = len(header.split(mark))
-    rows = [line.split(mark) for line in lines]
+    cells, *rows = (next(csv.reader([line], delimiter=mark), []) for line in (header, *lines))
+    count = len(cells)
     numbers = [[_is_number(cell) for cell in row] for row in rows]
-    whole = np.array([of for of in numbers if len(of) == cells], dtype=bool).reshape(-1, cells)
-    expected = whole.mean(axis=0) > 0.5 if len(whole) else np.zeros(cells, dtype=bool)
+    whole = np.array([of for of in numbers if len(of) == count], dtype=bool).reshape(-1, count)
+    expected = whole.mean(axis=0) > 0.5 if len(whole) else np.zeros(count, dtype=bool)
     return tuple(
-        line for line, of in zip(lines, numbers, strict=True) if len(of) == cells and np.all(np.array(of) | ~expected)
+        line for line, of in zip(lines, numbers, strict=True) if len(of) == count and np.all(np.array(of) | ~expected)
     )
 
 

@@ -1,0 +1,21 @@
+"""The unit in which a run states how well a reference was followed."""
+
+from __future__ import annotations
+
+import pytest
+
+from scenarios.own.scenario import unit_of
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        (("position.slide",), "m"),
+        (("position.slide", "position.elbow"), "rad"),  # one unit for all: that of the joint that turns
+        (("position.elbow",), "rad"),
+        (("tool.x", "tool.y", "tool.z"), "m"),
+        (("pose.x", "pose.y", "pose.theta"), "m"),
+    ],
+)
+def test_an_error_of_a_joint_that_slides_is_in_metres(names: tuple[str, ...], unit: str) -> None:
+    assert unit_of(names, frozenset({"slide"})) == unit
