@@ -20,6 +20,7 @@ from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.readers.find import find_tables
 from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
+from residual_mpc.logs.sampling_times import with_sampling_times
 from residual_mpc.logs.signals import fresh_samples
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.protocol import Robot
@@ -99,6 +100,8 @@ def check(robot: NominalRobot, runs: Runs | Paths) -> Check:
 def _examine(robot: NominalRobot, paths: Sequence[str]) -> tuple[tuple[Run, ...], list[Finding]]:
     """The runs that can be read, and what is wrong or remarkable."""
     read, findings = _read(robot.file, paths)
+    read, stamped = with_sampling_times(read)
+    findings += stamped
     models, fitting = RunModels(robot), []
     for run in read:
         try:

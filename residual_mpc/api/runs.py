@@ -14,6 +14,7 @@ from residual_mpc.logs.audit import audit
 from residual_mpc.logs.finding import Finding
 from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
+from residual_mpc.logs.sampling_times import with_sampling_times
 from residual_mpc.models.facts import check_columns, facts_of
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import noise_over
@@ -78,7 +79,7 @@ class Runs:
 
 
 def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
-    """Read and audit runs of a robot.
+    """Read and audit runs of a robot; `t` is the time at which a sample was taken, where that can be told.
 
     Args:
         robot: names the columns and, by its variants, the settings.
@@ -92,9 +93,10 @@ def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
     made = RunModels(robot)
     models = [made.of(run.name) for run in result.runs]
     check_columns(result.runs, models)
-    findings = (*result.findings, *audit(result.runs, facts_of(robot.model)))
-    noise = noise_over(robot.file, [run.name for run in result.runs])
-    return Runs(result.runs, tuple(models), noise, findings, given)
+    runs, stamped = with_sampling_times(result.runs)
+    findings = (*result.findings, *stamped, *audit(runs, facts_of(robot.model)))
+    noise = noise_over(robot.file, [run.name for run in runs])
+    return Runs(runs, tuple(models), noise, findings, given)
 
 
 def usable(runs: Runs) -> Runs:

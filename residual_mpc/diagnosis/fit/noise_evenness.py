@@ -4,7 +4,9 @@ model are not.
 A coloured noise and an error of the model may leave the same increments. Noise does not depend on the motion. What a
 model gets wrong of a force, a speed or a time grows with speed or acceleration; a spring, a cable or a load that it
 lacks acts in some places more than in others. The increments are sorted into thirds by how much the prediction moves
-meanwhile, by how much its speed changes, and by where it is, and their mean squares are compared.
+meanwhile, by how much its speed changes, and by where it is, and their mean squares are compared. Stamps that are off
+by chance leave errors that grow with speed as well, but are independent from one sample to the next: the shortest
+increments tell their size, which is taken out of all others.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,18 +50,39 @@ def unevenness(
     rate = np.abs(np.gradient(predicted, axis=1))
     change = np.abs(np.gradient(np.gradient(predicted, axis=1), axis=1))
     place = predicted - np.nanmin(predicted, axis=(0, 1))
-    return np.array(
-        [
-            max(_ratio(left[..., k], seen[..., k], size[..., k], lags, tuned) for size in (rate, change, place))
-            for k in range(left.shape[2])
-        ]
-    )
+    out = []
+    for k in range(left.shape[2]):
+        off = _stamp_errors(left[..., k], seen[..., k], rate[..., k], tuned)
+        sizes = (rate[..., k], change[..., k], place[..., k])
+        out.append(max(_ratio(left[..., k], seen[..., k], off, size, lags, tuned) for size in sizes))
+    return np.array(out)
+
+
+def _stamp_errors(left: np.ndarray, seen: np.ndarray, rate: np.ndarray, tuned: NoiseFitSettings) -> np.ndarray:
+    """(W, M) variance of what errors of the stamps, independent of one another, leave of a channel that moves by `rate`
+    (W, M) a sample: proportional to its square, from thirds by it of the increments from each sample to the next."""
+    square = np.nan_to_num(rate) ** 2
+    both = seen[:, 1:] & seen[:, :-1]
+    increments = ((left[:, 1:] - left[:, :-1])[both]) ** 2
+    moved = (square[:, 1:] + square[:, :-1])[both]
+    if len(increments) < 3 * tuned.fewest_pairs or not moved.any():
+        return np.zeros_like(square)
+    slow, _, fast = np.array_split(np.argsort(moved, kind="stable"), 3)
+    apart = float(moved[fast].mean() - moved[slow].mean())
+    more = float(increments[fast].mean() - increments[slow].mean())
+    return square * max(more / apart, 0.0) if apart > 0.0 else np.zeros_like(square)
 
 
 def _ratio(
-    left: np.ndarray, seen: np.ndarray, size: np.ndarray, lags: Sequence[int] | np.ndarray, tuned: NoiseFitSettings
+    left: np.ndarray,
+    seen: np.ndarray,
+    off: np.ndarray,
+    size: np.ndarray,
+    lags: Sequence[int] | np.ndarray,
+    tuned: NoiseFitSettings,
 ) -> float:
-    """The ratio for one channel (W, M), with thirds by the mean of `size` (W, M) over each increment."""
+    """The ratio for one channel (W, M), less the variance `off` (W, M) of single samples, with thirds by the mean of
+    `size` (W, M) over each increment."""
     passed = np.cumsum(np.nan_to_num(size), axis=1)
     shares = np.zeros(3)
     used = 0
@@ -72,6 +95,10 @@ def _ratio(
         third = np.searchsorted(np.quantile(moved, [1 / 3, 2 / 3]), moved)
         if len(np.unique(third)) < 3:  # it stands still most of the time: nothing to compare
             continue
-        shares += np.array([square[third == i].mean() for i in range(3)]) / square.mean()
+        noise = square - (off[:, lag:] + off[:, :-lag])[both]
+        thirds = np.array([noise[third == i].mean() for i in range(3)])
+        if (mean := float(noise.mean())) <= 0.0:
+            continue
+        shares += thirds / mean
         used += 1
     return float(shares.max() / shares.min()) if used and shares.min() > 0.0 else np.inf

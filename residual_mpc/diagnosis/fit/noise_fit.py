@@ -112,14 +112,15 @@ def fit_noise(
                         _increments(_projected(unit, basis), seen, lags, settings=settings)[0] / tuned.draws
                     )
     bounds = difference_bounds(data, problem.weight, [0.0, *times], period, settings=settings)
-    rounded = data.sigma <= tuned.rounded * data.steps / np.sqrt(12.0)
     encoders = np.array([not channel.startswith(LOCALISED) for channel in data.channels])
-    parts[:, :, rounded & encoders, 1:] = 0.0  # steps of an encoder that last several samples look coloured
     if data.count * data.horizon < tuned.least_seconds:
         parts[..., 1:] = 0.0
-    size = fit_envelope(
-        measured, parts, sure, *bounds, settings=settings
-    )  # (C, 1 + times) squared, in units of the white noise
+    size = fit_envelope(measured, parts, sure, *bounds, settings=settings)  # (C, 1 + times) squared, of the white noise
+    wander = np.sqrt(size[:, 1:].sum(axis=1)) / problem.weight  # (C,) channel unit
+    steps = encoders & (wander <= tuned.rounded * data.steps / np.sqrt(12.0))
+    if size[steps, 1:].any():
+        parts[:, :, steps, 1:] = 0.0  # steps of an encoder that last several samples look coloured
+        size = fit_envelope(measured, parts, sure, *bounds, settings=settings)
     beyond = encoders & (size[:, 1:].sum(axis=1) > (data.sigma * problem.weight) ** 2)
 
     def draw() -> np.ndarray:
