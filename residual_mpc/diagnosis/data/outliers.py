@@ -1,20 +1,24 @@
 """Samples of the localisation or of an encoder that jump away and come back: flagged once, before anything is
 fitted.
+
+A driver that differentiates an encoder's readings makes a jump of the velocity of each of their outliers, and if it
+filters the velocity, a jump that decays over several samples. Such samples are flagged with the outlier.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import POSITION_LIKE, Dataset
-from residual_mpc.diagnosis.data.settings import DataSettings
+from residual_mpc.diagnosis.data.settings import DataSettings, OutlierSettings
 from residual_mpc.logs.signals import spikes
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """flagged[run, channel]: (n,) bool over that signal's samples; shares by channel, and over the position-like
-    ones; enough: whether there are enough of them to be more than an accident, frequent: whether they are a cause
+    """flagged[run, channel]: (n,) bool over that signal's samples, with those of a velocity that an outlier of the
+    position spoils; shares, without them, by channel and over the position-like ones; enough: whether there are enough of them to be more than an accident, frequent: whether they are a cause
     whatever they do to the gap.
     """
 
@@ -37,6 +41,8 @@ def find_outliers(data: Dataset, *, settings: DataSettings = DataSettings(), vel
         flagged[i, c] = mask
         hits[c] += int(mask.sum())
         sizes[c] += len(mask)
+    for key, spoilt in list(_spoilt_velocities(data, flagged, settings.outliers)):
+        flagged[key] = flagged[key] | spoilt if key in flagged else spoilt
     # a localisation jumps as a whole: one stamp is one outlier, however many of its channels show it
     total = sum(hits.values())
     shares = {c: hits[c] / sizes[c] for c in data.channels if sizes[c]}
@@ -44,3 +50,40 @@ def find_outliers(data: Dataset, *, settings: DataSettings = DataSettings(), vel
     return Outliers(
         flagged, shares, share, total, total >= settings.outliers.fewest, share >= settings.outliers.frequent
     )
+
+
+def _spoilt_velocities(
+    data: Dataset, flagged: dict[tuple[int, str], np.ndarray], settings: OutlierSettings
+) -> Iterator[tuple[tuple[int, str], np.ndarray]]:
+    """The samples (n,) bool of the joints' velocities, by run and channel, that outliers of their positions spoil."""
+    for (i, channel), mask in flagged.items():
+        joint = channel.removeprefix("position.")
+        velocity = data.signals.get((i, f"velocity.{joint}"))
+        if joint == channel or velocity is None or not mask.any():
+            continue
+        sigma = float(data.sigma[data.channels.index(f"velocity.{joint}")])
+        at = np.searchsorted(velocity.t, data.signals[i, channel].t[mask] - 1e-9)
+        spoilt = jumps_at(velocity.y, np.unique(at), sigma, settings)
+        if spoilt.any():
+            yield (i, f"velocity.{joint}"), spoilt
+
+
+def jumps_at(v: np.ndarray, rows: np.ndarray, sigma: float, settings: OutlierSettings) -> np.ndarray:
+    """(n,) bool: the samples of v (n,) from those at `rows`, or from the one before, that lie off the line between the
+    samples before and after, until one no longer does. sigma: 1-sigma of the noise, in the unit of v."""
+    out = np.zeros(len(v), dtype=bool)
+    side, most = settings.beside, settings.longest
+    for row in rows:
+        first, last = row - 1, row + most  # what a central difference of the outlier reaches, and a filter's longest
+        before, after = np.arange(first - side, first), np.arange(last, last + side)
+        if before[0] < 0 or after[-1] >= len(v):
+            continue
+        ends = np.median(v[before]), np.median(v[after])
+        usual = max(np.abs(np.diff(v[part])).max() for part in (before, after))
+        off = np.abs(v[first:last] - np.linspace(*ends, last - first))
+        far = off > np.maximum(settings.far * sigma, settings.far * usual)
+        begin = int(far[:3].argmax())
+        if far[begin]:
+            length = int(np.argmin(np.append(far[begin:], False)))
+            out[first + begin : first + begin + length] = True
+    return out

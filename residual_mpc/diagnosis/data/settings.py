@@ -81,14 +81,19 @@ class UnknownPastSettings:
 @dataclass(frozen=True)
 class OutlierSettings:
     """frequent: share of a channel's samples from which outliers are a cause, whatever they do to the gap; fewest:
-    flagged samples below which a share says nothing."""
+    flagged samples below which a share says nothing. far: times the noise, and times the largest step of the samples
+    beside, by which an outlier of the position moves a velocity that it spoils, for `longest` samples at most; beside:
+    samples on either side that tell what the velocity was."""
 
     frequent: float = 0.002
     fewest: int = 5
+    far: float = 6.0
+    longest: int = 12
+    beside: int = 5
 
     def __post_init__(self) -> None:
         check_share(self, "frequent")
-        check_positive(self, "fewest")
+        check_positive(self, "fewest", "far", "longest", "beside")
 
 
 @dataclass(frozen=True)
