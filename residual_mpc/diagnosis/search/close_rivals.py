@@ -80,7 +80,8 @@ def _within_what_is_left(
     """Which of these rivals, all in place of the same effect, imitate it or are hardly told from it by the likelihood,
     remove a good part of what it removes, and leave hardly more of the squared gap than the fit: less than a share of
     what both leave beyond the noise, than the error of the model's own time step, or, where there are small differences
-    elsewhere, too little to see. A twin, which no run here can tell apart, counts unless its gap is visibly larger.
+    elsewhere, too little to see. A twin, which no run here can tell apart, counts unless its gap is visibly larger, and
+    larger by more than all that the fit leaves beyond the noise.
 
     A likelihood takes what is left for noise. Where it is an effect that nobody names, it may favour either.
     """
@@ -98,7 +99,7 @@ def _within_what_is_left(
     most = max(settings.rivals.of_left * (own - ruler.floor), ruler.step_error(fit))
     if problem.marginal is not None:
         most = max(most, settings.rivals.visible * ruler.floor)
-    seen = max(most, settings.rivals.visible * ruler.floor, settings.rivals.share * own)
+    seen = max(most, own - ruler.floor, settings.rivals.visible * ruler.floor, settings.rivals.share * own)
     least = settings.rivals.works * (bare - own)  # of what the effect removes; a twin does the same by definition
     more = iter(others)
     out = []
