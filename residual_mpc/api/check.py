@@ -17,6 +17,7 @@ from residual_mpc.files import write_json
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.columns import group, member
 from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.lost_rows import with_lost_rows
 from residual_mpc.logs.readers.find import find_tables
 from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
@@ -100,8 +101,9 @@ def check(robot: NominalRobot, runs: Runs | Paths) -> Check:
 def _examine(robot: NominalRobot, paths: Sequence[str]) -> tuple[tuple[Run, ...], list[Finding]]:
     """The runs that can be read, and what is wrong or remarkable."""
     read, findings = _read(robot.file, paths)
-    read, stamped = with_sampling_times(read)
-    findings += stamped
+    dated, stamped = with_sampling_times(read)
+    read, lost = with_lost_rows(dated)
+    findings += [*stamped, *lost]
     models, fitting = RunModels(robot), []
     for run in read:
         try:

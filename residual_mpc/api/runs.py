@@ -12,6 +12,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically
 from residual_mpc.logs.audit import audit
 from residual_mpc.logs.finding import Finding
+from residual_mpc.logs.lost_rows import with_lost_rows
 from residual_mpc.logs.readers.read import read_runs as read_tables
 from residual_mpc.logs.run import Run
 from residual_mpc.logs.sampling_times import with_sampling_times
@@ -93,8 +94,9 @@ def read_runs(robot: NominalRobot, paths: Paths) -> Runs:
     made = RunModels(robot)
     models = [made.of(run.name) for run in result.runs]
     check_columns(result.runs, models)
-    runs, stamped = with_sampling_times(result.runs)
-    findings = (*result.findings, *stamped, *audit(runs, facts_of(robot.model)))
+    dated, stamped = with_sampling_times(result.runs)
+    runs, lost = with_lost_rows(dated)
+    findings = (*result.findings, *stamped, *lost, *audit(runs, facts_of(robot.model)))
     noise = noise_over(robot.file, [run.name for run in runs])
     return Runs(runs, tuple(models), noise, findings, given)
 

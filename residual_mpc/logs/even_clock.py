@@ -18,28 +18,28 @@ def even_clock(t: FloatArray, period: float) -> FloatArray:
     twice; a lost row is a tick without a stamp. The mean of the stamps less the ticks then tells where the clock is,
     and follows it where its rate drifts. At the ends of a run and of a pause it goes through the stamps.
     """
-    tick, pauses = _ticks(t, period)
+    tick, pauses = ticks(t, period)
     offset, out = t - period * tick, np.empty(len(t))
     for part in np.split(np.arange(len(t)), pauses):
         out[part] = _running_mean(offset[part], REACH)
     return np.asarray(out + period * tick)
 
 
-def _ticks(t: FloatArray, period: float) -> tuple[FloatArray, np.ndarray]:
-    """(n,) ticks that passed since the first stamp, and the rows after a pause."""
+def ticks(t: FloatArray, period: float) -> tuple[FloatArray, np.ndarray]:
+    """(n,) ticks of a clock with this period (s) since the first stamp of t (n,) s, and the rows after a pause."""
     pause = PAUSE * period
     stamps = t.tolist()
-    clock, ticks = stamps[0], [0.0]
+    clock, out = stamps[0], [0.0]
     for before, stamp in zip(stamps[:-1], stamps[1:], strict=True):
         if stamp - before > pause:
-            ticks.append(ticks[-1] + (stamp - before) / period)
+            out.append(out[-1] + (stamp - before) / period)
             clock = stamp
             continue
         passed = max(round((stamp - clock) / period), 1)
-        ticks.append(ticks[-1] + passed)
+        out.append(out[-1] + passed)
         clock += passed * period
         clock += GAIN * (stamp - clock)
-    return np.array(ticks), np.flatnonzero(np.diff(t) > pause) + 1
+    return np.array(out), np.flatnonzero(np.diff(t) > pause) + 1
 
 
 def _running_mean(values: FloatArray, reach: int) -> FloatArray:

@@ -18,8 +18,8 @@ from residual_mpc.logs.signals import spikes
 @dataclass(frozen=True)
 class Outliers:
     """flagged[run, channel]: (n,) bool over that signal's samples, with those of a velocity that an outlier of the
-    position spoils; shares, without them, by channel and over the position-like ones; enough: whether there are enough of them to be more than an accident, frequent: whether they are a cause
-    whatever they do to the gap.
+    position spoils; shares, without them, by channel and over the position-like ones; enough: whether there are enough
+    of them to be more than an accident, frequent: whether they are a cause whatever they do to the gap.
     """
 
     flagged: dict[tuple[int, str], np.ndarray]
