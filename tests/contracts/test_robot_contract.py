@@ -16,7 +16,10 @@ from oracles.arms import FILTERED, MIXED, SERVOS, arm_xml, random_drive, random_
 
 from plants.diff_drive import DiffDrive
 from plants.mujoco_robot import build
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.predict.references import measure_references
 from residual_mpc.errors import BadInput
+from residual_mpc.logs.run import Run
 from residual_mpc.models import optional
 from residual_mpc.models.contract import ContractBroken, check_robot
 from residual_mpc.models.contract.optional_members import check_optional
@@ -264,3 +267,25 @@ def test_a_breach_is_named(rng: np.random.Generator, breach: str) -> None:
     with pytest.raises(ContractBroken) as broken:
         check_robot(robot, rng)
     assert said in str(broken.value) and ": expected " in str(broken.value)
+
+
+class WithoutOutputs:
+    """The cart without what its actuator puts out."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(CART, name)
+
+    def replay(self, start: Any, drive: Any, settings: Settings, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
+        known = CART.replay(start, drive, settings, CART.channels)
+        return {c: known[c] for c in wanted}
+
+
+def test_a_replay_that_knows_no_outputs_is_told_so(rng: np.random.Generator) -> None:
+    robot: Robot = WithoutOutputs()
+    with pytest.raises(ContractBroken, match="requested channel.*output.motor"):
+        check_robot(robot, rng)
+    t = np.arange(0.0, 10.0, 0.05)
+    run = Run("r", t, {"command.motor": np.sin(t), "position.rail": np.cos(t)})
+    with pytest.raises(BadInput, match="must also give output.motor") as refused:
+        measure_references(build_dataset([run], [robot], {}))
+    assert "what each actuator puts out" in refused.value.remedy

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.errors import BadInput
 from residual_mpc.models import optional
 from residual_mpc.models.settings import Settings
 
@@ -99,8 +100,17 @@ def _nominal_outputs(data: Dataset) -> dict[str, np.ndarray]:
     n = block.where.stop - block.where.start
     start = {k: v[0] for k, v in start_states(data, block, Settings(1)).items()}
     wanted = tuple(f"output.{a}" for a in block.robot.actuators)
-    out = block.robot.replay(start, block.drive, Settings(n), wanted)
-    return {a: np.nan_to_num(out[f"output.{a}"]) for a in block.robot.actuators}
+    try:
+        out = block.robot.replay(start, block.drive, Settings(n), wanted)
+        return {a: np.nan_to_num(out[f"output.{a}"]) for a in block.robot.actuators}
+    except KeyError as missing:
+        if str(missing.args[0]) not in wanted:
+            raise
+        raise BadInput(
+            f"the robot's `replay` must also give {', '.join(wanted)} where `wanted` names them, got no {missing}",
+            block.robot.name,
+            "return what each actuator puts out on the nodes of the grid, (B, K + 1): its force, torque or wheel speed",
+        ) from missing
 
 
 def _servo_error(data: Dataset, actuator: str, joint: str) -> np.ndarray:

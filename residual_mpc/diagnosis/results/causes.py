@@ -49,8 +49,9 @@ def causes_of(
     sigma = sigmas(problem, final, settings=settings)
     aside = _aside(of, sigma, settings=settings)
     finer = finely_stepped(problem, final)
-    within = {k: (*aside.get(k, ()), *lacking.get(k, ()), *([finer[k]] if k in finer else [])) for k in final.knobs}
-    others = _beside_others(of)
+    within = {k: (*aside.get(k, ()), *lacking.get(k, ())) for k in final.knobs}
+    beside = _beside_others(of)
+    others = {k: (*beside[k], *([finer[k]] if k in finer else ())) for k in final.knobs}
     causes = []
     for term in final.terms:
         if is_law(term.effect):
@@ -144,9 +145,9 @@ def _estimate(
     others: tuple[float, ...],
     settings: ResultSettings,
 ) -> Estimate:
-    """aside: limits of the interval with small differences elsewhere, values without a doubtful effect and with a finer
-    time step, which the stated interval includes; others: values in sets that explain as much, which it includes with
-    an interval of the same width."""
+    """aside: limits of the interval with small differences elsewhere, and values without a doubtful effect, which the
+    stated interval includes; others: values in sets that explain as much, and with a finer time step, which it includes
+    with an interval of the same width."""
     knob, final, space = of.final.knobs[i], of.final, of.problem.space
     value = final.values[knob]
     unit = unit_of(space.robot, knob.term, BY_NAME[knob.effect].parameter(knob.parameter).unit)

@@ -72,13 +72,13 @@ def notes(
     if found.stepping:
         said.append(
             f"The time step of the model makes errors of {found.step_error or 0.0:.2g} (noise floor "
-            f"{first.floor.total:.2g}). Use a smaller time step, or an implicit integrator."
+            f"{first.floor.total:.2g}). Use a smaller time step, or an implicit integrator if its own is explicit."
         )
     elif found.step_error is not None and found.step_error > first.floor.total:
         what = "the named effects" if found.coarse and found.helps else "small effects"
         said.append(
             f"The time step of the model makes errors of {found.step_error:.2g} (noise floor {first.floor.total:.2g}); "
-            f"{what} may only stand for it. Use a smaller time step, or an implicit integrator."
+            f"{what} may only stand for it. Use a smaller time step, or an implicit integrator if its own is explicit."
         )
     if odd is not None:
         said.append(str(odd["note"]))

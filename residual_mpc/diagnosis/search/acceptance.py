@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual_mpc.diagnosis.data.dataset import Dataset
 from residual_mpc.diagnosis.data.gap import Scales, fit_trust, gap_of, per_window, window_trust
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.fit.evidence import dispersion
@@ -13,11 +14,13 @@ from residual_mpc.diagnosis.predict.noise_errors import noise_errors
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD, SMALL
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, reweigh, tolerating
-from residual_mpc.diagnosis.predict.step_error import step_error
+from residual_mpc.diagnosis.predict.replay import predict
+from residual_mpc.diagnosis.predict.step_error import finer_prediction, step_error
 from residual_mpc.diagnosis.search.additions import NONE
 from residual_mpc.diagnosis.search.settings import SearchSettings
 
 STEP_WINDOWS = 10  # on which a search measures the error of the time step
+FINE_WINDOWS = 24  # on which it replays a model with a smaller one
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,25 @@ class Ruler:
         """(H,) squared gap of each fit, in which the windows count at their limit whose prediction diverges under the
         last of them, or that are unlike the others under each of them."""
         data = self.replays.data
-        errors = np.stack([data.y - p for p in self.replays([f.values for f in fits])])
+        return self._squared(data, np.stack([data.y - p for p in self.replays([f.values for f in fits])]))
+
+    def finely_stepped(self, fits: list[Fit]) -> np.ndarray | None:
+        """The same of the models stepped infinitely finely, on a few windows; None where no model here has another
+        step."""
+        data = self.replays.own or self.replays.data
+        few = data.take(np.isin(np.arange(data.count), np.linspace(0, data.count - 1, FINE_WINDOWS).astype(int)))
+        errors = []
+        for fit in fits:
+            row = self.replays.space.settings([fit.values])
+            here = predict(few, row)[0]
+            apart = finer_prediction(few, row, here)
+            if apart is None:
+                return None
+            errors.append(few.y - here - apart)
+        return self._squared(few, np.stack(errors))
+
+    def _squared(self, data: Dataset, errors: np.ndarray) -> np.ndarray:
+        """See `squared`, from errors (H, W, M, C)."""
         sizes = np.stack([np.nan_to_num(per_window(data, self.scales, e), nan=np.inf) for e in errors])
         smallest = errors[np.argmin(sizes, axis=0), np.arange(data.count)]
         diverged = window_trust(data, self.scales, errors[-1], settings=self.settings)
@@ -138,4 +159,16 @@ def convincing(
         least = min(least, settings.beyond_doubt_most)
     if ratio < least + settings.per_knob * knobs:
         return None
-    return best if removed >= settings.over_floor * ruler.step_error(best) else None
+    return None if _stands_for_the_step(ruler, current, best, removed, settings) else best
+
+
+def _stands_for_the_step(ruler: Ruler, current: Fit, best: Fit, removed: float, settings: SearchSettings) -> bool:
+    """Whether what the best fit removes is the error of the model's own time step: it is within a multiple of that, and
+    with an infinitely small step less than half of it is left."""
+    step = ruler.step_error(best)
+    if removed < settings.over_floor * step:
+        return True
+    if removed > settings.steps.beyond_step * step:
+        return False
+    finely = ruler.finely_stepped([current, best])
+    return finely is not None and finely[0] - finely[1] < settings.steps.lasting * removed

@@ -78,7 +78,9 @@ class StepSettings:
     that is worth more than the ratio `needless` on the way is needed. met: sets that a step came across, which are
     kept to be judged on all windows. far_from_floor: times the squared noise floor,
     from which a sizeable addition needs less evidence. much: of the squared gap that the best single effect has to
-    leave before pairs are tried."""
+    leave before pairs are tried. beyond_step: times the squared error of the model's own time step, up to which an
+    effect that removes no more may stand for it; lasting: share of what it removes that it has to remove from models
+    with an infinitely small step too."""
 
     alike: float = 10.0
     trimmed: int = 3
@@ -89,12 +91,15 @@ class StepSettings:
     met: int = 4
     far_from_floor: float = 4.0
     much: float = 0.25
+    beyond_step: float = 4.0
+    lasting: float = 0.5
 
     def __post_init__(self) -> None:
         check_positive(
             self, "alike", "trimmed", "needed", "together", "thorough_steps", "needless", "met", "far_from_floor"
         )
-        check_share(self, "much")
+        check_positive(self, "beyond_step")
+        check_share(self, "much", "lasting")
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,11 @@ class _Case:
     wanted: tuple[str, ...]
 
     def replay(self, settings: Settings) -> Predicted:
-        return self.robot.replay(self.start, self.drive, settings, self.wanted)
+        try:
+            return self.robot.replay(self.start, self.drive, settings, self.wanted)
+        except KeyError as missing:
+            demand(missing.args[0] not in self.wanted, "replay knows every requested channel", missing, self.wanted)
+            raise
 
 
 def check_robot(robot: Robot, rng: np.random.Generator, size: float = 0.3) -> None:
