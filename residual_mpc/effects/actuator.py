@@ -205,6 +205,18 @@ BACKLASH = Effect(
         Parameter(
             "gap", "rad", 0.0, 0.0, 2.0, (0.03, 0.08, 0.2, 0.5), "play", True, tolerance=0.02, quantity="gear play"
         ),
+        Parameter(
+            "damping_behind",
+            "1",
+            0.0,
+            0.0,
+            3.0,
+            (0.5,),
+            shape=True,
+            quantity="damping behind the gear",
+            optional=True,
+            tried=1.0,
+        ),
     ),
     summary="play between motor and link",
     start=backlash_start,
@@ -217,7 +229,13 @@ BACKLASH = Effect(
     kink="step",
     stalls=("gap",),
     unseen="the motion hardly reverses",
-    phrase=Phrase("{who} has {gap} of play", "every gear", "the gear of {}"),
+    phrase=Phrase(
+        "{who} has {gap} of play",
+        "every gear",
+        "the gear of {}",
+        located=", and {where}",
+        optional={"damping_behind": "{value} times the joint's damping acts on the link behind it"},
+    ),
     nouns={"gap": Noun("backlash", article="", inside="in")},
     not_in_mjcf="it needs an additional joint behind the motor, which only the built-in simulator has",
 )

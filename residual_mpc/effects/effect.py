@@ -67,6 +67,7 @@ Quantity = Literal[
     "gear stiffness",  # N m/rad
     "gear damping",  # of critical
     "gear play",  # rad
+    "damping behind the gear",  # of the joint's damping in the model
     "gravity roll", "gravity pitch",  # rad
     "joint stop",  # rad
     "reading delay",  # s
@@ -108,6 +109,7 @@ class Parameter:
     most: float = float("inf")
     within: Reference | None = None  # the robot's own size that this number stays within, on both sides
     optional: bool = False  # stays at its null value unless the runs show that it has another
+    tried: float | None = None  # the value of an optional number at which the other numbers' probes are tried as well
     cover: float = 0.0  # of a number of cycles a turn: the cycles that a joint has to turn through, to show them
 
     def __post_init__(self) -> None:

@@ -26,6 +26,7 @@ class Gear:
     sensor: str = "link"
     rotor: float = 0.01
     friction: float = 0.05  # N m s/rad, of the rotor
+    behind: float = 0.0  # share of the friction that acts on the link instead
     inertia: float = 0.02  # of the link about its centre
     mass: float = 0.5
     length: float = 0.2
@@ -84,6 +85,7 @@ class Gear:
         return [
             w_motor,
             w_link,
-            (servo - self.friction * w_motor - through) / self.rotor,
-            (through - self._weight(link)) / (self.inertia + self.mass * self.length**2),
+            (servo - (1.0 - self.behind) * self.friction * w_motor - through) / self.rotor,
+            (through - self._weight(link) - self.behind * self.friction * w_link)
+            / (self.inertia + self.mass * self.length**2),
         ]

@@ -92,6 +92,16 @@ def test_play_makes_two_inertias_and_two_stops(tmp_path: Path, sensor: str) -> N
     assert np.sqrt(np.mean((came - truth) ** 2)) < 0.006
 
 
+def test_damping_may_act_behind_the_play(tmp_path: Path) -> None:
+    """A link that its own bearing slows stays where it is while the motor crosses the play."""
+    gear = Gear(4000.0, 4.0, play=0.08, friction=0.4, behind=1.0)
+    gap: Hypothesis = {("backlash", None, "gap"): 0.08}
+    truth, came, _ = swing(gear, tmp_path, {**gap, ("backlash", None, "damping_behind"): 1.0})
+    _, on_the_motor, _ = swing(gear, tmp_path, gap)
+    assert np.sqrt(np.mean((came - truth) ** 2)) < 0.006
+    assert np.sqrt(np.mean((on_the_motor - truth) ** 2)) > 2.0 * np.sqrt(np.mean((came - truth) ** 2))
+
+
 def test_a_spring_behind_play(tmp_path: Path) -> None:
     gear = replace(spring(), play=0.08)
     both: Hypothesis = {("joint_compliance", None, "stiffness"): K, ("backlash", None, "gap"): 0.08}

@@ -1,9 +1,10 @@
 """Joints whose motor and link are told apart: a spring or play between the two, as a joint more in the same body.
 
 The user's joint becomes the motor's side of the gear, seen at the link's scale: it keeps the actuator, the armature and
-the frictions. A second joint about the same axis, behind it, is how far the link is ahead of the motor; the link's
-angle is the sum of both. Since both sit in one body, the equations are those of two inertias, whatever hangs on the
-link: M = [[rotor + link, link], [link, link]]. A joint's own range holds the link.
+the frictions, of which the damping may act on the link instead. A second joint about the same axis, behind it, is how
+far the link is ahead of the motor; the link's angle is the sum of both. Since both sit in one body, the equations are
+those of two inertias, whatever hangs on the link: M = [[rotor + link, link], [link, link]]. A joint's own range holds
+the link.
 """
 
 from collections.abc import Iterator
@@ -76,6 +77,9 @@ def _split(robot: CompiledRobot, joints: tuple[str, ...]) -> CompiledRobot:
             behind.set_frame(motor.frame)
         spring = spec.add_tendon(name=_behind(name), springlength=(0.0, 0.0), limited=False)
         spring.wrap_joint(_behind(name), 1.0)
+        link_side = spec.add_tendon(name=_link(name), springlength=(0.0, 0.0), limited=False)
+        link_side.wrap_joint(name, 1.0)
+        link_side.wrap_joint(_behind(name), 1.0)
         number = plain.joint(name).id
         if plain.jnt_limited[number]:
             low, high = plain.jnt_range[number].tolist()
@@ -94,6 +98,7 @@ def _split(robot: CompiledRobot, joints: tuple[str, ...]) -> CompiledRobot:
         model.jnt_qposadr[numbers],
         model.jnt_dofadr[numbers],
         np.array([model.tendon(_behind(j)).id for j in joints]),
+        np.array([model.tendon(_link(j)).id for j in joints]),
         rotor,
         link,
         FINER if coarse else 1,
@@ -104,6 +109,10 @@ def _split(robot: CompiledRobot, joints: tuple[str, ...]) -> CompiledRobot:
 
 def _behind(joint: str) -> str:
     return f"{joint} behind its gear"
+
+
+def _link(joint: str) -> str:
+    return f"{joint} at its link"
 
 
 def _bare(model: "mujoco.MjModel", gears: Gears) -> None:
@@ -140,12 +149,25 @@ def edit_gears(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
     batch.expand("dof_damping")[:, gears.dofs] = np.where(firm, spring, SLOWED * reduced)
     reach = np.where(firm, FAR, 0.5 * gap)
     batch.expand("jnt_range")[:, gears.numbers] = np.stack([-reach, reach], axis=-1)
+    moved = changes(settings.effects, "damping behind the gear")
+    if moved is not None:
+        _move_damping(batch, robot, moved[:, _slots(robot)])
     tuned = any(name.endswith(".armature") for name in settings.tuned)
     if tuned or changes(settings.effects, "rotor inertia") is not None:
         motor = robot.dofs[gears.joints]
         armature = batch.expand("dof_armature")
         armature[:, motor] = np.maximum(armature[:, motor], LEAST_ROTOR * gears.link)
         batch.set_const()
+
+
+def _move_damping(batch: Any, robot: CompiledRobot, behind: np.ndarray) -> None:
+    """Let this multiple of the joints' damping, (B, g), act on the links, and what is left of it on the motors."""
+    gears, damping = robot.gears, batch.expand("dof_damping")
+    assert gears is not None
+    motor = robot.dofs[gears.joints]
+    whole = damping[:, motor].copy()
+    damping[:, motor] = whole * np.maximum(1.0 - behind, 0.0)
+    batch.expand("tendon_damping")[:, gears.links] = whole * behind
 
 
 def of_gears(robot: CompiledRobot, settings: Settings) -> tuple[np.ndarray, np.ndarray]:

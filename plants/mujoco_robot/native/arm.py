@@ -38,7 +38,7 @@ READ = frozenset((  # the fields that may differ from row to row
     "body_pos", "body_mass", "body_ipos", "body_iquat", "body_inertia", "opt.gravity", "dof_invweight0", "dof_solimp",
     "dof_solref", "dof_armature", "dof_damping", "dof_frictionloss", "jnt_stiffness", "qpos_spring", "jnt_limited",
     "jnt_range", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "tendon_stiffness",
-    "tendon_lengthspring", "tendon_range", "tendon_invweight0",
+    "tendon_damping", "tendon_lengthspring", "tendon_range", "tendon_invweight0",
 ))  # fmt: skip
 
 
@@ -174,7 +174,7 @@ def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.n
         spring, ends = field("tendon_lengthspring"), field("tendon_range")
         pulled = _reference(model, model.tendon_solref_lim, _clipped(model.tendon_solimp_lim)[:, 1])
         columns = (field("tendon_stiffness"), spring[..., 0], spring[..., 1], ends[..., 0], ends[..., 1], *pulled)
-        for k, column in enumerate((*columns, field("tendon_invweight0"))):
+        for k, column in enumerate((*columns, field("tendon_invweight0"), field("tendon_damping"))):
             out[:, at + k :: TENDON] = column
     return out
 

@@ -28,7 +28,7 @@ DERIVED = frozenset((  # constants that MuJoCo computes for other purposes, and 
 UNUSED = ("geom_", "site_", "cam_", "light_", "mat_", "key_", "bvh_", "name", "numeric_", "text_", "tuple_")
 NONE = ("neq", "na", "nflex", "nplugin", "nmocap")  # of which such a model has none
 ZERO = (  # and of whose fields no number differs from 0
-    "body_gravcomp", "jnt_actgravcomp", "dof_dampingpoly", "jnt_stiffnesspoly", "jnt_springyield", "tendon_damping",
+    "body_gravcomp", "jnt_actgravcomp", "dof_dampingpoly", "jnt_stiffnesspoly", "jnt_springyield",
     "tendon_dampingpoly", "tendon_frictionloss", "tendon_armature", "tendon_stiffnesspoly", "tendon_springyield",
     "tendon_actfrclimited", "actuator_damping", "actuator_dampingpoly", "actuator_armature", "actuator_delay",
     "actuator_dyntype", "actuator_gaintype",
@@ -137,6 +137,9 @@ def _tried(model: mujoco.MjModel, rubs: bool, stops: bool) -> mujoco.MjModel:
     if rubs:
         most = np.maximum(model.dof_M0, 1e-6) * rng.uniform(0.0, 5.0, model.nv)
         tried.dof_frictionloss[:] = np.maximum(model.dof_frictionloss, most)
+    if model.ntendon:
+        damping = model.dof_M0.min() * rng.uniform(0.0, 5.0, model.ntendon)
+        tried.tendon_damping[:] = np.maximum(model.tendon_damping, damping)
     if stops:
         free = model.jnt_limited == 0
         tried.jnt_range[free] = model.qpos0[free, None] + np.array([-0.5, 0.5])

@@ -6,6 +6,7 @@ engine_core_constraint.c and engine_derivative.c.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -95,7 +96,8 @@ LINK = 13  # of a link: place 3, mass, centre 3, inertia 6
 JOINT = 13
 DAMPING, FRICTION, BESIDE = 1, 4, 12  # where among them are those that change between steps
 ACTUATOR = 6  # of an actuator: gain, bias 3, range 2
-TENDON = 8  # of a tendon: stiffness, ends of the dead band, lower and upper limit, their K and B, inverse weight
+# of a tendon: stiffness, ends of the dead band, lower and upper limit, their K and B, inverse weight, damping
+TENDON = 9
 
 
 def sizes(chain: Chain) -> int:
@@ -182,9 +184,9 @@ def accelerations(
     ]
     constraints = [c for c in constraints if c.friction is not None or c.limits]
     for t, tendon in enumerate(chain.tendons):
-        stiff, from_, to, *stop = row.tendon(t)
+        stiff, from_, to, *stop, damp = row.tendon(t)
         length, rate = (dot([x[i] for i, _ in tendon.of], [c for _, c in tendon.of]) for x in (q, v))
-        pull = stiff * (larger(p, from_ - length, 0.0) + smaller(p, to - length, 0.0))
+        pull = stiff * (larger(p, from_ - length, 0.0) + smaller(p, to - length, 0.0)) - damp * rate
         for i, c in tendon.of:
             torque[i] = torque[i] + pull * c
         if tendon.stop is not None:
@@ -194,7 +196,13 @@ def accelerations(
     if constraints:
         keep, held = _constrained(p, mass, torque, constraints, state, failed)
         free = [t + f for t, f in zip(torque, held, strict=True)]
-    a = solve({(i, j): m + damping[i] * h if i == j else m for (i, j), m in mass.items()}, free)
+    implicit = {(i, j): m + damping[i] * h if i == j else m for (i, j), m in mass.items()}
+    for t, tendon in enumerate(chain.tendons if chain.integrator == "implicitfast" else ()):
+        slowed = row.tendon(t)[-1] * h
+        for (i, c), (j, d) in itertools.product(tendon.of, tendon.of):
+            if (i, j) in implicit:
+                implicit[i, j] = implicit[i, j] + slowed * (c * d)
+    a = solve(implicit, free)
     return a, a if keep is None else keep
 
 

@@ -77,8 +77,17 @@ class Space:
     def optional(self, term: Term) -> tuple[Knob, ...]:
         """The numbers of a term that stay at their null value unless the runs show them."""
         return tuple(
-            Knob(term.effect, term.target, p.name, term.changed) for p in BY_NAME[term.effect].parameters if p.optional
+            Knob(term.effect, term.target, p.name, term.changed)
+            for p in BY_NAME[term.effect].parameters
+            if p.optional and (p.quantity != "damping behind the gear" or self._damped(term))
         )
+
+    def _damped(self, term: Term) -> bool:
+        """Whether the model has damping at the joint of a gear, or at any where the term acts on all."""
+        joints = dict(zip(self.robot.actuators, optional.actuator_joints(self.robot), strict=True))
+        slots = self.slots[term.effect] if term.target is None else (term.target,)
+        nominal = self.robot.nominal()
+        return any(nominal.get(f"joint.{joints.get(s, s)}.damping", 0.0) > 0.0 for s in slots)
 
     def whole(self, values: Values) -> Values:
         """The values with the fixed numbers of the laws among them."""
@@ -154,7 +163,14 @@ class Space:
 
     def probes(self, term: Term) -> list[Values]:
         """Values worth a first look in a search."""
-        return list(self.suggested.get(term, ())) if BY_NAME[term.effect].proposed else self.plausible(term)
+        if BY_NAME[term.effect].proposed:
+            return list(self.suggested.get(term, ()))
+        doses = self.plausible(term)
+        for knob in self.optional(term):
+            tried = BY_NAME[term.effect].parameter(knob.parameter).tried
+            if tried is not None:
+                doses += [{**dose, knob: tried} for dose in doses]
+        return doses
 
     def plausible(self, term: Term) -> list[Values]:
         """Doses that an effect may well have."""
