@@ -65,6 +65,7 @@ CLOCK_SKEW = Effect(
     summary="the sensor's clock gains on the command's",
     site="clock",
     seconds=10.0,  # a rate of 0.1 %, far beyond a quartz, is then 10 ms, half a sampling period at 50 Hz
+    imitates=frozenset({"time"}),
     phrase=Phrase(
         "the stamps of {who} drift from those of the commands by {rate} s per second",
         "the sensors",

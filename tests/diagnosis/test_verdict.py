@@ -121,8 +121,9 @@ def rest(kind: str, share: float) -> Rest:
     return Rest((), Where((), (), ()), 1.0, (Dependence(kind, kind, None, "added", share, 0.0, (), curve),), None)
 
 
-def test_a_remainder_that_depends_on_time_lowers_what_imitates_it() -> None:
-    sag, lag = Term("voltage_sag", None), Term("actuator_lag", None)
+@pytest.mark.parametrize("imitator", ["voltage_sag", "clock_skew"])
+def test_a_remainder_that_depends_on_time_lowers_what_imitates_it(imitator: str) -> None:
+    sag, lag = Term(imitator, None), Term("actuator_lag", None)
     supports = {t: Support(("fits", "predicts"), 9.0) for t in (sag, lag)}
     assert doubts(supports, rest("time", 0.5), settings=ResultSettings()) == {sag: 0.5, lag: 1.0}
     assert doubts(supports, rest("time", 0.05), settings=ResultSettings()) == {sag: 1.0, lag: 1.0}
