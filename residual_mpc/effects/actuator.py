@@ -234,7 +234,7 @@ BACKLASH = Effect(
         "every gear",
         "the gear of {}",
         located=", and {where}",
-        optional={"damping_behind": "{value} times the joint's damping acts on the link behind it"},
+        optional={"damping_behind": "{value} times its modelled damping sits on the link"},
     ),
     nouns={"gap": Noun("backlash", article="", inside="in")},
     not_in_mjcf="it needs an additional joint behind the motor, which only the built-in simulator has",

@@ -67,7 +67,7 @@ def causes_of(
             if k.effect != TUNE and k.term == term
         ]
         slots = problem.space.slots[term.effect]
-        only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint") else None
+        only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint", "body") else None
         rests = any(e.note == AT_BOUND for e in estimates)
         probability = (
             sure * of.rivalry.shares.get(term, 1.0) * doubt[term] * (settings.causes.resting if rests else 1.0)

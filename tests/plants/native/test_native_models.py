@@ -200,7 +200,7 @@ def test_a_joint_at_the_end_of_its_torque_has_no_servos_damping(sign: float) -> 
 def test_models_that_differ_in_more_than_the_rows_numbers_are_left_to_mujoco() -> None:
     one, other = (mujoco.MjModel.from_xml_string(arm_xml()) for _ in range(2))
     assert alike([one, other], ("body_mass", "geom_pos", "dof_M0", "actuator_gainprm"))
-    for field in ("body_quat", "jnt_type", "actuator_biastype", "tendon_damping", "wrap_prm", "jnt_margin"):
+    for field in ("body_quat", "jnt_type", "actuator_biastype", "tendon_frictionloss", "wrap_prm", "jnt_margin"):
         assert not alike([one, other], ("body_mass", field))
     other.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     assert not alike([one, other], ())
