@@ -149,6 +149,21 @@ def test_a_twin_that_fits_nearly_as_well_is_close_whatever_the_likelihood_says(t
     assert too_close(problem, found.ruler, found.fit, [rival], settings) == [twins]
 
 
+@pytest.mark.parametrize(("step", "delay", "close"), [(0.05, 0.01, True), (0.05, 0.2, False), (0.0005, 0.01, False)])
+def test_so_is_one_whose_difference_the_time_step_hides(
+    step: float, delay: float, close: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A likelihood takes the error of the step for noise; one that leaves a far larger gap is still told apart."""
+    late, slow = Term("command_delay", None), Term("actuator_lag", None)
+    truth = {"command_delay": {"delay": 0.01}, "gusts": {"size": 0.3}}
+    found = found_of(truth, {Knob(*late[:2], "delay"): 0.01}, (late.effect, slow.effect))
+    (other,) = fit_all(found.problem, [{Knob(*slow[:2], "time_constant"): delay}], 0)
+    settings = SearchSettings()
+    rival = Rival((late,), (slow,), other, 2.0 * settings.rivals.far, False)
+    monkeypatch.setattr(Ruler, "step_error", lambda ruler, fit: step**2)
+    assert too_close(found.problem, found.ruler, found.fit, [rival], settings) == [close]
+
+
 def test_twins_make_a_group_and_share_the_probability() -> None:
     """From the pose alone a smaller wheel is a weaker motor."""
     found = rivals_of(

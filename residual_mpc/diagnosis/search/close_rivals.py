@@ -43,22 +43,33 @@ def too_close(
     decided: the model's own time step, or, between effects that imitate each other or that the likelihood hardly
     tells apart, what neither explains. problem: the one that they were fitted on.
     """
-    near = [
-        i
-        for i, r in enumerate(rivals)
-        if not r.alike and 0.0 < r.ratio and (r.ratio < settings.rivals.far or are_twins(problem, r))
-    ]
-    out = [False] * len(rivals)
-    within = _within_step_error(ruler, fit, [rivals[i] for i in near])
+    told = [i for i, r in enumerate(rivals) if not r.alike and 0.0 < r.ratio]
+    near = [i for i in told if rivals[i].ratio < settings.rivals.far or are_twins(problem, rivals[i])]
     beside = _within_what_is_left(problem, ruler, fit, [rivals[i] for i in near], settings)
-    for i, step, left in zip(near, within, beside, strict=True):
-        out[i] = step or left
+    out = [False] * len(rivals)
+    for i, left in zip(near, beside, strict=True):
+        out[i] = left
+    stepped = sorted({*near, *_as_small(ruler, fit, rivals, told, settings)})
+    for i, step in zip(stepped, _within_step_error(ruler, fit, [rivals[i] for i in stepped]), strict=True):
+        out[i] = out[i] or step
     return out
 
 
+def _as_small(
+    ruler: Ruler, fit: Fit, rivals: Sequence[Rival], told: Sequence[int], settings: SearchSettings
+) -> list[int]:
+    """Which of the rivals `told` leave a squared gap that is larger than the fit's by no more than a share of what the
+    fit leaves beyond the noise."""
+    if not told:
+        return []
+    *gaps, own = ruler.squared([*(rivals[i].fit for i in told), fit])
+    return [i for i, gap in zip(told, gaps, strict=True) if gap - own < settings.rivals.of_left * (own - ruler.floor)]
+
+
 def _within_step_error(ruler: Ruler, fit: Fit, rivals: list[Rival]) -> list[bool]:
-    """Which predictions differ from the fit's by less than the error of the model's own time step: a dead time before
-    the actuator and one behind the sensor are rounded to steps in different ways."""
+    """Which predictions differ from the fit's by less than the error of the model's own time step, whatever the
+    likelihood, which takes that error for noise: a dead time before the actuator and one behind the sensor are rounded
+    to steps in different ways, and a mass may fit some of the error that another does not."""
     most = ruler.step_error(fit) if rivals else 0.0
     if most == 0.0:
         return [False] * len(rivals)
