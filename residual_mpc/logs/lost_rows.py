@@ -29,18 +29,19 @@ FEWEST, MOST = 20, 2_000_000  # rows
 def with_lost_rows(runs: Sequence[Run]) -> tuple[tuple[Run, ...], tuple[Finding, ...]]:
     """The runs with a row for each that was lost, and which they are. The new rows hold no measurement; a command in
     them is interpolated where it changes steadily, and is else the one before."""
-    out, findings = [], []
-    for run in runs:
-        before, count = _lost(run)
-        if not count.size:
-            out.append(run)
-            continue
-        out.append(_filled(run, before, count))
-        lost, most = int(count.sum()), int(count.max())
-        together = f", up to {most} of them together" if most > 1 else ""
-        text = f"{lost} of {len(run.t) + lost} rows are missing{together}; commands in them are interpolated"
-        findings.append(Finding("info", "lost rows", run.name, "t", int(before[0]), text))
-    return tuple(out), tuple(findings)
+    lost = [_lost(run) for run in runs]
+    out = tuple(_filled(run, *where) if len(where[0]) else run for run, where in zip(runs, lost, strict=True))
+    found = [i for i, (before, _) in enumerate(lost) if len(before)]
+    if not found:
+        return out, ()
+    counts = [lost[i][1] for i in found]
+    missing, most = sum(int(c.sum()) for c in counts), max(int(c.max()) for c in counts)
+    whole = sum(len(out[i].t) for i in found)
+    text = f"{missing} of {whole} rows are missing{f', up to {most} of them together' if most > 1 else ''}"
+    text += "; commands in them are interpolated"
+    if len(found) > 1:
+        return out, (Finding("info", "lost rows", "", "t", None, f"in {len(found)} of {len(runs)} runs {text}"),)
+    return out, (Finding("info", "lost rows", out[found[0]].name, "t", int(lost[found[0]][0][0]), text),)
 
 
 def _lost(run: Run) -> tuple[np.ndarray, np.ndarray]:

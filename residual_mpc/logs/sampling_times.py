@@ -69,7 +69,7 @@ def with_sampling_times(runs: Sequence[Run]) -> tuple[tuple[Run, ...], tuple[Fin
     together = None
     if sure and 1.0 not in told:
         together = SHARES[int(np.sum([test.likelihood for test in sure], axis=0).argmax())]
-    out, findings = [], []
+    out, changed = [], []
     for run, test, own in zip(runs, tests, told, strict=True):
         share = together if own is None else own
         t = run.t if test is None or share is None else test.even + share * (run.t - test.even)
@@ -77,24 +77,24 @@ def with_sampling_times(runs: Sequence[Run]) -> tuple[tuple[Run, ...], tuple[Fin
             out.append(run)
             continue
         out.append(replace(run, t=t))
-        findings.append(_finding(run, test, share))
-    return tuple(out), tuple(findings)
+        changed.append((run, test, float(share)))
+    return tuple(out), (_finding(changed, len(runs)),) if changed else ()
 
 
-def _finding(run: Run, test: StampTest, share: float) -> Finding:
-    smoother = 1.0 / np.sqrt(test.error[SHARES.index(share)])
-    clock = "an even clock" if share == 0.0 else f"an even clock with {share:.0%} of this variation"
-    told = f"the measured motion is {smoother:.2g} times as smooth on" if smoother > 1.05 else "the other runs ask for"
-    return Finding(
-        "warning",
-        "uneven stamps",
-        run.name,
-        "t",
-        None,
-        f"the time stamps vary by {1e3 * test.spread:.2g} ms ({test.spread / run.period:.0%} of the sampling period),"
-        f" and {told} {clock}, which replaces them",
-        "write the time at which a sample is taken, not the time at which it arrives",
+def _finding(changed: Sequence[tuple[Run, StampTest, float]], count: int) -> Finding:
+    """What was changed, of how many runs."""
+    run, spread = max(((run, test.spread) for run, test, _ in changed), key=lambda x: x[1])
+    smoother = max(1.0 / np.sqrt(test.error[SHARES.index(share)]) for _, test, share in changed)
+    share = max(share for *_, share in changed)
+    several = len(changed) > 1
+    most, where = ("up to ", f"in {len(changed)} of {count} runs ") if several else ("", "")
+    clock = f"an even clock with {most}{share:.0%} of this variation" if share else "an even clock"
+    text = (
+        f"{where}the time stamps vary by {most}{1e3 * spread:.2g} ms ({spread / run.period:.0%} of the sampling"
+        f" period), and the measured motion is {most}{smoother:.2g} times as smooth on {clock}, which replaces them"
     )
+    remedy = "write the time at which a sample is taken, not the time at which it arrives"
+    return Finding("warning", "uneven stamps", "" if several else run.name, "t", None, text, remedy)
 
 
 def _test(run: Run) -> StampTest | None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import residual_mpc as rm
 from residual_mpc.logs.even_clock import even_clock
 from residual_mpc.logs.run import FloatArray, Run
 from residual_mpc.logs.sampling_times import with_sampling_times
@@ -78,8 +81,9 @@ def test_a_run_that_does_not_tell_follows_the_others() -> None:
     fast, _ = logged("fast", 100.0, 0.0, 0.15, seed=5)
     slow, taken = logged("slow", 100.0, 0.0, 0.15, seed=6, speed=0.003)
     assert with_sampling_times([slow])[0][0] is slow
-    _, mended = with_sampling_times([fast, slow])[0]
+    (_, mended), (finding,) = with_sampling_times([fast, slow])
     assert off(mended, taken) < 0.3 * off(slow, taken)
+    assert finding.run == "" and finding.message.startswith("in 2 of 2 runs the time stamps vary by up to")
 
 
 def test_it_does_not_where_one_was_sampled_as_stamped() -> None:
@@ -89,6 +93,26 @@ def test_it_does_not_where_one_was_sampled_as_stamped() -> None:
     runs, findings = with_sampling_times([fast, other, slow])
     assert runs[1] is other and runs[2] is slow
     assert [f.run for f in findings] == ["fast"]
+
+
+def test_tables_are_read_so(tmp_path: Path) -> None:
+    """Uneven stamps and lost rows together, through what every command reads with."""
+    rng = np.random.default_rng(11)
+    k = np.arange(2000)[rng.uniform(size=2000) > 0.02]
+    t = np.maximum.accumulate(0.02 * k + 0.003 * rng.standard_normal(len(k)))
+    table = {"t": t, "command.left": np.sin(0.05 * k), "command.right": np.cos(0.05 * k)}
+    table |= {"pose.x": moving(0.02 * k), "pose.y": moving(0.02 * k + 1.0), "pose.theta": 0.1 * moving(0.02 * k)}
+    pd.DataFrame(table).drop_duplicates("t").to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "robot.toml").write_text(
+        'name = "rover"\nplant = "diff_drive"\n[parameters]\nwheel_radius = 0.03\ntrack_width = 0.2\n'
+    )
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    (run,) = runs = rm.read_runs(robot, tmp_path / "run.csv")
+    assert {"uneven stamps", "lost rows"} <= {f.kind for f in runs.findings}
+    assert len(run.t) == 2000 - k[0] - (1999 - k[-1]) and np.std(np.diff(run.t)) < 0.001
+    assert np.isfinite(run.columns["command.left"]).all() and np.isnan(run.columns["pose.x"]).sum() > 20
+    found = [f.message for f in rm.check(robot, tmp_path / "run.csv").findings]
+    assert any("an even clock, which replaces them" in m for m in found)
 
 
 def test_noise_alone_says_nothing() -> None:
