@@ -161,7 +161,7 @@ def edit_gears(batch: Any, robot: CompiledRobot, settings: Settings) -> None:
 
 
 def _move_damping(batch: Any, robot: CompiledRobot, behind: np.ndarray) -> None:
-    """Let this multiple of the joints' damping, (B, g), act on the links, and what is left of it on the motors."""
+    """Move this multiple of the joints' damping, (B, g), to the links; the rest stays at the motors."""
     gears, damping = robot.gears, batch.expand("dof_damping")
     assert gears is not None
     motor = robot.dofs[gears.joints]
