@@ -20,9 +20,7 @@ def velocity(remembered: float, size: float = 0.05) -> tuple[np.ndarray, np.ndar
     clean = 0.4 * np.sin(3.0 * t) + SIGMA * rng.standard_normal(len(t))
     jumping = clean.copy()
     jumping[OUTLIERS] += size
-    both = [
-        lfilter([1.0 - remembered], [1.0, -remembered], np.diff(y, prepend=y[0]) * RATE) for y in (jumping, clean)
-    ]
+    both = [lfilter([1.0 - remembered], [1.0, -remembered], np.diff(y, prepend=y[0]) * RATE) for y in (jumping, clean)]
     return both[0], both[1]
 
 
