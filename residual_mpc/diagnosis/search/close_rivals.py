@@ -49,8 +49,9 @@ def too_close(
     out = [False] * len(rivals)
     for i, left in zip(near, beside, strict=True):
         out[i] = left
-    stepped = sorted({*near, *_as_small(ruler, fit, rivals, told, settings)})
-    for i, step in zip(stepped, _within_step_error(ruler, fit, [rivals[i] for i in stepped]), strict=True):
+    error = ruler.step_error(fit) if told else 0.0
+    stepped = sorted({*near, *_as_small(ruler, fit, rivals, told, settings)}) if error > 0.0 else []
+    for i, step in zip(stepped, _within_step_error(ruler, fit, [rivals[i] for i in stepped], error), strict=True):
         out[i] = out[i] or step
     return out
 
@@ -60,21 +61,18 @@ def _as_small(
 ) -> list[int]:
     """Which of the rivals `told` leave a squared gap that is larger than the fit's by no more than a share of what the
     fit leaves beyond the noise."""
-    if not told:
-        return []
     *gaps, own = ruler.squared([*(rivals[i].fit for i in told), fit])
     return [i for i, gap in zip(told, gaps, strict=True) if gap - own < settings.rivals.of_left * (own - ruler.floor)]
 
 
-def _within_step_error(ruler: Ruler, fit: Fit, rivals: list[Rival]) -> list[bool]:
+def _within_step_error(ruler: Ruler, fit: Fit, rivals: list[Rival], error: float) -> list[bool]:
     """Which predictions differ from the fit's by less than the error of the model's own time step, whatever the
     likelihood, which takes that error for noise: a dead time before the actuator and one behind the sensor are rounded
-    to steps in different ways, and a mass may fit some of the error that another does not."""
-    most = ruler.step_error(fit) if rivals else 0.0
-    if most == 0.0:
-        return [False] * len(rivals)
+    to steps in different ways, and a mass may fit some of the error that another does not. error: its squared gap."""
+    if not rivals:
+        return []
     own, *others = ruler.replays([fit.values, *(r.fit.values for r in rivals)])
-    return no_farther_than(ruler.replays.data, ruler.scales, own, others, float(np.sqrt(most)))
+    return no_farther_than(ruler.replays.data, ruler.scales, own, others, float(np.sqrt(error)))
 
 
 def without_small_differences(problem: Problem, fits: list[Fit], settings: SearchSettings) -> list[Fit]:
