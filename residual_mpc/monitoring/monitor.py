@@ -15,6 +15,8 @@ from residual_mpc.monitoring.arrivals.rows import RowReader
 from residual_mpc.monitoring.arrivals.segments import Segment, Stream
 from residual_mpc.monitoring.cause import CauseFinder
 from residual_mpc.monitoring.detection import cusum
+from residual_mpc.monitoring.detection.change_point import change_point
+from residual_mpc.monitoring.detection.exceedance import far_above
 from residual_mpc.monitoring.detection.reference import Reference, build_reference
 from residual_mpc.monitoring.events import (
     CauseFound,
@@ -31,15 +33,26 @@ from residual_mpc.monitoring.settings import WatchSettings
 from residual_mpc.monitoring.windows import LEAD, new_windows
 
 RECENT = 20_000  # windows whose place in the stream is remembered
+BEFORE = 2  # blocks before the sum's last zero, or the stretch of large errors, in which a change may have begun
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a window of the stream lies, and its relative squared errors (1 + C,)."""
+    """Where a window of the stream lies, and its relative squared errors and their scores, each (1 + C,)."""
 
     segment: int
     moment: Moment
     error: np.ndarray
+    scores: np.ndarray
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """series: index of what changed; grows: whether its errors grow; windows: since the change."""
+
+    series: int
+    grows: bool
+    windows: int
 
 
 @dataclass(eq=False)
@@ -173,6 +186,7 @@ class Watch:
         self._reference, self._first, self._learned = reference, None, 0.0
         self._places: deque[Place] = deque(maxlen=RECENT)
         self._block: list[np.ndarray] = []  # scores of the block that is being filled
+        self._rest: deque[np.ndarray] = deque(maxlen=self._settings.detection.large_windows)  # of the last windows
         if reference is not None:
             self._sums = cusum.init(len(reference.thresholds.allowances), len(reference.series))
 
@@ -187,19 +201,21 @@ class Watch:
         self._total.skipped += len(starts) - (0 if windows is None else len(windows))
         if windows is None:
             return
-        error, scores, familiar = r.scores(windows)
+        scored = r.scored(windows)
         for k, t in enumerate(windows.start):
-            if not np.isfinite(error[k, 0]):
+            error, scores, familiar = scored.error[k], scored.scores[k], bool(scored.familiar[k])
+            if not np.isfinite(error[0]):
                 self._total.skipped += 1
                 continue
             at = Moment(segment.name, float(t + self._horizon), segment.begun + float(t + self._horizon))
             begun = Moment(segment.name, float(t), segment.begun + float(t))
-            self._places.append(Place(segment.number, begun, error[k]))
-            self._block.append(scores[k])
+            self._places.append(Place(segment.number, begun, error, scores))
+            self._block.append(scores)
+            self._rest.append(scored.rest[k])
             self._total.windows += 1
-            self._total.unfamiliar += not familiar[k]
-            self._square.append(float(error[k, 0]))
-            yield from self._told(at, float(error[k, 0]), bool(familiar[k]))
+            self._total.unfamiliar += not familiar
+            self._square.append(float(error[0]))
+            yield from self._told(at, float(error[0]), familiar)
             if self._reference is not r:  # the robot changed, and a new reference is being learned
                 segment.due = float(t + self._horizon)
                 return
@@ -212,11 +228,11 @@ class Watch:
         if block_ends:
             self._sums = cusum.step(self._sums, r.standardised(np.array(self._block)), r.thresholds)
             self._block.clear()
-        found = cusum.alarm(self._sums, r.thresholds) if self._change is None and block_ends else None
+        found = self._alarm(r, block_ends) if self._change is None else None
         self._figure.append((square, familiar))
         if found is not None or len(self._figure) * self._horizon >= self._settings.every - 1e-9:
             squares, known = np.array(self._figure).T
-            evidence = cusum.evidence(self._sums, r.thresholds)
+            evidence = max(cusum.evidence(self._sums, r.thresholds), 0.0 if found is None else 1.0)
             now, strange = float(np.sqrt(squares.mean())), float(1.0 - known.mean())
             yield GapFigure(at, now, r.gap, evidence, len(squares), self._horizon, strange)
             self._figure.clear()
@@ -231,9 +247,22 @@ class Watch:
                 self._change.attempt = due
                 yield from self._look(final=due == len(self._settings.attempts))
 
-    def _changed(self, at: Moment, found: cusum.Alarm, r: Reference) -> GapChanged:
-        windows = r.block * (self._sums.count - found.since)
-        since = list(self._places)[-max(min(windows, len(self._places)), 1) :]
+    def _alarm(self, r: Reference, block_ends: bool) -> Alarm | None:
+        """What the last windows, or at its end the last block, tell for certain."""
+        large = far_above(np.array(self._rest), r.limits, r.settings)
+        found = cusum.alarm(self._sums, r.thresholds) if block_ends and large is None else None
+        if large is not None:
+            series, grows, began = large, True, r.settings.large_windows
+        elif found is not None:
+            series, grows, began = found.series, found.grows, (self._sums.count - found.since) * r.block
+        else:
+            return None
+        scores = np.array([p.scores[series] for p in list(self._places)[-began - BEFORE * r.block :]])
+        off = (scores - r.centre[series]) * (1.0 if grows else -1.0)
+        return Alarm(series, grows, len(scores) - change_point(off))
+
+    def _changed(self, at: Moment, found: Alarm, r: Reference) -> GapChanged:
+        since = list(self._places)[-max(min(found.windows, len(self._places)), 1) :]
         self._change = Change(since[0], at, len(since) * self._horizon)
         self._total.changes += 1
         now = float(np.sqrt(np.nanmean([p.error[found.series] for p in since])))

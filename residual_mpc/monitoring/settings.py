@@ -39,7 +39,9 @@ class DetectionSettings:
     deviations of a block's mean; clip: of one block, likewise. blocks: lengths of a block in windows, of which the
     first is taken whose means are correlated less than `correlated` from one to the next, with at least
     `fewest_blocks` in the reference; persistence: the largest correlation that the thresholds allow for. whole: share
-    of a channel's usual samples that a window must have.
+    of a channel's usual samples that a window must have. large: the part of
+    `false_alarm` for errors of the last `large_windows` windows that are far above the reference's; large_known: share
+    of these windows that need a value.
     """
 
     hours: float = 100.0
@@ -59,11 +61,14 @@ class DetectionSettings:
     correlated: float = 0.2
     persistence: float = 0.6
     whole: float = 0.7
+    large: float = 0.02
+    large_windows: int = 12
+    large_known: float = 0.8
 
     def __post_init__(self) -> None:
         check_positive(self, "hours", "draws", "fewest_neighbours", "most_neighbours", "components", "ridge",
-                       "familiar", "clip", "fewest_blocks")  # fmt: skip
-        check_share(self, "false_alarm", "neighbours", "correlated", "persistence", "whole")
+                       "familiar", "clip", "fewest_blocks", "large_windows")  # fmt: skip
+        check_share(self, "false_alarm", "neighbours", "correlated", "persistence", "whole", "large", "large_known")
         if self.tail <= 2.0:
             raise ValueError(f"DetectionSettings.tail must be > 2, got {self.tail}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,41 @@ def test_rows_are_taken_once(reader: RowReader) -> None:
     assert run is not None
     assert run.t == pytest.approx(0.1 * np.arange(30))
     assert run.columns["pose.x"] == pytest.approx(0.01 * np.arange(30))
+
+
+def followed(folder: Path, between: Callable[[], None]) -> list[str]:
+    """Lines of a folder's logs: what is there, and what is there after something happened."""
+    seen, looks = list[str](), 0
+    for arrival in follow_files((folder,), False, SETTINGS, lambda seconds: None):
+        if arrival is not None:
+            seen += arrival.lines
+            continue
+        looks += 1
+        if looks == 2:
+            return seen
+        between()
+    return seen
+
+
+def test_a_log_that_is_renamed_when_a_new_one_begins_is_read_once(tmp_path: Path) -> None:
+    def rotate() -> None:
+        (tmp_path / "log.csv").rename(tmp_path / "log-1.csv")
+        text = [HEADER, *(line(0.1 * k) for k in range(20, 50))]  # longer than what was read of the first
+        (tmp_path / "log.csv").write_text("\n".join(text) + "\n")
+
+    (tmp_path / "log.csv").write_text("\n".join([HEADER, *(line(0.1 * k) for k in range(20))]) + "\n")
+    assert followed(tmp_path, rotate) == [line(0.1 * k) for k in range(50)]
+
+
+def test_a_log_that_is_emptied_and_written_anew_is_read_from_its_beginning(tmp_path: Path) -> None:
+    def anew() -> None:
+        text = [HEADER, *(line(0.1 * k) for k in range(20, 50))]
+        with open(tmp_path / "log.csv", "r+") as file:  # the same file on the disk, and longer than before
+            file.truncate(0)
+            file.write("\n".join(text) + "\n")
+
+    (tmp_path / "log.csv").write_text("\n".join([HEADER, *(line(0.1 * k) for k in range(20))]) + "\n")
+    assert followed(tmp_path, anew) == [line(0.1 * k) for k in range(50)]
 
 
 def test_a_log_without_a_command_is_refused_at_once(reader: RowReader) -> None:

@@ -5,9 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from residual_mpc.monitoring.detection import cusum
 from residual_mpc.monitoring.detection.calibrate import calibrate
+from residual_mpc.monitoring.detection.change_point import change_point
+from residual_mpc.monitoring.detection.exceedance import far_above, limits
 from residual_mpc.monitoring.settings import DetectionSettings
 
 SETTINGS = DetectionSettings(hours=20.0, draws=150)
@@ -83,3 +86,51 @@ def test_a_series_without_a_value_stays_as_it_is() -> None:
     state = cusum.step(cusum.init(1, 2), np.array([3.0, 3.0]), thresholds)
     after = cusum.step(state, np.array([np.nan, -3.0]), thresholds)
     assert after.sums[0, 0, 0] == 2.5 and after.sums[0, 0, 1] == 0.0
+
+
+@pytest.mark.parametrize("shift", [0.6, 1.5])
+def test_a_change_begins_at_the_window_where_the_scores_rise(shift: float) -> None:
+    """Half of the dates are within a few windows, fewer for a larger change."""
+    rng = np.random.default_rng(9)
+    off = []
+    for _ in range(40):
+        scores = rng.standard_normal(90)
+        scores[55:] += shift
+        scores[rng.random(90) < 0.05] = np.nan
+        off.append(abs(change_point(scores) - 55))
+    assert np.median(off) <= (2 if shift > 1.0 else 8)
+
+
+def far(rest: np.ndarray) -> int | None:
+    """The series whose errors are far above 200 windows of a reference with two series."""
+    reference = np.random.default_rng(10).standard_normal((200, 2))
+    return far_above(rest, limits(reference, 1.0, SETTINGS), SETTINGS)
+
+
+def test_errors_far_above_all_of_the_reference_are_told_after_a_few_windows() -> None:
+    steady = np.random.default_rng(11).standard_normal((40, 2))
+    n = SETTINGS.large_windows
+    assert far(steady) is None
+    large = steady.copy()
+    large[-n:, 1] += 2.0 * np.log(10.0)  # ten times the error
+    assert far(large) == 1
+    assert far(large[: 5 - n]) is None  # for too short a time
+    twice = steady.copy()
+    twice[-n:, 1] += 2.0 * np.log(1.3)  # left to the cumulative sums
+    assert far(twice) is None
+
+
+def test_steady_errors_that_are_correlated_over_minutes_are_not_far_above() -> None:
+    """Ten robots of 20 h, windows correlated by 0.9 from one to the next."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        rest = lfilter([np.sqrt(1.0 - 0.9**2)], [1.0, -0.9], rng.standard_normal((72_300, 1)), axis=0)[60:]
+        n, limit = SETTINGS.large_windows, limits(rest[:240], 1.0, SETTINGS)
+        means = np.convolve(rest[240:, 0], np.ones(n) / n, "valid")
+        assert means.max() < limit[0]
+
+
+def test_windows_that_are_driven_unlike_the_reference_do_not_count_as_far_above() -> None:
+    large = np.full((40, 2), 20.0)
+    large[::3] = np.nan
+    assert far(large) is None

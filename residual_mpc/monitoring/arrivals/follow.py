@@ -16,6 +16,8 @@ from residual_mpc.monitoring.settings import ArrivalSettings
 
 TEXT = (".csv", ".tsv")
 PIPE = "-"
+HEAD = 1024  # bytes by which a log is known again
+Identity = tuple[int, int] | Path  # of a file under any name: its device and its number on it
 
 
 @dataclass(frozen=True)
@@ -59,21 +61,24 @@ def follow_files(
     for path in paths:
         if not path.exists():
             raise BadInput("file or folder not found", str(path), "give a file, a folder, or - for a pipe")
-    tails: dict[Path, Tail] = {}
-    sizes: dict[Path, int] = {}
-    done: set[Path] = set()
+    tails: dict[Identity, Tail] = {}
+    sizes: dict[Identity, int] = {}
+    done: set[Identity] = set()
     while True:
         for path in _logs(paths):
-            if path in done:
+            same = _identity(path)
+            if same in done:
                 continue
             if path.name.lower().endswith(TEXT):
-                tail = tails.setdefault(path, Tail(stem(path), str(path)))
+                tail = tails.get(same)
+                if tail is None or not tail.is_of(path):
+                    tail = tails[same] = Tail(stem(path), str(path))
                 yield from _grown(path, tail, settings)
-            elif once or sizes.get(path) == _size(path) > 0:  # a format that is read whole: wait until it rests
-                done.add(path)
+            elif once or sizes.get(same) == _size(path) > 0:  # a format that is read whole: wait until it rests
+                done.add(same)
                 yield Arrival(stem(path), str(path), file=path, fresh=True)
             else:
-                sizes[path] = _size(path)
+                sizes[same] = _size(path)
         yield None
         if once:
             return
@@ -86,15 +91,26 @@ class Tail:
     def __init__(self, name: str, source: str) -> None:
         self.name, self.source = name, source
         self.at = 0  # bytes that were read
+        self._head = b""  # the first of them
         self._rest = b""
         self._header: str | None = None
 
     def begin_again(self) -> None:
         """The file was replaced by a shorter one."""
-        self.at, self._rest, self._header = 0, b"", None
+        self.at, self._head, self._rest, self._header = 0, b"", b"", None
+
+    def is_of(self, path: Path) -> bool:
+        """Whether a file still begins as what was read: a log that is renamed (rotated) is the same log, and another
+        one may have got the place on the disk of one that was removed."""
+        try:
+            with open(path, "rb") as file:
+                return file.read(len(self._head)) == self._head
+        except OSError:
+            return False
 
     def add(self, content: bytes) -> Iterator[Arrival]:
         """The whole lines that these bytes complete."""
+        self._head += content[: max(HEAD - len(self._head), 0)]
         self.at += len(content)
         whole, end, self._rest = (self._rest + content).rpartition(b"\n")
         if not end:
@@ -134,6 +150,15 @@ def _logs(paths: tuple[Path, ...]) -> list[Path]:
             if not file.name.startswith("."):
                 found[file] = _written(file)
     return sorted(found, key=lambda p: (found[p], p.name))
+
+
+def _identity(path: Path) -> Identity:
+    """The path itself where the file system gives files no numbers."""
+    try:
+        found = path.stat()
+    except OSError:
+        return path
+    return (found.st_dev, found.st_ino) if found.st_ino else path
 
 
 def _size(path: Path) -> int:

@@ -45,7 +45,8 @@ def calibrate(
         sums = np.maximum(0.0, sums + both - allowances[:, None, None])
         np.maximum(peaks, sums, out=peaks)
     highest = peaks.max(axis=(2, 3))  # (draws, A)
-    levels = np.quantile(highest, 1.0 - settings.false_alarm / len(allowances), axis=0, method="higher")
+    share = (settings.false_alarm - settings.large) / len(allowances)
+    levels = np.quantile(highest, 1.0 - share, axis=0, method="higher")
     return Thresholds(allowances, np.maximum(levels, 1.0))
 
 

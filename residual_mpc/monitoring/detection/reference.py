@@ -12,6 +12,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.logs.run import Run
 from residual_mpc.monitoring.detection.calibrate import calibrate, lag_one
 from residual_mpc.monitoring.detection.cusum import Thresholds
+from residual_mpc.monitoring.detection.exceedance import limits
 from residual_mpc.monitoring.detection.neighbours import (
     Driving,
     Usual,
@@ -28,13 +29,26 @@ EVERYTHING = "all channels"
 
 
 @dataclass(frozen=True, eq=False)
+class Scored:
+    """Windows of the stream. error (W, 1 + C): relative squared errors; familiar (W,) bool: whether the reference has
+    windows that were driven alike; rest, scores (W, 1 + C): what of the errors' logarithm the driving does not tell,
+    and its normal score among these, NaN where there are none."""
+
+    error: np.ndarray
+    familiar: np.ndarray
+    rest: np.ndarray
+    scores: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Reference:
     """names: of all channels, with their scales; channels (C,): those that are compared and move.
 
     windows: of the reference; error (W, 1 + C): relative squared errors of all channels together and of each; rest
     (W, 1 + C): what of their logarithm the driving does not tell (`usual`); place (W, K) in the driving's space; reach:
     distance within which a window has neighbours; whole (C,): samples of a whole window; block: windows of a block;
-    centre, spread (1 + C,): of the means of a block's scores; described: where it comes from; runs: for the comparison
+    centre, spread (1 + C,): of the means of a block's scores; limits (1 + C,): what the mean `rest` of the last
+    windows exceeds after a large change; described: where it comes from; runs: for the comparison
     with what comes after a change."""
 
     names: tuple[str, ...]
@@ -51,6 +65,7 @@ class Reference:
     block: int
     centre: np.ndarray
     spread: np.ndarray
+    limits: np.ndarray
     thresholds: Thresholds
     described: str
     runs: tuple[Run, ...]
@@ -70,9 +85,8 @@ class Reference:
         """(W, 1 + C) relative squared errors; NaN where too few samples were compared."""
         return relative(windows, self.names, self.channels, self.scales, self.whole, self.settings.whole)
 
-    def scores(self, windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(W, 1 + C) relative squared errors, their normal scores (NaN where there is none), and (W,) bool whether the
-        reference has windows that were driven alike."""
+    def scored(self, windows: Windows) -> Scored:
+        """Windows of the stream against those of the reference that were driven alike."""
         error = self.errors(windows)
         k = neighbour_count(len(self.windows), self.settings)
         place = self.driving.of(windows.driving)
@@ -80,8 +94,9 @@ class Reference:
         apart = np.linalg.norm(place[:, None] - self.place[None], axis=2)
         nearest = np.argsort(apart, axis=1, kind="stable")[:, :k]
         familiar = np.take_along_axis(apart, nearest[:, k // 2 : k // 2 + 1], axis=1)[:, 0] <= self.reach
+        known = np.isfinite(error) & familiar[:, None]
         scores = ranked(rest, self.rest[nearest])
-        return error, np.where(np.isfinite(error) & familiar[:, None], scores, np.nan), familiar
+        return Scored(error, familiar, np.where(known, rest, np.nan), np.where(known, scores, np.nan))
 
     def standardised(self, scores: np.ndarray) -> np.ndarray:
         """(1 + C,) the mean of a block's scores (block, 1 + C) in standard deviations of such means; NaN where fewer
@@ -131,7 +146,7 @@ def build_reference(
     thresholds = calibrate(means, block, horizon, rng, settings)
     return Reference(
         names, channels, scales, windows, error, fitted, rest, space, place, reach, usual, block, centre, spread,
-        thresholds, described, tuple(runs), settings,
+        limits(rest, horizon, settings), thresholds, described, tuple(runs), settings,
     )  # fmt: skip
 
 
