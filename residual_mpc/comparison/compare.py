@@ -23,7 +23,7 @@ from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, leading_change, search_changes, told_apart
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife, to_the_end
+from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife, least_half, to_the_end
 from residual_mpc.comparison.space import ChangeSpace
 from residual_mpc.comparison.units import Units
 from residual_mpc.comparison.visible import smallest_visible
@@ -197,7 +197,8 @@ def _leading(last: Searched, settings: ComparisonSettings) -> tuple[str, ...]:
     if lead is None:
         return ()
     term, spread = lead.lead.term, jackknife(lead.fit, last.units)
-    numbers = changed_numbers(last.problem, lead.fit, term, spread, settings.results.causes.law)
+    half = least_half(last.problem, lead.fit, term, settings)
+    numbers = changed_numbers(last.problem, lead.fit, term, spread, half)
     sizes = ", ".join(f"{n.name} {n.change:.3g} {n.unit}".removesuffix(" 1") for n in numbers)
     share = lead.drop / lead.common.cost
     return (

@@ -3,7 +3,7 @@
 from residual_mpc.comparison.records import Change, ChangeCandidate
 from residual_mpc.comparison.rivals import ChangeRivals
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.sizes import Spread, changed_numbers
+from residual_mpc.comparison.sizes import Spread, changed_numbers, least_half
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
@@ -24,7 +24,7 @@ def named_changes(
         effect, slots = BY_NAME[c.term.effect], problem.space.slots[c.term.effect]
         only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint") else None
         probability = sure * rivals.shares.get(c.term, 1.0) * (1.0 - c.p)
-        numbers = changed_numbers(problem, fit, c.term, spread, settings.results.causes.law)
+        numbers = changed_numbers(problem, fit, c.term, spread, least_half(problem, fit, c.term, settings))
         unsized = any(n.note for n in numbers) or all(n.may_be_none for n in numbers)
         if unsized or rivals.parts.get(c.term, 1.0) < settings.faint:
             probability = min(probability, settings.doubtful)
@@ -39,7 +39,8 @@ def may_be_none(
     its numbers contains none."""
     if rivals.parts.get(term, 1.0) >= settings.faint:
         return False
-    return all(n.may_be_none for n in changed_numbers(problem, fit, term, spread, settings.results.causes.law))
+    half = least_half(problem, fit, term, settings)
+    return all(n.may_be_none for n in changed_numbers(problem, fit, term, spread, half))
 
 
 def other_candidates(rivals: ChangeRivals, sure: float) -> list[ChangeCandidate]:

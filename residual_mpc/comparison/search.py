@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import fdtrc
 
 from residual_mpc.comparison.contrast import Contrast, Contrasts, contrasts
 from residual_mpc.comparison.likelihood import Explanation, likelihood_ratios
@@ -280,7 +281,19 @@ def _best(
     worst = ratios.min(axis=1)
     equal = [one for one, ratio in zip(fitted, worst, strict=True) if worst.max() - ratio < settings.search.equal]
     best = min(equal, key=lambda one: place((one.lead.term,)))
-    return best.fit, FoundChange(best.lead.term, p[best.lead.term])
+    by_fit = p_of_fit(best, phi, units, len({c.term for c in told}))
+    return best.fit, FoundChange(best.lead.term, min(p[best.lead.term], by_fit))
+
+
+def p_of_fit(one: FittedLead, phi: float, units: Units, hypotheses: int) -> float:
+    """Probability that the best of so many changes lowers the cost as much by chance, by the F test of its numbers with
+    the runs as observations; phi: dispersion by unit. The contrasts are linear in a probe, and a change that a probe
+    describes badly (a spring whose rest is elsewhere) may explain everything and show no contrast."""
+    numbers = sum(k.changed and k.term == one.lead.term for k in one.fit.knobs)
+    freedom = len(np.unique(units.run)) - 2
+    if freedom < 1 or not numbers:
+        return 1.0
+    return min(1.0, hypotheses * float(fdtrc(numbers, freedom, max(one.drop, 0.0) / phi / numbers)))
 
 
 def _pruned(

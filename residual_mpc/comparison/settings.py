@@ -93,7 +93,9 @@ class ComparisonSettings:
     a number at a bound, one whose intervals contain no change, or one that explains less than the share `faint` of what
     all changes explain: the model predicts no large change better than that. unexplained: share of the rise that may be
     left where the changes are to explain it. rises: ratio of the gap after to the gap before above which the verdict is
-    `unknown` instead of `same`, where every later run fits far worse. folds: of the cross-validation."""
+    `unknown` instead of `same`, where every later run fits far worse. hidden: of what all model errors beyond the noise
+    would make of a change if they pointed in its direction, the part that its interval allows for. folds: of the
+    cross-validation."""
 
     sure: float = 0.97
     sure_partial: float = 0.8
@@ -102,6 +104,7 @@ class ComparisonSettings:
     named: float = 0.1
     unexplained: float = 0.3
     rises: float = 3.0
+    hidden: float = 0.1
     folds: int = 4
     account: AccountSettings = field(default_factory=AccountSettings)
     contrast: ContrastSettings = field(default_factory=ContrastSettings)
@@ -109,5 +112,5 @@ class ComparisonSettings:
     results: ResultSettings = field(default_factory=ResultSettings)
 
     def __post_init__(self) -> None:
-        check_share(self, "sure", "sure_partial", "doubtful", "faint", "named", "unexplained")
+        check_share(self, "sure", "sure_partial", "doubtful", "faint", "named", "unexplained", "hidden")
         check_positive(self, "rises", "folds")

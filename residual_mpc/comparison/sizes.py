@@ -6,6 +6,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from residual_mpc.comparison.records import ChangedNumber
+from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import ChangeSpace, change_between
 from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
@@ -14,6 +15,9 @@ from residual_mpc.diagnosis.results.causes import AT_BOUND, unit_of
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import Knob, Term
+
+TINY = 1e-30
+MOST = 2.0  # half of an interval that model errors alone can give, relative to the change
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,28 @@ def jackknife(fit: Fit, units: Units) -> Spread:
     sigma[free] = np.sqrt(variance) * fit.scales[free]
     dof[free] = np.clip(freedom, 1.5, None)
     return Spread(sigma, dof)
+
+
+def least_half(problem: Problem, fit: Fit, term: Term, settings: ComparisonSettings) -> float:
+    """Half of an interval at least, relative to the change.
+
+    Fits without one unit do not show what the model's errors do to a change in all units alike. With residuals r, of
+    which the sensors' noise explains the squares n, and the change's own contribution d, errors in the direction of d
+    would move its size by sqrt(|r|^2 - n) / |d|; an interval allows for a part of that.
+    """
+    mine = [i for i, k in enumerate(fit.knobs) if k.changed and k.term == term]
+    sizes = np.array([(fit.values[fit.knobs[i]] - _none(problem, fit.knobs[i])) / fit.scales[i] for i in mine])
+    caused = np.asarray(fit.jacobian[..., mine] @ sizes)
+    noise = np.broadcast_to((problem.data.sigma * problem.weight) ** 2, problem.data.y.shape).reshape(fit.r.shape)
+    beyond = max(fit.cost - float(noise[fit.r != 0.0].sum()), 0.0)
+    errors = np.sqrt(beyond / max(float(np.sum(caused**2)), TINY))
+    return float(np.hypot(settings.results.causes.law, min(settings.hidden * errors, MOST)))
+
+
+def _none(problem: Problem, knob: Knob) -> float:
+    """What a changed number is without a change; one that says how an effect acts, or that is infinite, is as it is."""
+    p = BY_NAME[knob.effect].parameter(knob.parameter)
+    return 0.0 if p.shape or not np.isfinite(p.null) else p.null
 
 
 def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law: float) -> tuple[ChangedNumber, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ import pytest
 from diagnosis.linear import GAIN, HEADING, SCALE, Linear, fitted, space_of, windows
 
 from residual_mpc.comparison.sets import units_of
-from residual_mpc.comparison.settings import ContrastSettings
-from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife
+from residual_mpc.comparison.settings import ComparisonSettings, ContrastSettings
+from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife, least_half
 from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, build_units
 
@@ -116,3 +117,18 @@ def test_a_change_that_the_last_fit_left_without_a_size_came_to_nothing() -> Non
     assert not came_to_nothing(fit, SPACE, CHANGED.term)
     assert came_to_nothing(replace(fit, values={**fit.values, CHANGED: 1.0}), SPACE, CHANGED.term)
     assert not came_to_nothing(fit, SPACE, HEADING._replace(changed=True).term)  # not in the fit
+
+
+@pytest.mark.parametrize("errors", [0.0, 3.0])
+def test_an_interval_allows_for_errors_that_all_stretches_share(errors: float) -> None:
+    """Errors of the model that no effect describes, `errors` times the noise: no fit without a stretch shows them."""
+    rng = np.random.default_rng(4)
+    problem = linear(rng, own=0.0)
+    problem.noise = problem.noise + errors * rng.standard_normal(problem.noise.shape)
+    fit = fitted(problem, {SCALE: 1.0, GAIN: 1.0, CHANGED: 1.0})
+    sensors = SimpleNamespace(sigma=np.ones(1), y=np.zeros((*problem.noise.shape, 1)))
+    of = SimpleNamespace(data=sensors, weight=np.ones(1), space=SPACE)
+    settings = ComparisonSettings()
+    beyond = errors**2 * problem.noise.size / np.sum((0.1 * problem.columns[CHANGED]) ** 2)
+    expected = np.hypot(settings.results.causes.law, settings.hidden * np.sqrt(beyond))
+    assert least_half(of, fit, CHANGED.term, settings) == pytest.approx(expected, rel=0.35, abs=0.02)  # type: ignore[arg-type]

@@ -18,6 +18,7 @@ from residual_mpc.comparison.search import (
     FoundChanges,
     _all_far_worse,
     fitted_leads,
+    p_of_fit,
     search_changes,
     with_change,
 )
@@ -163,9 +164,7 @@ def test_an_error_of_the_model_speaks_for_no_change() -> None:
     problem, _, found = fitted(lag, {**lag, "command_delay": {"delay": 0.03}}, (DELAY, LAG))
     alone = {term: one.explanation for term, one in found.items()}
     assert alone[LAG].fit.cost < alone[DELAY].fit.cost
-    late, slow = _beside_same_errors(
-        problem, found[DELAY].fit, DELAY, LAG, found[LAG].fit, ComparisonSettings()
-    )
+    late, slow = _beside_same_errors(problem, found[DELAY].fit, DELAY, LAG, found[LAG].fit, ComparisonSettings())
     assert (late.term, slow.term) == (DELAY, LAG)
     both = {k for k in late.fit.knobs if not k.changed}
     assert both == {k for k in slow.fit.knobs if not k.changed} and len(both) == 2
@@ -205,3 +204,14 @@ def test_the_search_begins_again_from_the_account_of_the_runs_before(monkeypatch
         monkeypatch.setattr(search, "_all_far_worse", lambda *args, worse=worse: worse)
         assert search_changes(problem, account, units, ComparisonSettings()).changes == ()
         assert len(begun) == count and begun[0] != 0.03 and begun[1:] == [0.03] * (count - 1)
+
+
+def test_a_change_that_explains_much_is_no_chance_even_where_no_probe_shows_it() -> None:
+    """The probability follows from the drop that the fit reached, with runs as observations."""
+    _, units, found = fitted({}, {"command_delay": {"delay": 0.1}})
+    one = found[DELAY]
+    assert p_of_fit(one, 1.0, units, 40) < 1e-3
+    assert p_of_fit(one, one.drop, units, 40) == 1.0  # a drop of one degree of freedom
+    few = build_units(units.run, units.later[: units.count], units.run, np.zeros((units.count, 1)))
+    two = replace(few, run=np.minimum(few.run, 1))
+    assert p_of_fit(one, 1.0, two, 40) == 1.0  # two runs differ in everything

@@ -80,6 +80,7 @@ def test_no_law_without_a_gap(tmp_path: Path) -> None:
     assert found.verdict == "no_gap" and not found.explanation
 
 
+@pytest.mark.slow
 def test_no_law_of_what_is_random(tmp_path: Path) -> None:
     write_rotor(tmp_path, lambda seed: knocked(seed, 0.5))
     found = rotor(tmp_path, only=(*NAMED, "fitted_law"))
@@ -87,6 +88,7 @@ def test_no_law_of_what_is_random(tmp_path: Path) -> None:
     assert found.document["remainder"]["depends_on"] == []
 
 
+@pytest.mark.slow
 def test_a_supply_that_weakens_under_load_is_no_limit_and_no_gain(tmp_path: Path) -> None:
     """These two together imitate it: they leave a gap of 0.049, which the verdict takes for explained, and hide the law
     if none is tried in their place. The friction that is there as well comes back by its name."""

@@ -49,6 +49,7 @@ def test_a_localisation_that_follows_at_once_has_none() -> None:
     assert diagnose(runs, [ROBOT] * 4, {}, (), Options(), np.random.default_rng(0)).diagnosis.verdict == "no_gap"
 
 
+@pytest.mark.slow
 def test_without_encoders_a_lag_of_the_motors_is_not_told_from_it() -> None:
     """The slow pose leaves a larger gap than the slow motors, since its input at the start of a window is reconstructed
     from noisy readings: a lag of the motors was 0.67, in no group."""

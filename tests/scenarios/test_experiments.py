@@ -51,6 +51,7 @@ def test_an_experiment_answers_with_the_learn_object(tmp_path):
     assert 5_000 < (tmp_path / "arm_a.png").stat().st_size < 150_000
 
 
+@pytest.mark.slow
 def test_what_came_before_is_kept_only_where_the_papers_condition_holds():
     setting = planted("task", 0, 0.0)
     quick = StreamSettings(replays=1)

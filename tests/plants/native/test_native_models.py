@@ -18,7 +18,7 @@ from oracles.own_arms import UR5E, panda
 from plants.mujoco_robot.native import arms
 from plants.mujoco_robot.native.arm import chain_of
 from plants.mujoco_robot.native.arms import NativeArm, Rolled, native_arm
-from plants.mujoco_robot.native.compiled import WORTH, Compiled
+from plants.mujoco_robot.native.compiled import Compiled
 from plants.mujoco_robot.native.eligible import agrees, alike, eligible
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
@@ -156,7 +156,7 @@ def test_both_translations_give_the_same_bits() -> None:
     _, quick = rolled(model, native)
     for program in native._plain.values():
         assert program is not None
-        program._spent = 2.0 * WORTH
+        program._spent = 2.0 * program._worth
     _, better = rolled(model, native)
     assert all(program is not None and program._better for program in native._plain.values())
     assert quick is not None and better is not None
