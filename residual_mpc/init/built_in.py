@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from residual_mpc.errors import BadInput
+from residual_mpc.init.calibration.units import SPEEDS
 from residual_mpc.init.columns.evidence import Roles
-from residual_mpc.init.columns.guess import Guess
+from residual_mpc.init.columns.guess import Guess, LogCorrection
 from residual_mpc.init.columns.recording import Recording, column_words, read_recordings
 from residual_mpc.init.columns.signals import CLEAR, Signals, gather
 from residual_mpc.init.columns.time_column import Clock, find_clock, seconds
@@ -54,7 +55,11 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
     roles = {g.what: g.value for g in guesses}
     _refuse_empty(name, roles, signals.names, str(recordings[0].source))
     held = Roles(roles, tuple(guesses))
-    mends = (*heading_in_degrees(signals, held), *places_in_small_units(signals, held))
+    mends = (
+        *heading_in_degrees(signals, held),
+        *places_in_small_units(signals, held),
+        *wheel_speeds_in_named_units(words, held),
+    )
     parameters, reasons = _parameters(nominal, roles, recordings, clock, {m.column: m.factor for m in mends})
     return Draft(
         name,
@@ -108,6 +113,17 @@ def _wheel_speed(key: str, guesses: Sequence[Guess], signals: Signals, words: Ma
         if speed.correlation > max(CLEAR, angle.correlation):
             return Guess(key, name, f"it {speed.words(command)} as a speed", 0.8)
     return None
+
+
+def wheel_speeds_in_named_units(words: Mapping[str, ColumnName], roles: Roles) -> tuple[LogCorrection, ...]:
+    """Speeds of wheels, measured or commanded, whose names say another unit than rad/s."""
+    out = []
+    for role, column in roles.columns.items():
+        said = words[column].unit if group(role) in ("command", "velocity") and column in words else None
+        unit = next((u for u in SPEEDS if said in u.words and not u.counts), None)
+        if unit is not None and unit.size != 1.0:
+            out.append(LogCorrection(column, unit.size, 0.0, f"its name says {unit.name}", 0.95))
+    return tuple(out)
 
 
 def _sides(words: ColumnName) -> tuple[str, ...]:

@@ -45,6 +45,19 @@ def test_encoders_that_count_angles_are_no_speeds(tmp_path: Path) -> None:
     assert not {"wl_enc", "wr_enc"} & {g.value for g in found.guesses}
 
 
+def test_speeds_whose_names_say_rpm_are_converted(tmp_path: Path) -> None:
+    table = pd.read_csv(written(tmp_path))
+    speeds = {"wl_set": "wl_set_rpm", "wr_set": "wr_set_rpm", "wl_enc": "wl_enc_rpm", "wr_enc": "wr_enc_rpm"}
+    table[list(speeds)] *= 30.0 / np.pi
+    table.rename(columns=speeds).to_csv(tmp_path / "one.csv", index=False)
+    found = draft_built_in("diff_drive", [tmp_path / "one.csv"])
+    assert {m.column: m.factor for m in found.mends if m.column.endswith("rpm")} == pytest.approx(
+        dict.fromkeys(speeds.values(), np.pi / 30.0)
+    )
+    (radius,) = (g for g in found.guesses if g.what == "parameters.wheel_radius")
+    assert float(radius.why.split("about ")[1].split(" m)")[0]) == pytest.approx(WHEEL_RADIUS, rel=0.2)
+
+
 @pytest.mark.parametrize("lag", [0.01, 0.1])
 def test_the_motion_hints_at_the_geometry_and_does_not_set_it(tmp_path: Path, lag: float) -> None:
     """The rover of the log is the built-in one, in millimetres and degrees, behind slow motors."""
