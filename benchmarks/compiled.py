@@ -15,7 +15,7 @@ from typing import Any
 import click
 import numpy as np
 
-WARM = 0.5  # s, after which a program is optimised
+WARM = 5.0  # s, long after a program is optimised
 
 
 @click.command()

@@ -5,6 +5,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -96,7 +97,11 @@ class MujocoRobot(CompiledRobot):
         return steady_setpoints(self, motion)
 
     def nominal(self) -> Mapping[str, float]:
-        return tunable_values(self.model)
+        return self._nominal
+
+    @cached_property
+    def _nominal(self) -> Mapping[str, float]:
+        return MappingProxyType(tunable_values(self.model))
 
     def replay(
         self, start: Mapping[str, np.ndarray], drive: Drive, settings: Settings, wanted: tuple[str, ...]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from residual_mpc.effects.effect import Effect, Site, Values
+from residual_mpc.effects.effect import Effect, Site, Values, no_memory
 from residual_mpc.effects.library import CHAINED, Effects, present
 from residual_mpc.effects.ops import NUMPY, Array, Kinks, Ops
 
@@ -20,9 +20,22 @@ def command_chain(effects: Effects, u: np.ndarray, lead: int, dt: float, direct:
     direct (nu,) bool: the actuators at which every effect acts on the command itself; at a position servo some act on
     its error, which only the robot knows (see `on_errors`).
     """
-    for effect, p in on_command(effects, direct):
+    acting = on_command(effects, direct)
+    reach = min(sum(_reach(effect, p, lead, dt) for effect, p in acting), lead)
+    u = u[:, lead - reach :]
+    for effect, p in acting:
         u = through_commands(effect, p, u, dt)
-    return u[:, lead:]
+    return u[:, reach:]
+
+
+def _reach(effect: Effect, p: Values, lead: int, dt: float) -> int:
+    """How many steps back an effect at the command port remembers its command; all of the lead where that has no end,
+    as in a low-pass."""
+    if effect.start is no_memory:
+        return 0
+    if effect.start is None or effect.trim is None:
+        return lead
+    return 1 + len(effect.trim((None,) * lead, p, dt))
 
 
 def speed_chain(effects: Effects, u: np.ndarray, on: np.ndarray | None, clock: np.ndarray, dt: float) -> np.ndarray:
