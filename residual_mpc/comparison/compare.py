@@ -147,7 +147,7 @@ def _judged(
         fit = to_the_end(whole, fit_all(whole, [kept], settings=fits)[0], settings.results)
         spread = jackknife(fit, units)
     found = replace(found, changes=seen)
-    rivals = replace(rivals, found=found, groups=tuple(g for g in rivals.groups if any((c.term,) in g for c in seen)))
+    rivals = rivals.of(found)
     jumping = _outliers(given, sets, settings)
     gap = compared_gap(sets, whole, fit, bool(jumping), rng, settings)
     unexplained = _unexplained(gap.rise)

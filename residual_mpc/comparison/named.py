@@ -18,9 +18,9 @@ def named_changes(
     sure: float,
     settings: ComparisonSettings,
 ) -> tuple[Change, ...]:
-    """The changes with their sizes; sure: the largest probability of one."""
+    """The changes with their sizes, what explains most first; sure: the largest probability of one."""
     out = []
-    for c in rivals.found.changes:
+    for c in sorted(rivals.found.changes, key=lambda c: -rivals.parts.get(c.term, 1.0)):
         effect, slots = BY_NAME[c.term.effect], problem.space.slots[c.term.effect]
         only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint") else None
         probability = sure * rivals.shares.get(c.term, 1.0) * (1.0 - c.p)

@@ -28,13 +28,28 @@ from residual_mpc.models.settings import Knob, Term
 @dataclass(frozen=True)
 class ChangeRivals:
     """found: the changes, of a group the member that explains most; groups: changes that the runs do not tell apart;
-    shares: of the likelihood, of each change and of what could stand in its place; parts: of what all changes explain,
-    that which only this one does."""
+    places: by change, the shares of the likelihood that it and what could stand in its place have; parts: of what all
+    changes explain, that which only this one does."""
 
     found: FoundChanges
     groups: tuple[ConfoundedGroup, ...]
-    shares: dict[Term, float]
+    places: dict[Term, dict[Term, float]]
     parts: dict[Term, float]
+
+    @property
+    def shares(self) -> dict[Term, float]:
+        """The largest share of each change, over all places that it could take."""
+        out: dict[Term, float] = {}
+        for of in self.places.values():
+            for term, share in of.items():
+                out[term] = max(out.get(term, 0.0), share)
+        return out
+
+    def of(self, found: FoundChanges) -> "ChangeRivals":
+        """Those of the changes that are left."""
+        terms = {c.term for c in found.changes}
+        groups = tuple(g for g in self.groups if any((t,) in g for t in terms))
+        return replace(self, found=found, groups=groups, places={t: p for t, p in self.places.items() if t in terms})
 
 
 def find_change_rivals(
@@ -42,7 +57,7 @@ def find_change_rivals(
 ) -> ChangeRivals:
     """Each change in turn is taken out, and what explains the difference instead is fitted in its place."""
     groups: list[ConfoundedGroup] = []
-    shares: dict[Term, float] = {}
+    places: dict[Term, dict[Term, float]] = {}
     parts: dict[Term, float] = {}
     together = max(found.account.cost - found.fit.cost, 1e-12)
     for change in found.changes:
@@ -59,15 +74,14 @@ def find_change_rivals(
         weights = {t: float(np.exp(-0.5 * min(r, 200.0))) if t not in equal else 1.0 for t, r in ratios.items()}
         total = sum(weights.values())
         alike = sorted(equal | {t for t, r in ratios.items() if r < settings.search.alike}, key=lambda t: place((t,)))
-        for term, weight in counting_all(weights, alike).items():
-            shares[term] = max(shares.get(term, 0.0), weight / total)
+        shares = {term: weight / total for term, weight in counting_all(weights, alike).items()}
         if len(alike) > 1:
             groups.append(tuple((term,) for term in alike))
         first = next(term for term in alike if ratios[term] < settings.search.equal)
-        parts[first] = (rest.cost - found.fit.cost) / together
+        places[first], parts[first] = shares, (rest.cost - found.fit.cost) / together
         if first != change.term:
             found = _replaced(problem, found, change, fits[first][1], settings)
-    return ChangeRivals(found, tuple(groups), shares, parts)
+    return ChangeRivals(found, tuple(groups), places, parts)
 
 
 def _hardly_told(problem: Problem, one: Term, other: Term, ratio: float, settings: ComparisonSettings) -> bool:

@@ -109,7 +109,7 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law:
                 float(value),
                 (float(value - half), float(value + half)),
                 unit,
-                AT_BOUND if held else "",
+                AT_BOUND if held and now != p.null else "",  # an effect that is gone ends at no bound
                 None if p.shape else float(ratio),
             )
         )

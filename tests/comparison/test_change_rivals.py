@@ -11,7 +11,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.comparison import named, rivals
 from residual_mpc.comparison.likelihood import Explanation
 from residual_mpc.comparison.named import may_be_none
-from residual_mpc.comparison.rivals import _hardly_told, find_change_rivals
+from residual_mpc.comparison.rivals import ChangeRivals, _hardly_told, find_change_rivals
 from residual_mpc.comparison.search import FoundChange, search_changes
 from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
@@ -81,5 +81,16 @@ def test_a_change_without_size_that_explains_next_to_nothing_is_dropped(
 ) -> None:
     numbers = [SimpleNamespace(may_be_none=holds) for holds in intervals_with_none]
     monkeypatch.setattr(named, "changed_numbers", lambda *_: numbers)
+    monkeypatch.setattr(named, "least_half", lambda *_: 0.0)
     of: Any = SimpleNamespace(parts={LATE: part})
     assert may_be_none(Any, Any, LATE, of, Any, ComparisonSettings()) is expected
+
+
+def test_what_was_a_rival_of_a_dropped_change_is_a_candidate_no_more() -> None:
+    kept, dropped = FoundChange(LATE, 0.001), FoundChange(LIMIT, 0.06)
+    found: Any = SimpleNamespace(changes=(kept, dropped))
+    places = {LATE: {LATE: 0.6, LATE_READINGS: 0.4}, LIMIT: {LIMIT: 1.0, LATE_READINGS: 0.5}}
+    told = ChangeRivals(found, (((LATE,), (LATE_READINGS,)), ((LIMIT,),)), places, {LATE: 0.9, LIMIT: 0.01})
+    assert told.shares == {LATE: 0.6, LATE_READINGS: 0.5, LIMIT: 1.0}
+    left = told.of(SimpleNamespace(changes=(kept,)))  # type: ignore[arg-type]
+    assert left.shares == places[LATE] and left.groups == (((LATE,), (LATE_READINGS,)),)

@@ -150,12 +150,15 @@ def test_lines_in_a_terminal():
 
 
 def test_lines_of_what_is_in_doubt():
-    said = comparison_lines(document("partial"))
-    assert said[0] == (
+    some = document("partial")
+    said = comparison_lines(some)
+    changes = (
         "Possibly the gain of the left wheel decreased by 10 %, from 100 % to 90 % of the modelled value "
         "(or wheel radius together with track width) and an output limit appeared (4.97 rad/s); "
-        "this explains only part of the difference between the two sets."
     )
+    assert said[0] == f"{changes}no change explains the smaller difference that is left between the two sets."
+    some["unexplained"]["share"] = 0.4
+    assert comparison_lines(some)[0] == f"{changes}this explains only part of the difference between the two sets."
     assert "  saturation: limit none -> 4.97 rad/s (4.84 to 5.10), probability 0.97" in said
     assert (
         "  These runs cannot tell apart changes of actuator gain (left) and wheel radius together with track width."

@@ -24,6 +24,7 @@ Number = Mapping[str, Any]  # an entry of `parameters` of a change
 SURE = 0.5  # probability from which a change is stated without "possibly"
 FAINT = 0.1  # probability below which a change is left out of the sentence, unless there is none above
 WORSE = 1.5  # times the gap before, from which a larger gap after is remarked where no change was found
+SMALL = 0.05  # share of the rise of the squared gap, below which what is left is a smaller difference
 NONE = 0.02  # share of a number's value on the other side under which something is said to be absent
 
 
@@ -39,6 +40,8 @@ def comparison_sentence(document: Document) -> str:
     said = capital(listed([_or_else(change, document) for change in likely]))
     if verdict == "changed":
         return f"{said}."
+    if document["unexplained"]["share"] < SMALL:
+        return f"{said}; no change explains the smaller difference that is left between the two sets."
     return f"{said}; this explains only part of the difference between the two sets."
 
 
