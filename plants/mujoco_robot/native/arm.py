@@ -11,19 +11,21 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from plants.mujoco_robot.edits.masses import quat_to_matrix
-from plants.mujoco_robot.native.dynamics import Joint
-from plants.mujoco_robot.native.step import (
+from plants.mujoco_robot.native.chain import (
     ACTUATOR,
     ARM,
+    EQUALITY,
     JOINT,
     LINK,
     TENDON,
     Actuator,
     Chain,
+    Equality,
     Integrator,
     Stop,
     Tendon,
 )
+from plants.mujoco_robot.native.dynamics import Joint
 
 if TYPE_CHECKING:
     import mujoco
@@ -86,6 +88,27 @@ def chain_of(model: mujoco.MjModel, rubs: bool, stops: bool) -> Chain:
         rubs,
         tuple(_stop(model.jnt_margin[j], model.jnt_solimp[j]) if stops else None for j in range(model.njnt)),
         tuple(_tendon(model, t) for t in range(model.ntendon)),
+        tuple(_equality(model, i) for i in active_equalities(model).tolist()),
+    )
+
+
+def active_equalities(model: mujoco.MjModel) -> np.ndarray:
+    """Numbers of the equalities that act."""
+    import mujoco
+
+    disabled = int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+    return np.flatnonzero(model.eq_active0) if model.neq and not disabled else np.zeros(0, dtype=int)
+
+
+def _equality(model: mujoco.MjModel, i: int) -> Equality:
+    joint, other = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+    low, high, width, middle, power = _clipped(model.eq_solimp[i]).tolist()
+    return Equality(
+        int(model.jnt_dofadr[joint]),
+        None if other < 0 else int(model.jnt_dofadr[other]),
+        float(model.eq_data[i, 0]),
+        float(model.eq_data[i, 1]),
+        (low, high, width, middle, power),
     )
 
 
@@ -130,7 +153,9 @@ def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.n
     applied (B, n) N m: torques beside the actuators'."""
     joints, links = _links(model, field)
     n, nu = len(joints), model.nu
-    out = np.zeros((len(applied), ARM + (LINK + JOINT) * n + ACTUATOR * nu + TENDON * model.ntendon))
+    tied = active_equalities(model)
+    size = ARM + (LINK + JOINT) * n + ACTUATOR * nu + TENDON * model.ntendon + EQUALITY * len(tied)
+    out = np.zeros((len(applied), size))
     out[:, 0], out[:, 1:ARM] = model.opt.timestep, field("opt.gravity")
     for i, (place, mass, centre, inertia) in enumerate(links):
         at = ARM + LINK * i
@@ -175,7 +200,13 @@ def numbers_of(model: mujoco.MjModel, field: Field, applied: np.ndarray) -> np.n
         pulled = _reference(model, model.tendon_solref_lim, _clipped(model.tendon_solimp_lim)[:, 1])
         columns = (field("tendon_stiffness"), spring[..., 0], spring[..., 1], ends[..., 0], ends[..., 1], *pulled)
         for k, column in enumerate((*columns, field("tendon_invweight0"), field("tendon_damping"))):
-            out[:, at + k :: TENDON] = column
+            out[:, at + k : at + TENDON * model.ntendon : TENDON] = column
+    at += TENDON * model.ntendon
+    for k, i in enumerate(tied.tolist()):
+        both = [int(model.jnt_dofadr[j]) for j in (model.eq_obj1id[i], model.eq_obj2id[i]) if j >= 0]
+        begin = at + EQUALITY * k
+        out[:, begin : begin + 2] = _reference(model, model.eq_solref[i], _clipped(model.eq_solimp[i])[1])
+        out[:, begin + 2] = weight[:, both].sum(axis=1)
     return out
 
 

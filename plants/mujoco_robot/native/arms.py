@@ -12,12 +12,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from plants.mujoco_robot.native.arm import Field, chain_of, field_of, numbers_of
+from plants.mujoco_robot.native.chain import Chain, sizes
 from plants.mujoco_robot.native.changing import Changing
 from plants.mujoco_robot.native.compiled import Compiled, Rollout, compiled
 from plants.mujoco_robot.native.eligible import agrees, alike
 from plants.mujoco_robot.native.program import LANES, Program
 from plants.mujoco_robot.native.running import Running, in_blocks, whole_blocks
-from plants.mujoco_robot.native.step import Chain, sizes
 from plants.mujoco_robot.structure.compiled_robot import CompiledRobot
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from plants.mujoco_robot.native.chain import ACTUATOR, BESIDE, DAMPING, FRICTION, Chain, actuator_at, joint_at, sizes
 from plants.mujoco_robot.native.elementary import operations
 from plants.mujoco_robot.native.lanes import Lanes, Number, compared, lanes, larger, load, smaller, store, where
 from plants.mujoco_robot.native.program import Program, Value
-from plants.mujoco_robot.native.step import ACTUATOR, BESIDE, DAMPING, FRICTION, Chain, actuator_at, joint_at, sizes
 from residual_mpc.effects.laws import NEAR, equation, kind_of
 from residual_mpc.effects.library import BUILT_IN, BY_NAME, LAWS
 from residual_mpc.effects.ops import Ops, clip

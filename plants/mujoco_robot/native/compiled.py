@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from plants.mujoco_robot.native.chain import Chain, sizes
 from plants.mujoco_robot.native.changing import Changing, Rewriting
 from plants.mujoco_robot.native.integrate import trace
 from plants.mujoco_robot.native.lanes import gather, load, scatter, store
 from plants.mujoco_robot.native.program import LANES, VECTOR, Program, Value
-from plants.mujoco_robot.native.step import Chain, sizes
 
 PROGRAMS = 256  # that a process keeps, about a megabyte each
 OPTIMISING = 4.0  # times what the plain translation took, that the optimised one takes

@@ -38,12 +38,21 @@ class Limit:
 
 
 @dataclass(frozen=True, eq=False)
+class Tie:
+    """What always holds a length at its place. stiff: 1/R; aim: of the acceleration."""
+
+    stiff: Number
+    aim: Number
+
+
+@dataclass(frozen=True, eq=False)
 class Constraint:
-    """What restrains a length, the sum of joint positions times `of`: dry friction, limits, or both."""
+    """What restrains a length, the sum of joint positions times `of`: dry friction, limits, or both; or a tie."""
 
     of: Mapping[int, float]
     friction: Friction | None
     limits: Sequence[Limit]
+    tie: Tie | None = None
 
     def length(self, x: Sequence[Number]) -> Number:
         """The length's share of joint positions, or of their rates."""
@@ -73,6 +82,9 @@ def pieces(p: Program, constraints: Sequence[Constraint], a: Sequence[Number]) -
             pushed = limit.near & compared(p, "olt", x * limit.side, limit.aim)
             stiff = stiff + where(p, pushed, limit.stiff, 0.0)
             force = force + where(p, pushed, limit.stiff * limit.aim * limit.side, 0.0)
+        if constraint.tie is not None:
+            stiff = stiff + constraint.tie.stiff
+            force = force + constraint.tie.stiff * constraint.tie.aim
         out.append((stiff, force))
     return out
 
@@ -86,8 +98,8 @@ def restrained(
         for i, x in constraint.of.items():
             t[i] = t[i] + force * x
             for j, y in constraint.of.items():
-                if j <= i:
-                    m[i, j] = m[i, j] + stiff * (x * y)
+                if j <= i:  # joints of two branches have no inertia in common
+                    m[i, j] = m.get((i, j), 0.0) + stiff * (x * y)
     return m, t
 
 
@@ -156,7 +168,8 @@ def _times(mass: Mass, x: Sequence[Number]) -> list[Number]:
 
 
 def solve(mass: Mass, b: Sequence[Number]) -> list[Number]:
-    """x of M x = b, by M = L^T D L, which keeps the zeros of a branched chain (Featherstone 2008, section 6.5)."""
+    """x of M x = b, by M = L^T D L, which keeps the zeros of a branched chain (Featherstone 2008, section 6.5); a tie
+    of two branches fills some of them."""
     n, m = len(b), dict(mass)
     inverse: list[Number] = [0.0] * n
     for k in range(n - 1, -1, -1):
@@ -166,7 +179,7 @@ def solve(mass: Mass, b: Sequence[Number]) -> list[Number]:
             scaled = m[k, i] * inverse[k]
             for j in before:
                 if j <= i:
-                    m[i, j] = m[i, j] - scaled * m[k, j]
+                    m[i, j] = m.get((i, j), 0.0) - scaled * m[k, j]
             m[k, i] = scaled
     x = list(b)
     for k in range(n - 1, -1, -1):

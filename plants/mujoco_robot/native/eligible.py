@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plants.mujoco_robot.native.arm import READ, field_of, integrators, numbers_of
+from plants.mujoco_robot.native.arm import READ, active_equalities, field_of, integrators, numbers_of
 from plants.mujoco_robot.native.compiled import Compiled, Rollout
 from plants.mujoco_robot.native.program import LANES
 
@@ -26,7 +26,7 @@ DERIVED = frozenset((  # constants that MuJoCo computes for other purposes, and 
     "actuator_acc0", "actuator_length0", "actuator_lengthrange", "tendon_length0",
 ))  # fmt: skip
 UNUSED = ("geom_", "site_", "cam_", "light_", "mat_", "key_", "bvh_", "name", "numeric_", "text_", "tuple_")
-NONE = ("neq", "na", "nflex", "nplugin", "nmocap")  # of which such a model has none
+NONE = ("na", "nflex", "nplugin", "nmocap")  # of which such a model has none
 ZERO = (  # and of whose fields no number differs from 0
     "body_gravcomp", "jnt_actgravcomp", "dof_dampingpoly", "jnt_stiffnesspoly", "jnt_springyield",
     "tendon_dampingpoly", "tendon_frictionloss", "tendon_armature", "tendon_stiffnesspoly", "tendon_springyield",
@@ -63,6 +63,7 @@ def eligible(model: mujoco.MjModel) -> bool:
         and not _touching(model)
         and bool(np.isin(model.jnt_solimp[:, 4], (1.0, 2.0)).all())
         and all(_known(model, t) for t in range(model.ntendon))
+        and all(_followed(model, i) for i in active_equalities(model).tolist())
         and not any(_mixed(x) for x in (model.jnt_solref, model.dof_solref, model.tendon_solref_lim))
     )
 
@@ -73,19 +74,27 @@ def _mixed(solref: np.ndarray) -> bool:
 
 
 def _known(model: mujoco.MjModel, t: int) -> bool:
-    """Whether a tendon is a sum of positions of joints that move one another."""
+    """Whether a tendon is a sum of positions of joints."""
     import mujoco
 
     wraps = slice(int(model.tendon_adr[t]), int(model.tendon_adr[t] + model.tendon_num[t]))
     joints = bool((model.wrap_type[wraps] == int(mujoco.mjtWrap.mjWRAP_JOINT)).all())
     if not joints or model.tendon_solimp_lim[t, 4] not in (1.0, 2.0):
         return False
-    dofs = sorted(model.jnt_dofadr[model.wrap_objid[wraps]].tolist())
-    before = int(dofs[-1])
-    reached = {before}
-    while (before := int(model.dof_parentid[before])) >= 0:
-        reached.add(before)
-    return len(set(dofs)) == len(dofs) and set(dofs) <= reached
+    dofs = model.jnt_dofadr[model.wrap_objid[wraps]].tolist()
+    return len(set(dofs)) == len(dofs)
+
+
+def _followed(model: mujoco.MjModel, i: int) -> bool:
+    """Whether an equality makes a joint follow another one in proportion, or stay where it is."""
+    import mujoco
+
+    return (
+        int(model.eq_type[i]) == int(mujoco.mjtEq.mjEQ_JOINT)
+        and not model.eq_data[i, 2:5].any()
+        and model.eq_solimp[i, 4] in (1.0, 2.0)
+        and not _mixed(model.eq_solref[i][None])
+    )
 
 
 def _harmless() -> int:

@@ -6,9 +6,10 @@ Semi-implicit Euler, with implicit damping, and the classical Runge-Kutta method
 
 from __future__ import annotations
 
+from plants.mujoco_robot.native.chain import Chain, Row
 from plants.mujoco_robot.native.lanes import load, store
 from plants.mujoco_robot.native.program import VECTOR, Program, Value
-from plants.mujoco_robot.native.step import Chain, Row, accelerations
+from plants.mujoco_robot.native.step import accelerations
 
 # Runge-Kutta's stages: how far the next stage lies along this one's rates, and their weight in the step
 STAGES = ((0.5, 1.0 / 6.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 3.0), (0.0, 1.0 / 6.0))

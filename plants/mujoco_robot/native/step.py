@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
+from plants.mujoco_robot.native.chain import Chain, Equality, Row, Stop
 from plants.mujoco_robot.native.constraints import (
     MOST,
     ROUNDING,
@@ -19,13 +18,14 @@ from plants.mujoco_robot.native.constraints import (
     Limit,
     Mass,
     Pieces,
+    Tie,
     forces,
     least_on_the_way,
     pieces,
     restrained,
     solve,
 )  # fmt: skip
-from plants.mujoco_robot.native.dynamics import Joint, LinkNumbers, inertia_and_bias
+from plants.mujoco_robot.native.dynamics import inertia_and_bias
 from plants.mujoco_robot.native.lanes import (
     Lanes,
     Number,
@@ -40,121 +40,6 @@ from plants.mujoco_robot.native.lanes import (
     where,
 )
 from plants.mujoco_robot.native.program import VECTOR, Program, Value
-
-Integrator = Literal["Euler", "implicitfast", "RK4"]
-
-
-@dataclass(frozen=True)
-class Actuator:
-    """joint: that it drives; gear: torque there per unit of its force; clamp: range of its command, None without one;
-    limited: whether its force has a range."""
-
-    joint: int
-    gear: float
-    clamp: tuple[float, float] | None
-    limited: bool
-
-
-@dataclass(frozen=True)
-class Stop:
-    """How a joint's limits push back. margin: rad or m; solimp: of the impedance, clipped."""
-
-    margin: float
-    solimp: tuple[float, float, float, float, float]
-
-
-@dataclass(frozen=True)
-class Tendon:
-    """A length, the sum of joint positions times the coefficients in `of`, with a spring that has a dead band; stop: of
-    its limits, None without any."""
-
-    of: tuple[tuple[int, float], ...]
-    stop: Stop | None
-
-
-@dataclass(frozen=True)
-class Chain:
-    """An arm as the program has it, the same for all rows and any time step. integrator: the damping of the joints is
-    implicit in Euler, that of servos as well in implicitfast, and none in RK4; drawn: joint positions in the drawn
-    posture; reach: of the torque of all of a joint's actuators. rubs: whether joints have dry friction; stops: of
-    joints with limits."""
-
-    integrator: Integrator
-    drawn: tuple[float, ...]
-    joints: tuple[Joint, ...]
-    actuators: tuple[Actuator, ...]
-    reach: tuple[tuple[float, float] | None, ...]
-    rubs: bool
-    stops: tuple[Stop | None, ...]
-    tendons: tuple[Tendon, ...]
-
-
-ARM = 4  # numbers of an arm: time step, gravity 3
-LINK = 13  # of a link: place 3, mass, centre 3, inertia 6
-# of a joint: armature, damping, stiffness, spring's rest, friction, its 1/R and B, lower and upper limit, their K and
-# B, inverse weight, torque beside the actuators'
-JOINT = 13
-DAMPING, FRICTION, BESIDE = 1, 4, 12  # where among them are those that change between steps
-ACTUATOR = 6  # of an actuator: gain, bias 3, range 2
-# of a tendon: stiffness, ends of the dead band, lower and upper limit, their K and B, inverse weight, damping
-TENDON = 9
-
-
-def sizes(chain: Chain) -> int:
-    """Numbers of a row."""
-    return tendon_at(chain, len(chain.tendons))
-
-
-def joint_at(chain: Chain, i: int) -> int:
-    """Where a joint's numbers begin."""
-    return ARM + LINK * len(chain.joints) + JOINT * i
-
-
-def actuator_at(chain: Chain, i: int) -> int:
-    """Where an actuator's numbers begin."""
-    return joint_at(chain, len(chain.joints)) + ACTUATOR * i
-
-
-def tendon_at(chain: Chain, i: int) -> int:
-    """Where a tendon's numbers begin."""
-    return actuator_at(chain, len(chain.actuators)) + TENDON * i
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """The numbers of the rows, as they lie in memory."""
-
-    p: Program
-    array: Value
-    chain: Chain
-
-    @property
-    def step(self) -> Lanes:
-        return self._load(0)
-
-    @property
-    def gravity(self) -> tuple[Lanes, Lanes, Lanes]:
-        return self._load(1), self._load(2), self._load(3)
-
-    def link(self, i: int) -> LinkNumbers:
-        at = ARM + LINK * i
-        place, centre = ((self._load(at + k), self._load(at + k + 1), self._load(at + k + 2)) for k in (0, 4))
-        return LinkNumbers(place, self._load(at + 3), centre, tuple(self._load(at + 7 + k) for k in range(6)))
-
-    def joint(self, i: int) -> list[Lanes]:
-        at = joint_at(self.chain, i)
-        return [self._load(at + k) for k in range(JOINT)]
-
-    def actuator(self, i: int) -> list[Lanes]:
-        at = actuator_at(self.chain, i)
-        return [self._load(at + k) for k in range(ACTUATOR)]
-
-    def tendon(self, i: int) -> list[Lanes]:
-        at = tendon_at(self.chain, i)
-        return [self._load(at + k) for k in range(TENDON)]
-
-    def _load(self, at: int) -> Lanes:
-        return load(self.p, self.array, at)
 
 
 def accelerations(
@@ -191,6 +76,7 @@ def accelerations(
             torque[i] = torque[i] + pull * c
         if tendon.stop is not None:
             constraints.append(Constraint(dict(tendon.of), None, _limits(p, tendon.stop, length, rate, stop)))
+    constraints += [_followed(p, e, off, v, row.equality(i)) for i, e in enumerate(chain.equalities)]
     free: list[Number] = list(torque)
     keep: list[Number] | None = None
     if constraints:
@@ -299,21 +185,37 @@ def _limits(p: Program, stop: Stop, length: Number, rate: Number, numbers: Seque
     return _limit(p, stop, length - low, rate, rest, 1.0), _limit(p, stop, high - length, -rate, rest, -1.0)
 
 
+def _followed(
+    p: Program, e: Equality, off: Sequence[Lanes], v: Sequence[Lanes], numbers: Sequence[Lanes]
+) -> Constraint:
+    """off: joint positions from the drawn posture; numbers: K, B and the inverse weight."""
+    stiff, damp, weight = numbers
+    of = {e.joint: 1.0} | ({} if e.other is None else {e.other: -e.slope})
+    ahead, rate = (dot([x[i] for i in of], list(of.values())) for x in (off, v))
+    away = ahead - e.begin
+    imp = _impedance(p, e.solimp, away)
+    resistance = larger(p, (1.0 - imp) * weight / imp, 1e-15)
+    return Constraint(of, None, (), Tie(1.0 / resistance, -(damp * rate) - stiff * imp * away))
+
+
 def _limit(p: Program, stop: Stop, distance: Number, rate: Number, numbers: Sequence[Lanes], side: float) -> Limit:
     """distance: from the limit, less than 0 beyond it; rate: of the distance; numbers: K, B and the inverse weight."""
     stiff, damp, weight = numbers
-    low, high, width, middle, power = stop.solimp
     beyond = distance - stop.margin
-    imp: Number
-    if low == high or width <= 1e-15:
-        imp = 0.5 * (low + high)
-    else:
-        x = smaller(p, size_of(p, beyond) / width, 1.0)
-        y: Number = x
-        if power == 2.0:
-            rest = 1.0 - x
-            y = where(p, x <= middle, x * x * (1.0 / middle), 1.0 - rest * rest * (1.0 / (1.0 - middle)))
-        imp = low + y * (high - low)
+    imp = _impedance(p, stop.solimp, beyond)
     resistance = larger(p, (1.0 - imp) * weight / imp, 1e-15)
     near = compared(p, "olt", distance, stop.margin)
     return Limit(side, near, 1.0 / resistance, -(damp * rate) - stiff * imp * beyond)
+
+
+def _impedance(p: Program, solimp: tuple[float, float, float, float, float], away: Number) -> Number:
+    """MuJoCo's impedance at a distance from where a constraint begins to act."""
+    low, high, width, middle, power = solimp
+    if low == high or width <= 1e-15:
+        return 0.5 * (low + high)
+    x = smaller(p, size_of(p, away) / width, 1.0)
+    y: Number = x
+    if power == 2.0:
+        rest = 1.0 - x
+        y = where(p, x <= middle, x * x * (1.0 / middle), 1.0 - rest * rest * (1.0 / (1.0 - middle)))
+    return low + y * (high - low)
