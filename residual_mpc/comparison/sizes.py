@@ -14,7 +14,7 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.results.causes import AT_BOUND, unit_of
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.effects.library import BY_NAME
-from residual_mpc.models.settings import Knob, Term
+from residual_mpc.models.settings import Knob, Term, Values
 
 TINY = 1e-30
 MOST = 2.0  # half of an interval that model errors alone can give, relative to the change
@@ -62,16 +62,31 @@ def least_half(problem: Problem, fit: Fit, term: Term, settings: ComparisonSetti
     which the sensors' noise explains the squares n, and the change's own contribution d, errors in the direction of d
     would move its size by sqrt(|r|^2 - n) / |d|; an interval allows for a part of that.
     """
-    mine = [i for i, k in enumerate(fit.knobs) if k.changed and k.term == term]
-    sizes = np.array([(fit.values[fit.knobs[i]] - _none(problem, fit.knobs[i])) / fit.scales[i] for i in mine])
-    caused = np.asarray(fit.jacobian[..., mine] @ sizes)
+    assert isinstance(problem.space, ChangeSpace)
+    after = problem.space.later(fit.values)
+    caused = np.zeros(fit.r.shape)
+    for i, knob in enumerate(fit.knobs):
+        if knob.changed and knob.term == term:
+            place = _shown_by(problem.space, fit, i, after)
+            size = fit.values[knob] - _none(knob)
+            caused += fit.jacobian[..., place] * (size / fit.scales[place])
     noise = np.broadcast_to((problem.data.sigma * problem.weight) ** 2, problem.data.y.shape).reshape(fit.r.shape)
     beyond = max(fit.cost - float(noise[fit.r != 0.0].sum()), 0.0)
     errors = np.sqrt(beyond / max(float(np.sum(caused**2)), TINY))
     return float(np.hypot(settings.results.causes.law, min(settings.hidden * errors, MOST)))
 
 
-def _none(problem: Problem, knob: Knob) -> float:
+def _shown_by(space: ChangeSpace, fit: Fit, place: int, after: Values) -> int:
+    """The place of the number that says how well a changed one is known: its own, or, where that has come to a bound,
+    that of the same number on both sets: it is as uncertain as it was before."""
+    knob = fit.knobs[place]
+    own, general = Knob(knob.effect, knob.target, knob.parameter), Knob(knob.effect, None, knob.parameter)
+    if not fit.held[place] and after[own] not in space.later_bounds(own):
+        return place
+    return next((fit.knobs.index(k) for k in (own, general) if k in fit.knobs), place)
+
+
+def _none(knob: Knob) -> float:
     """What a changed number is without a change; one that says how an effect acts, or that is infinite, is as it is."""
     p = BY_NAME[knob.effect].parameter(knob.parameter)
     return 0.0 if p.shape or not np.isfinite(p.null) else p.null
@@ -93,8 +108,7 @@ def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law:
         value = fit.values[knob] if p.shape else change_between(p, was, now)
         low, high = space.later_bounds(own)
         held = bool(fit.held[i] or now in (low, high))
-        # a number that has come to its bound is as uncertain as it was before
-        known = next((fit.knobs.index(k) for k in (own, general) if held and k in fit.knobs), i)
+        known = _shown_by(space, fit, i, after)
         half = float(stdtrit(spread.freedom[known], 0.975) * spread.sigma[known])
         ratio = p.null == 1.0 or (not np.isfinite(p.null) and np.isfinite(was))
         if ratio and p.null != 1.0:

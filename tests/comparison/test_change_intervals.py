@@ -15,6 +15,7 @@ from residual_mpc.comparison.settings import ComparisonSettings, ContrastSetting
 from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife, least_half
 from residual_mpc.comparison.space import ChangeSpace, change_space
 from residual_mpc.comparison.units import Units, build_units
+from residual_mpc.models.settings import Knob
 
 RUNS, SAMPLES = 6, 20
 DATA = windows(RUNS, 12.0)
@@ -132,3 +133,17 @@ def test_an_interval_allows_for_errors_that_all_stretches_share(errors: float) -
     beyond = errors**2 * problem.noise.size / np.sum((0.1 * problem.columns[CHANGED]) ** 2)
     expected = np.hypot(settings.results.causes.law, settings.hidden * np.sqrt(beyond))
     assert least_half(of, fit, CHANGED.term, settings) == pytest.approx(expected, rel=0.35, abs=0.02)  # type: ignore[arg-type]
+
+
+def test_an_effect_that_is_gone_is_at_no_bound_and_as_uncertain_as_it_was() -> None:
+    rng, lag = np.random.default_rng(5), Knob("actuator_lag", None, "time_constant")
+    change = lag._replace(changed=True)
+    column = 30.0 * rng.standard_normal((DATA.count, SAMPLES))
+    columns = {lag: column, change: column * UNITS.later[UNITS.number][:, None]}
+    problem: Any = Linear(DATA, SPACE, columns, {lag: 0.1, change: -0.13}, rng.standard_normal(column.shape))
+    fit = fitted(problem, {lag: 0.08, change: -0.02})
+    (number,) = changed_numbers(problem, fit, change.term, jackknife(fit, UNITS), 0.0)
+    assert number.after == 0.0 and number.note == ""
+    half = 0.5 * (number.ci95[1] - number.ci95[0])
+    (before,) = (fit.knobs.index(k) for k in fit.knobs if k == lag)
+    assert half == pytest.approx(2.0 * jackknife(fit, UNITS).sigma[before], rel=0.3)
