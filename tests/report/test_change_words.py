@@ -140,7 +140,12 @@ def test_sentences_of_the_verdicts():
     assert comparison_sentence(faint) == comparison_sentence(document("changed"))
     assert comparison_sentence(document("same")).startswith("No change found: ")
     assert comparison_sentence(document("unknown")).startswith("The two sets differ, but no change of an effect")
-    assert "explains only part" in comparison_sentence(document("partial"))
+    partial = document("partial")
+    assert comparison_sentence(partial).endswith(
+        "no change explains the smaller difference that is left between the two sets."
+    )
+    partial["unexplained"]["share"] = 0.4
+    assert comparison_sentence(partial).endswith("this explains only part of the difference between the two sets.")
     assert "explains only part" not in comparison_sentence(document("changed"))
 
 
