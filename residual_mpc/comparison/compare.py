@@ -180,7 +180,9 @@ def _judged(
         not_testable=tuple(replace(n, term=plain(n.term)) for n in unseen),
         account=tuple(t for t in found.account.terms if not t.changed),
         units=(int((~units.later).sum()), int(units.later.sum())),
-        visible=tuple(replace(v, term=plain(v.term)) for v in smallest_visible(space.robot, left.told)),
+        visible=tuple(
+            replace(v, term=plain(v.term)) for v in smallest_visible(space.robot, left.told, settings.contrast.level)
+        ),
         p_left=left.p,
         values=fit.values,
         next_experiment=next_experiment(

@@ -159,5 +159,5 @@ def _replaced(
     own = by.term._replace(changed=False)
     kept = {k: v for k, v in by.fit.values.items() if k.changed or k in found.fit.values or k.term == own}
     (fit,) = fit_all(problem, [kept], near=[by.fit], settings=settings.results.fit)
-    changes = tuple(FoundChange(by.term, c.p) if c.term == change.term else c for c in found.changes)
+    changes = tuple(replace(c, term=by.term) if c.term == change.term else c for c in found.changes)
     return replace(found, fit=fit, changes=changes)

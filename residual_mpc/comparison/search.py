@@ -23,10 +23,12 @@ FARTHEST = 5.0  # largest absolute logarithm of a factor's starting value
 
 @dataclass(frozen=True)
 class FoundChange:
-    """term: a change; p: probability of such a difference within one set of runs."""
+    """term: a change; p: probability of such a difference within one set of runs, by the test of the contrasts; by_fit:
+    the same by what its fit explains (see `p_of_fit`)."""
 
     term: Term
     p: float
+    by_fit: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,13 +284,14 @@ def _best(
     equal = [one for one, ratio in zip(fitted, worst, strict=True) if worst.max() - ratio < settings.search.equal]
     best = min(equal, key=lambda one: place((one.lead.term,)))
     by_fit = p_of_fit(best, phi, units, len({c.term for c in told}))
-    return best.fit, FoundChange(best.lead.term, min(p[best.lead.term], by_fit))
+    return best.fit, FoundChange(best.lead.term, p[best.lead.term], by_fit)
 
 
 def p_of_fit(one: FittedLead, phi: float, units: Units, hypotheses: int) -> float:
     """Probability that the best of so many changes lowers the cost as much by chance, by the F test of its numbers with
-    the runs as observations; phi: dispersion by unit. The contrasts are linear in a probe, and a change that a probe
-    describes badly (a spring whose rest is elsewhere) may explain everything and show no contrast."""
+    the runs as observations; phi: dispersion by unit. The contrasts are linear in a probe; a change that every probe
+    describes badly (a spring whose rest is elsewhere) may explain everything, and yet its contrast may not survive the
+    correction for many hypotheses."""
     numbers = sum(k.changed and k.term == one.lead.term for k in one.fit.knobs)
     freedom = len(np.unique(units.run)) - 2
     if freedom < 1 or not numbers:

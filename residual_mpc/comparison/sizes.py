@@ -62,13 +62,14 @@ def least_half(problem: Problem, fit: Fit, term: Term, settings: ComparisonSetti
     which the sensors' noise explains the squares n, and the change's own contribution d, errors in the direction of d
     would move its size by sqrt(|r|^2 - n) / |d|; an interval allows for a part of that.
     """
-    assert isinstance(problem.space, ChangeSpace)
-    after = problem.space.later(fit.values)
+    space = problem.space
+    assert isinstance(space, ChangeSpace)
+    after = space.later(fit.values)
     caused = np.zeros(fit.r.shape)
     for i, knob in enumerate(fit.knobs):
-        if knob.changed and knob.term == term:
-            place = _shown_by(problem.space, fit, i, after)
-            size = fit.values[knob] - _none(knob)
+        if knob.changed and knob.term == term and not BY_NAME[knob.effect].parameter(knob.parameter).shape:
+            place = _shown_by(space, fit, i, after)
+            size = _moved(knob, fit.values, after, as_factor=place == i)
             caused += fit.jacobian[..., place] * (size / fit.scales[place])
     noise = np.broadcast_to((problem.data.sigma * problem.weight) ** 2, problem.data.y.shape).reshape(fit.r.shape)
     beyond = max(fit.cost - float(noise[fit.r != 0.0].sum()), 0.0)
@@ -86,10 +87,15 @@ def _shown_by(space: ChangeSpace, fit: Fit, place: int, after: Values) -> int:
     return next((fit.knobs.index(k) for k in (own, general) if k in fit.knobs), place)
 
 
-def _none(knob: Knob) -> float:
-    """What a changed number is without a change; one that says how an effect acts, or that is infinite, is as it is."""
+def _moved(knob: Knob, values: Values, after: Values, as_factor: bool) -> float:
+    """By how much a change moves its number, or the factor that multiplies it; a limit that was not there before: all
+    of it."""
     p = BY_NAME[knob.effect].parameter(knob.parameter)
-    return 0.0 if p.shape or not np.isfinite(p.null) else p.null
+    own, general = Knob(knob.effect, knob.target, knob.parameter), Knob(knob.effect, None, knob.parameter)
+    was, now = values.get(own, values.get(general, p.null)), after[own]
+    if not np.isfinite(was):
+        return now
+    return now / was - 1.0 if as_factor and p.null == 1.0 else now - was
 
 
 def changed_numbers(problem: Problem, fit: Fit, term: Term, spread: Spread, law: float) -> tuple[ChangedNumber, ...]:

@@ -12,17 +12,18 @@ from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Term
 
 
-def smallest_visible(robot: Robot, told: Sequence[Contrast]) -> tuple[VisibleChange, ...]:
+def smallest_visible(robot: Robot, told: Sequence[Contrast], level: float) -> tuple[VisibleChange, ...]:
     """For each change with a single parameter that scales with its size, the size that at least four comparisons in
-    five would find, from the most sensitive contrast; in the order of the contrasts. No contrast would show less than
-    the size that it estimates here, which it does not show."""
+    five would find, from the most sensitive contrast; in the order of the contrasts. It is never below the size that a
+    contrast estimates here where that is not significant, p above `level`."""
     least: dict[Term, VisibleChange] = {}
     for c in told:
         numbers = [p for p in BY_NAME[c.term.effect].parameters if not p.shape]
         if len(numbers) != 1 or numbers[0].threshold or not np.isfinite(numbers[0].null) or not np.isfinite(c.visible):
             continue
         p, (value,) = numbers[0], (v for k, v in c.probe.items() if k.parameter == numbers[0].name)
-        size = max(c.visible, abs(c.dose)) * abs(value - p.null)
+        least_dose = max(c.visible, abs(c.dose)) if c.p > level else c.visible
+        size = least_dose * abs(value - p.null)
         if c.term not in least or size < least[c.term].size:
             unit = unit_of(robot, c.term, "1" if p.null == 1.0 else p.unit)
             least[c.term] = VisibleChange(c.term, p.name, size, unit)

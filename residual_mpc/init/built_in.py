@@ -58,7 +58,7 @@ def draft_built_in(name: str, paths: Sequence[str | Path]) -> Draft:
     mends = (
         *heading_in_degrees(signals, held),
         *places_in_small_units(signals, held),
-        *wheel_speeds_in_named_units(words, held),
+        *(wheel_speeds_in_named_units(words, held) if set(WHEELS) <= set(nominal) else ()),
     )
     parameters, reasons = _parameters(nominal, roles, recordings, clock, {m.column: m.factor for m in mends})
     return Draft(

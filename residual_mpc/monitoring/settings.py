@@ -69,6 +69,10 @@ class DetectionSettings:
         check_positive(self, "hours", "draws", "fewest_neighbours", "most_neighbours", "components", "ridge",
                        "familiar", "clip", "fewest_blocks", "large_windows")  # fmt: skip
         check_share(self, "false_alarm", "neighbours", "correlated", "persistence", "whole", "large", "large_known")
+        if self.large >= self.false_alarm:
+            raise ValueError(
+                f"DetectionSettings.large must be less than false_alarm, got {self.large} and {self.false_alarm}"
+            )
         if self.tail <= 2.0:
             raise ValueError(f"DetectionSettings.tail must be > 2, got {self.tail}")
 

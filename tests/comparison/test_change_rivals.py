@@ -94,3 +94,17 @@ def test_what_was_a_rival_of_a_dropped_change_is_a_candidate_no_more() -> None:
     assert told.shares == {LATE: 0.6, LATE_READINGS: 0.5, LIMIT: 1.0}
     left = told.of(SimpleNamespace(changes=(kept,)))  # type: ignore[arg-type]
     assert left.shares == places[LATE] and left.groups == (((LATE,), (LATE_READINGS,)),)
+
+
+@pytest.mark.parametrize(("p", "by_fit", "most"), [(0.9, 1e-4, 0.45), (0.01, 1.0, 0.97), (0.01, 1e-4, 0.97)])
+def test_a_change_that_only_its_fit_shows_is_no_more_than_possible(
+    p: float, by_fit: float, most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sized = SimpleNamespace(note="", may_be_none=False)
+    monkeypatch.setattr(named, "changed_numbers", lambda *_: (sized,))
+    monkeypatch.setattr(named, "least_half", lambda *_: 0.0)
+    found: Any = SimpleNamespace(changes=(FoundChange(LATE, p, by_fit),))
+    told: Any = SimpleNamespace(found=found, parts={LATE: 1.0}, shares={LATE: 1.0})
+    problem: Any = SimpleNamespace(space=SimpleNamespace(slots={LATE.effect: ()}))
+    (change,) = named.named_changes(problem, Any, told, Any, 0.97, ComparisonSettings())
+    assert change.probability == pytest.approx(min(most, 0.97 * (1.0 - min(p, by_fit))))

@@ -16,7 +16,7 @@ from residual_mpc.effects.actuator import (
     sag_step,
     saturation_step,
 )
-from residual_mpc.effects.chain import command_chain
+from residual_mpc.effects.chain import command_chain, on_command, through_commands
 from residual_mpc.effects.command import (
     LONGEST_DELAY,
     dead_zone_step,
@@ -175,3 +175,19 @@ def test_the_lag_of_a_sequence_is_that_of_its_steps() -> None:
     for k in range(u.shape[1]):
         expected[:, k], memory = lag_step(NUMPY, p, memory, u[:, k], dt)
     assert lag_sequence(p, u, dt) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "effects", [("command_delay",), ("command_delay", "dead_zone"), ("command_delay", "actuator_lag")]
+)
+def test_a_chain_of_commands_needs_no_more_lead_than_it_remembers(effects: tuple[str, ...]) -> None:
+    """As if every effect had the whole lead."""
+    u, lead, dt = RNG.standard_normal((5, 400, 2)), 300, 0.002
+    numbers = RNG.uniform(0.0, 0.2, (5, 2))
+    numbers[0], numbers[1] = 0.0, LONGEST_DELAY
+    names = {"command_delay": "delay", "dead_zone": "width", "actuator_lag": "time_constant"}
+    values = {e: {names[e]: numbers} for e in effects}
+    whole, direct = u, np.ones(2, dtype=bool)
+    for effect, p in on_command(values, direct):
+        whole = through_commands(effect, p, whole, dt)
+    np.testing.assert_array_equal(command_chain(values, u, lead, dt, direct), whole[:, lead:])

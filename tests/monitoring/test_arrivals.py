@@ -115,6 +115,36 @@ def test_a_log_that_is_emptied_and_written_anew_is_read_from_its_beginning(tmp_p
     assert followed(tmp_path, anew) == [line(0.1 * k) for k in range(50)]
 
 
+def test_a_log_that_a_longer_copy_replaces_goes_on(tmp_path: Path) -> None:
+    """As rsync does: the copy is another file on the disk, under the same name."""
+
+    def replaced() -> None:
+        (tmp_path / "new.part").write_text("\n".join([HEADER, *(line(0.1 * k) for k in range(50))]) + "\n")
+        (tmp_path / "new.part").replace(tmp_path / "log.csv")
+
+    (tmp_path / "log.csv").write_text("\n".join([HEADER, *(line(0.1 * k) for k in range(20))]) + "\n")
+    assert followed(tmp_path, replaced) == [line(0.1 * k) for k in range(50)]
+
+
+def test_a_new_binary_log_is_read_though_it_lies_where_a_removed_one_lay(tmp_path: Path) -> None:
+    def another() -> None:
+        (tmp_path / "a.parquet").unlink()
+        (tmp_path / "b.parquet").write_bytes(b"another log")
+
+    (tmp_path / "a.parquet").write_bytes(b"a log")
+    seen, looks = list[str](), 0
+    for arrival in follow_files((tmp_path,), False, SETTINGS, lambda seconds: None):
+        if arrival is not None:
+            seen.append(arrival.name)
+            continue
+        looks += 1
+        if looks == 3:
+            another()
+        if looks == 6:
+            break
+    assert seen == ["a", "b"]
+
+
 def test_a_log_without_a_command_is_refused_at_once(reader: RowReader) -> None:
     arrival = Arrival("run", "run.csv", "t,pose.x,pose.y", ("0,0,0",), fresh=True)
     with pytest.raises(BadInput, match="command"):

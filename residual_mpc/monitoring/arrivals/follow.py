@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import select
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -62,42 +62,52 @@ def follow_files(
         if not path.exists():
             raise BadInput("file or folder not found", str(path), "give a file, a folder, or - for a pipe")
     tails: dict[Identity, Tail] = {}
-    sizes: dict[Identity, int] = {}
-    done: set[Identity] = set()
+    sizes: dict[Path, int] = {}
+    done: set[tuple[Identity, int] | Path] = set()
     while True:
         for path in _logs(paths):
             same = _identity(path)
-            if same in done:
-                continue
             if path.name.lower().endswith(TEXT):
-                tail = tails.get(same)
-                if tail is None or not tail.is_of(path):
-                    tail = tails[same] = Tail(stem(path), str(path))
+                tail = tails[same] = _tail_of(path, same, tails)
                 yield from _grown(path, tail, settings)
-            elif once or sizes.get(same) == _size(path) > 0:  # a format that is read whole: wait until it rests
-                done.add(same)
+                continue
+            whole = (same, _changed(path))  # under any name
+            if whole in done or path in done:
+                continue
+            if once or sizes.get(path) == _size(path) > 0:  # a format that is read whole: wait until it rests
+                done |= {whole, path}
                 yield Arrival(stem(path), str(path), file=path, fresh=True)
             else:
-                sizes[same] = _size(path)
+                sizes[path] = _size(path)
         yield None
         if once:
             return
         sleep(settings.poll)
 
 
+def _tail_of(path: Path, same: Identity, tails: Mapping[Identity, Tail]) -> Tail:
+    """What was read of a log so far: of the file, renamed or not, or of one that a longer copy of itself replaced."""
+    size = _size(path)
+    mine = tails.get(same)
+    if mine is not None and mine.path == path and mine.at == size:  # nothing happened
+        return mine
+    others = [tail for tail in tails.values() if tail.path == path and tail is not mine]
+    for tail in (*((mine,) if mine is not None else ()), *others):
+        if size >= tail.at and tail.is_of(path):
+            tail.path = path
+            return tail
+    return Tail(stem(path), str(path), path)
+
+
 class Tail:
     """The lines of one growing text: what is after the last line's end waits for the rest of its line."""
 
-    def __init__(self, name: str, source: str) -> None:
-        self.name, self.source = name, source
+    def __init__(self, name: str, source: str, path: Path | None = None) -> None:
+        self.name, self.source, self.path = name, source, path
         self.at = 0  # bytes that were read
         self._head = b""  # the first of them
         self._rest = b""
         self._header: str | None = None
-
-    def begin_again(self) -> None:
-        """The file was replaced by a shorter one."""
-        self.at, self._head, self._rest, self._header = 0, b"", b"", None
 
     def is_of(self, path: Path) -> bool:
         """Whether a file still begins as what was read: a log that is renamed (rotated) is the same log, and another
@@ -105,8 +115,8 @@ class Tail:
         try:
             with open(path, "rb") as file:
                 return file.read(len(self._head)) == self._head
-        except OSError:
-            return False
+        except OSError:  # not now
+            return True
 
     def add(self, content: bytes) -> Iterator[Arrival]:
         """The whole lines that these bytes complete."""
@@ -127,8 +137,6 @@ class Tail:
 
 def _grown(path: Path, tail: Tail, settings: ArrivalSettings) -> Iterator[Arrival]:
     """What was appended since the last look."""
-    if _size(path) < tail.at:
-        tail.begin_again()
     while _size(path) > tail.at:
         try:
             with open(path, "rb") as file:
@@ -159,6 +167,14 @@ def _identity(path: Path) -> Identity:
     except OSError:
         return path
     return (found.st_dev, found.st_ino) if found.st_ino else path
+
+
+def _changed(path: Path) -> int:
+    """ns: when its content was last written."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _size(path: Path) -> int:
