@@ -23,11 +23,11 @@ def named_changes(
     for c in sorted(rivals.found.changes, key=lambda c: -rivals.parts.get(c.term, 1.0)):
         effect, slots = BY_NAME[c.term.effect], problem.space.slots[c.term.effect]
         only = slots[0] if len(slots) == 1 and effect.target in ("actuator", "joint") else None
-        probability = sure * rivals.shares.get(c.term, 1.0) * (1.0 - min(c.p, c.by_fit))
+        by_fit = min(1.0 - c.by_fit, settings.doubtful / sure)  # what its fit alone shows is no more than possible
+        probability = sure * rivals.shares.get(c.term, 1.0) * max(1.0 - c.p, by_fit)
         numbers = changed_numbers(problem, fit, c.term, spread, least_half(problem, fit, c.term, settings))
         unsized = any(n.note for n in numbers) or all(n.may_be_none for n in numbers)
-        unshown = c.p > settings.contrast.level  # only its fit speaks for it
-        if unsized or unshown or rivals.parts.get(c.term, 1.0) < settings.faint:
+        if unsized or rivals.parts.get(c.term, 1.0) < settings.faint:
             probability = min(probability, settings.doubtful)
         out.append(Change(plain(c.term), probability, c.p, numbers, effect.summary, only))
     return tuple(out)

@@ -96,9 +96,11 @@ def test_what_was_a_rival_of_a_dropped_change_is_a_candidate_no_more() -> None:
     assert left.shares == places[LATE] and left.groups == (((LATE,), (LATE_READINGS,)),)
 
 
-@pytest.mark.parametrize(("p", "by_fit", "most"), [(0.9, 1e-4, 0.45), (0.01, 1.0, 0.97), (0.01, 1e-4, 0.97)])
+@pytest.mark.parametrize(
+    ("p", "by_fit", "expected"), [(0.9, 1e-4, 0.45), (0.9, 0.95, 0.097), (0.1, 1e-4, 0.873), (0.01, 1.0, 0.9603)]
+)
 def test_a_change_that_only_its_fit_shows_is_no_more_than_possible(
-    p: float, by_fit: float, most: float, monkeypatch: pytest.MonkeyPatch
+    p: float, by_fit: float, expected: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sized = SimpleNamespace(note="", may_be_none=False)
     monkeypatch.setattr(named, "changed_numbers", lambda *_: (sized,))
@@ -107,4 +109,4 @@ def test_a_change_that_only_its_fit_shows_is_no_more_than_possible(
     told: Any = SimpleNamespace(found=found, parts={LATE: 1.0}, shares={LATE: 1.0})
     problem: Any = SimpleNamespace(space=SimpleNamespace(slots={LATE.effect: ()}))
     (change,) = named.named_changes(problem, Any, told, Any, 0.97, ComparisonSettings())
-    assert change.probability == pytest.approx(min(most, 0.97 * (1.0 - min(p, by_fit))))
+    assert change.probability == pytest.approx(expected)

@@ -45,9 +45,9 @@ class Rollout:
 class Compiled:
     """The machine code of a chain's steps, and of what is rewritten between them.
 
-    It is compiled without optimisation at first, and again with it once optimised code would have saved in all steps so
-    far what it costs to make: whatever is still to come, at most twice the least possible time is spent (ski rental;
-    Karlin et al. 1988). The results are the same to the last bit.
+    It is compiled without optimisation at first, and again with it once the time that this would have saved so far
+    equals its cost: whatever is still to come, at most twice the least possible time is spent (ski rental; Karlin et
+    al. 1988). The results are the same to the last bit.
     """
 
     def __init__(self, chain: Chain, changing: Changing | None = None) -> None:
