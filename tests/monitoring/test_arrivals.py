@@ -126,10 +126,17 @@ def test_a_log_that_a_longer_copy_replaces_goes_on(tmp_path: Path) -> None:
     assert followed(tmp_path, replaced) == [line(0.1 * k) for k in range(50)]
 
 
-def test_a_new_binary_log_is_read_though_it_lies_where_a_removed_one_lay(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rotated", [False, True])
+def test_a_new_binary_log_is_read_where_another_one_lay(tmp_path: Path, rotated: bool) -> None:
+    """On the disk, or under the same name."""
+
     def another() -> None:
-        (tmp_path / "a.parquet").unlink()
-        (tmp_path / "b.parquet").write_bytes(b"another log")
+        if rotated:
+            (tmp_path / "a.parquet").rename(tmp_path / "old.parquet")
+            (tmp_path / "a.parquet").write_bytes(b"another log")
+        else:
+            (tmp_path / "a.parquet").unlink()
+            (tmp_path / "b.parquet").write_bytes(b"another log")
 
     (tmp_path / "a.parquet").write_bytes(b"a log")
     seen, looks = list[str](), 0
@@ -142,7 +149,7 @@ def test_a_new_binary_log_is_read_though_it_lies_where_a_removed_one_lay(tmp_pat
             another()
         if looks == 6:
             break
-    assert seen == ["a", "b"]
+    assert seen == (["a", "a"] if rotated else ["a", "b"])
 
 
 def test_a_log_without_a_command_is_refused_at_once(reader: RowReader) -> None:

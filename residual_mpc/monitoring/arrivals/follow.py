@@ -63,7 +63,7 @@ def follow_files(
             raise BadInput("file or folder not found", str(path), "give a file, a folder, or - for a pipe")
     tails: dict[Identity, Tail] = {}
     sizes: dict[Path, int] = {}
-    done: set[tuple[Identity, int] | Path] = set()
+    done: set[tuple[Identity, int | Path]] = set()
     while True:
         for path in _logs(paths):
             same = _identity(path)
@@ -71,11 +71,12 @@ def follow_files(
                 tail = tails[same] = _tail_of(path, same, tails)
                 yield from _grown(path, tail, settings)
                 continue
-            whole = (same, _changed(path))  # under any name
-            if whole in done or path in done:
+            # the content under any name, and the file under this one
+            marks: set[tuple[Identity, int | Path]] = {(same, _changed(path)), (same, path)}
+            if marks & done:
                 continue
             if once or sizes.get(path) == _size(path) > 0:  # a format that is read whole: wait until it rests
-                done |= {whole, path}
+                done |= marks
                 yield Arrival(stem(path), str(path), file=path, fresh=True)
             else:
                 sizes[path] = _size(path)
