@@ -47,8 +47,9 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Alarm:
-    """series: index of what changed; grows: whether its errors grow; windows: since the change."""
+class DatedAlarm:
+    """An alarm of either test. series: index of what changed; grows: whether its errors grow; windows: since the
+    change."""
 
     series: int
     grows: bool
@@ -247,7 +248,7 @@ class Watch:
                 self._change.attempt = due
                 yield from self._look(final=due == len(self._settings.attempts))
 
-    def _alarm(self, r: Reference, block_ends: bool) -> Alarm | None:
+    def _alarm(self, r: Reference, block_ends: bool) -> DatedAlarm | None:
         """What the last windows, or at its end the last block, tell for certain."""
         large = far_above(np.array(self._rest), r.limits, r.settings)
         found = cusum.alarm(self._sums, r.thresholds) if block_ends and large is None else None
@@ -259,9 +260,9 @@ class Watch:
             return None
         scores = np.array([p.scores[series] for p in list(self._places)[-began - BEFORE * r.block :]])
         off = (scores - r.centre[series]) * (1.0 if grows else -1.0)
-        return Alarm(series, grows, len(scores) - change_point(off))
+        return DatedAlarm(series, grows, len(scores) - change_point(off))
 
-    def _changed(self, at: Moment, found: Alarm, r: Reference) -> GapChanged:
+    def _changed(self, at: Moment, found: DatedAlarm, r: Reference) -> GapChanged:
         since = list(self._places)[-max(min(found.windows, len(self._places)), 1) :]
         self._change = Change(since[0], at, len(since) * self._horizon)
         self._total.changes += 1

@@ -39,9 +39,8 @@ class DetectionSettings:
     deviations of a block's mean; clip: of one block, likewise. blocks: lengths of a block in windows, of which the
     first is taken whose means are correlated less than `correlated` from one to the next, with at least
     `fewest_blocks` in the reference; persistence: the largest correlation that the thresholds allow for. whole: share
-    of a channel's usual samples that a window must have. large: the part of
-    `false_alarm` for errors of the last `large_windows` windows that are far above the reference's; large_known: share
-    of these windows that need a value.
+    of a channel's usual samples that a window must have. large: the part of `false_alarm` for errors of the last
+    `large_windows` windows that are far above the reference's; large_known: share of these windows that need a value.
     """
 
     hours: float = 100.0

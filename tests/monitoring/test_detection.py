@@ -120,14 +120,34 @@ def test_errors_far_above_all_of_the_reference_are_told_after_a_few_windows() ->
     assert far(twice) is None
 
 
+@pytest.mark.parametrize("correlation", [0.3, 0.5])
+def test_steady_errors_are_seldom_far_above_and_large_ones_can_be(correlation: float) -> None:
+    """Thirty robots of 20 h, whose neighbouring windows are correlated: no more alarms than promised, up to chance; and
+    limits that an error 7.5 times as large exceeds."""
+    found, n, alarms = list[float](), SETTINGS.large_windows, 0
+    for seed in range(30):
+        drawn = np.random.default_rng(seed).standard_normal((72_660, 1))
+        rest = lfilter([np.sqrt(1.0 - correlation**2)], [1.0, -correlation], drawn, axis=0)[60:]
+        limit = float(limits(rest[:600], 1.0, SETTINGS)[0])
+        alarms += np.convolve(rest[600:, 0], np.ones(n) / n, "valid").max() > limit
+        found.append(limit)
+    assert alarms <= 30 * SETTINGS.large + 2.0 * np.sqrt(30 * SETTINGS.large)
+    assert max(found) < 2.0 * np.log(7.5)
+
+
 def test_steady_errors_that_are_correlated_over_minutes_are_not_far_above() -> None:
-    """Ten robots of 20 h, windows correlated by 0.9 from one to the next."""
+    """Ten robots of 20 h, windows correlated by 0.9 from one to the next: no error is large enough there."""
     for seed in range(10):
         rng = np.random.default_rng(seed)
         rest = lfilter([np.sqrt(1.0 - 0.9**2)], [1.0, -0.9], rng.standard_normal((72_300, 1)), axis=0)[60:]
         n, limit = SETTINGS.large_windows, limits(rest[:240], 1.0, SETTINGS)
         means = np.convolve(rest[240:, 0], np.ones(n) / n, "valid")
         assert means.max() < limit[0]
+
+
+def test_the_second_test_takes_its_share_from_what_is_promised() -> None:
+    with pytest.raises(ValueError, match="large must be less than false_alarm"):
+        DetectionSettings(false_alarm=0.01)
 
 
 def test_windows_that_are_driven_unlike_the_reference_do_not_count_as_far_above() -> None:

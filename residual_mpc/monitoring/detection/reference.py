@@ -48,8 +48,8 @@ class Reference:
     (W, 1 + C): what of their logarithm the driving does not tell (`usual`); place (W, K) in the driving's space; reach:
     distance within which a window has neighbours; whole (C,): samples of a whole window; block: windows of a block;
     centre, spread (1 + C,): of the means of a block's scores; limits (1 + C,): what the mean `rest` of the last
-    windows exceeds after a large change; described: where it comes from; runs: for the comparison
-    with what comes after a change."""
+    windows exceeds after a large change; described: where it comes from; runs: for the comparison with what comes after
+    a change."""
 
     names: tuple[str, ...]
     channels: tuple[str, ...]
