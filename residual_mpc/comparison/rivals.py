@@ -20,7 +20,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed
-from residual_mpc.diagnosis.search.rivals import place
+from residual_mpc.diagnosis.search.confounded_groups import place
 from residual_mpc.diagnosis.search.substitutes import counting_all, imitate
 from residual_mpc.models.settings import Knob, Term
 

@@ -14,7 +14,7 @@ from residual_mpc.diagnosis.fit.evidence import dispersion
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all, on_problem, possible
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed, varied
-from residual_mpc.diagnosis.search.rivals import place
+from residual_mpc.diagnosis.search.confounded_groups import place
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 

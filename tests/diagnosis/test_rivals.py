@@ -234,3 +234,17 @@ def test_the_rival_that_holds_on_other_windows_is_taken() -> None:
     assert holds_elsewhere(alone, (), replays, ruler, settings=settings) is None
     unseen = replace(ruler, floor=1.0)  # what is left is within the noise
     assert holds_elsewhere(alone, met, replays, unseen, settings=settings) is None
+
+
+def test_the_first_member_of_every_group_stands_in_the_explanation() -> None:
+    """Each rival is fitted beside the other members that the search found, not beside those preferred to them."""
+    delay, late, gain, radius = (
+        Term(name, None) for name in ("command_delay", "sensor_delay", "actuator_gain", "wheel_radius")
+    )
+    truth = {"command_delay": {"delay": 0.08}, "actuator_gain": {"gain": 0.9}}
+    chosen = {Knob(*late[:2], "delay"): 0.08, Knob(*radius[:2], "scale"): 0.9}
+    found = found_of(truth, chosen, tuple(t.effect for t in (delay, late, gain, radius)))
+    rivalry = find_rivals(found, settings=SearchSettings())
+    firsts = {group[0][0] for group in rivalry.groups}
+    assert len(firsts) == 2 and firsts != set(found.fit.terms)
+    assert set(rivalry.fit.terms) == firsts

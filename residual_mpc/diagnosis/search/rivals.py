@@ -20,13 +20,14 @@ from residual_mpc.diagnosis.search.close_rivals import (
     too_close,
     without_small_differences,
 )
+from residual_mpc.diagnosis.search.confounded_groups import groups_of, with_first_members
 from residual_mpc.diagnosis.search.optional_numbers import with_shown
 from residual_mpc.diagnosis.search.screen import smaller
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stand_ins import interchangeable, stand_ins
 from residual_mpc.diagnosis.search.stepwise import Found, without
 from residual_mpc.diagnosis.search.substitutes import counting_all, imitate
-from residual_mpc.effects.library import BY_NAME, ORDER
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 
@@ -47,13 +48,6 @@ class Rivalry:
             return self.as_found
         fits = sorted((r for r in self.rivals if r.alike and r.came == member), key=lambda r: r.ratio)
         return fits[0].fit if fits else None
-
-
-def place(terms: EffectSet) -> tuple[int, int, bool, str]:
-    """Order of a member: fewer terms first, then the contract's table, then one target before all, which claims less:
-    where only one joint ever reaches its limit, nothing is known of the others'."""
-    names = [t.target for t in terms]
-    return (len(terms), min(ORDER[t.effect] for t in terms), None in names, "".join(n or "" for n in names))
 
 
 def find_rivals(
@@ -86,8 +80,8 @@ def find_rivals(
             places, swaps = _places(fit), swaps + 1
     order = [(t,) for t in fit.terms] + _several(fit)
     rivals.sort(key=lambda r: order.index(r.gone))
-    groups = _groups(rivals)
-    preferred, groups = _prefer_first(fit, rivals, groups) if prefer_first else (fit, groups)
+    groups = groups_of(rivals)
+    preferred = with_first_members(found.problem, fit, rivals, groups, found.phi, settings) if prefer_first else fit
     return Rivalry(preferred, tuple(rivals), groups, _shares(preferred, rivals), fit)
 
 
@@ -248,41 +242,6 @@ def _on_targets(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
     for t in terms:
         by_effect.setdefault(t.effect, []).append(t)
     return [tuple(ts) for ts in by_effect.values() if len(ts) > 1]
-
-
-def _groups(rivals: list[Rival]) -> tuple[ConfoundedGroup, ...]:
-    """One group per replaced member: it, and what stands in for it. A pair's group that only repeats the groups of its
-    members says nothing new and is left out."""
-    members: dict[EffectSet, list[EffectSet]] = {}
-    for r in rivals:
-        if r.alike:
-            members.setdefault(r.gone, []).append(r.came)
-    single = {g[0]: {c[0] for c in came if len(c) == 1} | {g[0]} for g, came in members.items() if len(g) == 1}
-    groups = []
-    for gone, came in members.items():
-        if len(gone) == 2:
-            first, second = (single.get(t, {t}) for t in gone)
-            came = [c for c in came if len(c) != 2 or not any(a in first and b in second for a, b in (c, c[::-1]))]
-        if came:
-            groups.append(tuple(sorted({gone, *came}, key=place)))
-    return tuple(groups)
-
-
-def _prefer_first(
-    fit: Fit, rivals: list[Rival], groups: tuple[ConfoundedGroup, ...]
-) -> tuple[Fit, tuple[ConfoundedGroup, ...]]:
-    """Let the first of a group, by the contract's table, stand in the explanation where it takes one exchange."""
-    for group in groups:
-        first = group[0]
-        if all(t in fit.terms for t in first):
-            continue
-        for r in sorted(rivals, key=lambda r: r.ratio):
-            if r.alike and r.came == first and r.gone in group and all(t in fit.terms for t in r.gone):
-                kept = {k: v for k, v in fit.values.items() if k.effect == TUNE or k.term not in r.gone}
-                if all(k in r.fit.values for k in kept):
-                    fit = r.fit
-                break
-    return fit, groups
 
 
 def _shares(fit: Fit, rivals: list[Rival]) -> dict[Term, float]:
