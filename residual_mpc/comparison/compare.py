@@ -25,6 +25,7 @@ from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife, least_half, to_the_end
 from residual_mpc.comparison.space import ChangeSpace
+from residual_mpc.comparison.thresholds import with_thresholds
 from residual_mpc.comparison.units import Units
 from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset
@@ -140,12 +141,12 @@ def _judged(
     else:
         whole, units, fit, left = last.problem, last.units, last.found.fit, last.found.left
     moved = tuple(c for c in found.changes if not came_to_nothing(fit, space, c.term))
-    spread = jackknife(fit, units)
+    spread = with_thresholds(whole, fit, units, jackknife(fit, units))
     seen = tuple(c for c in moved if not may_be_none(whole, fit, c.term, rivals, spread, settings))
     if seen != moved:
         kept = {k: v for k, v in fit.values.items() if not k.changed or k.term in {c.term for c in seen}}
         fit = to_the_end(whole, fit_all(whole, [kept], settings=fits)[0], settings.results)
-        spread = jackknife(fit, units)
+        spread = with_thresholds(whole, fit, units, jackknife(fit, units))
     found = replace(found, changes=seen)
     rivals = rivals.of(found)
     jumping = _outliers(given, sets, settings)
@@ -198,7 +199,8 @@ def _leading(last: Searched, settings: ComparisonSettings) -> tuple[str, ...]:
     lead = None if again is None else leading_change(last.problem, again, settings)
     if lead is None:
         return ()
-    term, spread = lead.lead.term, jackknife(lead.fit, last.units)
+    term = lead.lead.term
+    spread = with_thresholds(last.problem, lead.fit, last.units, jackknife(lead.fit, last.units))
     half = least_half(last.problem, lead.fit, term, settings)
     numbers = changed_numbers(last.problem, lead.fit, term, spread, half)
     sizes = ", ".join(f"{n.name} {n.change:.3g} {n.unit}".removesuffix(" 1") for n in numbers)

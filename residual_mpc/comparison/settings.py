@@ -11,11 +11,12 @@ class ContrastSettings:
     """unit: s, the shortest stretch of a run that counts as one observation; units: number of stretches into which a
     set is cut if it has fewer runs; fewest: number of stretches that a set must have. level: probability of a false
     change, over all hypotheses together; of_size: share of it for the sizes of the residuals; left: the same for a
-    difference beyond the named changes; outliers: for a share of outliers. lots: maximum number of divisions that are
-    tried; labellings: number of ways to divide the runs, below which stretches are divided; divisions: number of ways
-    to divide the stretches, below which Student's distribution is used; clip: standard deviations at which residuals
-    are clipped. units_per_condition: number of units needed for each component of the commands that the test adjusts
-    for; balanced: largest difference between the sets' means of such a component, in standard deviations."""
+    difference beyond the named changes; outliers: for a share of outliers. of_runs: the smallest p that the divisions
+    of the runs can give has to be at most this for them to be tested. lots: maximum number of divisions that are tried;
+    labellings: number of ways to divide the runs, below which stretches are divided; divisions: number of ways to
+    divide the stretches, below which Student's distribution is used; clip: standard deviations at which residuals are
+    clipped. units_per_condition: number of units needed for each component of the commands that the test adjusts for;
+    balanced: largest difference between the sets' means of such a component, in standard deviations."""
 
     unit: float = 3.0
     units: int = 12
@@ -24,6 +25,7 @@ class ContrastSettings:
     of_size: float = 0.2
     left: float = 0.01
     outliers: float = 0.01
+    of_runs: float = 0.03
     lots: int = 2000
     labellings: int = 10_000
     divisions: int = 1_000
@@ -34,7 +36,7 @@ class ContrastSettings:
     def __post_init__(self) -> None:
         check_positive(self, "unit", "units", "fewest", "lots", "labellings", "divisions", "clip",
                        "units_per_condition", "balanced")  # fmt: skip
-        check_share(self, "level", "of_size", "left", "outliers")
+        check_share(self, "level", "of_size", "left", "outliers", "of_runs")
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,18 @@
 """How a channel weighs where two fits are compared."""
 
 import numpy as np
+import pytest
 from oracles.rover_log import SIGMA, rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import fit_all
+from residual_mpc.diagnosis.fit.marginalisation import carrying
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.search.acceptance import judge
+from residual_mpc.diagnosis.search.acceptance import build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.models.settings import Knob
 
@@ -30,3 +33,30 @@ def test_what_one_fit_explains_weighs_though_the_other_spoils_it() -> None:
     assert (one > 2.0 * noise).any() and (other > 2.0 * noise).any()
     np.testing.assert_allclose(both, np.minimum(one, other), rtol=1e-9)
     np.testing.assert_allclose(swapped, both, rtol=1e-9)
+
+
+LAG, TRACK = Knob("actuator_lag", None, "time_constant"), Knob("track_width", None, "scale")
+
+
+def convinces(faults: dict[str, dict[str, float]]) -> bool:
+    """Whether a track is taken up beside a lag."""
+    faults = {"actuator_lag": {"time_constant": 0.08}, **faults}
+    data = build_dataset([rover_run(f"r{k}", faults, seed=k) for k in range(3)], [ROVER] * 3, SIGMA)
+    scales, settings = measure_scales(data), SearchSettings()
+    problem = build_problem(data, build_space(data, ()), data.sigma, scales.motion)
+    base, lag, both = fit_all(problem, [{}, {LAG: 0.08}, {LAG: 0.08, TRACK: 1.04}])
+    ruler = build_ruler(problem.replays, scales, base, np.random.default_rng(0), settings.data)
+    about = carrying(problem, lag.values, settings=settings.fit)
+    blocks = blocks_of(data, settings=settings.fit)
+    return convincing(about, ruler, lag, both, base, blocks, settings) is not None
+
+
+def test_what_closes_most_of_the_rest_counts_though_many_small_differences_could(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A track that is wrong by less than three times what is usual closes nearly all that a lag leaves."""
+    monkeypatch.setattr("residual_mpc.diagnosis.fit.marginalisation.likeliest_level", lambda *args, **kwargs: 1.0)
+    assert convinces({"track_width": {"scale": 1.04}})
+    assert not convinces({"track_width": {"scale": 1.02}, "gusts": {"size": 0.3}})  # it closes little of the rest
+    monkeypatch.setattr("residual_mpc.diagnosis.search.acceptance._clear_alone", lambda *args: False)
+    assert not convinces({"track_width": {"scale": 1.04}})

@@ -155,11 +155,26 @@ def convincing(
     # far above the noise residuals are coloured and the ratio cautious: a quarter of what is left asks for less of it
     sizeable = left > settings.steps.far_from_floor * ruler.floor and removed > settings.sizeable * left
     least = settings.beyond_doubt_sizeable if sizeable else settings.beyond_doubt
-    if left > ruler.floor and removed > settings.most * left:  # the search is not finished while one effect closes that
+    closes = left > ruler.floor and removed > settings.most * left  # the search is not finished while one effect does
+    if closes:
         least = min(least, settings.beyond_doubt_most)
-    if ratio < least + settings.per_knob * knobs:
+    convinces = ratio >= least + settings.per_knob * knobs
+    if not convinces and not (closes and _clear_alone(fair, current, best, blocks, settings)):
         return None
     return None if _stands_for_the_step(ruler, current, best, removed, settings) else best
+
+
+def _clear_alone(fair: Problem, current: Fit, best: Fit, blocks: np.ndarray, settings: SearchSettings) -> bool:
+    """Whether the best fit is beyond doubt if nothing else differs. Small differences in everything, of which each
+    remains possible, make no effect of their own size likely; that most of what is left is one of them is the simpler
+    account."""
+    if fair.marginal is None:
+        return False  # it has been asked already
+    strict = settings.without_tolerances()
+    alone = tolerating(fair, None)
+    after, before = fit_all(alone, [best.values, current.values], 3, fresh=[NONE, NONE], settings=settings.fit)
+    knobs = len(after.knobs) - len(before.knobs)
+    return before.cost - after.cost >= (strict.beyond_doubt + strict.per_knob * knobs) * dispersion(after, blocks)
 
 
 def _stands_for_the_step(ruler: Ruler, current: Fit, best: Fit, removed: float, settings: SearchSettings) -> bool:
