@@ -22,7 +22,7 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.search.additions import mixed
 from residual_mpc.diagnosis.search.confounded_groups import place
 from residual_mpc.diagnosis.search.substitutes import counting_all, imitate
-from residual_mpc.models.settings import Knob, Term
+from residual_mpc.models.settings import Knob, Term, Values
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,9 @@ def find_change_rivals(
             for term, pair in fits.items()
         }
         ratios = {term: ratio - min(beyond.values()) for term, ratio in beyond.items()}
+        alone = _alone_as_good(problem, found, change, fits, ratios, units, settings)
+        if alone is not None:
+            return find_change_rivals(problem, alone, units, settings)
         leading = next(term for term, ratio in ratios.items() if ratio == 0.0)
         equal = {t for t, ratio in ratios.items() if _hardly_told(problem, t, leading, ratio, settings)}
         weights = {t: float(np.exp(-0.5 * min(r, 200.0))) if t not in equal else 1.0 for t, r in ratios.items()}
@@ -82,6 +85,35 @@ def find_change_rivals(
         if first != change.term:
             found = _replaced(problem, found, change, fits[first][1], settings)
     return ChangeRivals(found, tuple(groups), places, parts)
+
+
+def _alone_as_good(
+    problem: Problem,
+    found: FoundChanges,
+    change: FoundChange,
+    fits: dict[Term, tuple[Explanation, Explanation]],
+    ratios: dict[Term, float],
+    units: Units,
+    settings: ComparisonSettings,
+) -> FoundChanges | None:
+    """A single change that explains as much as all of those that were found: a rival of one of them beside which the
+    others together are worth less than one change has to be. Forward steps that begin with the wrong change repair it
+    with further ones. None where there is no such rival. ratios: of the change and its rivals to the best of them."""
+    others = [c.term for c in found.changes if c.term != change.term]
+    near = sorted((t for t in fits if ratios[t] < settings.search.hardly), key=lambda t: ratios[t])
+    if not others or not near:
+        return None
+    starts = []
+    for term in near:
+        values = _without_foreign_errors(found, fits[term][1])
+        for other in others:
+            values = without_change(values, other)
+        starts.append(values)
+    for term, fit in zip(near, fit_all(problem, starts, settings=settings.results.fit), strict=True):
+        fewer = (len(found.fit.knobs) - len(fit.knobs)) * float(np.log(units.count))
+        if (fit.cost - found.fit.cost) / found.phi - fewer < settings.search.needed:
+            return replace(found, fit=fit, changes=(replace(change, term=term),))
+    return None
 
 
 def _hardly_told(problem: Problem, one: Term, other: Term, ratio: float, settings: ComparisonSettings) -> bool:
@@ -156,8 +188,12 @@ def _replaced(
     problem: Problem, found: FoundChanges, change: FoundChange, by: Explanation, settings: ComparisonSettings
 ) -> FoundChanges:
     """The changes with another one in place of one of them."""
-    own = by.term._replace(changed=False)
-    kept = {k: v for k, v in by.fit.values.items() if k.changed or k in found.fit.values or k.term == own}
-    (fit,) = fit_all(problem, [kept], near=[by.fit], settings=settings.results.fit)
+    (fit,) = fit_all(problem, [_without_foreign_errors(found, by)], near=[by.fit], settings=settings.results.fit)
     changes = tuple(replace(c, term=by.term) if c.term == change.term else c for c in found.changes)
     return replace(found, fit=fit, changes=changes)
+
+
+def _without_foreign_errors(found: FoundChanges, by: Explanation) -> Values:
+    """The values of a rival's fit without the effects on both sets that came from other rivals."""
+    own = by.term._replace(changed=False)
+    return {k: v for k, v in by.fit.values.items() if k.changed or k in found.fit.values or k.term == own}

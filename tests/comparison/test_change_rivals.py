@@ -11,8 +11,8 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.comparison import named, rivals
 from residual_mpc.comparison.likelihood import Explanation
 from residual_mpc.comparison.named import may_be_none
-from residual_mpc.comparison.rivals import ChangeRivals, _hardly_told, find_change_rivals
-from residual_mpc.comparison.search import FoundChange, search_changes
+from residual_mpc.comparison.rivals import ChangeRivals, _alone_as_good, _hardly_told, find_change_rivals
+from residual_mpc.comparison.search import FoundChange, FoundChanges, search_changes
 from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
 from residual_mpc.comparison.space import change_space
@@ -70,6 +70,32 @@ def test_an_effect_on_all_targets_speaks_for_the_one_that_is_named(monkeypatch: 
     other = np.exp(-1.0)
     assert shares[LIMIT_OF_ONE] == pytest.approx(2.0 / (2.0 + other))
     assert shares[LIMIT] == pytest.approx(1.0 / (2.0 + other)) and shares[LATE] == pytest.approx(other / (2.0 + other))
+
+
+@pytest.mark.parametrize(("cost", "expected"), [(1005.0, (LATE,)), (1500.0, None)])
+def test_one_change_that_explains_as_much_as_several_takes_their_place(
+    cost: float, expected: tuple[Term, ...] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As much, save what a change has to explain to be named at all."""
+    lag, own = Term("actuator_lag", None, True), Knob("command_delay", None, "delay")
+    foreign = Knob("track_width", None, "scale")  # an error of both sets that came from another rival
+    values = {Knob(t.effect, None, p, True): 0.1 for t, p in ((LATE, "delay"), (LIMIT, "limit"))}
+    fit: Any = SimpleNamespace(cost=1000.0, knobs=(1, 2), values={})
+    rival: Any = SimpleNamespace(values={**values, own: 0.2, foreign: 1.1})
+    found = FoundChanges(fit, fit, (FoundChange(lag, 0.001), FoundChange(LIMIT, 0.002)), Any, 2.0)
+    fitted: list[Any] = []
+
+    def fit_all(problem: Any, starts: Any, **_: Any) -> list[Any]:
+        fitted.extend(starts)
+        return [SimpleNamespace(cost=cost, knobs=(1, 2), values=v) for v in starts]
+
+    monkeypatch.setattr(rivals, "fit_all", fit_all)
+    fits = {LATE: (Explanation(lag, fit, np.ones(1)), Explanation(LATE, rival, np.ones(1)))}
+    units: Any = SimpleNamespace(count=12)
+    alone = _alone_as_good(Any, found, found.changes[0], fits, {lag: 0.0, LATE: 3.0}, units, ComparisonSettings())
+    assert (None if alone is None else tuple(c.term for c in alone.changes)) == expected
+    assert set(fitted[0]) == {Knob("command_delay", None, "delay", True), own}
+    assert _alone_as_good(Any, found, found.changes[0], fits, {LATE: 21.0}, units, ComparisonSettings()) is None
 
 
 @pytest.mark.parametrize(
