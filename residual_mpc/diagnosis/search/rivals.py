@@ -70,7 +70,7 @@ def find_rivals(
         twins = [r.alike and r.ratio >= tuned.better and are_twins(found.problem, r) for r in here]
         blocks = blocks_of(found.problem.data, settings=settings.fit)
         simple = [is_its_simple_case(fit, r, blocks, settings) for r in here]
-        begun = [_begun_otherwise(fit, r) for r in here]
+        begun = [r.ratio >= tuned.better and _begun_otherwise(fit, r) for r in here]
         same = [any(reasons) for reasons in zip(same, twins, simple, begun, strict=True)]
         here = [replace(r, ratio=0.0, alike=True) if s else r for r, s in zip(here, same, strict=True)]
         rivals += here
@@ -220,6 +220,7 @@ def _fits(
         fresh=new,
         settings=settings.fit,
     )
+    rough = _carried_on(small, starts, rough, new, settings)
     shown = with_shown(small, rough, phi, weight, settings)
     rough = [r if s is None else s for r, s in zip(rough, shown, strict=True)]
     near = [weight * (r.cost - chosen) < additions.early * tuned.far * phi for r in rough]
@@ -230,6 +231,27 @@ def _fits(
     left = [r.values for r, n in zip(rough, near, strict=True) if not n]
     as_they_are = iter(fit_all(problem, left, 0, rough=True, settings=settings.fit))
     return [next(ends if n else as_they_are) for n in near]
+
+
+def _carried_on(
+    small: Problem, starts: list[Values], rough: list[Fit], new: list[frozenset[Knob]], settings: SearchSettings
+) -> list[Fit]:
+    """The rough fits, of which those whose cost has fallen to a small share of what it was go on as many steps again: a
+    start that is far from its minimum is on its way there, not hopeless."""
+    begun = np.einsum("hwn,hwn->h", r := small.residuals(starts), r)
+    going = [i for i, f in enumerate(rough) if f.cost < settings.rivals.falling * begun[i]]
+    if not going:
+        return rough
+    further = fit_all(
+        small,
+        [rough[i].values for i in going],
+        settings.additions.rough,
+        rough=True,
+        fresh=[new[i] for i in going],
+        settings=settings.fit,
+    )
+    by_place = dict(zip(going, further, strict=True))
+    return [by_place.get(i, f) for i, f in enumerate(rough)]
 
 
 def _rim_pairs(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:

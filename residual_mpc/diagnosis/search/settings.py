@@ -133,6 +133,7 @@ class RivalSettings:
     far_smaller: float = 0.6
     of_left: float = 0.5
     hardly: float = 20.0
+    falling: float = 0.05
     works: float = 0.5
     wide_steps: int = 3
     law: float = 0.03
@@ -140,7 +141,7 @@ class RivalSettings:
     def __post_init__(self) -> None:
         check_positive(self, "of_left", "hardly", "parallel", "looked_at", "best", "far", "visible", "gap_steps")
         check_positive(self, "lost", "wide_steps")
-        check_share(self, "resembles", "share", "far_smaller", "works", "law")
+        check_share(self, "resembles", "share", "far_smaller", "falling", "works", "law")
 
 
 @dataclass(frozen=True)
