@@ -73,6 +73,15 @@ def test_a_cause_whose_number_rests_on_its_bound_is_less_sure() -> None:
     assert gain.value == SPACE.bounds(GAIN)[1] and gain.note
 
 
+def test_a_cause_that_may_do_nothing_is_less_sure() -> None:
+    """Where the interval of its size contains none; how it acts (the heading of a slope) has no such value."""
+    causes = found({SCALE: 1.2, GAIN: 1.0, RATE: 0.1, HEADING: 0.0})
+    (gain,) = causes[GAIN.term].parameters
+    assert gain.ci95[0] <= 1.0 <= gain.ci95[1]
+    assert causes[GAIN.term].probability == pytest.approx(TUNED.causes.resting * causes[SCALE.term].probability)
+    assert causes[RATE.term].probability == causes[SCALE.term].probability
+
+
 def test_numbers_come_with_their_units() -> None:
     causes = found({WIDTH: 1.0, SCALE: 1.2, RATE: 0.1, HEADING: 0.5})
     units = {p.name: p.unit for c in causes.values() for p in c.parameters}

@@ -89,9 +89,10 @@ def _explained(prepared: Prepared, refined: Refined, found: WithLaws, rng: np.ra
 
 
 def _still_standing(rivalry: Rivalry, final: Fit) -> Rivalry:
-    """What was said of the effects that are still named. Their rivals were compared without the laws, and are not."""
+    """What was said of the effects that are still named. Their rivals were compared without the laws, and are not: what
+    was added with the laws has no rival, though it may have been one of another effect."""
     groups = tuple(g for g in rivalry.groups if all(t in final.terms for t in g[0]))
-    shares = {t: rivalry.shares.get(t, 1.0) for t in final.terms}
+    shares = {t: rivalry.shares.get(t, 1.0) if t in rivalry.fit.terms else 1.0 for t in final.terms}
     return Rivalry(final, (), groups, shares, final)
 
 

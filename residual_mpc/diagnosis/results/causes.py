@@ -1,7 +1,7 @@
 """The causes of a diagnosis: each chosen effect with its probability, and its numbers with their intervals."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -69,15 +69,21 @@ def causes_of(
         slots = problem.space.slots[term.effect]
         only = slots[0] if len(slots) == 1 and BY_NAME[term.effect].target in ("actuator", "joint", "body") else None
         rests = any(e.note == AT_BOUND for e in estimates)
-        probability = (
-            sure * of.rivalry.shares.get(term, 1.0) * doubt[term] * (settings.causes.resting if rests else 1.0)
-        )
+        unsized = settings.causes.resting if rests or _may_be_none(problem.space, term, estimates) else 1.0
+        probability = sure * of.rivalry.shares.get(term, 1.0) * doubt[term] * unsized
         causes.append(
             Cause(term, probability, tuple(estimates), BY_NAME[term.effect].summary, only, supports[term].evidence)
         )
     if of.with_outliers:
         causes.append(_outliers(of, settings=settings))
     return tuple(causes)
+
+
+def _may_be_none(space: Space, term: Term, estimates: Sequence[Estimate]) -> bool:
+    """Whether the interval of each number that says how much an effect does contains that it does nothing."""
+    sizes = [e for e in estimates if not BY_NAME[term.effect].parameter(e.name).shape]
+    nulls = [space.null(Knob(*term[:2], e.name)) for e in sizes]
+    return bool(sizes) and all(e.ci95[0] <= null <= e.ci95[1] for e, null in zip(sizes, nulls, strict=True))
 
 
 def _law(of: FittedExplanation, term: Term, settings: ResultSettings) -> FittedLaw:
