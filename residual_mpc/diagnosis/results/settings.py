@@ -22,9 +22,9 @@ class CauseSettings:
     which more is left than they can tell, down to the factor least_sure; useful: the share of a constant-velocity
     forecast's squared gap below which the probability falls in proportion to what the explained model removes of it,
     down to that factor. coarse: the most where the model's time step may be the cause. resting: factor on an effect
-    with a number that rests on the bound of what is tried, or that may do nothing by its intervals. doubtful: factor on an effect's probability below which the
-    other numbers' intervals do without it too. apart: half-widths beyond which an interval is that wide since two fits
-    end apart."""
+    with a number that rests on the bound of what is tried, or that may do nothing by its intervals. doubtful:
+    factor on an effect's probability below which the other numbers' intervals do without it too. apart: half-widths
+    beyond which an interval is that wide since two fits end apart."""
 
     form: float = 0.5
     law: float = 0.03
