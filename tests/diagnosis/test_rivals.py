@@ -23,7 +23,7 @@ from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.search import screen, stand_ins
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, judge
 from residual_mpc.diagnosis.search.close_rivals import Rival, too_close
-from residual_mpc.diagnosis.search.rivals import Rivalry, _shares, find_rivals, holds_elsewhere
+from residual_mpc.diagnosis.search.rivals import Rivalry, _shares, _without_needless, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.screen import ScreenedTerm
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found
@@ -248,3 +248,22 @@ def test_the_first_member_of_every_group_stands_in_the_explanation() -> None:
     firsts = {group[0][0] for group in rivalry.groups}
     assert len(firsts) == 2 and firsts != set(found.fit.terms)
     assert set(rivalry.fit.terms) == firsts
+
+
+@pytest.mark.parametrize(("track", "needless"), [(1.0, True), (1.1, False)])
+def test_beside_the_right_rival_what_repaired_the_wrong_effect_goes(track: float, needless: bool) -> None:
+    """And the rest is fitted to the end."""
+    delay, lag = Knob("command_delay", None, "delay"), Knob("actuator_lag", None, "time_constant")
+    wide = Knob("track_width", None, "scale")
+    truth = {"command_delay": {"delay": 0.08}, "track_width": {"scale": track}}
+    found = found_of(truth, {lag: 0.08, wide: track + 0.002}, ("command_delay", "actuator_lag", "track_width"))
+    (poor,) = fit_all(found.problem, [{delay: 0.06, wide: track}], 0)
+    settings, phi = SearchSettings(), found.phi
+    rival = Rival((lag.term,), (delay.term,), poor, 50.0, False)
+    leaner = _without_needless(found.problem, found.fit, rival, phi, settings)
+    assert (leaner.fit.terms == (delay.term,)) == needless == (leaner is not rival)
+    if needless:
+        assert leaner.gone == rival.gone and leaner.ratio < 0.0
+        assert leaner.fit.values[delay] == pytest.approx(0.08, abs=0.003)
+    for other in (replace(rival, alike=True), replace(rival, ratio=400.0)):
+        assert _without_needless(found.problem, found.fit, other, phi, settings) is other

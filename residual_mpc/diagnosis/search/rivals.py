@@ -156,7 +156,30 @@ def _replacements(
         alike = ratio < settings.steps.alike and difference < tuned.parallel * gain
         if came not in out or ratio < out[came].ratio:  # from two starts
             out[came] = Rival(gone, came, other, ratio, alike)
-    return list(out.values())
+    return [_without_needless(problem, fit, r, phi, settings) for r in out.values()]
+
+
+def _without_needless(problem: Problem, fit: Fit, rival: Rival, phi: float, settings: SearchSettings) -> Rival:
+    """The rival without the effects of the chosen set that do nothing beside it, fitted to the end, if that makes it
+    better. A search that begins with the wrong effect repairs it with others, and beside the right one these are in
+    the way: their numbers are to be found as well."""
+    tuned = settings.rivals
+    if rival.alike or not 0.0 < rival.ratio < tuned.leaner:
+        return rival
+    others = [t for t in rival.fit.terms if t not in rival.came]
+    rows = [without(rival.fit.values, t) for t in others]
+    costs = np.einsum("hwn,hwn->h", r := problem.residuals(rows), r) if rows else np.zeros(0)
+    needless = [t for t, cost in zip(others, costs, strict=True) if cost - rival.fit.cost < settings.steps.needed * phi]
+    if not needless:
+        return rival
+    values = rival.fit.values
+    for t in needless:
+        values = without(values, t)
+    (leaner,) = fit_all(problem, [values], settings.steps.thorough_steps, settings=settings.fit)
+    ratio = (leaner.cost - fit.cost) / phi + tuned.per_knob * (len(leaner.knobs) - len(fit.knobs))
+    if ratio >= rival.ratio:
+        return rival
+    return replace(rival, fit=leaner, ratio=ratio)
 
 
 def _difference(problem: Problem, rest: Fit, fit: Fit, other: Fit, settings: SearchSettings) -> tuple[float, float]:

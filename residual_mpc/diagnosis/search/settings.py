@@ -134,13 +134,14 @@ class RivalSettings:
     of_left: float = 0.5
     hardly: float = 20.0
     falling: float = 0.05
+    leaner: float = 350.0
     works: float = 0.5
     wide_steps: int = 3
     law: float = 0.03
 
     def __post_init__(self) -> None:
-        check_positive(self, "of_left", "hardly", "parallel", "looked_at", "best", "far", "visible", "gap_steps")
-        check_positive(self, "lost", "wide_steps")
+        check_positive(self, "of_left", "hardly", "leaner", "parallel", "looked_at", "best", "far", "visible")
+        check_positive(self, "gap_steps", "lost", "wide_steps")
         check_share(self, "resembles", "share", "far_smaller", "falling", "works", "law")
 
 
