@@ -15,15 +15,17 @@ from oracles.rover_log import rover_run
 
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
-from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.data.gap import gap_of, measure_scales
 from residual_mpc.diagnosis.data.settings import DataSettings
 from residual_mpc.diagnosis.diagnose import diagnose
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.options import Options
+from residual_mpc.diagnosis.predict.noise_floor import floor_from
 from residual_mpc.diagnosis.predict.problem import Problem, build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.predict.step_error import step_error, within_step_error
 from residual_mpc.diagnosis.results import causes, gaps
+from residual_mpc.diagnosis.results.own_step import Seen, _explained
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.results.step_shift import finely_stepped
 from residual_mpc.logs.run import Run
@@ -158,3 +160,23 @@ def test_what_is_left_is_mostly_the_step_s_error(error: float | None, left: floa
         left=SimpleNamespace(total=left), looks=[SimpleNamespace(floor=SimpleNamespace(total=0.001))], step_error=error
     )
     assert gaps.ExplanationGaps.left_by_step(found, ResultSettings()) is expected
+
+
+@pytest.mark.parametrize(("missed", "expected"), [(0.0, True), (0.15, True), (0.4, False)])
+def test_a_small_part_of_the_step_s_error_may_be_left(missed: float, expected: bool) -> None:
+    """What is left beyond the noise is this share of the step's error, of another shape."""
+    data = build_dataset(
+        [rover_run("r", {}, 16.0, seed=0)], [DiffDrive("rover", WHEEL_RADIUS, TRACK_WIDTH)], {}, 1.0,
+        settings=DataSettings(),
+    )  # fmt: skip
+    scales, settings = measure_scales(data), ResultSettings()
+    rng = np.random.default_rng(0)
+    noise, step, other = (
+        size * scales.motion * rng.standard_normal(data.y.shape) for size in (0.001, 0.01, missed * 0.01)
+    )
+    draws = [gap_of(data, scales, 0.001 * scales.motion * rng.standard_normal(data.y.shape)) for _ in range(8)]
+    floor = floor_from(draws, data.count, settings=settings.predict)
+    seen = Seen(data, noise + step + other, scales, floor)
+    assert seen.less(1.0, step).beyond_noise(settings) == (missed > 0.0)
+    assert _explained(seen, 1.0, step, settings) is expected
+    assert _explained(seen, 1.0, None, settings) is False

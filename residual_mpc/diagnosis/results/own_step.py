@@ -40,9 +40,10 @@ class Seen:
 
 
 def only_the_step(horizons: Sequence[Seen], row: Settings, settings: ResultSettings) -> bool:
-    """Whether the model (settings, one row), stepped more finely, predicts to within the noise at every horizon, though
-    it does not as it is stepped. How much more finely is fitted, since what made the runs may have a step of its own.
-    That is not asked where the step's error is a small part of the gap at the first."""
+    """Whether the model (settings, one row), stepped more finely, predicts to within the noise at every horizon, or to
+    within a small part of the step's error, though it does not as it is stepped. How much more finely is fitted, since
+    what made the runs may have a step of its own. That is not asked where the step's error is a small part of the gap
+    at the first."""
     first = horizons[0]
     error = step_error(first.data, first.scales, row, settings=settings.data)
     gap = gap_of(first.data, first.scales, first.error).total
@@ -51,9 +52,19 @@ def only_the_step(horizons: Sequence[Seen], row: Settings, settings: ResultSetti
         return False
     apart = first.from_the_step(row)
     share = _share(first, apart, settings)
-    if first.less(share, apart).beyond_noise(settings):
+    if not _explained(first, share, apart, settings):
         return False
-    return not any(s.less(share, s.from_the_step(row)).beyond_noise(settings) for s in horizons[1:])
+    return all(_explained(s, share, s.from_the_step(row), settings) for s in horizons[1:])
+
+
+def _explained(seen: Seen, share: float, apart: np.ndarray | None, settings: ResultSettings) -> bool:
+    """Whether nothing is left beyond the noise without that share of the step's error (W, M, C), or so small a part of
+    that error that the extrapolation to an infinitely small step may have missed it."""
+    left = seen.less(share, apart)
+    if apart is None or not left.beyond_noise(settings):
+        return not left.beyond_noise(settings)
+    rest, step = (gap_of(seen.data, seen.scales, e).total for e in (left.error, share * apart))
+    return bool(rest**2 - seen.floor.total**2 < (settings.gaps.step_rest * step) ** 2)
 
 
 def _share(seen: Seen, apart: np.ndarray | None, settings: ResultSettings) -> float:

@@ -51,7 +51,7 @@ class GapSettings:
     that the headline's may become where a longer horizon gains; useless: gap from which a model that is worse than a
     forecast of constant velocity by `certain` standard errors says nothing; step_part: of the squared gap beyond the
     noise, from which the error of the model's time step may be all of it; step_most: of what effects leave, from which
-    that error is most of it."""
+    that error is most of it; step_rest: share of it up to which what is left without it may be its own inaccuracy."""
 
     least: float = 0.02
     worse: float = 1.02
@@ -59,10 +59,11 @@ class GapSettings:
     certain: float = 2.0
     step_part: float = 0.25
     step_most: float = 0.5
+    step_rest: float = 0.2
 
     def __post_init__(self) -> None:
         check_positive(self, "worse", "useless", "certain")
-        check_share(self, "least", "step_part", "step_most")
+        check_share(self, "least", "step_part", "step_most", "step_rest")
 
 
 @dataclass(frozen=True)
