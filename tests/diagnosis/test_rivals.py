@@ -251,7 +251,7 @@ def test_the_first_member_of_every_group_stands_in_the_explanation() -> None:
 
 
 @pytest.mark.parametrize(("track", "needless"), [(1.0, True), (1.1, False)])
-def test_beside_the_right_rival_what_repaired_the_wrong_effect_goes(track: float, needless: bool) -> None:
+def test_what_made_up_for_the_wrong_effect_is_dropped_beside_the_right_one(track: float, needless: bool) -> None:
     """And the rest is fitted to the end."""
     delay, lag = Knob("command_delay", None, "delay"), Knob("actuator_lag", None, "time_constant")
     wide = Knob("track_width", None, "scale")

@@ -161,8 +161,8 @@ def _replacements(
 
 def _without_needless(problem: Problem, fit: Fit, rival: Rival, phi: float, settings: SearchSettings) -> Rival:
     """The rival without the effects of the chosen set that do nothing beside it, fitted to the end, if that makes it
-    better. A search that begins with the wrong effect repairs it with others, and beside the right one these are in
-    the way: their numbers are to be found as well."""
+    better. A search that begins with the wrong effect makes up for it with others; beside the right one they are in
+    the way, since their numbers have to be found as well."""
     tuned = settings.rivals
     if rival.alike or not 0.0 < rival.ratio < tuned.leaner:
         return rival
