@@ -97,8 +97,8 @@ def _alone_as_good(
     settings: ComparisonSettings,
 ) -> FoundChanges | None:
     """A single change that explains as much as all of those that were found: a rival of one of them beside which the
-    others together are worth less than one change has to be. Forward steps that begin with the wrong change make up
-    for it with further ones. None where there is no such rival. ratios: of the change and its rivals to the best of them."""
+    others together are worth less than one change has to be; None where there is none. Forward steps that begin with
+    the wrong change make up for it with further ones. ratios: of the change and its rivals to the best of them."""
     others = [c.term for c in found.changes if c.term != change.term]
     near = sorted((t for t in fits if ratios[t] < settings.search.hardly), key=lambda t: ratios[t])
     if not others or not near:
