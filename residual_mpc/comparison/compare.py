@@ -23,9 +23,9 @@ from residual_mpc.comparison.rivals import ChangeRivals, find_change_rivals
 from residual_mpc.comparison.search import FoundChanges, leading_change, search_changes, told_apart
 from residual_mpc.comparison.sets import TwoSets
 from residual_mpc.comparison.settings import ComparisonSettings
-from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, jackknife, least_half, to_the_end
+from residual_mpc.comparison.sizes import came_to_nothing, changed_numbers, least_half, to_the_end
 from residual_mpc.comparison.space import ChangeSpace
-from residual_mpc.comparison.thresholds import with_thresholds
+from residual_mpc.comparison.thresholds import spread_of
 from residual_mpc.comparison.units import Units
 from residual_mpc.comparison.visible import smallest_visible
 from residual_mpc.diagnosis.data.dataset import Dataset
@@ -141,12 +141,12 @@ def _judged(
     else:
         whole, units, fit, left = last.problem, last.units, last.found.fit, last.found.left
     moved = tuple(c for c in found.changes if not came_to_nothing(fit, space, c.term))
-    spread = with_thresholds(whole, fit, units, jackknife(fit, units))
+    spread = spread_of(whole, fit, units)
     seen = tuple(c for c in moved if not may_be_none(whole, fit, c.term, rivals, spread, settings))
     if seen != moved:
         kept = {k: v for k, v in fit.values.items() if not k.changed or k.term in {c.term for c in seen}}
         fit = to_the_end(whole, fit_all(whole, [kept], settings=fits)[0], settings.results)
-        spread = with_thresholds(whole, fit, units, jackknife(fit, units))
+        spread = spread_of(whole, fit, units)
     found = replace(found, changes=seen)
     rivals = rivals.of(found)
     jumping = _outliers(given, sets, settings)
@@ -199,8 +199,7 @@ def _leading(last: Searched, settings: ComparisonSettings) -> tuple[str, ...]:
     lead = None if again is None else leading_change(last.problem, again, settings)
     if lead is None:
         return ()
-    term = lead.lead.term
-    spread = with_thresholds(last.problem, lead.fit, last.units, jackknife(lead.fit, last.units))
+    term, spread = lead.lead.term, spread_of(last.problem, lead.fit, last.units)
     half = least_half(last.problem, lead.fit, term, settings)
     numbers = changed_numbers(last.problem, lead.fit, term, spread, half)
     sizes = ", ".join(f"{n.name} {n.change:.3g} {n.unit}".removesuffix(" 1") for n in numbers)

@@ -10,12 +10,12 @@ stretches are divided instead, and the statistic is reduced where runs scatter b
 """
 
 from dataclasses import dataclass
-from itertools import combinations
 from math import comb
 
 import numpy as np
 from scipy.special import ndtri, stdtr, stdtrit
 
+from residual_mpc.comparison.run_divisions import every_division
 from residual_mpc.comparison.run_scatter import RunScatter, run_scatter
 from residual_mpc.comparison.settings import ContrastSettings
 from residual_mpc.comparison.units import Units, averaged
@@ -145,9 +145,7 @@ def _divisions(later: np.ndarray, most: int) -> np.ndarray:
     n, k = len(later), int(later.sum())
     if comb(n, k) > most:
         return np.random.default_rng(most).permuted(np.tile(later, (most, 1)), axis=1)
-    out = np.zeros((comb(n, k), n), dtype=bool)
-    for i, chosen in enumerate(combinations(range(n), k)):
-        out[i, list(chosen)] = True
+    out = every_division(n, k)
     return out[(out != later).any(axis=1)]
 
 

@@ -42,12 +42,18 @@ def p_of_divisions(
     sizes, scores = np.zeros((runs, size.shape[1])), np.zeros((runs, size.shape[1]))
     np.add.at(sizes, at, size / least)
     np.add.at(scores, at, score / least)
-    divisions = np.zeros((count, runs))
-    for i, chosen in enumerate(combinations(range(runs), int(later.sum()))):
-        divisions[i, list(chosen)] = 1.0
-    drops = _drops(divisions, sizes, scores).max(axis=1, initial=0.0)
+    divisions = every_division(runs, int(later.sum()))
+    drops = _drops(divisions.astype(float), sizes, scores).max(axis=1, initial=0.0)
     own = float(_drops(later[None].astype(float), sizes, scores).max(initial=0.0))
     return float(np.mean(drops >= own * (1.0 - SAME))) if own > 0.0 else 1.0
+
+
+def every_division(n: int, k: int) -> np.ndarray:
+    """(L, n) bool: all divisions of n things into k later ones and the others."""
+    out = np.zeros((comb(n, k), n), dtype=bool)
+    for i, chosen in enumerate(combinations(range(n), k)):
+        out[i, list(chosen)] = True
+    return out
 
 
 def combined(one: np.ndarray, other: float | None) -> np.ndarray:

@@ -8,13 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual_mpc.comparison.sizes import Spread
+from residual_mpc.comparison.sizes import Spread, jackknife
 from residual_mpc.comparison.units import Units
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
 
 GRID = np.array([0.5, 0.7, 0.8, 0.88, 0.94, 0.97, 0.985, 1.0, 1.015, 1.03, 1.06, 1.12, 1.2, 1.3, 1.5])  # of the value
+
+
+def spread_of(problem: Problem, fit: Fit, units: Units) -> Spread:
+    """How well the units tell each number of a fit."""
+    return with_thresholds(problem, fit, units, jackknife(fit, units))
 
 
 def with_thresholds(problem: Problem, fit: Fit, units: Units, spread: Spread) -> Spread:

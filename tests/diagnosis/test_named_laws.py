@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from residual_mpc.diagnosis.laws.named import named_twin, replaced, taken_up
 from residual_mpc.diagnosis.laws.propose import Proposal, proposal
 from residual_mpc.diagnosis.laws.settings import LawSettings
 from residual_mpc.diagnosis.laws.shapes import Shape, richer
+from residual_mpc.diagnosis.phases.laws import _still_standing
 from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.diagnosis.search.rivals import Rivalry
 from residual_mpc.effects.laws import KINDS, LawKind, curve_shape
 from residual_mpc.effects.library import HOSTED
 from residual_mpc.models.settings import Knob, Term
@@ -86,3 +90,11 @@ def test_richer_shapes_span_the_quantity() -> None:
     constant = replace(line, form="constant", free=("start",))
     assert richer(kind_of("torque", "position"), constant, z, settings) == ()  # an offset, which has a name
     assert [s.form for s in richer(kind_of("strength", "load"), constant, z, settings)] == ["bend", "curve"]
+
+
+def test_what_is_added_beside_a_law_has_no_share_of_another_place() -> None:
+    """It may have been a rival, and a bad one, of an effect that is still named."""
+    zone, friction = Term("dead_zone", "j1"), Term("coulomb_friction", "j1")
+    before, final = (SimpleNamespace(terms=t) for t in ((zone,), (zone, friction)))
+    rivalry: Any = Rivalry(before, (), (), {zone: 0.8, friction: 1e-44}, before)  # type: ignore[arg-type]
+    assert _still_standing(rivalry, final).shares == {zone: 0.8, friction: 1.0}  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ from residual_mpc.diagnosis.fit.settings import FitSettings
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.search import screen, stand_ins
+from residual_mpc.diagnosis.search import rivals, screen, stand_ins
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler, judge
 from residual_mpc.diagnosis.search.close_rivals import Rival, too_close
 from residual_mpc.diagnosis.search.rivals import Rivalry, _shares, _without_needless, find_rivals, holds_elsewhere
@@ -252,7 +252,7 @@ def test_the_first_member_of_every_group_stands_in_the_explanation() -> None:
 
 @pytest.mark.parametrize(("track", "needless"), [(1.0, True), (1.1, False)])
 def test_what_made_up_for_the_wrong_effect_is_dropped_beside_the_right_one(track: float, needless: bool) -> None:
-    """And the rest is fitted to the end."""
+    """The remaining effects are then fitted to convergence."""
     delay, lag = Knob("command_delay", None, "delay"), Knob("actuator_lag", None, "time_constant")
     wide = Knob("track_width", None, "scale")
     truth = {"command_delay": {"delay": 0.08}, "track_width": {"scale": track}}
@@ -267,3 +267,11 @@ def test_what_made_up_for_the_wrong_effect_is_dropped_beside_the_right_one(track
         assert leaner.fit.values[delay] == pytest.approx(0.08, abs=0.003)
     for other in (replace(rival, alike=True), replace(rival, ratio=400.0)):
         assert _without_needless(found.problem, found.fit, other, phi, settings) is other
+
+
+def test_a_rough_fit_goes_on_where_its_cost_has_fallen_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    fits: list[Any] = [SimpleNamespace(cost=cost, values=i) for i, cost in enumerate((4.0, 6.0))]
+    small: Any = SimpleNamespace(residuals=lambda rows: np.full((2, 1, 1), 10.0))  # a cost of 100 at the start
+    monkeypatch.setattr(rivals, "fit_all", lambda problem, starts, *_, **__: [("further", v) for v in starts])
+    found = rivals._carried_on(small, [{}, {}], fits, [frozenset(), frozenset()], SearchSettings())
+    assert found == [("further", 0), fits[1]]

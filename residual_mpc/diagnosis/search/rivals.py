@@ -160,7 +160,7 @@ def _replacements(
 
 
 def _without_needless(problem: Problem, fit: Fit, rival: Rival, phi: float, settings: SearchSettings) -> Rival:
-    """The rival without the effects of the chosen set that do nothing beside it, fitted to the end, if that makes it
+    """The rival without those effects of the chosen set that do nothing beside it, fitted to convergence, where that is
     better. A search that begins with the wrong effect makes up for it with others; beside the right one they are in
     the way, since their numbers have to be found as well."""
     tuned = settings.rivals
