@@ -1,4 +1,7 @@
-"""Default settings for an arm, from its ranges and the limits of its actuators."""
+"""Default settings: for an arm from its ranges and the limits of its actuators, for a robot that drives from the wheel
+speeds that its reference needs."""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,16 +15,18 @@ CHANGE = {"position": 0.05, "velocity": 0.1, "torque": 0.05}  # change per sampl
 FAINT = 100.0  # times the range: commands that cost 1, so that commands cost almost nothing
 MARGIN = 0.02  # rad or m, distance of the soft limit from the end of a joint's range
 PRICE = 1000.0  # per rad or m, for violating it
+SPARE = 1.5  # times the fastest wheel speed of the reference: what a robot that drives may command
 PUSH = 100.0  # linear penalty of a force of twice the servo's limit; the quadratic one is half of it
 
 
-def usual_settings(model: Augmented) -> MpcSettings:
+def usual_settings(model: Augmented, fastest: float | None = None) -> MpcSettings:
     """Weights from the range of each command, hard limits on commands and rates, and soft limits on joint positions and
-    servo forces. For a robot that drives, those of the small rover.
+    servo forces. For a robot that drives, those of the small rover, scaled to wheels whose fastest command (rad/s) on
+    the reference is `fastest`.
     """
     at = model.stepped
     if not at.rates:
-        return MpcSettings()
+        return MpcSettings() if fastest is None else _scaled(MpcSettings(), fastest)
     low, high = (np.array(side) for side in zip(*at.reach, strict=True))
     kinds, width = model.robot.command_kinds, np.ptp(np.array(at.reach), axis=1)
     typical = [CHANGE[k] * (1.0 if k == "position" else w) for k, w in zip(kinds, width.tolist(), strict=True)]
@@ -40,4 +45,18 @@ def usual_settings(model: Augmented) -> MpcSettings:
     return MpcSettings(
         weights=Weights(error, tuple((FAINT * width).tolist()), tuple(typical)),
         limits=Limits(tuple(low.tolist()), tuple(high.tolist()), tuple(rate), soft),
+    )
+
+
+def _scaled(rover: MpcSettings, fastest: float) -> MpcSettings:
+    """The rover's settings with limits and weights of commands in proportion to SPARE times the fastest command."""
+    most = max(SPARE * fastest, 1e-3)
+    times = most / float(np.max(rover.limits.upper))
+    weights, limits = rover.weights, rover.limits
+    return replace(
+        rover,
+        weights=replace(
+            weights, command=float(np.max(weights.command)) * times, change=float(np.max(weights.change)) * times
+        ),
+        limits=replace(limits, lower=-most, upper=most, rate=float(np.max(limits.rate)) * times),
     )

@@ -52,7 +52,7 @@ class DiffDrive:
         robot = (self.name,)
         return {
             **dict.fromkeys(("command", "strength", "limit", "output", "play", "roundness"), WHEELS),
-            **dict.fromkeys(("rolling", "rim", "side", "drift", "point", "samples"), robot),
+            **dict.fromkeys(("pair", "rolling", "rim", "side", "drift", "point", "samples"), robot),
             **dict.fromkeys(("delay", "filter", "clock"), ("pose",)),
             "rate": RATES,
             "offset": ("pose.theta", "twist.theta"),

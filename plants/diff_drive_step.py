@@ -6,11 +6,12 @@ remember as states, so that the step can be differentiated and put into an optim
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 
 from residual_mpc.effects.chain import OUTPUT, Chain, chain_of, speed_chains
-from residual_mpc.effects.effect import Site
+from residual_mpc.effects.effect import Effect, Site
 from residual_mpc.effects.ground import ground_twist, radius_factor, with_fitted_rates, world_drift
 from residual_mpc.effects.laws import rounded
 from residual_mpc.effects.library import BY_NAME, ORDER, present
@@ -27,7 +28,7 @@ COMMANDS = ("command.left", "command.right")  # rad/s
 RATES = ("forward", "sideways", "yaw")  # of the base, in its own frame
 GROUND: tuple[Site, ...] = ("rolling", "roundness", "rim", "side", "drift", "rate")
 SLOTS: Mapping[int, tuple[str, ...]] = {1: ("",), 2: WHEELS, 3: RATES}  # by number
-HOSTED = frozenset(("command", *OUTPUT, "play", *GROUND))  # what a sensor reports is the estimator's part
+HOSTED = frozenset(("command", *OUTPUT, "pair", "play", *GROUND))  # what a sensor reports is the estimator's part
 ENDLESS = 1e4  # rad/s for a wheel that has no limit: a smoothed minimum would make NaN of infinity
 UNIT = dict(zip((*POSE, *BODY, *WORLD), ("m", "m", "rad", *("m/s", "m/s", "rad/s") * 2), strict=True))
 
@@ -38,8 +39,8 @@ class DriveStep:
 
     dt: float  # s
     ground: tuple[str, ...]  # names of the effects between wheels and ground
-    sent: Chain  # of a command on its way to a motor
-    driven: Chain  # of a motor's speed on its way to the rim, play last
+    wheels: tuple[Chain, ...]  # of a wheel from its command to its rim, play last
+    pairs: tuple[Effect, ...]  # on the two wheels together, each between one of these chains and the next
     span: int  # past speeds a wheel, over which its acceleration is taken; 0 where nothing asks for it
     options: StepOptions
     index: Mapping[tuple[str, str, str], int]  # (effect, slot, parameter) -> place in p
@@ -47,12 +48,12 @@ class DriveStep:
     @property
     def states(self) -> tuple[str, ...]:
         """Pose first, then what is remembered, newest first."""
-        names = [*POSE, *self.sent.states, *self.driven.states]
+        names = [*POSE, *(s for chain in self.wheels for s in chain.states)]
         names += [f"speed.{wheel}.{j}" for wheel in WHEELS for j in range(1, self.span + 1)]
         names += [f"angle.{wheel}" for wheel in WHEELS if self.uneven]
         names += [f"last.{s}" for s in self.options.remember]
         names += [f"disturbance.{s}" for s in self.options.disturbances]
-        if self.driven.timed:
+        if any(chain.timed for chain in self.wheels):
             names.append("clock")
         return tuple(names)
 
@@ -74,7 +75,7 @@ class DriveStep:
         new: dict[str, Array] = {}
         ground = {e: self._values(e, "", p) for e in self.ground if BY_NAME[e].place not in ("rate", "roundness")}
         laws = [{e: self._values(e, r, p) for e in self.ground if BY_NAME[e].place == "rate"} for r in RATES]
-        wheel = [self._wheel(kinks, w, u[i], p, now, new) for i, w in enumerate(WHEELS)]
+        wheel = self._driven(kinks, u, p, now, new)
         body = with_fitted_rates(rounded(kinks), self._ground(kinks, wheel, ground, p, now, new), laws)
         signals: dict[str, Array] = dict(zip(BODY, body, strict=True))
         signals |= dict(zip(COMMANDS, u, strict=True))
@@ -114,17 +115,23 @@ class DriveStep:
         slot = wheel if (effect, wheel, BY_NAME[effect].parameters[0].name) in self.index else ""
         return {q.name: p[self.index[effect, slot, q.name]] for q in BY_NAME[effect].parameters}
 
-    def _wheel(
-        self, kinks: Kinks, wheel: str, u: Array, p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
-    ) -> Array:
-        """Mean speed of a wheel over the step, rad/s, from its command; fills its part of the new memory."""
+    def _driven(
+        self, kinks: Kinks, u: Sequence[Array], p: Sequence[Array], now: Mapping[str, Array], new: dict[str, Array]
+    ) -> list[Array]:
+        """Mean speeds of the two wheels over the step, rad/s, from their commands; fills their new memory."""
 
         def values(effect: str, target: str) -> dict[str, Array]:
             return self._values(effect, target, p)
 
-        motor = self.sent(kinks, wheel, u, values, now, new)
         clock = now["clock"] + 0.5 * self.dt if "clock" in now else 0.0
-        return self.driven(kinks, wheel, motor, values, now, new, clock)
+        wheel = list(u)
+        for chain, pair in zip_longest(self.wheels, self.pairs):
+            wheel = [chain(kinks, w, wheel[i], values, now, new, clock) for i, w in enumerate(WHEELS)]
+            if pair is not None:
+                assert pair.step is not None
+                ops = kinks.exact if pair.kink == "none" else kinks.rough(1.0)
+                wheel = list(pair.step(ops, self._values(pair.name, "", p), wheel[0], wheel[1]))
+        return wheel
 
     def _ground(
         self, kinks: Kinks, w: Sequence[Array], effects: Mapping[str, Mapping[str, Array]], p: Sequence[Array],
@@ -179,10 +186,10 @@ def drive_step(
     effects = {e: settings.effects[e] for e in live}
     span = max(1, round(response / options.dt)) if any(present(effects, "rim")) else 0
     index = {(n.effect, n.slot, n.parameter): i for i, n in enumerate(numbers)}
-    sent, turned = speed_chains(effects, WHEELS, options.dt)
-    driven = turned.then(chain_of(effects, ("play",), WHEELS, options.dt))
+    (*first, last), pairs = speed_chains(effects, WHEELS, options.dt)
+    wheels = (*first, last.then(chain_of(effects, ("play",), WHEELS, options.dt)))
     ground = tuple(e.name for e, _ in present(effects, *GROUND))
-    step = DriveStep(options.dt, ground, sent, driven, span, options, index)
+    step = DriveStep(options.dt, ground, wheels, pairs, span, options, index)
     value = {(n.effect, n.slot, n.parameter): n.value for n in numbers}
 
     def values(effect: str, wheel: str) -> dict[str, float]:
@@ -190,7 +197,9 @@ def drive_step(
                 for q in BY_NAME[effect].parameters}  # fmt: skip
 
     still = dict.fromkeys(WHEELS, 0.0)
-    resting = {**sent.resting(still, values), **driven.resting(still, values), "clock": options.clock}
+    resting = {"clock": options.clock}
+    for chain in wheels:
+        resting |= chain.resting(still, values)
     rest = np.array([resting.get(s, 0.0) for s in step.states])
     return Stepped(
         options.dt, step.states, POSE, tuple(_unit(s) for s in step.states), WHEELS, tuple(numbers),

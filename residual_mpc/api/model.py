@@ -11,6 +11,7 @@ import numpy as np
 
 from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
+from residual_mpc.api.shapes import check_last
 from residual_mpc.api.written import Source, name_robot_file, written
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
@@ -106,11 +107,16 @@ class AugmentedModel:
         return self._compiled.f
 
     def step(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """x+ (..., nx) from x (..., nx) and u (..., nu), in numpy."""
+        """x+ (..., nx) from x (..., nx) and u (..., nu), in numpy. Raises BadInput for arrays of another size."""
+        for name, given, names in (("x", x, self.states), ("u", u, self.commands)):
+            check_last(name, given, names)
         return self.augmented.numpy_step(x, u)
 
     def linearize(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A = dx+/dx (nx, nx) and B = dx+/du (nx, nu) at x (nx,), u (nu,), exact but for kinks."""
+        """A = dx+/dx (nx, nx) and B = dx+/du (nx, nu) at x (nx,), u (nu,), exact but for kinks. Raises BadInput for
+        arrays of another size."""
+        for name, given, names in (("x", x, self.states), ("u", u, self.commands)):
+            check_last(name, given, names)
         _, a, b = self._compiled.stage(x, u, self.p)
         return np.array(a), np.array(b)
 
@@ -159,8 +165,14 @@ class AugmentedModel:
 
         Args:
             horizon: steps.
-            settings: controllers.settings.MpcSettings with the weights and limits of the robot; None for the rover's.
+            settings: controllers.settings.MpcSettings with the weights and limits of the robot; None for
+                `controllers.usual.usual_settings`: of a robot that drives those of a small rover, 12 rad/s at most.
+
+        Raises:
+            BadInput: a horizon of fewer than two steps.
         """
+        if not isinstance(horizon, int) or horizon < 2:
+            raise BadInput(f"the horizon must be at least two steps, got {horizon!r}", "horizon", "give a whole number")
         return _controller("mpc")(self.augmented, horizon, settings)
 
     def lqr(self, path: np.ndarray, settings: Any = None) -> Any:
@@ -169,7 +181,17 @@ class AugmentedModel:
         Args:
             path: (n, ny) what is tracked, a row a sample of dt.
             settings: as in `mpc`.
+
+        Raises:
+            BadInput: a path of another width, or with values that are not finite.
         """
+        tracked = self.augmented.stepped.tracked
+        check_last("path", path, tracked)
+        if np.ndim(path) != 2 or not len(path) or not np.isfinite(path).all():
+            raise BadInput(
+                f"the path must have a row a sample and finite values, got {np.shape(path)} with "
+                f"{np.count_nonzero(~np.isfinite(path))} that are not", "path", f"give (n, {len(tracked)}) values",
+            )  # fmt: skip
         return _controller("lqr")(self.augmented, path, settings)
 
     def to_frame(self) -> "DataFrame":
@@ -242,8 +264,8 @@ def augment(
         logged: values of logged columns that laws of the model depend on; of others, the mean over the diagnosed runs.
 
     Raises:
-        BadInput: a model of another robot, a column that no law depends on, a network learned on other effects, or a
-            residual that contains no network.
+        BadInput: a time step that is not positive, a model of another robot, a column that no law depends on, a network
+            learned on other effects, or a residual that contains no network.
     """
     above = None if residual is None else written(residual)
     below = above if diagnosis is None else written(diagnosis)
@@ -266,7 +288,9 @@ def augment(
     settings_from(source, robot.model)  # refuses what is of another robot
     explanation = () if below is None else tuple(below.content.get("explanation", ()))
     found = below.content if below is not None and "explanation" in below.content else None
-    build = Build(dt or usual, smooth, disturbances, logged=dict(logged or {}))
+    if dt is not None and not (isinstance(dt, int | float) and 0.0 < dt < np.inf):
+        raise BadInput(f"the time step must be a positive number of seconds, got {dt!r}", "dt", "give it in seconds")
+    build = Build(usual if dt is None else dt, smooth, disturbances, logged=dict(logged or {}))
     return AugmentedModel(robot, source, build, explanation, found)
 
 

@@ -25,6 +25,7 @@ class Level:
     changed: bool = False  # the effect begins or ends in the middle of the runs, or differs between them
     slow: bool = False  # effects under the noise over one second, above it over ten
     long: bool = False  # an effect that many seconds or many turns of a wheel show
+    base: bool = False  # an effect of what decides on both wheels' speeds together
     servo: bool = False  # an effect of servos, springs, stops or the mounting
     misspecified: bool = False  # the model is wrong in ways that no library names, beside the effects
     ratio: tuple[float, float] = (2.5, 18.0)  # least and most gap that one effect adds, over the noise floor
@@ -53,6 +54,7 @@ LEVELS: dict[str, Level] = {
         Level("slow", (1, 2), slow=True, ratio=(3.0, 15.0)),
         Level("servo", (1, 1), servo=True),
         Level("long", (1, 1), long=True),
+        Level("base", (1, 1), base=True),
         Level("misspecified", (1, 2), misspecified=True, ratio=(4.0, 50.0), rest=(5.0, 30.0)),
     )
 }

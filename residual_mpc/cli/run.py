@@ -139,5 +139,7 @@ def _show(title: str, result: dict[str, Any]) -> None:
             f"  {name:<10} tracking {off}   H2 {norm}   "
             f"{c['solve_ms']['median']:.2f} ms a step, {c['failures']} failures{late}{got}"
         )
+    for note in result.get("notes", ()):
+        click.echo(f"  note: {note}")
     if "h2_norm" in result:
         click.echo(f"  H2 norm {result['h2_norm']['first']:.3f} -> {result['h2_norm']['last']:.3f}")

@@ -3,6 +3,7 @@ at once in numpy (`command_chain`, `speed_chain`) and for one step in any array 
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -49,8 +50,8 @@ def speed_chain(effects: Effects, u: np.ndarray, on: np.ndarray | None, clock: n
         if not effect.inertial:
             u = through_commands(effect, p, u, dt)
     y = u if on is None else u * on
-    for effect, p in present(effects, *OUTPUT):
-        y = through_outputs(effect, p, y, clock, dt)
+    for effect, p in present(effects, *OUTPUT, "pair"):
+        y = through_pair(effect, p, y) if effect.port == "pair" else through_outputs(effect, p, y, clock, dt)
     for effect, p in on_command(effects, direct):
         if effect.inertial:
             y = through_commands(effect, p, y, dt)
@@ -101,6 +102,13 @@ def through_outputs(effect: Effect, p: Values, y: np.ndarray, clock: np.ndarray,
         return in_turn(lambda k, now, memory: step(NUMPY, p, memory, now, time[:, k], dt), y, memory)
 
     return where_it_acts(effect, p, y, through)
+
+
+def through_pair(effect: Effect, p: Values, y: np.ndarray) -> np.ndarray:
+    """What an effect on two wheels together makes of their speeds y (B, K, 2), left and right; p: (B, 1) each."""
+    assert effect.step is not None
+    left, right = effect.step(NUMPY, p, y[..., 0], y[..., 1])
+    return np.stack([left, right], axis=-1)
 
 
 def where_it_acts(
@@ -230,11 +238,22 @@ def chain_of(
     return Chain(tuple(here), targets, dt, names)
 
 
-def speed_chains(effects: Effects, targets: tuple[str, ...], dt: float) -> tuple[Chain, Chain]:
-    """What `speed_chain` does to a command until it drives the motor, and to the motor's speed until the play."""
-    sent = chain_of(effects, ("command",), targets, dt, inertial=False)
-    lagged = chain_of(effects, ("command",), targets, dt, inertial=True)
-    return sent, chain_of(effects, OUTPUT, targets, dt).then(lagged)
+def speed_chains(effects: Effects, targets: tuple[str, ...], dt: float) -> tuple[tuple[Chain, ...], tuple[Effect, ...]]:
+    """What `speed_chain` does to a command until the play: chains of each wheel, and the effects on the pair of wheels
+    that act between one chain and the next."""
+    pairs = [e for e, _ in present(effects, "pair")]
+    chains = [chain_of(effects, ("command",), targets, dt, inertial=False)]
+    output = chain_of(effects, OUTPUT, targets, dt)
+    for before, after in pairwise([None, *pairs, None]):
+        part = [
+            e
+            for e in output.effects
+            if (before is None or e.rank >= before.rank) and (after is None or e.rank < after.rank)
+        ]
+        chains.append(replace(output, effects=tuple(part), names={e.name: output.names[e.name] for e in part}))
+    chains[:2] = [chains[0].then(chains[1])]
+    chains[-1] = chains[-1].then(chain_of(effects, ("command",), targets, dt, inertial=True))
+    return tuple(chains), tuple(pairs)
 
 
 def leaves(memory: Any) -> list[Any]:

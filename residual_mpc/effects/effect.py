@@ -9,12 +9,12 @@ from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.effects.phrase import Noun, Phrase
 
 Stage = Literal["command", "actuator", "body", "contact", "sensor"]
-Port = Literal["command", "output", "speed", "servo", "friction", "torque", "ground", "sensor", "model", "law"]
+Port = Literal["command", "output", "pair", "speed", "servo", "friction", "torque", "ground", "sensor", "model", "law"]
 TargetKind = Literal["actuator", "joint", "body", "channel", "robot"]
 Reference = Literal[
     "one", "command", "command/time", "output", "speed", "torque", "torque/speed", "torque/motion", "extremes",
     "reach", "inertia", "mass", "length", "play", "1/run",
-    "1/torque",
+    "1/torque", "turn",
 ]  # fmt: skip
 Values = Mapping[str, Array]  # parameter name -> value, an array that broadcasts over the signal
 
@@ -26,6 +26,7 @@ Site = Literal[
     "speed limit",  # a limit of the actuator's output that depends on its speed
     "servo",  # how a position servo turns its error into a force
     "output",  # any other change of the actuator's output
+    "pair",  # the speeds of two wheels together
     "play",  # free motion between motor and link
     "spring",  # elasticity between motor and link
     "dry friction",  # a constant torque against a joint's motion
@@ -90,8 +91,8 @@ class Parameter:
     actuator's largest; "torque/speed" and "torque/motion" the torque over the joint's typical speed and over the size
     of its motion; "command/time" the command's range in one second; "1/run" is one over the longest run, 1/s,
     "1/torque" one over the torque; "extremes" stands for the highest (a positive probe) and the lowest (a negative one)
-    position that the runs reach; "reach" is a radian, or for a joint that slides its range in the runs; "inertia",
-    "mass", "length" and "play" are the robot's own).
+    position that the runs reach; "turn" is the peak of half the difference of two wheels' speeds; "reach" is a radian,
+    or for a joint that slides its range in the runs; "inertia", "mass", "length" and "play" are the robot's own).
     """
 
     name: str
@@ -126,6 +127,7 @@ class Effect:
     - command:  start(ops, p, u, dt) -> memory;  step(ops, p, memory, u, dt) -> (u, memory)
     - output:   start(ops, p, y) -> memory;  step(ops, p, memory, y, clock, dt) -> (y, memory); clock is s since the
       run began
+    - pair:     step(ops, p, left, right) -> (left, right), the speeds of two wheels, rad/s
     - speed:    step(ops, p, w) -> lowest and highest output at the actuator's speed w, rad/s
     - servo:    step(ops, p, x, error, dt) -> x after dt, which is added to the setpoint of a position servo
     - friction: step(ops, p, w, tau) -> torque against the motion, N m (times sgn(w))

@@ -41,13 +41,17 @@ class Waypoints:
         return np.asarray(PchipInterpolator(self.t, self.values)(np.clip(t, self.t[0], self.t[-1])))
 
     def ordered(self, names: tuple[str, ...], where: str) -> "Waypoints":
-        """The columns in the order of these names. Raises BadInput where one is missing."""
+        """The columns in the order of these names, headings without jumps of a whole turn. Raises BadInput where a
+        column is missing."""
         missing = [n for n in names if n not in self.names]
         if missing:
             raise BadInput(
                 f"the reference has no column {missing[0]!r}", where, f"give t (s) and {', '.join(names)} (rad or m)"
             )
-        return replace(self, names=names, values=self.values[:, [self.names.index(n) for n in names]])
+        values = self.values[:, [self.names.index(n) for n in names]]
+        turning = [i for i, n in enumerate(names) if n == "pose.theta"]
+        values[:, turning] = np.unwrap(values[:, turning], axis=0)
+        return replace(self, names=names, values=values)
 
 
 def read_reference(path: Path) -> Waypoints:
@@ -65,8 +69,8 @@ def read_reference(path: Path) -> Waypoints:
     if "t" not in table or len(table.columns) < 2 or len(table) < 2:
         raise BadInput(
             f"the reference must have a column t, at least one other column and two rows, got the columns"
-            f" {', '.join(map(str, table.columns))} and {len(table)} rows", str(path),
-            "give t (s) and position.<joint> (rad, m) or tool.x, tool.y, tool.z (m)",
+            f" {', '.join(map(str, table.columns))} and {len(table)} row{'' if len(table) == 1 else 's'}", str(path),
+            "give t (s) and position.<joint> (rad, m), tool.x, tool.y, tool.z (m) or pose.x, pose.y, pose.theta",
         )  # fmt: skip
     values = table.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
     if not np.isfinite(values).all():

@@ -29,11 +29,14 @@ from residual_mpc.models import optional
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Values
+from scenarios.own.guarded import Guarded, guarded
 from scenarios.own.inverse import posture_at
 from scenarios.own.plant import NoisySensors, plant_of
 from scenarios.own.reference import Waypoints, is_of_the_tool, named_motion, read_reference
 
-NOISE = 2e-4  # rad or m, 1-sigma, of an encoder without an entry in the robot file
+# 1-sigma of a sensor without an entry in the robot file: rad or m of an encoder, m and rad of a localisation
+NOISE, LOCALISED = 2e-4, {"pose.x": 0.002, "pose.y": 0.002, "pose.theta": 0.006}
+LOST = 0.5  # share of a channel's samples that are missing, above which the result says so
 DRIFT = 0.01  # rad/sqrt(s) or m/sqrt(s), process noise of the estimator's positions
 CONTROLLERS = ("nominal", "augmented", "oracle")
 
@@ -53,8 +56,9 @@ class OwnScenario:
     robot: the nominal robot. model: the augmented model; its dt is the sample time. reference: the name of a motion, a
     CSV file or waypoints, in joint space or, with columns `tool.*`, in tool space. plant: builds the plant; None: the
     robot in MuJoCo at a shorter step, with the effects `withheld`, by default those of the model. settings: of the
-    controllers; None for `usual_settings`. noise: 1-sigma of the encoders, overrides the robot file. controllers: those
-    of "nominal", "augmented" and "oracle" that drive; by default all.
+    controllers; None for `usual_settings`. noise: 1-sigma of noise that is added to the readings, which the estimators
+    expect as well; what is not named here they expect as the robot file says, and a plant of your own gets none.
+    controllers: those of "nominal", "augmented" and "oracle" that drive; by default all.
 
     Raises BadInput for an unknown controller, and for withheld effects beside a plant, which would not have them.
     """
@@ -91,6 +95,7 @@ class OwnScenario:
         result["controller"] = options.controller
         result["tracked"] = list(names)
         result["unit"] = unit_of(names, optional.sliding(self.robot.model))
+        result["notes"] = _notes(comparison)
         if options.out is not None:
             from scenarios.own.figures import write
 
@@ -105,14 +110,15 @@ class OwnScenario:
         nominal = models["nominal"]
         reference = self._waypoints(nominal).ordered(nominal.stepped.tracked, str(self.reference))
         begin = posture_at(nominal, reference.path(np.zeros(1))[0])
-        settings = replace(self.settings or usual_settings(nominal), budget=options.budget)
         dt = self.model.dt
+        settings = self.settings or usual_settings(nominal, _fastest(nominal, reference, dt))
+        settings = replace(settings, budget=options.budget)
         stacks = {}
         chosen = {name: model for name, model in models.items() if name in (self.controllers or models)}
         for i, (name, model) in enumerate(chosen.items()):
             progress(f"building the controllers: {name}", 0.1 * i)
             stacks[name] = self._stack(model, settings, reference, begin, options)
-        simulator = NoisySensors(self._simulator(), self._sigma(nominal))
+        simulator = self._simulator(nominal)
         seeds = tuple(range(options.seed, options.seed + options.seeds))
         comparison = compare(
             simulator, stacks, reference, LoopSettings(reference.seconds, dt), seeds, (),
@@ -147,14 +153,17 @@ class OwnScenario:
             return read_reference(path)
         return named_motion(str(self.reference), nominal)
 
-    def _simulator(self) -> Simulator:
-        if self.plant is not None:
-            return self.plant(self.robot.file, self.model.dt)
+    def _simulator(self, nominal: Augmented) -> Simulator:
+        make = self.plant
+        if make is not None:
+            own = guarded("--plant", "the factory", lambda: make(self.robot.file, self.model.dt))
+            poses = tuple(nominal.stepped.poses)
+            return NoisySensors(Guarded(own, poses, "--plant"), {c: self.noise.get(c, 0.0) for c in poses})
         withheld = model_in(self.model.source)[1] if self.withheld is None else self.withheld
-        return plant_of(self.robot.model, withheld, self.model.dt)
+        return NoisySensors(plant_of(self.robot.model, withheld, self.model.dt), self._sigma(nominal))
 
     def _sigma(self, nominal: Augmented) -> dict[str, float]:
-        known = {**self.robot.file.noise, **self.noise}
+        known = {**LOCALISED, **self.robot.file.noise, **self.noise}
         return {c: known.get(c, NOISE) for c in nominal.stepped.poses}
 
     def _stack(
@@ -171,6 +180,29 @@ class OwnScenario:
         samples = round(reference.seconds / model.build.dt) + 1 + settings.horizon
         path = reference.path(model.build.dt * np.arange(samples))
         return ControlStack(estimator, build_lqr(model, path, settings, begin))
+
+
+def _fastest(nominal: Augmented, reference: Waypoints, dt: float) -> float | None:
+    """rad/s, the fastest wheel that the nominal model needs to follow the reference; None for a robot that does not
+    drive."""
+    inverse = getattr(nominal.robot, "outputs_from", None)
+    if inverse is None or nominal.stepped.rates:
+        return None
+    t = np.arange(0.0, reference.seconds + 0.5 * dt, dt)
+    path = reference.path(t)
+    names = nominal.stepped.tracked
+    value = dict(zip(names, 0.5 * (path[1:] + path[:-1]).T, strict=True))
+    rate = dict(zip(names, np.diff(path, axis=0).T / dt, strict=True))
+    return float(np.max(np.abs(list(inverse(value, rate).values())), initial=0.0))
+
+
+def _notes(comparison: Comparison) -> list[str]:
+    """What a reader of the errors has to know beside them."""
+    lost: dict[str, float] = {}
+    for episode in (e for es in comparison.episodes.values() for e in es):
+        for channel, values in episode.measured.items():
+            lost[channel] = max(lost.get(channel, 0.0), float(np.mean(np.isnan(values))))
+    return [f"{c} is missing in {share:.0%} of the samples" for c, share in lost.items() if share > LOST]
 
 
 def drive(

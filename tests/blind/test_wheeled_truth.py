@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 from plants.blind_families.strength import planar_ratio
-from plants.blind_families.wheeled.effects import EVERY, LONG_PLANTINGS, PLANTINGS, Draw, PoseSensor, Rover, draw_effect
+from plants.blind_families.wheeled.effects import (
+    BASE_PLANTINGS,
+    EVERY,
+    LONG_PLANTINGS,
+    PLANTINGS,
+    Draw,
+    PoseSensor,
+    Rover,
+    draw_effect,
+)
 from plants.blind_families.wheeled.setting import draw_setting, ratio, seen
 from plants.blind_families.wheeled.setting import drive as driven
 from plants.blind_families.wheeled.truth import WheeledTruth, simulate
@@ -141,6 +150,38 @@ def test_what_takes_a_long_run_adds_to_the_gap(effect):
     setting = replace(setting, plans=setting.plans[:2])
     draw = draw_effect(effect, setting.encoders, rng)
     assert ratio(EVERY[effect].plant(setting.rover, draw, 0.6)[0], setting) > 1.0
+    assert ratio(EVERY[effect].plant(setting.rover, draw, 0.005)[0], setting) < 0.6
+
+
+def test_a_base_controller_turns_less_at_the_same_forward_speed():
+    truth, parameters = planted("turn_gain", 0.5)
+    path, ideal = drive(truth, 3.0, 6.0), drive(IDEAL, 3.0, 6.0)
+    speeds, meant = (np.diff(p.pose(T)[-2:], axis=0)[0] for p in (path, ideal))
+    assert speeds[2] == pytest.approx(parameters["gain"] * meant[2], rel=1e-3)
+    assert np.hypot(*speeds[:2]) == pytest.approx(np.hypot(*meant[:2]), rel=1e-3)
+
+
+def test_a_limited_turn_keeps_the_forward_speed():
+    truth, parameters = planted("turn_limit", 0.9)
+    motor = drive(truth, 2.0, 2.0 + 6.0 * parameters["limit"]).motor[-1]
+    assert 0.5 * (motor[1] - motor[0]) == pytest.approx(parameters["limit"], rel=1e-3)
+    assert 0.5 * (motor[1] + motor[0]) == pytest.approx(2.0 + 3.0 * parameters["limit"], rel=1e-3)
+
+
+def test_wheels_that_share_a_limit_keep_their_ratio():
+    truth, parameters = planted("shared_limit", 0.9)
+    motor = drive(truth, parameters["limit"], 4.0 * parameters["limit"]).motor[-1]
+    np.testing.assert_allclose(motor, [0.25 * parameters["limit"], parameters["limit"]], rtol=1e-3)
+
+
+@pytest.mark.parametrize("effect", sorted(BASE_PLANTINGS))
+def test_what_a_base_controller_does_adds_to_the_gap(effect):
+    rng = np.random.default_rng(3)
+    setting = draw_setting(LEVELS["base"], (effect,), False, rng)
+    assert setting.encoders or effect != "turn_gain"
+    setting = replace(setting, plans=setting.plans[:2])
+    draw = draw_effect(effect, setting.encoders, rng)
+    assert ratio(EVERY[effect].plant(setting.rover, draw, 0.9)[0], setting) > 1.0
     assert ratio(EVERY[effect].plant(setting.rover, draw, 0.005)[0], setting) < 0.6
 
 

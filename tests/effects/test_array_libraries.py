@@ -30,6 +30,7 @@ from residual_mpc.effects.body import (
 )
 from residual_mpc.effects.command import dead_zone_step, delay_start, delay_step
 from residual_mpc.effects.contact import radius_over_turn, slope_drift
+from residual_mpc.effects.drive import shared_limit_step, turn_gain_step, turn_limit_step
 from residual_mpc.effects.ground import ground_twist
 from residual_mpc.effects.ops import NUMPY, Array, Ops, casadi_ops, jax_ops
 from residual_mpc.effects.sensor import mounted, unmounted
@@ -100,6 +101,15 @@ def _one(step: Callable[..., Any], *names: str) -> Equation:
     return equation
 
 
+def _pair(step: Callable[..., tuple[Array, Array]], name: str) -> Equation:
+    """An equation of two wheels' speeds."""
+
+    def equation(ops: Ops, value: Array, left: Array, right: Array) -> tuple[Array, ...]:
+        return step(ops, {name: value}, left, right)
+
+    return equation
+
+
 # name -> equation, ranges of its parameters, number of signals
 EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
     "command_delay": (delayed, [(0.0, 0.3)], STEPS),
@@ -109,6 +119,9 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
     "actuator_gain": (_one(lambda o, p, y: gain_step(o, p, (), y, 0.0, DT)[0], "gain"), [(0.1, 2.0)], 1),
     "saturation": (_one(lambda o, p, y: saturation_step(o, p, (), y, 0.0, DT)[0], "limit"), [(0.1, 3.0)], 1),
     "voltage_sag": (_one(lambda o, p, y: sag_step(o, p, (), y, 9.0, DT)[0], "rate"), [(0.0, 0.2)], 1),
+    "turn_gain": (_pair(turn_gain_step, "gain"), [(0.1, 2.0)], 2),
+    "turn_limit": (_pair(turn_limit_step, "limit"), [(0.1, 3.0)], 2),
+    "shared_limit": (_pair(shared_limit_step, "limit"), [(0.1, 3.0)], 2),
     "coulomb_friction": (_one(coulomb_level, "torque"), [(0.0, 1.0)], 2),
     "viscous_friction": (_one(viscous_torque, "coefficient"), [(0.0, 1.0)], 2),
     "stribeck_friction": (
@@ -119,13 +132,13 @@ EQUATIONS: dict[str, tuple[Equation, list[tuple[float, float]], int]] = {
     "load_dependent_friction": (_one(load_level, "coefficient", "quadratic"), [(0.0, 0.9), (0.0, 2.0)], 2),
     "rate_limit": (slewed, [(1.0, 100.0)], STEPS),
     "torque_speed_limit": (
-        lambda o, s, n, w: line_limits(o, {"stall_torque": s, "no_load_speed": n}, w), [(0.1, 3.0), (0.5, 3.0)], 1
+        lambda o, s, n, w: line_limits(o, {"stall_torque": s, "no_load_speed": n}, w),
+        [(0.1, 3.0), (0.5, 3.0)],
+        1,
     ),
     "gear_efficiency": (_one(gear_level, "forward", "backward"), [(0.3, 1.0), (0.3, 1.0)], 2),
     "joint_spring": (_one(spring_torque, "stiffness", "rest"), [(0.0, 3.0), (-1.0, 1.0)], 1),
-    "torque_ripple": (
-        _one(ripple_torque, "amplitude", "cycles", "phase"), [(0.0, 3.0), (1.0, 40.0), (-3.0, 3.0)], 1
-    ),
+    "torque_ripple": (_one(ripple_torque, "amplitude", "cycles", "phase"), [(0.0, 3.0), (1.0, 40.0), (-3.0, 3.0)], 1),
     "servo_integral": (_one(lambda o, p, x, e: integral_step(o, p, x, e, DT), "gain"), [(0.0, 9.0)], 2),
     "ground": (on_the_ground, [(0.5, 2.0), (0.8, 1.2), (0.0, 2.0), (0.5, 2.0), (-0.5, 0.5)], 4),
     "slope": (lambda o, r, h: slope_drift(o, {"rate": r, "heading": h}), [(0.0, 0.1), (-4.0, 4.0)], 0),

@@ -47,6 +47,15 @@ def test_an_output_passes(name: str) -> None:
         np.testing.assert_array_equal(out, y)
 
 
+@pytest.mark.parametrize("name", of_port("pair"))
+def test_a_pair_of_wheels_passes(name: str) -> None:
+    effect = BY_NAME[name]
+    assert effect.step is not None
+    left, right = effect.step(NUMPY, null_of(effect), SIGNALS[0], SIGNALS[1])
+    np.testing.assert_array_equal(left, SIGNALS[0])
+    np.testing.assert_array_equal(right, SIGNALS[1])
+
+
 @pytest.mark.parametrize("name", of_port("friction"))
 def test_a_friction_brakes_nothing(name: str) -> None:
     effect = BY_NAME[name]
@@ -115,7 +124,7 @@ def test_every_effect_has_its_place() -> None:
     stages = [STAGES.index(e.stage) for e in LIBRARY]
     assert stages == sorted(stages)  # of a confounded group the earliest is named
     ports = {p for e in LIBRARY for p in (e.port,)}
-    assert ports == {"command", "output", "speed", "servo", "friction", "torque", "ground", "sensor", "model"}
+    assert ports == {"command", "output", "pair", "speed", "servo", "friction", "torque", "ground", "sensor", "model"}
     for effect in LIBRARY:
         assert len({p.name for p in effect.parameters}) == len(effect.parameters)
         with pytest.raises(KeyError):

@@ -46,6 +46,7 @@ def simulate(
         most = fine * value.get("rate_limit.rate", math.inf)
         ramp = u = [r + min(max(v - r, -most), most) for r, v in zip(ramp, u, strict=True)]
         u = [v * value.get("actuator_gain.gain", 1.0) * (1.0 - value.get("voltage_sag.rate", 0.0) * t) for v in u]
+        u = _steered(u, value)
         limit = value.get("saturation.limit", math.inf)
         u = [min(max(v, -limit), limit) for v in u]
         tau = value.get("actuator_lag.time_constant", 0.0)
@@ -82,6 +83,15 @@ def simulate(
         theta += fine * omega
     out[n:] = x, y, theta
     return out
+
+
+def _steered(u: list[float], value: Mapping[str, float]) -> list[float]:
+    """Wheel speeds, rad/s, as a base controller gives them that turns less or slows down on curves."""
+    forward, turn = (u[0] + u[1]) / 2, (u[1] - u[0]) / 2 * value.get("turn_gain.gain", 1.0)
+    fastest = value.get("turn_limit.limit", math.inf)
+    turn = math.copysign(min(abs(turn), fastest), turn)
+    share = value.get("shared_limit.limit", math.inf) / max(abs(forward - turn), abs(forward + turn), 1e-9)
+    return [min(share, 1.0) * w for w in (forward - turn, forward + turn)]
 
 
 def _sign(w: float) -> float:

@@ -108,6 +108,125 @@ def test_a_plant_of_ones_own_is_driven(tmp_path: Path) -> None:
     assert errors(result)["nominal"] < 0.05
 
 
+def test_a_plant_of_ones_own_gets_no_noise_that_nobody_asked_for(tmp_path: Path) -> None:
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    for noise in ({}, {"position.j1": 0.01}):
+        scenario = OwnScenario(robot, model, swing(), plant=Sluggish, noise=noise, controllers=("nominal",))
+        comparison, _ = scenario.drive(RunOptions(seeds=1), lambda stage, done: None)
+        (episode,) = comparison.episodes["nominal"]
+        off = episode.measured["position.j1"] - episode.truth[:, 0]
+        assert np.std(off) == pytest.approx(noise.get("position.j1", 0.0), rel=0.3)
+
+
+class Broken(Sluggish):
+    """`fault` says what is wrong with it."""
+
+    fault = ""
+
+    def start(self, rng: np.random.Generator, at: Mapping[str, float]) -> Any:
+        return None if self.fault == "no plant" else super().start(rng, at)
+
+    def measure(self) -> Any:
+        found = super().measure()
+        if self.fault == "too few":
+            found.pop("position.j2")
+        return [0.0] if self.fault == "a list" else {**found, "position.j1": "up"} if self.fault == "a word" else found
+
+    def step(self, command: np.ndarray, dt: float) -> None:
+        if self.fault == "raises":
+            raise RuntimeError("the bus is off")
+        super().step(command, dt)
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("no plant", "`start` must return a plant with measure, truth, step, close, got NoneType without measure"),
+        ("too few", "the reading of `measure` has no 'position.j2'"),
+        ("a list", "`measure` must return a dict, got list"),
+        ("a word", "`measure` gives no number for position.j1: 'up'"),
+        ("raises", "`step` of the plant raised RuntimeError: the bus is off .*test_own.py, line"),
+    ],
+)
+def test_what_is_wrong_with_a_plant_is_said(tmp_path: Path, fault: str, said: str) -> None:
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    plant = type("Faulty", (Broken,), {"fault": fault})
+    with pytest.raises(BadInput, match=said):
+        OwnScenario(robot, model, swing(), plant=plant).run(RunOptions(seeds=1))
+
+
+def test_a_factory_that_fails_is_named(tmp_path: Path) -> None:
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    with pytest.raises(BadInput, match="`the factory` of the plant raised TypeError"):
+        OwnScenario(robot, model, swing(), plant=lambda: None).run(RunOptions(seeds=1))  # type: ignore[arg-type,misc]
+
+
+class Base:
+    """A differential drive of the user's own, with wheels of 0.1 m, 0.5 m apart; it is seen `every` samples."""
+
+    actuators = ("left", "right")
+    channels = ("pose.x", "pose.y", "pose.theta")
+    every = 1
+
+    def __init__(self, robot: Any, period: float) -> None:
+        pass
+
+    def start(self, rng: np.random.Generator, at: Mapping[str, float]) -> Base:
+        self.pose, self.count = np.array([at[c] for c in self.channels]), 0
+        return self
+
+    def measure(self) -> dict[str, float]:
+        self.count += 1
+        return self.truth() if self.count % self.every == 0 else dict.fromkeys(self.channels, np.nan)
+
+    def truth(self) -> dict[str, float]:
+        return dict(zip(self.channels, self.pose.tolist(), strict=True))
+
+    def step(self, command: np.ndarray, dt: float) -> None:
+        v, w = 0.05 * (command[0] + command[1]), 0.1 * (command[1] - command[0]) / 0.5
+        self.pose += dt * np.array(
+            [v * np.cos(self.pose[2] + 0.5 * w * dt), v * np.sin(self.pose[2] + 0.5 * w * dt), w]
+        )
+
+    def close(self) -> None:
+        pass
+
+
+def circle(wrapped: bool) -> Waypoints:
+    """A circle of 2 m at 3 m/s, which needs wheels of 37 rad/s, begun at rest."""
+    t = np.linspace(0.0, 6.0, 121)
+    angle = 1.5 * np.where(t < 1.0, 0.5 * t * t, t - 0.5)
+    heading = np.angle(np.exp(1j * angle)) if wrapped else angle
+    return Waypoints(Base.channels, t, np.stack([2.0 * np.sin(angle), 2.0 - 2.0 * np.cos(angle), heading], axis=-1))
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> rm.NominalRobot:
+    folder = tmp_path_factory.mktemp("base")
+    (folder / "base.toml").write_text(
+        'name = "base"\nplant = "diff_drive"\n[parameters]\nwheel_radius = 0.1\ntrack_width = 0.5\n'
+    )
+    return rm.load_robot(folder / "base.toml")
+
+
+@pytest.mark.parametrize("wrapped", [True, False])
+def test_a_robot_that_drives_fast_may_command_what_its_reference_needs(base: rm.NominalRobot, wrapped: bool) -> None:
+    """Twelve rad/s, a small rover's limit, would leave it metres behind; a heading that jumps by a turn is the same."""
+    scenario = OwnScenario(base, rm.augment(base, dt=0.05), circle(wrapped), plant=Base, controllers=("augmented",))
+    found = scenario.run(RunOptions(seeds=1))["controllers"]["augmented"]
+    assert found["tracking_rmse"] < 0.05 and found["heading_rmse"] < 0.05
+
+
+def test_readings_that_are_mostly_missing_are_said_to_be(base: rm.NominalRobot) -> None:
+    for every, notes in ((1, []), (4, [f"{c} is missing in 75% of the samples" for c in Base.channels])):
+        plant = type("Seen", (Base,), {"every": every})
+        scenario = OwnScenario(base, rm.augment(base, dt=0.05), circle(False), plant=plant, controllers=("nominal",))
+        assert scenario.run(RunOptions(seeds=1))["notes"] == notes
+
+
 def test_settings_that_would_be_ignored_are_refused(tmp_path: Path) -> None:
     robot = robot_file(tmp_path)
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)

@@ -124,7 +124,7 @@ class ArmFamily:
     """Serial arms with position, velocity or torque actuators; no case is ``slow``, since their servos hold them."""
 
     name = "arm"
-    levels = tuple(name for name, level in LEVELS.items() if not level.slow)
+    levels = tuple(name for name, level in LEVELS.items() if not (level.slow or level.base))
 
     def write_case(self, level: Level, seed: int, rng: np.random.Generator, folder: Path) -> Answer:
         """Draw a truth and write what its user would have."""

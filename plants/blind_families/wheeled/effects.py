@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from plants.blind_families.planting import Confounded, Faint, Planting, Plantings, by_name
+from plants.blind_families.wheeled.base_controller import Steering
 from plants.blind_families.wheeled.truth import WheeledTruth
 from residual_mpc.effects.actuator import ACTUATOR_GAIN, ACTUATOR_LAG, BACKLASH, SATURATION, VOLTAGE_SAG
 from residual_mpc.effects.command import COMMAND_DELAY, DEAD_ZONE
@@ -21,6 +22,7 @@ from residual_mpc.effects.contact import (
     WHEEL_RADIUS,
     WHEEL_RADIUS_MISMATCH,
 )
+from residual_mpc.effects.drive import SHARED_LIMIT, TURN_GAIN, TURN_LIMIT
 from residual_mpc.effects.sensor import CLOCK_SKEW, SENSOR_BIAS, SENSOR_DELAY, SENSOR_MOUNTING, SENSOR_OUTLIERS
 
 SIDES = ("left", "right")
@@ -86,6 +88,15 @@ def _whole(field: str, parameter: str, law: Callable[[float, Draw, WheeledTruth]
         value = law(s, draw, rover.truth)
         changes: dict[str, Any] = {field: value}
         return replace(rover, truth=replace(rover.truth, **changes)), {parameter: value}
+
+    return plant
+
+
+def _steered(field: str, parameter: str, law: Callable[[float, Draw, WheeledTruth], float]) -> Any:
+    def plant(rover: Rover, draw: Draw, s: float) -> tuple[Rover, dict[str, float]]:
+        value = law(s, draw, rover.truth)
+        steering: Steering = replace(rover.truth.steering, **{field: value})
+        return replace(rover, truth=replace(rover.truth, steering=steering)), {parameter: value}
 
     return plant
 
@@ -166,6 +177,7 @@ SIZES, DELAYS, DRIFTS = "sizes and gains of wheels", "delays", "motion to the si
 REVERSALS = "reversals"  # many of them: it acts where a wheel stands or turns back
 NO_JERKS = "no jerks"  # a robot that slides is not driven with them
 NO_ENCODERS = "no encoders"
+ENCODERS = "encoders"
 
 # Strength 1 is about as far as a robot that still drives would go. The first seven have a twin where there are no
 # encoders, the last two of them on a straight line.
@@ -247,7 +259,29 @@ LONG_PLANTINGS: Plantings[Rover, Draw, Place] = by_name(
     Planting(CLOCK_SKEW, _skew, _readings, typical=0.2),
     Planting(WHEEL_ECCENTRICITY, _eccentric, _wheel, typical=0.2),
 )
-EVERY: Plantings[Rover, Draw, Place] = {**PLANTINGS, **LONG_PLANTINGS}
+# what a base controller makes of two wheels' speeds; at a level of its own for the same reason
+BASE_PLANTINGS: Plantings[Rover, Draw, Place] = by_name(
+    Planting(
+        TURN_GAIN,
+        _steered("turn", "gain", lambda s, d, p: 1 + d.sign * 0.6 * s),
+        _robot,
+        typical=0.3,
+        needs=(ENCODERS,),
+    ),
+    Planting(
+        TURN_LIMIT,
+        _steered("turn_limit", "limit", lambda s, d, p: p.track_width / p.wheel_radius * (1 - 0.85 * s)),
+        _robot,
+        typical=0.3,
+    ),
+    Planting(
+        SHARED_LIMIT,
+        _steered("shared_limit", "limit", lambda s, d, p: p.speed_scale * (1 - 0.75 * s)),
+        _robot,
+        typical=0.3,
+    ),
+)
+EVERY: Plantings[Rover, Draw, Place] = {**PLANTINGS, **LONG_PLANTINGS, **BASE_PLANTINGS}
 
 
 def draw_effect(effect: str, encoders: bool, rng: np.random.Generator) -> Draw:

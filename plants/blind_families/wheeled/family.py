@@ -13,6 +13,7 @@ from plants.blind_families.bench import Habits
 from plants.blind_families.case import Drawn, choose_for, first_case, make
 from plants.blind_families.planting import Plantings, confounded
 from plants.blind_families.wheeled.effects import (
+    BASE_PLANTINGS,
     EVERY,
     LONG_PLANTINGS,
     PLANTINGS,
@@ -136,17 +137,18 @@ class WheeledFamily:
         return first_case(attempt, _ATTEMPTS, f"wheeled case of level {level.name} with seed {seed}")
 
 
+def _known_at(level: Level) -> Plantings[Rover, Draw, Place]:
+    return LONG_PLANTINGS if level.long else BASE_PLANTINGS if level.base else PLANTINGS
+
+
 def _shown_at(level: Level) -> Plantings[Rover, Draw, Place]:
-    if level.long:
-        return LONG_PLANTINGS
-    return {name: PLANTINGS[name] for name in SLOW} if level.slow else PLANTINGS
+    return {name: PLANTINGS[name] for name in SLOW} if level.slow else _known_at(level)
 
 
 def _bench(level: Level, rng: np.random.Generator) -> WheeledBench:
     if not level.confounded:
         effects, flaws = choose_for(_shown_at(level), HABITS, level, rng)
-        known = LONG_PLANTINGS if level.long else PLANTINGS
-        return WheeledBench(draw_setting(level, effects, False, rng), effects, False, flaws, known=known)
+        return WheeledBench(draw_setting(level, effects, False, rng), effects, False, flaws, known=_known_at(level))
     ways = confounded(PLANTINGS)
     drawn = str(rng.choice(list(ways)))
     straight, by = ways[drawn].straight, ways[drawn].by

@@ -12,7 +12,7 @@ from plants.blind_families.planting import needed
 from plants.blind_families.sensing import Roughness, draw_roughness, draw_wild, stamps
 from plants.blind_families.strength import dead_reckoned, planar_gap
 from plants.blind_families.wheeled import motions
-from plants.blind_families.wheeled.effects import EVERY, NO_ENCODERS, NO_JERKS, REVERSALS, PoseSensor, Rover
+from plants.blind_families.wheeled.effects import ENCODERS, EVERY, NO_ENCODERS, NO_JERKS, REVERSALS, PoseSensor, Rover
 from plants.blind_families.wheeled.truth import Policy, Simulator, Trajectory, WheeledTruth, simulate
 from residual_mpc.blind.levels import Level
 
@@ -81,6 +81,7 @@ def draw_setting(level: Level, effects: tuple[str, ...], straight: bool, rng: np
     noise = level.noise * size**0.5  # a camera sees a small and slow robot from nearby
     sigma = (float(rng.uniform(0.001, 0.003)) * noise, float(rng.uniform(0.003, 0.008)) * level.noise)
     encoders = bool(rng.random() < 0.5) and not needed(EVERY, effects, NO_ENCODERS) and not straight
+    encoders = encoders or needed(EVERY, effects, ENCODERS)
     return Setting(
         Rover(truth, PoseSensor()),
         tuple(plans),

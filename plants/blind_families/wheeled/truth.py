@@ -16,6 +16,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from plants.blind_families.wheeled.base_controller import BaseController, Steering
+
 Array = NDArray[np.float64]
 GRAVITY = 9.81  # m/s^2
 STEP = 1e-3  # s, longest fine step
@@ -53,6 +55,7 @@ class WheeledTruth:
     drift_heading: float = 0.0  # rad
     eccentric: tuple[float, float] = (0.0, 0.0)  # relative swing of the radius over a turn of the wheel
     oval: float = 0.0  # share of that swing that comes twice a turn
+    steering: Steering = Steering()
     standing: float = 0.0  # rad, by which the wheels are turned when the run begins
     # causes that no library names
     one_sided: float = 0.0  # share of the yaw rate lost in left turns
@@ -199,7 +202,7 @@ def simulate(
     the truth that takes over, and from when on (s).
     """
     p = truth
-    wheels = (Drive(p, 0, play[0]), Drive(p, 1, play[1]))
+    wheels, base = (Drive(p, 0, play[0]), Drive(p, 1, play[1])), BaseController()
     x, y, theta = start
     used, sideways, drift = 0.0, 0.0, p.drift
     angle, contact, last = [p.standing, -p.standing], [0.0, 0.0], [0.0, 0.0]
@@ -214,6 +217,8 @@ def simulate(
             p = wheels[0].truth = wheels[1].truth = change[1]
         command = policy(k, x, y, theta)
         sent.append(command)
+        if not p.steering.idle:
+            command = base(p.steering, *command, until - now)
         wheels[0].send(now, command[0])
         wheels[1].send(now, command[1])
         n = ceil((until - now) / STEP - 1e-9)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.effects.drive import TURN_LIMIT
 from residual_mpc.errors import BadInput
 from residual_mpc.models import optional
 from residual_mpc.models.settings import Settings
@@ -45,6 +46,10 @@ def measure_references(data: Dataset) -> dict[tuple[str, str], float]:
             found.setdefault(("command", a), []).append(float(np.quantile(u, 0.98)))
             found.setdefault(("command/time", a), []).append(float(np.ptp(np.quantile(drive[..., k], (0.02, 0.98)))))
             found.setdefault(("output", a), []).append(float(np.max(np.abs(outputs[a]))))
+        for base in robot.slots(TURN_LIMIT.name):
+            left, right = (outputs[a] for a in robot.actuators)
+            found.setdefault(("output", base), []).append(float(np.max(np.abs([left, right]))))
+            found.setdefault(("turn", base), []).append(float(0.5 * np.max(np.abs(right - left))))
         rms = dict.fromkeys(all_joints, 0.0)
         for k, a in enumerate(robot.actuators):
             rms[joints[k]] = float(np.sqrt(np.mean(outputs[a] ** 2)))

@@ -20,6 +20,7 @@ from residual_mpc.diagnosis.predict.references import (
     turned_of,
 )
 from residual_mpc.effects.command import COMMAND_DELAY
+from residual_mpc.effects.drive import TURN_GAIN
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.library import BY_NAME, LIBRARY, holder
 from residual_mpc.effects.sensor import SENSOR_DELAY
@@ -32,6 +33,7 @@ from residual_mpc.models.targets import Targets
 FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
 UNTOLD = "the angle of a wheel can be estimated only from pose.x, pose.y and pose.theta"
+AS_TRACK = "without wheel encoders it does what another track does"
 FAR_MORE = 2.0  # times the torque that a model needs, from which what the motors give is probed as friction
 TURNED = 0.2  # rad over the whole range of a joint: what a typical step of a number of cycles changes
 
@@ -129,7 +131,7 @@ class Space:
         null = 0.0 if math.isinf(p.null) else p.null
         away = [abs(x * reference - (null if p.reference == "one" else 0.0)) for x in p.probes]
         away = [x for x in away if x > 0]
-        if p.reference == "output":
+        if p.reference in ("output", "turn"):
             return 0.1 * reference
         if p.reference == "extremes":
             return 0.03 * reference
@@ -260,6 +262,8 @@ def build_space(
     ruled_out = {t: why for t in candidates if longest < BY_NAME[t.effect].seconds}
     if all(b.drive.angle is None for b in data.blocks):
         ruled_out |= {t: UNTOLD for t in candidates if BY_NAME[t.effect].place == "roundness"}
+    if not any(f"velocity.{a}" in data.channels for a in robot.actuators):
+        ruled_out |= {t: AS_TRACK for t in candidates if t.effect == TURN_GAIN.name}
     ruled_out |= {t: because[t] for t in candidates if t in because}
     arm = bool(slots[TORQUE_OFFSET.name])  # of a robot that drives nobody expects it
     ruled_out |= {Term(e.name, None): e.lacking for e in chosen if arm and e.lacking and not slots[e.name]}

@@ -1,0 +1,98 @@
+"""A plant of the user's own, whose mistakes become one message."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from residual_mpc.closed_loop.protocols import Plant, Reading, Simulator
+from residual_mpc.errors import BadInput
+
+Value = TypeVar("Value")
+METHODS = ("measure", "truth", "step", "close")
+
+
+@dataclass(frozen=True, eq=False)
+class Guarded:
+    """A simulator of the user's own. poses: the channels that its readings must have. Raises BadInput for whatever it
+    raises, and for readings that are no mapping or lack a channel."""
+
+    inner: Simulator
+    poses: tuple[str, ...]
+    where: str
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        return tuple(self.inner.actuators)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return self.poses
+
+    def start(self, rng: np.random.Generator, at: Reading) -> Plant:
+        plant = guarded(self.where, "start", lambda: self.inner.start(rng, at))
+        lacks = [m for m in METHODS if not callable(getattr(plant, m, None))]
+        if lacks:
+            raise BadInput(
+                f"`start` must return a plant with {', '.join(METHODS)}, got {type(plant).__name__} without {lacks[0]}",
+                self.where, "see docs/guide/own-arm.md for a plant",
+            )  # fmt: skip
+        return _GuardedPlant(plant, self.poses, self.where)
+
+
+class _GuardedPlant:
+    """A running plant whose readings are checked."""
+
+    def __init__(self, inner: Plant, poses: tuple[str, ...], where: str) -> None:
+        self._inner, self._poses, self._where = inner, poses, where
+
+    def measure(self) -> Reading:
+        return self._checked("measure", self._inner.measure)
+
+    def truth(self) -> Reading:
+        return self._checked("truth", self._inner.truth)
+
+    def step(self, command: np.ndarray, dt: float) -> None:
+        guarded(self._where, "step", lambda: self._inner.step(command, dt))
+
+    def close(self) -> None:
+        guarded(self._where, "close", self._inner.close)
+
+    def _checked(self, method: str, read: Callable[[], Reading]) -> Reading:
+        """The tracked channels of a reading as floats; a sensor without a new value gives NaN."""
+        reading = guarded(self._where, method, read)
+        remedy = f"return a dict with {', '.join(self._poses)}; NaN where a sensor has nothing new"
+        if not isinstance(reading, Mapping):
+            raise BadInput(f"`{method}` must return a dict, got {type(reading).__name__}", self._where, remedy)
+        missing = [c for c in self._poses if c not in reading]
+        if missing:
+            raise BadInput(f"the reading of `{method}` has no {missing[0]!r}", self._where, remedy)
+        found: dict[str, float] = {}
+        for channel in self._poses:
+            value: Any = reading[channel]
+            if np.size(value) != 1 or not isinstance(np.asarray(value).item(), int | float):
+                raise BadInput(f"`{method}` gives no number for {channel}: {value!r}", self._where, remedy)
+            found[channel] = float(np.asarray(value).item())
+        return found
+
+
+def guarded(where: str, method: str, call: Callable[[], Value]) -> Value:
+    """What the user's code returns. Raises BadInput for what it raises, with the line that did."""
+    try:
+        return call()
+    except BadInput:
+        raise
+    except Exception as error:  # the user's own code may raise anything
+        raise BadInput(
+            f"`{method}` of the plant raised {type(error).__name__}: {error}{_line_of(error)}", where,
+            "run the plant on its own, and mend it",
+        ) from error  # fmt: skip
+
+
+def _line_of(error: BaseException) -> str:
+    """Where the innermost frame of an error is."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return "" if trace is None else f" ({trace.tb_frame.f_code.co_filename}, line {trace.tb_lineno})"
