@@ -115,6 +115,7 @@ def one_sided(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_one_sided_turning_becomes_a_law_of_the_turning_rate(one_sided: Path) -> None:
     """And the track and the mismatch that imitated it are named no more."""
     found = rotor(one_sided, only=("track_width", "wheel_radius_mismatch", "fitted_law"))

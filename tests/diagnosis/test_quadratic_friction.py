@@ -70,7 +70,7 @@ def diagnosed(folder: Path, share: float, quadratic: float) -> dict[str, Any]:
     return to_document(found.diagnosis)
 
 
-@pytest.mark.parametrize(("share", "quadratic"), [(0.15, 0.35), (0.3, 0.0)])
+@pytest.mark.parametrize(("share", "quadratic"), [(0.15, 0.35), pytest.param(0.3, 0.0, marks=pytest.mark.slow)])
 def test_it_is_named_where_the_runs_show_it(tmp_path: Path, share: float, quadratic: float) -> None:
     document = diagnosed(tmp_path, share, quadratic)
     assert document["verdict"] == "effects"

@@ -34,6 +34,7 @@ def slow_run(seed: int, lag: float, noise: float = 1.0) -> Run:
     return Run(run.name, run.t, columns)
 
 
+@pytest.mark.slow
 def test_the_time_constant_is_recovered() -> None:
     runs = [slow_run(k, LAG) for k in range(4)]
     found = diagnose(runs, [ROBOT] * 4, {}, (), Options(), np.random.default_rng(0)).diagnosis

@@ -38,7 +38,7 @@ def scaled_run(name: str, channel: str | None, scale: float, seed: int) -> Run:
 @pytest.mark.parametrize(
     ("channel", "scale"),
     [
-        (None, 1.0),
+        pytest.param(None, 1.0, marks=pytest.mark.slow),
         ("pose.theta", 1.06),
         pytest.param("pose.theta", 0.93, marks=pytest.mark.slow),
         pytest.param("velocity.right", 1.1, marks=pytest.mark.slow),

@@ -48,7 +48,7 @@ def test_a_steady_effect_has_no_sizes_of_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("sizes", "key", "run"), [
-    ([1.0, 1.0, 0.7, 0.7], "since", "run2"),
+    pytest.param([1.0, 1.0, 0.7, 0.7], "since", "run2", marks=pytest.mark.slow),
     pytest.param([0.7, 0.7, 0.7, 1.0], "until", "run3", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_an_effect_that_begins_or_ends_says_when(tmp_path: Path, sizes: list[float], key: str, run: str) -> None:

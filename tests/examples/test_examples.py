@@ -38,6 +38,7 @@ def share_left(result: dict[str, Any]) -> float:
     return each["augmented"] / each["nominal"]
 
 
+@pytest.mark.slow
 def test_a_wheeled_robot_from_a_rosbag(tmp_path: Path) -> None:
     result, hidden = run("wheeled_rosbag.py", tmp_path)
     assert found(result) == pytest.approx(hidden, rel=0.05)

@@ -93,6 +93,7 @@ def test_half_a_second_lies_near_the_replay(tmp_path: Path, name: str, most: flo
     assert moving_apart(stepped(tmp_path, ARMS[name]), np.random.default_rng(0)) < most
 
 
+@pytest.mark.slow
 def test_a_gripper_that_nobody_commands_is_rigid_in_the_step(tmp_path: Path) -> None:
     """Two coupled fingers on a tendon: a step for the arm alone, near the replay in which the fingers may move."""
     model = stepped(tmp_path, panda_mjcf(), {("coulomb_friction", "joint2", "torque"): 2.0})

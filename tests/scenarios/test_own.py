@@ -51,7 +51,7 @@ def errors(result: Mapping[str, Any]) -> dict[str, float]:
 def test_the_diagnosed_effects_pay_in_joint_space(tmp_path: Path, controller: Any) -> None:
     robot = robot_file(tmp_path)
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
-    result = OwnScenario(robot, model, swing(), withheld=TRUTH).run(RunOptions(controller, 2, 0, tmp_path / "out"))
+    result = OwnScenario(robot, model, swing(), withheld=TRUTH).run(RunOptions(controller, 1, 0, tmp_path / "out"))
     found = errors(result)
     assert found["augmented"] < 0.3 * found["nominal"]
     assert found["augmented"] == pytest.approx(found["oracle"], rel=1e-6)
