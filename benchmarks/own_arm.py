@@ -132,7 +132,7 @@ def recover(robot: rm.NominalRobot, seeds: int, only: tuple[str, ...] | None) ->
     training: list[Run] = []
     for k, motion in enumerate(("postures", "sines")):
         alone = OwnScenario(robot, plain, motion, truth, controllers=("nominal",))
-        driven, _ = alone.drive(RunOptions(seeds=2, seed=7000 + 10 * k), _silent)
+        driven = alone.drive(RunOptions(seeds=2, seed=7000 + 10 * k), _silent).comparison
         training += [e.run() for e in driven.episodes["nominal"]]
     with tempfile.TemporaryDirectory() as folder:
         for i, run in enumerate(training):

@@ -34,6 +34,7 @@ from residual_mpc.effects.contact import (
     WHEEL_RADIUS,
     WHEEL_RADIUS_MISMATCH,
 )
+from residual_mpc.effects.drive import SHARED_LIMIT, TURN_GAIN, TURN_LIMIT
 from residual_mpc.effects.effect import Effect
 from residual_mpc.effects.sensor import (
     CLOCK_SKEW,
@@ -85,6 +86,10 @@ SEPARATIONS: tuple[Separation, ...] = (
     Separation(WHEEL_ECCENTRICITY, WHEEL_RADIUS_MISMATCH, TURNS, ""),
     Separation(WHEEL_ECCENTRICITY, ACTUATOR_GAIN, TURNS, ""),
     Separation(LATERAL_SLIP, SENSOR_MOUNTING, "spin in place, and drive arcs at varying speed", ""),
+    Separation(TRACK_WIDTH, TURN_GAIN, ENCODERS, ""),
+    Separation(SATURATION, SHARED_LIMIT, "drive fast arcs, in which only one wheel reaches its limit", ""),
+    Separation(TURN_LIMIT, SATURATION, "spin in place, and drive straight ahead as fast", ""),
+    Separation(TURN_LIMIT, TURN_GAIN, "drive slow and fast turns", ""),
     Separation(TRACK_WIDTH, SENSOR_SCALE, "log pose.x and pose.y beside the heading, and drive on after turns", ""),
     Separation(ACTUATOR_LAG, COMMAND_DELAY, "drive steps and fast multisines of both wheels", "send steps and a chirp"),
     Separation(COULOMB, BACKLASH, "", CHIRP),

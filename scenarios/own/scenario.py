@@ -29,6 +29,7 @@ from residual_mpc.models import optional
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Values
+from scenarios.own.demands import fastest_wheel, notes_of
 from scenarios.own.guarded import Guarded, guarded
 from scenarios.own.inverse import posture_at
 from scenarios.own.plant import NoisySensors, plant_of
@@ -36,7 +37,6 @@ from scenarios.own.reference import Waypoints, is_of_the_tool, named_motion, rea
 
 # 1-sigma of a sensor without an entry in the robot file: rad or m of an encoder, m and rad of a localisation
 NOISE, LOCALISED = 2e-4, {"pose.x": 0.002, "pose.y": 0.002, "pose.theta": 0.006}
-LOST = 0.5  # share of a channel's samples that are missing, above which the result says so
 DRIFT = 0.01  # rad/sqrt(s) or m/sqrt(s), process noise of the estimator's positions
 CONTROLLERS = ("nominal", "augmented", "oracle")
 
@@ -47,6 +47,17 @@ def unit_of(names: Sequence[str], sliding: Collection[str]) -> str:
     """The unit of the tracking error of these channels; sliding: the joints that slide."""
     metres = is_of_the_tool(tuple(names)) or "pose.x" in names
     return "m" if metres or set(names) <= {f"position.{joint}" for joint in sliding} else "rad"
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """A comparison, the names of the tracked channels, and the augmented model, reference and settings behind it."""
+
+    comparison: Comparison
+    names: tuple[str, ...]
+    model: Augmented
+    reference: Waypoints
+    settings: MpcSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +98,8 @@ class OwnScenario:
 
     def run(self, options: RunOptions, progress: Progress = lambda stage, done: None) -> dict[str, Any]:
         """The object that `run --json` prints; with options.out also the episodes, a figure and an animation."""
-        comparison, names = self.drive(options, progress)
+        driven = self.drive(options, progress)
+        comparison, names = driven.comparison, driven.names
         label = self.reference if isinstance(self.reference, str) else "reference"
         plant = "own plant" if self.plant else "mujoco"
         result = document(comparison, Path(label).stem if label else "", plant, np.random.default_rng(options.seed))
@@ -95,7 +107,7 @@ class OwnScenario:
         result["controller"] = options.controller
         result["tracked"] = list(names)
         result["unit"] = unit_of(names, optional.sliding(self.robot.model))
-        result["notes"] = _notes(comparison)
+        result["notes"] = notes_of(driven.model, driven.reference, driven.settings, comparison)
         if options.out is not None:
             from scenarios.own.figures import write
 
@@ -103,15 +115,15 @@ class OwnScenario:
             result["files"] = write(options.out, self.robot.model, comparison, result)
         return result
 
-    def drive(self, options: RunOptions, progress: Progress) -> tuple[Comparison, tuple[str, ...]]:
-        """The episodes of every controller and seed, and the names of the tracked channels."""
+    def drive(self, options: RunOptions, progress: Progress) -> "Driven":
+        """The episodes of every controller and seed, and what they were driven with."""
         progress("building the controllers", 0.0)
         models = self._models()
         nominal = models["nominal"]
         reference = self._waypoints(nominal).ordered(nominal.stepped.tracked, str(self.reference))
         begin = posture_at(nominal, reference.path(np.zeros(1))[0])
         dt = self.model.dt
-        settings = self.settings or usual_settings(nominal, _fastest(nominal, reference, dt))
+        settings = self.settings or usual_settings(nominal, fastest_wheel(nominal, reference, dt))
         settings = replace(settings, budget=options.budget)
         stacks = {}
         chosen = {name: model for name, model in models.items() if name in (self.controllers or models)}
@@ -124,7 +136,7 @@ class OwnScenario:
             simulator, stacks, reference, LoopSettings(reference.seconds, dt), seeds, (),
             lambda stage, done: progress(stage, 0.3 + 0.6 * done), begin,
         )  # fmt: skip
-        return comparison, nominal.stepped.tracked
+        return Driven(comparison, nominal.stepped.tracked, models["augmented"], reference, settings)
 
     def _models(self) -> dict[str, Augmented]:
         """The model of each controller; the oracle only if the withheld effects are given."""
@@ -180,29 +192,6 @@ class OwnScenario:
         samples = round(reference.seconds / model.build.dt) + 1 + settings.horizon
         path = reference.path(model.build.dt * np.arange(samples))
         return ControlStack(estimator, build_lqr(model, path, settings, begin))
-
-
-def _fastest(nominal: Augmented, reference: Waypoints, dt: float) -> float | None:
-    """rad/s, the fastest wheel that the nominal model needs to follow the reference; None for a robot that does not
-    drive."""
-    inverse = getattr(nominal.robot, "outputs_from", None)
-    if inverse is None or nominal.stepped.rates:
-        return None
-    t = np.arange(0.0, reference.seconds + 0.5 * dt, dt)
-    path = reference.path(t)
-    names = nominal.stepped.tracked
-    value = dict(zip(names, 0.5 * (path[1:] + path[:-1]).T, strict=True))
-    rate = dict(zip(names, np.diff(path, axis=0).T / dt, strict=True))
-    return float(np.max(np.abs(list(inverse(value, rate).values())), initial=0.0))
-
-
-def _notes(comparison: Comparison) -> list[str]:
-    """What a reader of the errors has to know beside them."""
-    lost: dict[str, float] = {}
-    for episode in (e for es in comparison.episodes.values() for e in es):
-        for channel, values in episode.measured.items():
-            lost[channel] = max(lost.get(channel, 0.0), float(np.mean(np.isnan(values))))
-    return [f"{c} is missing in {share:.0%} of the samples" for c, share in lost.items() if share > LOST]
 
 
 def drive(

@@ -113,8 +113,8 @@ def test_a_plant_of_ones_own_gets_no_noise_that_nobody_asked_for(tmp_path: Path)
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
     for noise in ({}, {"position.j1": 0.01}):
         scenario = OwnScenario(robot, model, swing(), plant=Sluggish, noise=noise, controllers=("nominal",))
-        comparison, _ = scenario.drive(RunOptions(seeds=1), lambda stage, done: None)
-        (episode,) = comparison.episodes["nominal"]
+        driven = scenario.drive(RunOptions(seeds=1), lambda stage, done: None)
+        (episode,) = driven.comparison.episodes["nominal"]
         off = episode.measured["position.j1"] - episode.truth[:, 0]
         assert np.std(off) == pytest.approx(noise.get("position.j1", 0.0), rel=0.3)
 
@@ -225,6 +225,24 @@ def test_readings_that_are_mostly_missing_are_said_to_be(base: rm.NominalRobot) 
         plant = type("Seen", (Base,), {"every": every})
         scenario = OwnScenario(base, rm.augment(base, dt=0.05), circle(False), plant=plant, controllers=("nominal",))
         assert scenario.run(RunOptions(seeds=1))["notes"] == notes
+
+
+RANGE = "the reference leaves the range of position.j2 (-1.57 to 1.57) by 0.17"
+HELD = "augmented: a command is at its limit in 100% of the samples"
+DEAD = (
+    "the horizon of 20 ms hardly reaches beyond the model's dead time of 30 ms: give a longer sample time or a longer"
+)
+
+
+@pytest.mark.parametrize(("dt", "times", "said"), [(0.002, 10.0, [RANGE, HELD]), (0.02, 1.0, []), (0.001, 1.0, [DEAD])])
+def test_what_a_reference_demands_in_vain_is_said(tmp_path: Path, dt: float, times: float, said: list[str]) -> None:
+    """A joint beyond its range, and a dead time that is longer than the controllers look ahead."""
+    robot = robot_file(tmp_path)
+    motion = Waypoints(swing().names, SHORT[:5], times * swing().values[10:15])
+    model = rm.augment(robot, tmp_path / "model.json", dt=dt)
+    scenario = OwnScenario(robot, model, motion, plant=Sluggish, controllers=("augmented",))
+    notes = scenario.run(RunOptions(seeds=1))["notes"]
+    assert len(notes) == len(said) and all(note.startswith(s) for note, s in zip(notes, said, strict=True)), notes
 
 
 def test_settings_that_would_be_ignored_are_refused(tmp_path: Path) -> None:

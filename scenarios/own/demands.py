@@ -1,0 +1,79 @@
+"""What a reference demands of a robot and of its controllers, and what of it cannot be met."""
+
+import numpy as np
+
+from controllers.settings import MpcSettings
+from residual_mpc.closed_loop.compare import Comparison
+from residual_mpc.export.augmented import Augmented
+from scenarios.own.reference import Waypoints
+
+LOST = 0.5  # share of a channel's samples that are missing, above which the result says so
+HELD = 0.05  # share of the samples in which a command is at its limit, above which the result says so
+SLACK = 1e-3  # rad or m, by which a reference may leave a joint's range
+LATE = "sent."  # states of a step that hold commands on their way
+
+
+def fastest_wheel(nominal: Augmented, reference: Waypoints, dt: float) -> float | None:
+    """rad/s, the fastest wheel that the nominal model needs to follow the reference; None for a robot that does not
+    drive."""
+    inverse = getattr(nominal.robot, "outputs_from", None)
+    if inverse is None or nominal.stepped.rates:
+        return None
+    path = reference.path(np.arange(0.0, reference.seconds + 0.5 * dt, dt))
+    names = nominal.stepped.tracked
+    value = dict(zip(names, 0.5 * (path[1:] + path[:-1]).T, strict=True))
+    rate = dict(zip(names, np.diff(path, axis=0).T / dt, strict=True))
+    return float(np.max(np.abs(list(inverse(value, rate).values())), initial=0.0))
+
+
+def notes_of(model: Augmented, reference: Waypoints, settings: MpcSettings, comparison: Comparison) -> list[str]:
+    """What a reader of the errors has to know beside them: readings that are missing, commands at their limit, a
+    reference beyond the joints' ranges, a horizon shorter than the dead time."""
+    return [*_beyond(model, reference), *_late(model, settings), *_lost(comparison), *_held(settings, comparison)]
+
+
+def _beyond(model: Augmented, reference: Waypoints) -> list[str]:
+    """Joints whose range the reference leaves."""
+    ranges = dict(zip(model.stepped.poses, model.stepped.spans, strict=False))
+    out = []
+    for name, values in zip(reference.names, reference.values.T, strict=True):
+        low, high = ranges.get(name, (-np.inf, np.inf))
+        past = float(max(low - values.min(), values.max() - high))
+        if past > SLACK:
+            out.append(f"the reference leaves the range of {name} ({low:.3g} to {high:.3g}) by {past:.2g}")
+    return out
+
+
+def _late(model: Augmented, settings: MpcSettings) -> list[str]:
+    """Commands that act only behind the controller's horizon."""
+    at = model.stepped
+    ages = [sum(s.startswith(f"{LATE}{a}.") for s in at.states) for a in at.commands]
+    most = max(ages, default=0)
+    if most < settings.horizon - 1:
+        return []
+    horizon, dead = 1e3 * settings.horizon * at.dt, 1e3 * most * at.dt
+    return [
+        f"the horizon of {horizon:.0f} ms hardly reaches beyond the model's dead time of {dead:.0f} ms: "
+        "give a longer sample time or a longer horizon"
+    ]
+
+
+def _lost(comparison: Comparison) -> list[str]:
+    """Channels of which most readings are missing."""
+    lost: dict[str, float] = {}
+    for episode in (e for es in comparison.episodes.values() for e in es):
+        for channel, values in episode.measured.items():
+            lost[channel] = max(lost.get(channel, 0.0), float(np.mean(np.isnan(values))))
+    return [f"{c} is missing in {share:.0%} of the samples" for c, share in lost.items() if share > LOST]
+
+
+def _held(settings: MpcSettings, comparison: Comparison) -> list[str]:
+    """Controllers whose commands are often at their limit."""
+    out = []
+    for name, episodes in comparison.episodes.items():
+        command = np.concatenate([e.command for e in episodes])
+        low, high = settings.limits.box(command.shape[1])
+        share = float(np.mean(((command <= low + 1e-9) | (command >= high - 1e-9)).any(axis=1)))
+        if share > HELD:
+            out.append(f"{name}: a command is at its limit in {share:.0%} of the samples")
+    return out
