@@ -14,8 +14,8 @@ class Steering:
     """Constants of the controller; the defaults pass both wheels' speeds on."""
 
     turn: float = 1.0  # share of the commanded difference that the wheels keep
-    turn_limit: float = inf  # rad/s, of half the difference
-    shared_limit: float = inf  # rad/s, of the faster wheel; the other one slows down with it
+    most_turn: float = inf  # rad/s, of half the difference
+    most_speed: float = inf  # rad/s, of the faster wheel; the other one slows down with it
 
     @property
     def idle(self) -> bool:
@@ -32,9 +32,9 @@ class BaseController:
         """Wheel speeds, rad/s, from those of a command that is held for dt s."""
         forward, turn = 0.5 * (left + right), 0.5 * (right - left)
         self.lost += (turn * (1.0 - steering.turn) - self.lost) * (1.0 - exp(-dt / _GIVE_TIME))
-        turn = _soft(turn - self.lost, steering.turn_limit)
+        turn = _soft(turn - self.lost, steering.most_turn)
         fastest = abs(forward) + abs(turn)
-        share = _soft(fastest, steering.shared_limit) / fastest if fastest > 0.0 else 1.0
+        share = _soft(fastest, steering.most_speed) / fastest if fastest > 0.0 else 1.0
         return share * (forward - turn), share * (forward + turn)
 
 

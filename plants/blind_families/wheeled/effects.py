@@ -270,13 +270,13 @@ BASE_PLANTINGS: Plantings[Rover, Draw, Place] = by_name(
     ),
     Planting(
         TURN_LIMIT,
-        _steered("turn_limit", "limit", lambda s, d, p: p.track_width / p.wheel_radius * (1 - 0.85 * s)),
+        _steered("most_turn", "limit", lambda s, d, p: p.track_width / p.wheel_radius * (1 - 0.85 * s)),
         _robot,
         typical=0.3,
     ),
     Planting(
         SHARED_LIMIT,
-        _steered("shared_limit", "limit", lambda s, d, p: p.speed_scale * (1 - 0.75 * s)),
+        _steered("most_speed", "limit", lambda s, d, p: p.speed_scale * (1 - 0.75 * s)),
         _robot,
         typical=0.3,
     ),
