@@ -12,12 +12,14 @@ from residual_mpc.errors import BadInput
 
 GROUP = "residual_mpc.scenarios"
 OWN_GROUP = "residual_mpc.own_scenarios"  # one entry: the function that runs a user's own robot
+CONTROLLERS = ("mpc", "lqr")
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class RunOptions:
     """seeds: how many plants; seed: of the first; out: folder for episodes, diagnosis and figures, None for none.
+    Raises BadInput for an unknown controller, fewer than one seed, and a budget that is not positive.
 
     budget: s that a controller may take a sample before it has to do without; by default late samples are counted and
     nothing else, so that an experiment repeats on a busy machine.
@@ -28,6 +30,14 @@ class RunOptions:
     seed: int = 0
     out: Path | None = None
     budget: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.controller not in CONTROLLERS:
+            raise BadInput(f"unknown controller {self.controller!r}", "controller", f"use {' or '.join(CONTROLLERS)}")
+        if self.seeds < 1:
+            raise BadInput(f"there must be at least one seed, got {self.seeds}", "seeds", "give a whole number above 0")
+        if not self.budget > 0.0:
+            raise BadInput(f"the time limit must be positive, got {self.budget}", "budget", "give it in seconds")
 
 
 class Scenario(Protocol):

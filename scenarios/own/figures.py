@@ -1,6 +1,7 @@
 """Files of a closed-loop run of a user's own robot: the episodes as runs, a figure and an animation."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ from residual_mpc.closed_loop.compare import Comparison
 from residual_mpc.closed_loop.episode import Episode
 from residual_mpc.closed_loop.metrics import h2_over_time, path_error
 from residual_mpc.files import write_atomically
+from residual_mpc.models import optional
 from residual_mpc.models.protocol import Robot
 from scenarios.closed_loop.page import write_page
 from scenarios.closed_loop.results import COLOURS, write_episodes
+from scenarios.own.units import unit_of
 
 FRAME, RATE = 0.1, 20  # s of motion per frame, frames per second: at twice the real speed
 MOST_FRAMES = 600  # longer runs are shown faster, since each frame takes tens of ms to draw
@@ -24,7 +27,9 @@ def write(out: Path, robot: Robot, comparison: Comparison, result: dict[str, Any
     """Fill the folder; returns the names of the files."""
     names = write_episodes(out, comparison)
     write_atomically(out / "result.json", json.dumps(result, indent=2))
-    _picture(out / "tracking.png", comparison, result["unit"])
+    sliding = optional.sliding(robot)
+    units = [unit_of((name,), sliding) for name in _first(comparison).poses]
+    _picture(out / "tracking.png", comparison, result["unit"], units)
     names += ["result.json", "tracking.png", *write_page(out, robot, comparison, result)]
     if isinstance(robot, CompiledRobot) and all(f"position.{j}" in _first(comparison).measured for j in robot.joints):
         _animation(out / "drive.gif", robot, comparison)
@@ -36,7 +41,7 @@ def _first(comparison: Comparison) -> Episode:
     return next(iter(comparison.episodes.values()))[0]
 
 
-def _picture(path: Path, comparison: Comparison, unit: str) -> None:
+def _picture(path: Path, comparison: Comparison, unit: str, units: Sequence[str]) -> None:
     from matplotlib.figure import Figure
 
     first = _first(comparison)
@@ -48,7 +53,7 @@ def _picture(path: Path, comparison: Comparison, unit: str) -> None:
     error, norm = figure.add_subplot(grid[:half, 1]), figure.add_subplot(grid[half:, 1] if count > 1 else grid[0, 1])
     for i, axes in enumerate(traces):
         axes.plot(first.t, first.reference[:, i], color="black", lw=0.8, ls="--", label="reference")
-        axes.set_ylabel(f"{first.poses[i].partition('.')[2]} ({unit})", fontsize=7)
+        axes.set_ylabel(f"{first.poses[i].partition('.')[2]} ({units[i]})", fontsize=7)
         axes.tick_params(labelsize=7, labelbottom=i == count - 1)
     for name, episodes in comparison.episodes.items():
         colour = COLOURS.get(name)

@@ -22,13 +22,24 @@ class Waypoints:
     """Waypoints of the tracked channels `names`: values (n, ny), rad or m, at t (n,) s from 0 on, interpolated by a
     monotone cubic; the last value is held.
 
-    beyond: s at the end that only the controllers' preview uses.
+    beyond: s at the end that only the controllers' preview uses. Raises BadInput for values that are not finite or not
+    a row a stamp and a column a name, and for stamps that do not increase.
     """
 
     names: tuple[str, ...]
     t: np.ndarray
     values: np.ndarray
     beyond: float = 0.0
+
+    def __post_init__(self) -> None:
+        shape, wanted = np.shape(self.values), (len(self.t), len(self.names))
+        if shape != wanted or len(self.t) < 2:
+            fault = f"a reference needs two rows and a column for each of {', '.join(self.names)}, got {shape}"
+            raise BadInput(fault, "reference", f"give values of shape {wanted} and at least two stamps")
+        if not (np.isfinite(self.values).all() and np.isfinite(self.t).all()):
+            raise BadInput("the reference has values that are not finite", "reference", "fill them in")
+        if not (np.diff(self.t) > 0.0).all():
+            raise BadInput("the stamps of the reference do not increase", "reference", "sort them, remove duplicates")
 
     @property
     def seconds(self) -> float:

@@ -5,7 +5,7 @@ result = OwnScenario(robot, model).run(RunOptions(seeds=3))
 """
 
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from scenarios.own.guarded import Guarded, guarded
 from scenarios.own.inverse import posture_at
 from scenarios.own.plant import NoisySensors, plant_of
 from scenarios.own.reference import Waypoints, is_of_the_tool, named_motion, read_reference
+from scenarios.own.units import mixed, unit_of
 
 # 1-sigma of a sensor without an entry in the robot file: rad or m of an encoder, m and rad of a localisation
 NOISE, LOCALISED = 2e-4, {"pose.x": 0.002, "pose.y": 0.002, "pose.theta": 0.006}
@@ -41,12 +42,6 @@ DRIFT = 0.01  # rad/sqrt(s) or m/sqrt(s), process noise of the estimator's posit
 CONTROLLERS = ("nominal", "augmented", "oracle")
 
 PlantFactory = Callable[[RobotFile, float], Simulator]  # (robot file, s between commands) -> plant
-
-
-def unit_of(names: Sequence[str], sliding: Collection[str]) -> str:
-    """The unit of the tracking error of these channels; sliding: the joints that slide."""
-    metres = is_of_the_tool(tuple(names)) or "pose.x" in names
-    return "m" if metres or set(names) <= {f"position.{joint}" for joint in sliding} else "rad"
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +102,8 @@ class OwnScenario:
         result["controller"] = options.controller
         result["tracked"] = list(names)
         result["unit"] = unit_of(names, optional.sliding(self.robot.model))
-        result["notes"] = notes_of(driven.model, driven.reference, driven.settings, comparison)
+        notes = notes_of(driven.model, driven.reference, driven.settings, comparison)
+        result["notes"] = [*mixed(names, optional.sliding(self.robot.model)), *notes]
         if options.out is not None:
             from scenarios.own.figures import write
 

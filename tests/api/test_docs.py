@@ -104,6 +104,8 @@ def test_the_defaults_of_a_comparison_are_those_of_the_page() -> None:
 def test_controllers(rover: Path) -> None:
     space = run("closed-loop.md")
     assert space["path"].shape == (100, 3) and {"mpc", "lqr"} <= set(space)
+    assert space["result"]["controllers"]["nominal"]["tracking_rmse"] < 0.05
+    assert space["error"][-1] < 0.05
 
 
 def test_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

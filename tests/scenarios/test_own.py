@@ -245,6 +245,26 @@ def test_what_a_reference_demands_in_vain_is_said(tmp_path: Path, dt: float, tim
     assert len(notes) == len(said) and all(note.startswith(s) for note, s in zip(notes, said, strict=True)), notes
 
 
+@pytest.mark.parametrize(
+    ("t", "values", "said"),
+    [
+        ([0.0, 1.0], [[0.0], [np.nan]], "not finite"),
+        ([0.0, 0.0], [[0.0], [1.0]], "do not increase"),
+        ([0.0, 1.0], [[0.0, 1.0], [1.0, 2.0]], "a column for each of position.j1, got \\(2, 2\\)"),
+        ([0.0], [[0.0]], "two rows"),
+    ],
+)
+def test_waypoints_that_make_no_sense_are_refused(t: list[float], values: list[list[float]], said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+        Waypoints(("position.j1",), np.array(t), np.array(values))
+
+
+@pytest.mark.parametrize("wrong", [{"controller": "pid"}, {"seeds": 0}, {"budget": 0.0}])
+def test_options_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(BadInput, match="|".join(str(v) for v in wrong.values())):
+        RunOptions(**wrong)
+
+
 def test_settings_that_would_be_ignored_are_refused(tmp_path: Path) -> None:
     robot = robot_file(tmp_path)
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.own.scenario import unit_of
+from scenarios.own.units import mixed, unit_of
 
 
 @pytest.mark.parametrize(
@@ -19,3 +19,4 @@ from scenarios.own.scenario import unit_of
 )
 def test_an_error_of_a_joint_that_slides_is_in_metres(names: tuple[str, ...], unit: str) -> None:
     assert unit_of(names, frozenset({"slide"})) == unit
+    assert bool(mixed(names, frozenset({"slide"}))) == ("position.slide" in names and unit == "rad")
