@@ -49,7 +49,7 @@ class LqrState:
     sent: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Lqr:
     """Feedback about a trajectory. x (n + 1, nx), u (n, nu): what the model drives; K (n, nu, states + nu)."""
 

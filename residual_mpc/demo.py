@@ -173,7 +173,7 @@ def drive(robot: DemoRobot, case: Case, model: Path, out: Path) -> list[str]:
 def tracking_lines(nominal: float | None, corrected: float | None) -> list[str]:
     """Root mean square tracking errors, m, in words; None for a robot that ran away."""
     said = {"nominal": nominal, "corrected": corrected}
-    words = {k: "lost its path" if e is None else f"{1e3 * e:.1f} mm off its path" for k, e in said.items()}
+    words = {k: "lost its path" if e is None else f"{1e3 * e:.1f} mm off its reference" for k, e in said.items()}
     lines = [f"{k + ':':<11}{text}" for k, text in words.items()]
     if nominal is not None and corrected is not None and nominal > 0.0:
         change = 1.0 - corrected / nominal

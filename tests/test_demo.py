@@ -86,4 +86,4 @@ def test_the_true_model_drives_the_demo_robot_better(tmp_path: Path) -> None:
 def test_what_is_said_of_the_driving() -> None:
     assert tracking_lines(0.02, 0.005)[-1] == "The corrected model makes the error 75% smaller."
     assert tracking_lines(0.02, 0.03)[-1] == "The corrected model makes the error 50% larger."
-    assert tracking_lines(None, 0.005) == ["nominal:   lost its path", "corrected: 5.0 mm off its path"]
+    assert tracking_lines(None, 0.005) == ["nominal:   lost its path", "corrected: 5.0 mm off its reference"]

@@ -18,6 +18,7 @@ from residual_mpc.files import write_atomically, write_json
 from residual_mpc.learning.batch import checkpoint
 from residual_mpc.learning.batch.training import Report, Task, TrainingResult, train
 from residual_mpc.learning.batch.window_updates import LearnSettings
+from residual_mpc.learning.forms.registry import check_form
 from residual_mpc.learning.network.residual import KEY, to_json
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.fits import check_fits
@@ -117,7 +118,8 @@ def learn(
         report: told of every update.
 
     Raises:
-        BadInput: runs with too little to learn from, or a diagnosis or residual of another robot.
+        BadInput: runs with too little to learn from, a diagnosis or residual of another robot, a model to learn on that
+            has a network already, or a form that the robot cannot have.
     """
     usable(runs)
     task = _task(robot, runs, case, on, warm_start, form)
@@ -144,10 +146,17 @@ def _task(
 ) -> Task:
     if case not in CASES:
         raise BadInput(f"unknown case {case!r}", "--case", f"give one of {', '.join(CASES)}")
+    if form is not None:
+        check_form(form, runs.models[0])
     values: Values = {}
     leaves_out, held = False, None
     if on is not None:
         below = written(on)
+        if residual_in(below) is not None:
+            raise BadInput(
+                "the model has a learned network already, which a new one would replace", below.where,
+                "give the diagnosis that it was learned on as --on, and this file as --warm-start to go on from it",
+            )  # fmt: skip
         of, values, leaves_out = model_in(below)
         check_fits(values, runs.models[0], of, below.where)
         held = kept_back_of(below, set(runs.names))

@@ -28,7 +28,7 @@ CLOSE = 0.02  # share of the error that two controllers may differ by and still 
 @dataclass(frozen=True)
 class Driven:
     """One controller's first episode. channels: of the reference; t (n,) s; wanted, driven (n, c) in the channels'
-    units; error (n,): mean distance from the path over the seeds, in the unit of the run."""
+    units; error (n,): mean distance from the reference over the seeds, in the unit of the run."""
 
     name: str
     channels: tuple[str, ...]
@@ -65,7 +65,7 @@ def drive_sentence(document: Document) -> str:
     if abs(change) <= CLOSE:
         return f"The {kind} follows the path equally well with both models, with an RMS error of {off}."
     less = f"{percent(abs(change))} {'less' if change > 0 else 'more'}"
-    said = f"With the corrected model the {kind} is {off} off its path (RMS)"
+    said = f"With the corrected model the {kind} is {off} off its reference (RMS)"
     return f"{said}, {less} than the {number(1e3 * nominal, 2)} {unit} with the nominal model."
 
 

@@ -26,13 +26,18 @@ COLOURS = {
 
 
 def write_episodes(out: Path, comparison: Comparison) -> list[str]:
-    """Write every episode as a run into the folder, which is made; returns the names of the files."""
+    """Write every episode as a run into the folder, which is made, in place of those of an earlier call; returns the
+    names of the files."""
     out.mkdir(parents=True, exist_ok=True)
     names = []
     for episodes in comparison.episodes.values():
         for e in episodes:
             names.append(f"{e.name}.csv")
             e.table().to_csv(out / names[-1], index=False, lineterminator="\n")
+    for old in out.glob("*.csv"):
+        controller, _, seed = old.stem.rpartition("_")
+        if controller in COLOURS and seed.isdigit() and old.name not in names:
+            old.unlink()
     return names
 
 
@@ -103,7 +108,7 @@ def _picture(path: Path, task: ClosedLoopTask, comparison: Comparison) -> None:
         norm.plot(t, np.mean([h2_over_time(x)[1] for x in episodes], axis=0), color=colour, lw=1.0)
     plane.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=f"{task.name}, first seed")
     plane.legend(fontsize=7)
-    error.set(xlabel="t, s", ylabel="distance from the path (mm)", title="tracking, mean over seeds")
+    error.set(xlabel="t, s", ylabel="distance from the reference (mm)", title="tracking, mean over seeds")
     norm.set(xlabel="t, s", ylabel="H2 norm of the prediction", title="model, mean over 10 s")
     for axes in (error, norm):
         axes.set_ylim(bottom=0)

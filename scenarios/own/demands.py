@@ -5,11 +5,13 @@ import numpy as np
 from controllers.settings import MpcSettings
 from residual_mpc.closed_loop.compare import Comparison
 from residual_mpc.export.augmented import Augmented
+from scenarios.own.inverse import closest
 from scenarios.own.reference import Waypoints
 
 LOST = 0.5  # share of a channel's samples that are missing, above which the result says so
 HELD = 0.05  # share of the samples in which a command is at its limit, above which the result says so
 SLACK = 1e-3  # rad or m, by which a reference may leave a joint's range
+POINTS, REACHED = 12, 0.003  # of a path of the tool that are tried; m, within which one counts as reached
 LATE = "sent."  # states of a step that hold commands on their way
 
 
@@ -26,10 +28,22 @@ def fastest_wheel(nominal: Augmented, reference: Waypoints, dt: float) -> float 
     return float(np.max(np.abs(list(inverse(value, rate).values())), initial=0.0))
 
 
+def dead_steps(model: Augmented) -> int:
+    """Samples until a command acts, of the actuator on which it takes longest."""
+    at = model.stepped
+    return max((sum(s.startswith(f"{LATE}{a}.") for s in at.states) for a in at.commands), default=0)
+
+
 def notes_of(model: Augmented, reference: Waypoints, settings: MpcSettings, comparison: Comparison) -> list[str]:
     """What a reader of the errors has to know beside them: readings that are missing, commands at their limit, a
     reference beyond the joints' ranges, a horizon shorter than the dead time."""
-    return [*_beyond(model, reference), *_late(model, settings), *_lost(comparison), *_held(settings, comparison)]
+    return [
+        *_beyond(model, reference),
+        *_out_of_reach(model, reference),
+        *_late(model, settings),
+        *_lost(comparison),
+        *_held(settings, comparison),
+    ]
 
 
 def _beyond(model: Augmented, reference: Waypoints) -> list[str]:
@@ -44,14 +58,24 @@ def _beyond(model: Augmented, reference: Waypoints) -> list[str]:
     return out
 
 
+def _out_of_reach(model: Augmented, reference: Waypoints) -> list[str]:
+    """How far the tool stays away from the reference, where it cannot reach all of it."""
+    at = model.stepped
+    if not at.outputs:
+        return []
+    q, far = np.array(model.start()[: len(at.poses)]), 0.0
+    for wanted in reference.path(np.linspace(0.0, reference.seconds, POINTS)):
+        q, off = closest(model, wanted, q)
+        far = max(far, off)
+    return [f"the tool comes no closer than {1e3 * far:.0f} mm to parts of the reference"] if far > REACHED else []
+
+
 def _late(model: Augmented, settings: MpcSettings) -> list[str]:
     """Commands that act only behind the controller's horizon."""
-    at = model.stepped
-    ages = [sum(s.startswith(f"{LATE}{a}.") for s in at.states) for a in at.commands]
-    most = max(ages, default=0)
+    most, dt = dead_steps(model), model.stepped.dt
     if most < settings.horizon - 1:
         return []
-    horizon, dead = 1e3 * settings.horizon * at.dt, 1e3 * most * at.dt
+    horizon, dead = 1e3 * settings.horizon * dt, 1e3 * most * dt
     return [
         f"the horizon of {horizon:.0f} ms hardly reaches beyond the model's dead time of {dead:.0f} ms: "
         "give a longer sample time or a longer horizon"

@@ -41,6 +41,16 @@ class Guarded:
         return _GuardedPlant(plant, self.poses, self.where)
 
 
+def check_actuators(plant: Simulator, commands: tuple[str, ...], where: str) -> None:
+    """Raises BadInput for a plant whose actuators are not those that the model commands, in this order."""
+    found = guarded(where, "actuators", lambda: tuple(plant.actuators))
+    if found != tuple(commands):
+        raise BadInput(
+            f"the plant must have the actuators {', '.join(commands)} in this order, got {', '.join(map(str, found))}",
+            where, "name them so in its `actuators`",
+        )  # fmt: skip
+
+
 class _GuardedPlant:
     """A running plant whose readings are checked."""
 

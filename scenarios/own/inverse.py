@@ -1,4 +1,4 @@
-"""Inverse kinematics for the first point of a reference in tool space."""
+"""Inverse kinematics of references in tool space."""
 
 import numpy as np
 
@@ -17,17 +17,27 @@ def posture_at(model: Augmented, wanted: np.ndarray) -> dict[str, float]:
     at = model.stepped
     if not at.outputs:
         return dict(zip(at.poses, wanted.tolist(), strict=True))
-    x, n = model.start(), len(at.poses)
+    q, off = closest(model, wanted, np.array(model.start()[: len(at.poses)]))
+    if off < CLOSE:
+        return dict(zip(at.poses, q.tolist(), strict=True))
+    raise BadInput(
+        f"the tool comes no closer than {off:.3g} m to the start of the reference", model.robot.name,
+        "start the reference within the workspace, or give joint positions",
+    )  # fmt: skip
+
+
+def closest(model: Augmented, wanted: np.ndarray, begin: np.ndarray) -> tuple[np.ndarray, float]:
+    """Joint positions (n,), rad or m, from `begin` (n,) on, at which the outputs come near `wanted` (ny,), and the
+    largest distance that is left, m."""
+    at, x, n = model.stepped, model.start(), len(begin)
+    x[:n] = begin
     low, high = (np.array(side) for side in zip(*at.spans, strict=True))
     for _ in range(STEPS):
         e = wanted - model.outputs(x)
         if np.abs(e).max() < CLOSE:
-            return dict(zip(at.poses, x[:n].tolist(), strict=True))
+            break
         nudged = np.repeat(x[None], n, axis=0)
         nudged[:, :n] += 1e-6 * np.eye(n)
         J = (model.outputs(nudged) - model.outputs(x)).T / 1e-6
         x[:n] = np.clip(x[:n] + J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(len(e)), e), low, high)
-    raise BadInput(
-        f"the tool comes no closer than {np.abs(e).max():.3g} m to the start of the reference", model.robot.name,
-        "start the reference within the workspace, or give joint positions",
-    )  # fmt: skip
+    return x[:n].copy(), float(np.abs(wanted - model.outputs(x)).max())

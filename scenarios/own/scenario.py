@@ -29,8 +29,8 @@ from residual_mpc.models import optional
 from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Values
-from scenarios.own.demands import fastest_wheel, notes_of
-from scenarios.own.guarded import Guarded, guarded
+from scenarios.own.demands import dead_steps, fastest_wheel, notes_of
+from scenarios.own.guarded import Guarded, check_actuators, guarded
 from scenarios.own.inverse import posture_at
 from scenarios.own.plant import NoisySensors, plant_of
 from scenarios.own.reference import Waypoints, is_of_the_tool, named_motion, read_reference
@@ -119,7 +119,7 @@ class OwnScenario:
         reference = self._waypoints(nominal).ordered(nominal.stepped.tracked, str(self.reference))
         begin = posture_at(nominal, reference.path(np.zeros(1))[0])
         dt = self.model.dt
-        settings = self.settings or usual_settings(nominal, fastest_wheel(nominal, reference, dt))
+        settings = self.settings or self._usual(models, reference)
         settings = replace(settings, budget=options.budget)
         stacks = {}
         chosen = {name: model for name, model in models.items() if name in (self.controllers or models)}
@@ -147,6 +147,13 @@ class OwnScenario:
             models["oracle"] = augment(robot, self.withheld, None, build)
         return models
 
+    def _usual(self, models: Mapping[str, Augmented], reference: Waypoints) -> MpcSettings:
+        """The usual settings, with a horizon that reaches as far beyond the longest dead time of the models as it
+        otherwise does from now on."""
+        nominal = models["nominal"]
+        usual = usual_settings(nominal, fastest_wheel(nominal, reference, self.model.dt))
+        return replace(usual, horizon=usual.horizon + max(dead_steps(model) for model in models.values()))
+
     def _of_the_tool(self) -> bool:
         if isinstance(self.reference, Waypoints):
             return is_of_the_tool(self.reference.names)
@@ -166,6 +173,7 @@ class OwnScenario:
         if make is not None:
             own = guarded("--plant", "the factory", lambda: make(self.robot.file, self.model.dt))
             poses = tuple(nominal.stepped.poses)
+            check_actuators(own, nominal.stepped.commands, "--plant")
             return NoisySensors(Guarded(own, poses, "--plant"), {c: self.noise.get(c, 0.0) for c in poses})
         withheld = model_in(self.model.source)[1] if self.withheld is None else self.withheld
         return NoisySensors(plant_of(self.robot.model, withheld, self.model.dt), self._sigma(nominal))

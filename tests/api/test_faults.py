@@ -152,3 +152,41 @@ def test_a_document_of_something_else_is_no_model(robot: rm.NominalRobot, tmp_pa
             rm.augment(robot, path)
     with pytest.raises(rm.BadInput, match=r"none\.json"):
         rm.augment(robot, tmp_path / "none.json")
+
+
+def test_a_network_is_not_learned_in_place_of_another(
+    robot: rm.NominalRobot, runs: rm.Runs, network: rm.LearnedModel
+) -> None:
+    with pytest.raises(rm.BadInput, match="has a learned network already.*--warm-start"):
+        rm.learn(robot, runs, on=network, hidden=(2,), passes=1)
+
+
+def test_a_form_that_the_robot_cannot_have_is_refused(robot: rm.NominalRobot, runs: rm.Runs, tmp_path: Path) -> None:
+    with pytest.raises(rm.BadInput, match="'joint' corrects joint velocities, which 'rover' does not have.*body"):
+        rm.learn(robot, runs, form="joint", hidden=(2,), passes=1, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, float("nan"), "a"])
+def test_a_time_step_is_a_positive_number(robot: rm.NominalRobot, dt: float) -> None:
+    with pytest.raises(rm.BadInput, match="the time step must be a positive number of seconds"):
+        rm.augment(robot, dt=dt)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda m: m.step(np.zeros(2), np.zeros(2)), "x must have 3 values in its last axis, got shape \\(2,\\)"),
+        (lambda m: m.step(np.zeros((5, 3)), np.zeros((5, 3))), "u must have 2 values"),
+        (lambda m: m.linearize(np.zeros(4), np.zeros(2)), "x must have 3 values"),
+        (lambda m: m.mpc(horizon=1), "at least two steps, got 1"),
+        (lambda m: m.mpc(horizon=20.5), "at least two steps, got 20.5"),
+        (lambda m: m.lqr(np.full((5, 3), np.nan)), "finite values, got \\(5, 3\\) with 15 that are not"),
+        (lambda m: m.lqr(np.zeros((5, 2))), "path must have 3 values"),
+    ],
+)
+def test_arrays_and_horizons_that_make_no_sense_are_refused(
+    robot: rm.NominalRobot, call: Callable[[rm.AugmentedModel], object], said: str
+) -> None:
+    with pytest.raises(rm.BadInput, match=said):
+        call(rm.augment(robot, dt=0.05))

@@ -91,8 +91,8 @@ def test_the_course_is_drawn_only_where_it_was_kept():
 
 @pytest.mark.parametrize(
     ("nominal", "augmented", "said", "helps_"),
-    [(0.013, 0.001, "1 mm off its path (RMS), 92 % less than the 13 mm with the nominal model", True),
-     (0.010, 0.012, "12 mm off its path (RMS), 20 % more than the 10 mm", False),
+    [(0.013, 0.001, "1 mm off its reference (RMS), 92 % less than the 13 mm with the nominal model", True),
+     (0.010, 0.012, "12 mm off its reference (RMS), 20 % more than the 10 mm", False),
      (0.010, 0.0101, "follows the path equally well with both models", False),
      (None, 0.001, "With the nominal model the MPC lost the path", True),
      (0.010, None, "With the corrected model the MPC lost the path", False)],

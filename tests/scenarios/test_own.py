@@ -14,6 +14,7 @@ from oracles.arms import arm_xml
 from oracles.rover_log import ROBOT
 
 import residual_mpc as rm
+from controllers.usual import usual_settings
 from residual_mpc.cli.main import cli
 from residual_mpc.closed_loop.scenario import RunOptions
 from residual_mpc.errors import BadInput
@@ -157,6 +158,25 @@ def test_what_is_wrong_with_a_plant_is_said(tmp_path: Path, fault: str, said: st
         OwnScenario(robot, model, swing(), plant=plant).run(RunOptions(seeds=1))
 
 
+def test_a_plant_with_other_actuators_is_refused(tmp_path: Path) -> None:
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    plant = type("Three", (Sluggish,), {"actuators": ("j1", "j2", "j3")})
+    with pytest.raises(BadInput, match="must have the actuators j1, j2 in this order, got j1, j2, j3"):
+        OwnScenario(robot, model, swing(), plant=plant).run(RunOptions(seeds=1))
+
+
+def test_controllers_look_beyond_the_dead_time_however_short_the_samples_are(tmp_path: Path) -> None:
+    robot = robot_file(tmp_path)
+    motion = Waypoints(swing().names, SHORT[:11], swing().values[:11])
+    for dt, horizon in ((0.02, 22), (0.002, 35)):
+        model = rm.augment(robot, tmp_path / "model.json", dt=dt)
+        driven = OwnScenario(robot, model, motion, withheld=TRUTH).drive(RunOptions(seeds=1), lambda stage, done: None)
+        assert driven.settings.horizon == horizon
+        rmse = {name: fs[0].tracking_rmse for name, fs in driven.comparison.figures.items()}
+        assert rmse["augmented"] < 0.5 * rmse["nominal"]
+
+
 def test_a_factory_that_fails_is_named(tmp_path: Path) -> None:
     robot = robot_file(tmp_path)
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
@@ -227,6 +247,15 @@ def test_readings_that_are_mostly_missing_are_said_to_be(base: rm.NominalRobot) 
         assert scenario.run(RunOptions(seeds=1))["notes"] == notes
 
 
+def test_a_path_that_the_tool_cannot_follow_is_said_to_be(tmp_path: Path) -> None:
+    """The named circle goes 60 mm to both sides of an arm whose joints move it on a surface."""
+    robot = robot_file(tmp_path)
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    scenario = OwnScenario(robot, model, "circle", withheld=TRUTH, controllers=("nominal",))
+    (note,) = [n for n in scenario.run(RunOptions(seeds=1))["notes"] if "the tool" in n]
+    assert note.startswith("the tool comes no closer than ") and note.endswith(" mm to parts of the reference")
+
+
 RANGE = "the reference leaves the range of position.j2 (-1.57 to 1.57) by 0.17"
 HELD = "augmented: a command is at its limit in 100% of the samples"
 DEAD = (
@@ -240,7 +269,8 @@ def test_what_a_reference_demands_in_vain_is_said(tmp_path: Path, dt: float, tim
     robot = robot_file(tmp_path)
     motion = Waypoints(swing().names, SHORT[:5], times * swing().values[10:15])
     model = rm.augment(robot, tmp_path / "model.json", dt=dt)
-    scenario = OwnScenario(robot, model, motion, plant=Sluggish, controllers=("augmented",))
+    settings = usual_settings(model.augmented)  # of a horizon of 20 samples
+    scenario = OwnScenario(robot, model, motion, plant=Sluggish, settings=settings, controllers=("augmented",))
     notes = scenario.run(RunOptions(seeds=1))["notes"]
     assert len(notes) == len(said) and all(note.startswith(s) for note, s in zip(notes, said, strict=True)), notes
 

@@ -46,7 +46,7 @@ def paths(driven: "Sequence[Driven]", unit: str, name: str) -> "Markup":
 
 
 def error_over_time(driven: "Sequence[Driven]", unit: str, name: str) -> "Markup":
-    """The mean distance from the path over the seeds; `name` is unique on the page."""
+    """The mean distance from the reference over the seeds; `name` is unique on the page."""
     from matplotlib.figure import Figure
 
     with house_style():
@@ -54,11 +54,11 @@ def error_over_time(driven: "Sequence[Driven]", unit: str, name: str) -> "Markup
         axes = figure.add_subplot()
         for d in driven:
             axes.plot(d.t, 1e3 * d.error, **STYLES.get(d.name, CORRECTED))
-        axes.set(xlabel="time (s)", ylabel=f"distance from the path (m{unit})")
+        axes.set(xlabel="time (s)", ylabel=f"distance from the reference (m{unit})")
         axes.set_ylim(bottom=0.0)
         axes.margins(x=0.01)
         said = ", ".join(f"{d.name} {number(1e3 * float(np.sqrt(np.mean(d.error**2))), 2)} m{unit}" for d in driven)
-        return inline(figure, name, f"The distance from the path over time; RMS: {said}.")
+        return inline(figure, name, f"The distance from the reference over time; RMS: {said}.")
 
 
 def _line(axes: Any, t: np.ndarray, y: np.ndarray, columns: list[int], **style: Any) -> None:
