@@ -57,11 +57,11 @@ CASES = (
     ),
     Withheld(
         "husky_drive",
-        "The Husky's top speed and its skidding",
-        "The diagnosis was not told the wheels' limit, 6.9 rad/s in the logs, nor how little the robot turns for the "
+        "The Husky's turns and its skidding",
+        "The diagnosis was not told the limit of its turns, nor how little the robot turns for the "
         "motion of its wheels. A quarter of its 402 runs was held out.",
         {
-            ("saturation", "limit"): (6.9, "the largest speed of its wheels in the logs"),
+            ("turn_limit", "limit"): (3.08, "half the difference of its wheels' speeds in steady fast turns"),
             ("track_width", "scale"): (2.6, "yaw of the encoders over yaw"),
         },
     ),

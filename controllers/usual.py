@@ -15,14 +15,14 @@ CHANGE = {"position": 0.05, "velocity": 0.1, "torque": 0.05}  # change per sampl
 FAINT = 100.0  # times the range: commands that cost 1, so that commands cost almost nothing
 MARGIN = 0.02  # rad or m, distance of the soft limit from the end of a joint's range
 PRICE = 1000.0  # per rad or m, for violating it
-SPARE = 1.5  # times the fastest wheel speed of the reference: what a robot that drives may command
+SPARE = 1.5  # times the fastest wheel speed that the reference needs: what a robot that drives may command at least
 PUSH = 100.0  # linear penalty of a force of twice the servo's limit; the quadratic one is half of it
 
 
 def usual_settings(model: Augmented, fastest: float | None = None) -> MpcSettings:
     """Weights from the range of each command, hard limits on commands and rates, and soft limits on joint positions and
-    servo forces. For a robot that drives, those of the small rover, scaled to wheels whose fastest command (rad/s) on
-    the reference is `fastest`.
+    servo forces. For a robot that drives, those of the small rover, with limits and weights of commands scaled up where
+    its fastest wheel on the reference, `fastest` (rad/s), leaves less than a third of the rover's range.
     """
     at = model.stepped
     if not at.rates:
@@ -49,9 +49,11 @@ def usual_settings(model: Augmented, fastest: float | None = None) -> MpcSetting
 
 
 def _scaled(rover: MpcSettings, fastest: float) -> MpcSettings:
-    """The rover's settings with limits and weights of commands in proportion to SPARE times the fastest command."""
-    most = max(SPARE * fastest, 1e-3)
-    times = most / float(np.max(rover.limits.upper))
+    """The rover's settings with limits and weights of commands in proportion to SPARE times the fastest command, where
+    that is beyond the rover's own."""
+    usual = float(np.max(rover.limits.upper))
+    most = max(SPARE * fastest, usual)
+    times = most / usual
     weights, limits = rover.weights, rover.limits
     return replace(
         rover,

@@ -48,11 +48,11 @@ ROWS = (
         options=("--held-out", "*_lift_and_drop")),
     Row("husky_drive", "husky_drive", "skid-steered base, 402 runs of 2 s",
         "Half of the rows command more than 6.9 rad/s, which the wheels never exceed. The robot turns about 0.38 times "
-        "as far as the encoders give (a track 2.6 times as wide), and drives 0.82 times as far. In steady motion the "
-        "wheels' speeds follow from the commands by four numbers: their mean is 1.81 times the commanded one, half of "
-        "their difference is 0.79 times the commanded one and at most 3.08 rad/s, and both wheels are slowed down in "
-        "proportion where one would exceed 6.0 rad/s (169 windows, root mean square error 0.06 rad/s of 4.2; with a "
-        "gain and a limit of each wheel 2.1).",
+        "as far as the encoders give (a track 2.6 times as wide), and drives 0.82 times as far. Four numbers describe "
+        "its steady motion, fitted to the same recording: the mean of the wheels' speeds is 1.81 times the commanded "
+        "mean, half of their difference is 0.79 times the commanded one and at most 3.08 rad/s, and above 6.0 rad/s "
+        "both wheels slow down in proportion (169 windows, root mean square error 0.06 rad/s of 4.2; with one gain and "
+        "one limit for both wheels 2.1).",
         true={("turn_limit", "limit"): 3.08, ("shared_limit", "limit"): 6.0, ("track_width", "scale"): 2.6}),
     Row("husky_terrain", "husky_terrain", "the same base driven by its wheel speeds, gyro alone, 15 runs",
         "Yaw rate over ideal: flooring 0.68, asphalt 0.58, asphalt_05 alone 0.2."),

@@ -154,7 +154,7 @@ def _task(
         below = written(on)
         if residual_in(below) is not None:
             raise BadInput(
-                "the model has a learned network already, which a new one would replace", below.where,
+                "the model already contains a learned network; a new one would replace it", below.where,
                 "give the diagnosis that it was learned on as --on, and this file as --warm-start to go on from it",
             )  # fmt: skip
         of, values, leaves_out = model_in(below)

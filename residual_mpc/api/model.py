@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import entry_points
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,7 +117,7 @@ class AugmentedModel:
         """A = dx+/dx (nx, nx) and B = dx+/du (nx, nu) at x (nx,), u (nu,), exact but for kinks. Raises BadInput for
         arrays of another size."""
         for name, given, names in (("x", x, self.states), ("u", u, self.commands)):
-            check_last(name, given, names)
+            check_last(name, given, names, most=1)
         _, a, b = self._compiled.stage(x, u, self.p)
         return np.array(a), np.array(b)
 
@@ -171,7 +172,7 @@ class AugmentedModel:
         Raises:
             BadInput: a horizon of fewer than two steps.
         """
-        if not isinstance(horizon, int) or horizon < 2:
+        if not isinstance(horizon, Integral) or horizon < 2:
             raise BadInput(f"the horizon must be at least two steps, got {horizon!r}", "horizon", "give a whole number")
         return _controller("mpc")(self.augmented, horizon, settings)
 
@@ -288,9 +289,9 @@ def augment(
     settings_from(source, robot.model)  # refuses what is of another robot
     explanation = () if below is None else tuple(below.content.get("explanation", ()))
     found = below.content if below is not None and "explanation" in below.content else None
-    if dt is not None and not (isinstance(dt, int | float) and 0.0 < dt < np.inf):
+    if dt is not None and not (isinstance(dt, Real) and 0.0 < dt < np.inf):
         raise BadInput(f"the time step must be a positive number of seconds, got {dt!r}", "dt", "give it in seconds")
-    build = Build(usual if dt is None else dt, smooth, disturbances, logged=dict(logged or {}))
+    build = Build(usual if dt is None else float(dt), smooth, disturbances, logged=dict(logged or {}))
     return AugmentedModel(robot, source, build, explanation, found)
 
 

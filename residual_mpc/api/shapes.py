@@ -7,10 +7,13 @@ import numpy as np
 from residual_mpc.errors import BadInput
 
 
-def check_last(name: str, given: np.ndarray, names: Sequence[str]) -> None:
-    """Raises BadInput unless the last axis has an entry for each of these names."""
+def check_last(name: str, given: np.ndarray, names: Sequence[str], most: int | None = None) -> None:
+    """Raises BadInput unless the array is of numbers and its last axis has an entry for each of these names; most: axes
+    that it may have, None for any number."""
     shape = np.shape(given)
-    if not shape or shape[-1] != len(names):
+    if not np.issubdtype(np.asarray(given).dtype, np.number):
+        raise BadInput(f"{name} must be numbers, got {np.asarray(given).dtype}", name, f"give {', '.join(names)}")
+    if not shape or shape[-1] != len(names) or len(shape) > (most or len(shape)):
         raise BadInput(
             f"{name} must have {len(names)} values in its last axis, got shape {shape}", name,
             f"give {', '.join(names)} in this order",

@@ -12,7 +12,7 @@ from residual_mpc.errors import BadInput
 
 GROUP = "residual_mpc.scenarios"
 OWN_GROUP = "residual_mpc.own_scenarios"  # one entry: the function that runs a user's own robot
-CONTROLLERS = ("mpc", "lqr")
+CONTROLLER_TYPES = ("mpc", "lqr")
 Progress = Callable[[str, float], None]
 
 
@@ -32,9 +32,10 @@ class RunOptions:
     budget: float = math.inf
 
     def __post_init__(self) -> None:
-        if self.controller not in CONTROLLERS:
-            raise BadInput(f"unknown controller {self.controller!r}", "controller", f"use {' or '.join(CONTROLLERS)}")
-        if self.seeds < 1:
+        if self.controller not in CONTROLLER_TYPES:
+            remedy = f"use {' or '.join(CONTROLLER_TYPES)}"
+            raise BadInput(f"unknown controller {self.controller!r}", "controller", remedy)
+        if not isinstance(self.seeds, int) or self.seeds < 1:
             raise BadInput(f"there must be at least one seed, got {self.seeds}", "seeds", "give a whole number above 0")
         if not self.budget > 0.0:
             raise BadInput(f"the time limit must be positive, got {self.budget}", "budget", "give it in seconds")

@@ -52,6 +52,7 @@ def speed_chain(effects: Effects, u: np.ndarray, on: np.ndarray | None, clock: n
     y = u if on is None else u * on
     for effect, p in present(effects, *OUTPUT, "pair"):
         y = through_pair(effect, p, y) if effect.port == "pair" else through_outputs(effect, p, y, clock, dt)
+    y = y if on is None else y * on  # a wheel that is off is not driven by its partner
     for effect, p in on_command(effects, direct):
         if effect.inertial:
             y = through_commands(effect, p, y, dt)

@@ -7,6 +7,7 @@ from residual_mpc.effects.effect import Effect, Parameter, Values
 from residual_mpc.effects.ops import Array, Ops, clip
 from residual_mpc.effects.phrase import Noun, Phrase
 
+LEAST = 1e-3  # rad/s, of a limit in whose proportion wheels slow down
 NOT_IN_MJCF = "MuJoCo has no actuator that depends on the command of another"
 
 
@@ -27,8 +28,8 @@ def turn_limit_step(ops: Ops, p: Values, left: Array, right: Array) -> tuple[Arr
 
 def shared_limit_step(ops: Ops, p: Values, left: Array, right: Array) -> tuple[Array, Array]:
     """Both speeds times limit / max(limit, |left|, |right|): the path keeps its curvature."""
-    over = ops.maximum(ops.absolute(left), ops.absolute(right)) / p["limit"]
-    share = 1.0 / ops.maximum(over, 1.0)
+    fastest = ops.maximum(ops.absolute(left), ops.absolute(right))
+    share = 1.0 / (1.0 + (fastest - ops.minimum(fastest, p["limit"])) / p["limit"])
     return left * share, right * share
 
 
@@ -38,7 +39,7 @@ TURN_GAIN = Effect(
     port="pair",
     target="robot",
     parameters=(Parameter("gain", "1", 1.0, 0.02, 5.0, (0.4, 0.85, 1.2), tolerance=0.01),),
-    summary="the wheels' speeds differ by a multiple of the commanded difference",
+    summary="the difference between the wheels' speeds is scaled",
     step=turn_gain_step,
     site="pair",
     rank=22,
@@ -64,7 +65,7 @@ TURN_LIMIT = Effect(
     kink="signal",
     unseen="no command near such a limit",
     phrase=Phrase("half of the difference between the wheels' speeds stops at {limit}"),
-    nouns={"limit": Noun("limit of the turning", appears="limit of the turning")},
+    nouns={"limit": Noun("turn limit")},
     not_in_mjcf=NOT_IN_MJCF,
 )
 
@@ -73,7 +74,9 @@ SHARED_LIMIT = Effect(
     stage="actuator",
     port="pair",
     target="robot",
-    parameters=(Parameter("limit", "rad/s", math.inf, 0.0, math.inf, (0.9, 0.75, 0.5, 0.3), "output", True, most=1.2),),
+    parameters=(
+        Parameter("limit", "rad/s", math.inf, LEAST, math.inf, (0.9, 0.75, 0.5, 0.3), "output", True, most=1.2),
+    ),
     summary="both wheels slow down in proportion where one of them would exceed a limit",
     step=shared_limit_step,
     site="pair",
@@ -82,7 +85,7 @@ SHARED_LIMIT = Effect(
     kink="signal",
     unseen="no command near the wheels' limit",
     phrase=Phrase("both wheels slow down in proportion where one of them would exceed {limit}"),
-    nouns={"limit": Noun("shared limit of the wheels' speeds", appears="shared limit of the wheels' speeds")},
+    nouns={"limit": Noun("shared limit of the wheels' speeds")},
     not_in_mjcf=NOT_IN_MJCF,
 )
 

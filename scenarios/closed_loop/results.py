@@ -26,18 +26,13 @@ COLOURS = {
 
 
 def write_episodes(out: Path, comparison: Comparison) -> list[str]:
-    """Write every episode as a run into the folder, which is made, in place of those of an earlier call; returns the
-    names of the files."""
+    """Write every episode as a run into the folder, which is made; returns the names of the files."""
     out.mkdir(parents=True, exist_ok=True)
     names = []
     for episodes in comparison.episodes.values():
         for e in episodes:
             names.append(f"{e.name}.csv")
             e.table().to_csv(out / names[-1], index=False, lineterminator="\n")
-    for old in out.glob("*.csv"):
-        controller, _, seed = old.stem.rpartition("_")
-        if controller in COLOURS and seed.isdigit() and old.name not in names:
-            old.unlink()
     return names
 
 

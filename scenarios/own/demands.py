@@ -1,23 +1,29 @@
-"""What a reference demands of a robot and of its controllers, and what of it cannot be met."""
+"""What a reference demands of a robot and its controllers, and what the robot cannot do on it."""
+
+from collections.abc import Mapping
 
 import numpy as np
 
 from controllers.settings import MpcSettings
 from residual_mpc.closed_loop.compare import Comparison
+from residual_mpc.effects.command import COMMAND_DELAY
+from residual_mpc.effects.library import BY_NAME
 from residual_mpc.export.augmented import Augmented
+from residual_mpc.models.settings import TUNE
 from scenarios.own.inverse import closest
 from scenarios.own.reference import Waypoints
 
 LOST = 0.5  # share of a channel's samples that are missing, above which the result says so
 HELD = 0.05  # share of the samples in which a command is at its limit, above which the result says so
+SEEN = 15  # samples of a command's effect that a horizon should hold
 SLACK = 1e-3  # rad or m, by which a reference may leave a joint's range
 POINTS, REACHED = 12, 0.003  # of a path of the tool that are tried; m, within which one counts as reached
-LATE = "sent."  # states of a step that hold commands on their way
 
 
-def fastest_wheel(nominal: Augmented, reference: Waypoints, dt: float) -> float | None:
-    """rad/s, the fastest wheel that the nominal model needs to follow the reference; None for a robot that does not
-    drive."""
+def fastest_wheel(models: Mapping[str, Augmented], reference: Waypoints, dt: float) -> float | None:
+    """rad/s, the fastest wheel that any of the models needs to follow the reference; None for a robot that does not
+    drive. models: by controller, "nominal" among them."""
+    nominal = models["nominal"]
     inverse = getattr(nominal.robot, "outputs_from", None)
     if inverse is None or nominal.stepped.rates:
         return None
@@ -25,13 +31,27 @@ def fastest_wheel(nominal: Augmented, reference: Waypoints, dt: float) -> float 
     names = nominal.stepped.tracked
     value = dict(zip(names, 0.5 * (path[1:] + path[:-1]).T, strict=True))
     rate = dict(zip(names, np.diff(path, axis=0).T / dt, strict=True))
-    return float(np.max(np.abs(list(inverse(value, rate).values())), initial=0.0))
+    fastest = float(np.max(np.abs(list(inverse(value, rate).values())), initial=0.0))
+    return fastest * max(_times_the_nominal(model) for model in models.values())
+
+
+def _times_the_nominal(model: Augmented) -> float:
+    """How many times as fast as the nominal model's a wheel may have to be commanded: each number that slows the robot
+    or its turns counts in full, whichever wheel it is of."""
+    times = 1.0
+    for n in (n for n in model.stepped.numbers if n.effect != TUNE):
+        effect, parameter = BY_NAME[n.effect], BY_NAME[n.effect].parameter(n.parameter)
+        factor = effect.place in ("strength", "pair") and parameter.null == 1.0
+        factor |= parameter.quantity in ("wheel radius", "right wheel radius")
+        ratio = 1.0 / n.value if factor else n.value if parameter.quantity == "track width" else 1.0
+        times *= max(ratio, 1.0)
+    return times
 
 
 def dead_steps(model: Augmented) -> int:
     """Samples until a command acts, of the actuator on which it takes longest."""
     at = model.stepped
-    return max((sum(s.startswith(f"{LATE}{a}.") for s in at.states) for a in at.commands), default=0)
+    return max((sum(s.startswith(f"{COMMAND_DELAY.label}.{a}.") for s in at.states) for a in at.commands), default=0)
 
 
 def notes_of(model: Augmented, reference: Waypoints, settings: MpcSettings, comparison: Comparison) -> list[str]:
@@ -71,14 +91,15 @@ def _out_of_reach(model: Augmented, reference: Waypoints) -> list[str]:
 
 
 def _late(model: Augmented, settings: MpcSettings) -> list[str]:
-    """Commands that act only behind the controller's horizon."""
-    most, dt = dead_steps(model), model.stepped.dt
-    if most < settings.horizon - 1:
+    """Commands of which a controller sees too little before its horizon ends."""
+    dead, dt = dead_steps(model), 1e3 * model.stepped.dt
+    beyond = settings.horizon - dead
+    if not dead or beyond >= SEEN:
         return []
-    horizon, dead = 1e3 * settings.horizon * dt, 1e3 * most * dt
+    reaches = f"reaches only {beyond * dt:.0f} ms beyond" if beyond > 0 else "ends before"
     return [
-        f"the horizon of {horizon:.0f} ms hardly reaches beyond the model's dead time of {dead:.0f} ms: "
-        "give a longer sample time or a longer horizon"
+        f"the horizon ({settings.horizon * dt:.0f} ms) {reaches} the model's dead time ({dead * dt:.0f} ms): use a "
+        "longer sample time or a longer horizon"
     ]
 
 

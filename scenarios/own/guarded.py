@@ -1,7 +1,10 @@
 """A plant of the user's own, whose mistakes become one message."""
 
+import traceback
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,19 +34,19 @@ class Guarded:
         return self.poses
 
     def start(self, rng: np.random.Generator, at: Reading) -> Plant:
-        plant = guarded(self.where, "start", lambda: self.inner.start(rng, at))
+        plant = guarded(self.where, "`start`", lambda: self.inner.start(rng, at))
         lacks = [m for m in METHODS if not callable(getattr(plant, m, None))]
         if lacks:
             raise BadInput(
                 f"`start` must return a plant with {', '.join(METHODS)}, got {type(plant).__name__} without {lacks[0]}",
-                self.where, "see docs/guide/own-arm.md for a plant",
+                self.where, "see docs/guide/closed-loop.md for a plant",
             )  # fmt: skip
-        return _GuardedPlant(plant, self.poses, self.where)
+        return _GuardedPlant(plant, self.poses, self.where, at)
 
 
 def check_actuators(plant: Simulator, commands: tuple[str, ...], where: str) -> None:
     """Raises BadInput for a plant whose actuators are not those that the model commands, in this order."""
-    found = guarded(where, "actuators", lambda: tuple(plant.actuators))
+    found = guarded(where, "`actuators`", lambda: tuple(plant.actuators))
     if found != tuple(commands):
         raise BadInput(
             f"the plant must have the actuators {', '.join(commands)} in this order, got {', '.join(map(str, found))}",
@@ -54,24 +57,36 @@ def check_actuators(plant: Simulator, commands: tuple[str, ...], where: str) -> 
 class _GuardedPlant:
     """A running plant whose readings are checked."""
 
-    def __init__(self, inner: Plant, poses: tuple[str, ...], where: str) -> None:
+    def __init__(self, inner: Plant, poses: tuple[str, ...], where: str, begin: Reading) -> None:
         self._inner, self._poses, self._where = inner, poses, where
+        self._last, self._failed = dict(begin), False
 
     def measure(self) -> Reading:
         return self._checked("measure", self._inner.measure)
 
     def truth(self) -> Reading:
-        return self._checked("truth", self._inner.truth)
+        """A channel without a new value keeps its last one: errors are scored at every sample."""
+        found = self._checked("truth", self._inner.truth)
+        self._last |= {c: v for c, v in found.items() if np.isfinite(v)}
+        return {c: self._last[c] for c in found}
 
     def step(self, command: np.ndarray, dt: float) -> None:
-        guarded(self._where, "step", lambda: self._inner.step(command, dt))
+        self._guarded("`step`", lambda: self._inner.step(command, dt))
 
     def close(self) -> None:
-        guarded(self._where, "close", self._inner.close)
+        with suppress(Exception) if self._failed else nullcontext():  # the first failure is the one to report
+            self._guarded("`close`", self._inner.close)
+
+    def _guarded(self, method: str, call: Callable[[], Value]) -> Value:
+        """What the method returns; remembers that it failed."""
+        failed, self._failed = self._failed, True
+        found = guarded(self._where, method, call)
+        self._failed = failed
+        return found
 
     def _checked(self, method: str, read: Callable[[], Reading]) -> Reading:
         """The tracked channels of a reading as floats; a sensor without a new value gives NaN."""
-        reading = guarded(self._where, method, read)
+        reading = self._guarded(f"`{method}`", read)
         remedy = f"return a dict with {', '.join(self._poses)}; NaN where a sensor has nothing new"
         if not isinstance(reading, Mapping):
             raise BadInput(f"`{method}` must return a dict, got {type(reading).__name__}", self._where, remedy)
@@ -95,14 +110,13 @@ def guarded(where: str, method: str, call: Callable[[], Value]) -> Value:
         raise
     except Exception as error:  # the user's own code may raise anything
         raise BadInput(
-            f"`{method}` of the plant raised {type(error).__name__}: {error}{_line_of(error)}", where,
-            "run the plant on its own, and mend it",
+            f"{method} of the plant raised {type(error).__name__}: {error}{_line_of(error)}", where,
+            "test the plant on its own",
         ) from error  # fmt: skip
 
 
 def _line_of(error: BaseException) -> str:
-    """Where the innermost frame of an error is."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    return "" if trace is None else f" ({trace.tb_frame.f_code.co_filename}, line {trace.tb_lineno})"
+    """The last line of the user's own code that an error came through; empty where it did not."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [f for f in frames if "site-packages" not in f.filename and Path(f.filename) != Path(__file__)]
+    return f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""

@@ -32,6 +32,8 @@ class Waypoints:
     beyond: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in ("t", "values"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
         shape, wanted = np.shape(self.values), (len(self.t), len(self.names))
         if shape != wanted or len(self.t) < 2:
             fault = f"a reference needs two rows and a column for each of {', '.join(self.names)}, got {shape}"
@@ -52,16 +54,17 @@ class Waypoints:
         return np.asarray(PchipInterpolator(self.t, self.values)(np.clip(t, self.t[0], self.t[-1])))
 
     def ordered(self, names: tuple[str, ...], where: str) -> "Waypoints":
-        """The columns in the order of these names, headings without jumps of a whole turn. Raises BadInput where a
-        column is missing."""
+        """The columns in the order of these names; headings between -pi and pi lose their jumps by a whole turn. Raises
+        BadInput where a column is missing."""
         missing = [n for n in names if n not in self.names]
         if missing:
             raise BadInput(
                 f"the reference has no column {missing[0]!r}", where, f"give t (s) and {', '.join(names)} (rad or m)"
             )
         values = self.values[:, [self.names.index(n) for n in names]]
-        turning = [i for i, n in enumerate(names) if n == "pose.theta"]
-        values[:, turning] = np.unwrap(values[:, turning], axis=0)
+        for i in (i for i, n in enumerate(names) if n == "pose.theta"):
+            if np.abs(values[:, i]).max() <= np.pi + 1e-6:  # beyond, it counts turns, and a large step is meant
+                values[:, i] = np.unwrap(values[:, i])
         return replace(self, names=names, values=values)
 
 

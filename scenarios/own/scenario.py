@@ -39,13 +39,14 @@ from scenarios.own.units import mixed, unit_of
 # 1-sigma of a sensor without an entry in the robot file: rad or m of an encoder, m and rad of a localisation
 NOISE, LOCALISED = 2e-4, {"pose.x": 0.002, "pose.y": 0.002, "pose.theta": 0.006}
 DRIFT = 0.01  # rad/sqrt(s) or m/sqrt(s), process noise of the estimator's positions
-CONTROLLERS = ("nominal", "augmented", "oracle")
+STACKS = ("nominal", "augmented", "oracle")
+LONGEST = 40  # samples of a horizon: the time of a step grows with its square
 
 PlantFactory = Callable[[RobotFile, float], Simulator]  # (robot file, s between commands) -> plant
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class OwnRun:
     """A comparison, the names of the tracked channels, and the augmented model, reference and settings behind it."""
 
     comparison: Comparison
@@ -82,9 +83,9 @@ class OwnScenario:
     summary: str = "your own robot: nominal against augmented"
 
     def __post_init__(self) -> None:
-        unknown = [name for name in self.controllers if name not in CONTROLLERS]
+        unknown = [name for name in self.controllers if name not in STACKS]
         if unknown:
-            raise BadInput(f"unknown controller {unknown[0]!r}", self.robot.model.name, f"use {', '.join(CONTROLLERS)}")
+            raise BadInput(f"unknown controller {unknown[0]!r}", self.robot.model.name, f"use {', '.join(STACKS)}")
         if self.plant is not None and self.withheld is not None:
             raise BadInput(
                 "withheld effects cannot be put into a plant of your own", "--withheld",
@@ -111,7 +112,7 @@ class OwnScenario:
             result["files"] = write(options.out, self.robot.model, comparison, result)
         return result
 
-    def drive(self, options: RunOptions, progress: Progress) -> "Driven":
+    def drive(self, options: RunOptions, progress: Progress) -> "OwnRun":
         """The episodes of every controller and seed, and what they were driven with."""
         progress("building the controllers", 0.0)
         models = self._models()
@@ -132,7 +133,7 @@ class OwnScenario:
             simulator, stacks, reference, LoopSettings(reference.seconds, dt), seeds, (),
             lambda stage, done: progress(stage, 0.3 + 0.6 * done), begin,
         )  # fmt: skip
-        return Driven(comparison, nominal.stepped.tracked, models["augmented"], reference, settings)
+        return OwnRun(comparison, nominal.stepped.tracked, models["augmented"], reference, settings)
 
     def _models(self) -> dict[str, Augmented]:
         """The model of each controller; the oracle only if the withheld effects are given."""
@@ -148,11 +149,11 @@ class OwnScenario:
         return models
 
     def _usual(self, models: Mapping[str, Augmented], reference: Waypoints) -> MpcSettings:
-        """The usual settings, with a horizon that reaches as far beyond the longest dead time of the models as it
-        otherwise does from now on."""
-        nominal = models["nominal"]
-        usual = usual_settings(nominal, fastest_wheel(nominal, reference, self.model.dt))
-        return replace(usual, horizon=usual.horizon + max(dead_steps(model) for model in models.values()))
+        """The usual settings for the fastest wheel that one of the models needs, with a horizon that begins at the
+        longest dead time of the models, at most LONGEST samples in all."""
+        usual = usual_settings(models["nominal"], fastest_wheel(models, reference, self.model.dt))
+        late = max(dead_steps(model) for model in models.values())
+        return replace(usual, horizon=max(usual.horizon, min(usual.horizon + late, LONGEST)))
 
     def _of_the_tool(self) -> bool:
         if isinstance(self.reference, Waypoints):

@@ -157,7 +157,7 @@ def test_a_document_of_something_else_is_no_model(robot: rm.NominalRobot, tmp_pa
 def test_a_network_is_not_learned_in_place_of_another(
     robot: rm.NominalRobot, runs: rm.Runs, network: rm.LearnedModel
 ) -> None:
-    with pytest.raises(rm.BadInput, match="has a learned network already.*--warm-start"):
+    with pytest.raises(rm.BadInput, match="already contains a learned network.*--warm-start"):
         rm.learn(robot, runs, on=network, hidden=(2,), passes=1)
 
 

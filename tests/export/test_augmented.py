@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -60,6 +62,18 @@ def test_a_limit_far_off_is_looked_at_as_well():
     free = casadi_model(model("none", learned()))
     assert agreement(m, mapped(free.f, m.p), np.random.default_rng(0)).step > 1e-3
     assert agreement(m, mapped(casadi_model(m).f, m.p), np.random.default_rng(0)).largest < 1e-9
+
+
+@pytest.mark.parametrize("name", ["turn_limit", "shared_limit"])
+@pytest.mark.parametrize("limit", [2.0, 40.0, math.inf])
+def test_a_smoothed_limit_of_both_wheels_is_off_by_the_width_at_most(name, limit):
+    eps, value = 0.1, {Knob(name, None, "limit"): limit}
+    exact, rounded = (augment(ROBOT, value, None, Build(DT, smooth)) for smooth in (0.0, eps))
+    sides = np.array([0.0, 0.3, 1.0, 2.0, 5.0, 39.0, 41.0, 60.0])
+    for u in np.array(np.meshgrid(sides, -sides)).reshape(2, -1).T:
+        moved = [np.array(m.numpy_step(m.start(), u)) for m in (exact, rounded)]
+        speed = np.abs(moved[1] - moved[0])[[0, 2]] / DT  # m/s and rad/s
+        assert speed[0] < eps * 0.033 and speed[1] < 2.0 * eps * 0.033 / 0.16
 
 
 def test_a_smoothed_limit_is_off_by_half_the_width_at_most():

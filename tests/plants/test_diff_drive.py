@@ -9,6 +9,7 @@ from oracles.rover_euler import TRACK_WIDTH, WHEEL_RADIUS, simulate
 from plants.diff_drive import DiffDrive, build
 from residual_mpc.effects.library import LIBRARY
 from residual_mpc.errors import BadInput
+from residual_mpc.models.contract import check_robot
 from residual_mpc.models.protocol import Drive
 from residual_mpc.models.robot_file import RobotFile
 from residual_mpc.models.settings import Knob, Settings, assemble
@@ -68,6 +69,11 @@ def settings_of(effect: str, parameters: dict[str, float]) -> Settings:
 def test_every_hosted_effect_is_tried() -> None:
     sensors = {e.name for e in LIBRARY if e.port == "sensor"}
     assert {e.name for e in LIBRARY if ROVER.slots(e.name)} - sensors == set(FAULTS)
+
+
+@pytest.mark.parametrize("size", [1.0, 0.1])
+def test_it_keeps_the_contract_in_small_motions(size: float) -> None:
+    check_robot(ROVER, np.random.default_rng(1), size=size)
 
 
 def test_a_straight_line() -> None:
@@ -147,6 +153,17 @@ def test_a_wheel_that_is_off_stands() -> None:
     on[:, 50:] = 0.0
     out = replay(Drive(drive.dt, drive.lead, drive.command, on, drive.clock), Settings(1))
     assert out[-1, 0] == out[50, 0] == pytest.approx(0.5 * 6.0 * WHEEL_RADIUS)
+
+
+@pytest.mark.parametrize(("effect", "parameter", "value"), [("turn_gain", "gain", 0.5), ("turn_limit", "limit", 1.0)])
+def test_a_wheel_that_is_off_is_not_driven_by_the_other(effect: str, parameter: str, value: float) -> None:
+    drive = drive_of(lambda t: (5.0, 5.0), 0.01, 1.0)
+    on = np.ones((1, 100, 2))
+    on[..., 0] = 0.0
+    start = {c: np.zeros(1) for c in POSE}
+    late = Drive(drive.dt, drive.lead, drive.command, on, drive.clock)
+    out = ROVER.replay(start, late, settings_of(effect, {parameter: value}), ("output.left", "output.right"))
+    assert (out["output.left"][0, 1:] == 0.0).all() and (out["output.right"][0, 1:] > 1.0).all()
 
 
 @pytest.mark.parametrize(

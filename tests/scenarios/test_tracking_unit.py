@@ -19,4 +19,11 @@ from scenarios.own.units import mixed, unit_of
 )
 def test_an_error_of_a_joint_that_slides_is_in_metres(names: tuple[str, ...], unit: str) -> None:
     assert unit_of(names, frozenset({"slide"})) == unit
-    assert bool(mixed(names, frozenset({"slide"}))) == ("position.slide" in names and unit == "rad")
+
+
+def test_metres_beside_radians_are_said_to_count_alike() -> None:
+    slides = frozenset({"slide"})
+    assert mixed(("position.slide", "position.elbow"), slides) == [
+        "the tracking error counts a metre of slide like a radian"
+    ]
+    assert mixed(("position.slide",), slides) == mixed(("position.elbow",), slides) == []

@@ -27,6 +27,7 @@ from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.remainder.resemblance import closest
 from residual_mpc.diagnosis.results.settings import ResultSettings
 from residual_mpc.diagnosis.search.acceptance import STEP_WINDOWS, convincing, judge
+from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import makeup
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.settings import SearchSettings
@@ -161,6 +162,7 @@ def _closed_by_one(found: Found, rivalry: Rivalry, settings: ResultSettings) -> 
     blocks = blocks_of(plain.data, settings=settings.fit)
     if not possible(fit.values) or convincing(plain, ruler, before, fit, found.base, blocks, search) is None:
         return None
+    fit = off_bounds(plain, fit, search)  # what the new effect makes redundant may have kept its shape from its place
     fit = prune(plain, ruler, fit, found.base, plain.data.sigma, blocks, search)
     return _extended(found, fit, settings=settings.search)
 

@@ -17,17 +17,20 @@ def form_named(name: str) -> Form:
 
 def default_form(base: Robot) -> Form:
     """The body form for a robot that drives on a plane, else the joint form."""
-    return form_named("body" if set(POSE) <= {s.position for s in base.states} else "joint")
+    return form_named("body" if _drives(base) else "joint")
 
 
 def check_form(name: str, base: Robot) -> None:
     """Raises BadInput for a form that corrects velocities which the robot does not have."""
-    positions = {s.position for s in base.states}
-    drives, joints = set(POSE) <= positions, any(p.startswith("position.") for p in positions)
-    fit = [*(("body", "paper") if drives else ()), *(("joint",) if joints else ())]
-    if name not in fit:
-        kind = "joint velocities" if name == "joint" else "a planar velocity"
-        raise BadInput(
-            f"the form {name!r} corrects {kind}, which {base.name!r} does not have", "--form",
-            f"give one of {', '.join(fit)}, or leave it out",
-        )  # fmt: skip
+    if (name == "joint") != _drives(base):
+        return
+    kind, fit = ("joint velocities", "body or paper") if name == "joint" else ("a planar velocity", "joint")
+    raise BadInput(
+        f"the form {name!r} corrects {kind}, which {base.name!r} does not have", "--form",
+        f"give {fit}, or leave it out",
+    )  # fmt: skip
+
+
+def _drives(base: Robot) -> bool:
+    """Whether a robot has a pose on the plane."""
+    return set(POSE) <= {s.position for s in base.states}

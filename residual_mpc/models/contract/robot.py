@@ -203,6 +203,9 @@ def _values(robot: Robot, effect: Effect, probe: int, outputs: Predicted | None 
         unit = robot.reference(p.reference, None) if p.reference in ("inertia", "mass", "length") else 1.0
         if p.reference == "output" and outputs:
             unit = float(np.median([np.abs(y).max() for c, y in outputs.items() if c.startswith("output.")]))
+        if p.reference == "turn" and outputs:
+            left, right = (y for c, y in outputs.items() if c.startswith("output."))
+            unit = float(0.5 * np.abs(right - left).max())
         value = p.probes[min(probe, len(p.probes) - 1)] * unit if p.probes else p.null
         limits = [robot.bounds(effect.name, p.name, s) for s in slots]
         out[p.name] = np.array([[np.clip(value, *limit) for limit in limits]] * ROWS)
