@@ -134,7 +134,8 @@ def _in_place_of(
     told = [c for c in told_apart(problem, rest, units, settings).told if c.term != change]
     leads = mixed(sorted(told, key=lambda c: -abs(c.z)), sorted(told, key=lambda c: -c.drop))
     fitted = fitted_leads(problem, rest, leads, settings, (without_change(fit.values, change),))
-    best = sorted(fitted, key=lambda one: one.fit.cost)[: settings.search.rivals]
+    better = [one for one in fitted if one.drop > 0.0]  # than with the effect on both sets, as an error of the model
+    best = sorted(better, key=lambda one: one.fit.cost)[: settings.search.rivals]
     rivals = {one.lead.term: one.fit for one in best} | _twins_of(problem, fit, change, rest, settings)
     pairs = {term: _beside_same_errors(problem, fit, change, term, its, settings) for term, its in rivals.items()}
     least = settings.search.resembles

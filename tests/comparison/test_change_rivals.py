@@ -11,7 +11,7 @@ from plants.diff_drive import DiffDrive
 from residual_mpc.comparison import named, rivals
 from residual_mpc.comparison.likelihood import Explanation
 from residual_mpc.comparison.named import may_be_none
-from residual_mpc.comparison.rivals import ChangeRivals, _alone_as_good, _hardly_told, find_change_rivals
+from residual_mpc.comparison.rivals import ChangeRivals, _alone_as_good, _hardly_told, _in_place_of, find_change_rivals
 from residual_mpc.comparison.search import FoundChange, FoundChanges, search_changes
 from residual_mpc.comparison.sets import cut, units_of
 from residual_mpc.comparison.settings import ComparisonSettings
@@ -136,3 +136,24 @@ def test_a_change_that_only_its_fit_shows_is_no_more_than_possible(
     problem: Any = SimpleNamespace(space=SimpleNamespace(slots={LATE.effect: ()}))
     (change,) = named.named_changes(problem, Any, told, Any, 0.97, ComparisonSettings())
     assert change.probability == pytest.approx(expected)
+
+
+def test_what_serves_as_well_on_both_sets_is_no_rival_of_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It mends an error of the model: a limit that both sets have explains more than the gain that changed."""
+    gain, limit, lag = (Term(e, None, changed=True) for e in ("actuator_gain", "shared_limit", "actuator_lag"))
+
+    def fitted(*given: Any) -> list[Any]:
+        ends = ((limit, 5.0, -3.0), (lag, 9.0, 2.0))
+        return [SimpleNamespace(lead=SimpleNamespace(term=t), fit=SimpleNamespace(cost=c), drop=d) for t, c, d in ends]
+
+    def beside(problem: Any, fit: Any, change: Term, term: Term, its: Any, settings: Any) -> tuple[Any, Any]:
+        return tuple(Explanation(t, its, np.ones(4)) for t in (change, term))  # type: ignore[return-value]
+
+    told = SimpleNamespace(told=[])
+    monkeypatch.setattr(rivals, "told_apart", lambda *given: told)
+    monkeypatch.setattr(rivals, "fitted_leads", fitted)
+    monkeypatch.setattr(rivals, "_twins_of", lambda *given: {})
+    monkeypatch.setattr(rivals, "_beside_same_errors", beside)
+    fit: Any = SimpleNamespace(values={})
+    found = _in_place_of(None, fit, gain, fit, None, ComparisonSettings())  # type: ignore[arg-type]
+    assert set(found) == {lag}

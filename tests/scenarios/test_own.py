@@ -166,15 +166,16 @@ def test_a_plant_with_other_actuators_is_refused(tmp_path: Path) -> None:
         OwnScenario(robot, model, swing(), plant=plant).run(RunOptions(seeds=1))
 
 
-def test_controllers_look_beyond_the_dead_time_however_short_the_samples_are(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("dt", "horizon"), [(0.02, 22), pytest.param(0.002, 35, marks=pytest.mark.slow)])
+def test_controllers_look_beyond_the_dead_time(tmp_path: Path, dt: float, horizon: int) -> None:
+    """However short the samples are: within the dead time no command acts."""
     robot = robot_file(tmp_path)
     motion = Waypoints(swing().names, SHORT[:11], swing().values[:11])
-    for dt, horizon in ((0.02, 22), (0.002, 35)):
-        model = rm.augment(robot, tmp_path / "model.json", dt=dt)
-        driven = OwnScenario(robot, model, motion, withheld=TRUTH).drive(RunOptions(seeds=1), lambda stage, done: None)
-        assert driven.settings.horizon == horizon
-        rmse = {name: fs[0].tracking_rmse for name, fs in driven.comparison.figures.items()}
-        assert rmse["augmented"] < 0.5 * rmse["nominal"]
+    model = rm.augment(robot, tmp_path / "model.json", dt=dt)
+    driven = OwnScenario(robot, model, motion, withheld=TRUTH).drive(RunOptions(seeds=1), lambda stage, done: None)
+    assert driven.settings.horizon == horizon
+    rmse = {name: fs[0].tracking_rmse for name, fs in driven.comparison.figures.items()}
+    assert rmse["augmented"] < 0.5 * rmse["nominal"]
 
 
 def test_a_factory_that_fails_is_named(tmp_path: Path) -> None:
@@ -332,7 +333,7 @@ NEAR = "the horizon (40 ms) reaches only 10 ms beyond the model's dead time (30 
         (0.002, 10.0, None, [RANGE, HELD]),
         (0.02, 1.0, 20, []),
         (0.001, 1.0, 20, [DEAD]),
-        (0.001, 1.0, None, [NEAR]),
+        pytest.param(0.001, 1.0, None, [NEAR], marks=pytest.mark.slow),
     ],
 )
 def test_what_the_robot_cannot_do_on_a_reference_is_said(

@@ -33,7 +33,7 @@ from residual_mpc.models.targets import Targets
 FITTED = tuple(e for e in LIBRARY if e.fitted)
 NOTHING: Mapping[Term, str] = MappingProxyType({})
 UNTOLD = "the angle of a wheel can be estimated only from pose.x, pose.y and pose.theta"
-AS_TRACK = "without wheel encoders it cannot be told from track_width"
+AS_TRACK = "without wheel encoders it cannot be told from another track"
 FAR_MORE = 2.0  # times the torque that a model needs, from which what the motors give is probed as friction
 TURNED = 0.2  # rad over the whole range of a joint: what a typical step of a number of cycles changes
 
