@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from residual_mpc.closed_loop.scenario import RunOptions
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import Knob
 from scenarios.own import OwnScenario, Waypoints, drive, read_reference
+from scenarios.own.demands import _late, _out_of_reach
+from scenarios.own.reference import named_motion
 
 SERVOS = """
 <position name="j1" joint="j1" kp="120" kv="8" ctrlrange="-2 2"/>
@@ -316,38 +319,38 @@ def test_a_path_that_the_tool_cannot_follow_is_said_to_be(tmp_path: Path) -> Non
     """The named circle goes 60 mm to both sides of an arm whose joints move it on a surface."""
     robot = robot_file(tmp_path)
     model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
-    scenario = OwnScenario(robot, model, "circle", withheld=TRUTH, controllers=("nominal",))
-    (note,) = [n for n in scenario.run(RunOptions(seeds=1))["notes"] if "the tool" in n]
+    nominal = OwnScenario(robot, model, "circle", withheld=TRUTH)._models()["nominal"]
+    (note,) = _out_of_reach(nominal, named_motion("circle", nominal))
     assert note.startswith("the tool comes no closer than ") and note.endswith(" mm to parts of the reference")
+    begin = nominal.outputs(nominal.start())
+    still = Waypoints(("tool.x", "tool.y", "tool.z"), SHORT, np.repeat(begin[None], len(SHORT), axis=0))
+    assert _out_of_reach(nominal, still) == []
 
 
 RANGE = "the reference leaves the range of position.j2 (-1.57 to 1.57) by 0.17"
 HELD = "augmented: a command is at its limit in 100% of the samples"
 DEAD = "the horizon (20 ms) ends before the model's dead time (30 ms): use a longer sample time or a longer horizon"
-NEAR = "the horizon (40 ms) reaches only 10 ms beyond the model's dead time (30 ms): use a longer sample time or a "
+NEAR = DEAD.replace("20 ms) ends before", "40 ms) reaches only 10 ms beyond")
+
+
+@pytest.mark.parametrize(("times", "said"), [(10.0, [RANGE, HELD]), (1.0, [])])
+def test_what_the_robot_cannot_do_on_a_reference_is_said(tmp_path: Path, times: float, said: list[str]) -> None:
+    robot = robot_file(tmp_path)
+    motion = Waypoints(swing().names, SHORT[:5], times * swing().values[10:15])
+    model = rm.augment(robot, tmp_path / "model.json", dt=0.02)
+    scenario = OwnScenario(robot, model, motion, plant=Sluggish, controllers=("augmented",))
+    notes = scenario.run(RunOptions(seeds=1))["notes"]
+    assert len(notes) == len(said) and all(note.startswith(s) for note, s in zip(notes, said, strict=True)), notes
 
 
 @pytest.mark.parametrize(
-    ("dt", "times", "horizon", "said"),
-    [
-        (0.002, 10.0, None, [RANGE, HELD]),
-        (0.02, 1.0, 20, []),
-        (0.001, 1.0, 20, [DEAD]),
-        pytest.param(0.001, 1.0, None, [NEAR], marks=pytest.mark.slow),
-    ],
+    ("dt", "horizon", "said"), [(0.02, 20, []), (0.002, 35, []), (0.001, 20, [DEAD]), (0.001, 40, [NEAR])]
 )
-def test_what_the_robot_cannot_do_on_a_reference_is_said(
-    tmp_path: Path, dt: float, times: float, horizon: int | None, said: list[str]
+def test_a_horizon_that_ends_soon_after_the_dead_time_is_said_to(
+    tmp_path: Path, dt: float, horizon: int, said: list[str]
 ) -> None:
-    """A joint beyond its range, and a dead time that is longer than the controllers look ahead."""
-    robot = robot_file(tmp_path)
-    motion = Waypoints(swing().names, SHORT[:5], times * swing().values[10:15])
-    model = rm.augment(robot, tmp_path / "model.json", dt=dt)
-    settings = None if horizon is None else usual_settings(model.augmented)
-    assert settings is None or settings.horizon == horizon
-    scenario = OwnScenario(robot, model, motion, plant=Sluggish, settings=settings, controllers=("augmented",))
-    notes = scenario.run(RunOptions(seeds=1))["notes"]
-    assert len(notes) == len(said) and all(note.startswith(s) for note, s in zip(notes, said, strict=True)), notes
+    model = rm.augment(robot_file(tmp_path), tmp_path / "model.json", dt=dt).augmented
+    assert _late(model, replace(usual_settings(model), horizon=horizon)) == said
 
 
 @pytest.mark.parametrize(
