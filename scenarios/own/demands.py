@@ -16,6 +16,7 @@ from scenarios.own.reference import Waypoints
 LOST = 0.5  # share of a channel's samples that are missing, above which the result says so
 HELD = 0.05  # share of the samples in which a command is at its limit, above which the result says so
 SEEN = 15  # samples of a command's effect that a horizon should hold
+LEAST = 1e-3  # of a factor on the speed that is taken as it is
 SLACK = 1e-3  # rad or m, by which a reference may leave a joint's range
 POINTS, REACHED = 12, 0.003  # of a path of the tool that are tried; m, within which one counts as reached
 
@@ -43,7 +44,7 @@ def _times_the_nominal(model: Augmented) -> float:
         effect, parameter = BY_NAME[n.effect], BY_NAME[n.effect].parameter(n.parameter)
         factor = effect.place in ("strength", "pair") and parameter.null == 1.0
         factor |= parameter.quantity in ("wheel radius", "right wheel radius")
-        ratio = 1.0 / n.value if factor else n.value if parameter.quantity == "track width" else 1.0
+        ratio = 1.0 / max(n.value, LEAST) if factor else n.value if parameter.quantity == "track width" else 1.0
         times *= max(ratio, 1.0)
     return times
 
