@@ -91,6 +91,7 @@ def test_diagnose(folder: Path, diagnosis: rm.Diagnosis, capsys: pytest.CaptureF
     assert {e["effect"] for e in diagnosis.explanation} == set(FAULTS)
 
 
+@pytest.mark.slow
 def test_the_command_in_a_report_does_the_same(
     folder: Path, diagnosis: rm.Diagnosis, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -57,6 +57,7 @@ def test_each_robot_is_diagnosed_by_itself_and_a_bad_one_fails_alone(
     assert {n: r["resumed"] for n, r in results.items()} == {"a": True, "b": True, "own": True, "torn": False}
 
 
+@pytest.mark.slow
 def test_what_has_changed_is_diagnosed_again(fleet: Path) -> None:
     jobs, settings = (
         jobs_in([fleet / "a", fleet / "b"], "rover.toml", fleet / "out"),

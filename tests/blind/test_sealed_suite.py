@@ -70,6 +70,7 @@ def test_the_models_are_better_than_a_forecast_of_constant_velocity(swept):
         assert gap.constant_velocity is not None and 0.1 < gap.constant_velocity < 1.5
 
 
+@pytest.mark.slow
 def test_a_wrong_answer_of_a_baseline_is_explained(swept):
     """The baseline names one effect; told which two there are, the diagnosis finds both."""
     place, scores = swept

@@ -73,6 +73,7 @@ def test_every_command_leaves_a_clean_folder(rover: Path) -> None:
         assert appeared(rover, before) == new, words
 
 
+@pytest.mark.slow
 def test_the_commands_for_a_model_leave_a_clean_folder(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(arm_xml().replace("<worldbody>", f"{SHAPE}<worldbody>"))
     t = np.arange(0.0, 12.0, 0.01)

@@ -206,6 +206,7 @@ def test_the_search_begins_again_from_the_account_of_the_runs_before(monkeypatch
         assert len(begun) == count and begun[0] != 0.03 and begun[1:] == [0.03] * (count - 1)
 
 
+@pytest.mark.slow
 def test_a_change_that_explains_much_is_no_chance_even_where_no_probe_shows_it() -> None:
     """The probability follows from the drop that the fit reached, with runs as observations."""
     _, units, found = fitted({}, {"command_delay": {"delay": 0.1}})

@@ -58,6 +58,7 @@ def test_limits_on_commands_hold_to_the_last_bit():
     assert np.abs(np.diff(c, axis=0)).max() <= 20.0 * DT + 1e-12
 
 
+@pytest.mark.slow
 def test_one_iteration_costs_little_over_the_converged_solver():
     model = drive(SLOW, network=True, smooth=1e-2)
     mpc = build_mpc(model, FAST)

@@ -57,7 +57,8 @@ def diagnosed(runs: list[Run]) -> Diagnosis:
     return diagnose(runs, [ROBOT] * len(runs), {}, (), Options(), np.random.default_rng(0)).diagnosis
 
 
-@pytest.mark.parametrize("rate", [RATE, pytest.param(-RATE, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [RATE, -RATE])
 def test_the_rate_is_recovered(rate: float) -> None:
     found = diagnosed([stamped_run(k, rate) for k in range(3)])
     (cause,) = found.causes

@@ -80,6 +80,7 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_gain_that_follows_the_voltage_is_a_law_of_it(diagnosed: Path) -> None:
     found = json.loads((diagnosed / "out" / "diagnosis.json").read_text())
     (law,) = found["explanation"]
@@ -90,6 +91,7 @@ def test_a_gain_that_follows_the_voltage_is_a_law_of_it(diagnosed: Path) -> None
     assert "battery_voltage" in law["sentence"]
 
 
+@pytest.mark.slow
 def test_the_gap_command_reads_the_column(diagnosed: Path) -> None:
     robot, file = rm.load_robot(diagnosed / "robot.toml"), diagnosed / "out" / "diagnosis.json"
     runs = rm.read_runs(robot, sorted(diagnosed.glob("run*.csv")))
@@ -101,6 +103,7 @@ def test_the_gap_command_reads_the_column(diagnosed: Path) -> None:
         rm.measure_gap(robot, rm.read_runs(robot, [bare]), model=file)
 
 
+@pytest.mark.slow
 def test_controllers_have_the_law_as_a_parameter(diagnosed: Path) -> None:
     robot, file = rm.load_robot(diagnosed / "robot.toml"), diagnosed / "out" / "diagnosis.json"
     model = rm.augment(robot, file, dt=0.05)

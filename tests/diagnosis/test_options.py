@@ -69,6 +69,7 @@ def test_the_runs_kept_back_are_the_ones_named(runs: list[Run]) -> None:
     assert d["held_out"] == ["two"] and d["gap"]["windows"] == 12 and named(d) == {"track_width"}
 
 
+@pytest.mark.slow
 def test_what_may_be_retuned_is_no_diagnosis(runs: list[Run]) -> None:
     d = document(runs, tunable=("track_*",))
     assert d["verdict"] == "no_gap" and d["explanation"] == []

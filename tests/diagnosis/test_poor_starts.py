@@ -53,6 +53,7 @@ def test_a_log_that_is_like_that_everywhere_has_none() -> None:
     assert not poorly_begun(data, SETTINGS).any()
 
 
+@pytest.mark.slow
 def test_the_floor_of_few_windows_counts_those_with_a_poor_start() -> None:
     """As the floor of all windows has it, and not only if they happen to be drawn."""
     data = data_of({1: (14.78, 15.18)})

@@ -96,6 +96,7 @@ def test_a_large_step_error_limits_every_probability(monkeypatch: pytest.MonkeyP
 ONLY = ("link_mass", "payload", "viscous_friction", "armature")
 
 
+@pytest.mark.slow
 def test_a_gap_that_is_the_step_s_error_is_no_gap(tmp_path: Path) -> None:
     """The robot has no effect; the step alone makes a gap beyond the noise."""
     robot = robot_of(tmp_path, xml(0.005, SERVOS))

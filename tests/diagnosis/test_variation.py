@@ -42,6 +42,7 @@ def test_sizes_of_runs_are_stated_where_they_differ(tmp_path: Path) -> None:
     np.testing.assert_allclose(list(cause["by_run"].values()), sizes, atol=0.03)
 
 
+@pytest.mark.slow
 def test_a_steady_effect_has_no_sizes_of_runs(tmp_path: Path) -> None:
     cause = diagnosed(tmp_path, "command_delay", "delay", [0.1] * 4)
     assert not {"by_run", "since", "until"} & set(cause)

@@ -98,7 +98,8 @@ def test_the_true_amplitude_explains_the_log() -> None:
     assert left[0] < 0.4 * left[1]
 
 
-@pytest.mark.parametrize("encoders", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("encoders", [False, True])
 def test_wheels_that_are_not_round_are_named(encoders: bool) -> None:
     found = diagnosed([uneven_run(k, AMPLITUDE, encoders=encoders) for k in range(4)])
     assert {c.term.effect for c in found.causes} == {"wheel_eccentricity"} and found.verdict == "effects"

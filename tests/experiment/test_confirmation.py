@@ -246,6 +246,7 @@ def test_of_two_alternatives_that_remain_neither_is_confirmed(gentle: Path, tmp_
     assert again.document["confounded"] == found.document["confounded"]
 
 
+@pytest.mark.slow
 def test_a_model_that_is_retuned_is_tested_as_well(tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text('tunable = ["wheel_radius"]\n' + ROBOT)
     robot = rm.load_robot(tmp_path / "robot.toml")

@@ -99,6 +99,7 @@ def test_where_the_noise_explains_the_rest_nobody_is_asked():
         assert made.verdict in ("effects", "no_gap") and made.learned is NOTHING
 
 
+@pytest.mark.slow
 def test_a_diagnosis_says_who_learned_what_and_is_else_the_same():
     runs = [rover_run("one", TRACK, 24.0, seed=1), rover_run("two", TRACK, 16.0, seed=2)]
     options = Options(only=("command_delay",))

@@ -77,6 +77,7 @@ def test_each_leads_to_the_next():
         assert f"({following}.ipynb)" in last, f"{name} does not end with a link to {following}"
 
 
+@pytest.mark.slow
 def test_the_gap():
     text, pictures = executed("1_the_gap")
     gap, floor = (
@@ -87,6 +88,7 @@ def test_the_gap():
     assert pictures == 1
 
 
+@pytest.mark.slow
 def test_where():
     text, pictures = executed("2_where", "print('ASKED', *(r.name for r in where.regimes[:3]), *stages, sep='|')")
     assert "worst channel: pose.theta" in text, "its text says that the heading is worst"

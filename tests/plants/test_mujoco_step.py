@@ -224,6 +224,7 @@ def test_null_effects_change_nothing(tmp_path: Path) -> None:
     np.testing.assert_array_equal(plain.numpy_step(x, u), nothing.numpy_step(x, u))
 
 
+@pytest.mark.slow
 def test_the_arm_keeps_the_contract(tmp_path: Path) -> None:
     check_robot(robot_of(tmp_path, CROOKED), np.random.default_rng(0), size=0.1)
 
