@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,6 +49,10 @@ def run_on(engine: Engine, calls: Sequence[Any], names: Sequence[str], progress:
     from joblib import parallel_config
 
     workers = engine.jobs if engine.jobs > 0 else os.cpu_count()
-    cluster = engine.address or LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
-    with Client(cluster), parallel_config(backend="dask"):
+    with ExitStack() as opened:  # a client closes no cluster that it is given
+        cluster: Any = engine.address or opened.enter_context(
+            LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+        )
+        opened.enter_context(Client(cluster))
+        opened.enter_context(parallel_config(backend="dask"))
         return run_in_parallel(calls, names, progress)

@@ -1,6 +1,7 @@
 """Make, run and score, with a stub in place of the diagnosis."""
 
 import json
+import multiprocessing
 import re
 import shlex
 import sys
@@ -205,9 +206,11 @@ def test_the_command_line_makes_runs_and_scores(suite):
     assert "<svg" in page and not re.search(r"(src|href)=.?https?:", page)
 
 
-def test_the_engine_dask_runs_a_local_cluster(suite):
+def test_the_engine_dask_runs_a_local_cluster_and_closes_it(suite):
+    before = set(multiprocessing.active_children())
     summary = run_suite(suite / "suite", suite / "results", RunSettings(stub("no_gap"), jobs=2, engine="dask"))
     assert (summary.diagnosed, summary.failed) == (6, 0)
+    assert set(multiprocessing.active_children()) <= before
 
 
 def test_a_missing_engine_says_how_to_install_it(suite, monkeypatch):
