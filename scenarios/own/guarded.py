@@ -79,14 +79,15 @@ class _GuardedPlant:
 
     def _guarded(self, method: str, call: Callable[[], Value]) -> Value:
         """What the method returns; remembers that it failed."""
-        failed, self._failed = self._failed, True
+        self._failed = True
         found = guarded(self._where, method, call)
-        self._failed = failed
+        self._failed = False
         return found
 
     def _checked(self, method: str, read: Callable[[], Reading]) -> Reading:
         """The tracked channels of a reading as floats; a sensor without a new value gives NaN."""
         reading = self._guarded(f"`{method}`", read)
+        self._failed = True
         remedy = f"return a dict with {', '.join(self._poses)}; NaN where a sensor has nothing new"
         if not isinstance(reading, Mapping):
             raise BadInput(f"`{method}` must return a dict, got {type(reading).__name__}", self._where, remedy)
@@ -99,6 +100,7 @@ class _GuardedPlant:
             if np.size(value) != 1 or not isinstance(np.asarray(value).item(), int | float):
                 raise BadInput(f"`{method}` gives no number for {channel}: {value!r}", self._where, remedy)
             found[channel] = float(np.asarray(value).item())
+        self._failed = False
         return found
 
 

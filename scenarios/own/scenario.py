@@ -40,7 +40,7 @@ from scenarios.own.units import mixed, unit_of
 NOISE, LOCALISED = 2e-4, {"pose.x": 0.002, "pose.y": 0.002, "pose.theta": 0.006}
 DRIFT = 0.01  # rad/sqrt(s) or m/sqrt(s), process noise of the estimator's positions
 STACKS = ("nominal", "augmented", "oracle")
-LONGEST = 40  # samples of a horizon: the time of a step grows with its square
+LONGEST = 40  # samples of a horizon: with 80, an episode of 1200 samples took more than two minutes
 
 PlantFactory = Callable[[RobotFile, float], Simulator]  # (robot file, s between commands) -> plant
 

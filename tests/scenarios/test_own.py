@@ -296,16 +296,16 @@ def test_a_plant_whose_truth_has_gaps_is_scored_by_its_last_one(base: rm.Nominal
 
 
 def test_the_first_failure_of_a_plant_is_the_one_that_is_said(tmp_path: Path) -> None:
-    class Dead(Sluggish):
-        def step(self, command: np.ndarray, dt: float) -> None:
-            raise RuntimeError("the bus is off")
-
-        def close(self) -> None:
-            raise OSError("cannot close")
-
     robot = robot_file(tmp_path)
-    with pytest.raises(BadInput, match="the bus is off"):
-        OwnScenario(robot, rm.augment(robot, dt=0.02), swing(), plant=Dead).run(RunOptions(seeds=1))
+    for fault, said in (("raises", "the bus is off"), ("too few", "has no 'position.j2'")):
+
+        class Dead(Broken):
+            def close(self) -> None:
+                raise OSError("cannot close")
+
+        Dead.fault = fault
+        with pytest.raises(BadInput, match=said):
+            OwnScenario(robot, rm.augment(robot, dt=0.02), swing(), plant=Dead).run(RunOptions(seeds=1))
 
 
 def test_readings_that_are_mostly_missing_are_said_to_be(base: rm.NominalRobot) -> None:
