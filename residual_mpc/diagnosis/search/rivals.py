@@ -161,8 +161,8 @@ def _replacements(
 
 def _without_needless(problem: Problem, fit: Fit, rival: Rival, phi: float, settings: SearchSettings) -> Rival:
     """The rival without the effects of the chosen set that it makes redundant, fitted to convergence, if that is
-    better. A search that begins with the wrong effect compensates for it with others; with the right one they only add numbers
-    that have to be found."""
+    better. A search that begins with the wrong effect compensates for it with others; with the right one they only add
+    numbers that have to be found."""
     tuned = settings.rivals
     if rival.alike or not 0.0 < rival.ratio < tuned.leaner:
         return rival
