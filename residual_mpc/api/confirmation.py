@@ -13,7 +13,7 @@ from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.api.servos import with_servos
-from residual_mpc.api.written import Source, name_robot_file, written
+from residual_mpc.api.written import Source, placed, written
 from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.results.document import finite
 from residual_mpc.effects.library import LIBRARY
@@ -103,7 +103,7 @@ class Confirmation:
             commands = COMMANDS if self.commands is not None else None
             following = {**following, "commands": commands, "excite": excite_command(self.robot.given, folder)}
         files = [os.path.relpath(path, folder) for path in self.document["run_files"]]
-        model = name_robot_file(self.document["model"], self.robot.file.source, folder)
+        model = placed(self.document["model"], self.robot, folder)
         return {**self.document, "model": model, "next_experiment": following, "run_files": files}
 
     def as_written(self) -> Written:

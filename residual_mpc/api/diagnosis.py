@@ -18,7 +18,7 @@ from residual_mpc.api.resume import checkpoint_in, key_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
 from residual_mpc.api.servos import with_servos
-from residual_mpc.api.written import Source, name_robot_file, written
+from residual_mpc.api.written import Source, placed, written
 from residual_mpc.diagnosis.data.hold_out import KeptBack
 from residual_mpc.diagnosis.diagnose import diagnose as run_diagnosis
 from residual_mpc.diagnosis.options import Options
@@ -239,7 +239,7 @@ def _placed(document: dict[str, Any], robot: NominalRobot, paths: Sequence[str],
     following = document["next_experiment"]
     if following and following.get("excite"):
         following = {**following, "excite": excite_command(robot.given, folder)}
-    model = name_robot_file(document["model"], robot.file.source, folder)
+    model = placed(document["model"], robot, folder)
     files = [os.path.relpath(path, folder) for path in paths]
     return {**document, "model": model, "next_experiment": following, "run_files": files}
 

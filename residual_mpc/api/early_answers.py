@@ -7,11 +7,11 @@ from typing import Any
 
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.diagnosis.phases.early_answers import EarlyAnswer, FirstLook, SoFar
-from residual_mpc.diagnosis.results.causes import unit_of
 from residual_mpc.diagnosis.results.document import finite
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.files import write_json
 from residual_mpc.models.model_file import MODEL_SCHEMA
+from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.settings import TUNE
 from residual_mpc.report.words.early import first_look_sentence, so_far_sentence
 

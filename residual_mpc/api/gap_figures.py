@@ -27,8 +27,8 @@ from residual_mpc.learning.forms.residual_robot import with_residual
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.network.written import residual_for
 from residual_mpc.logs.run import Run
-from residual_mpc.models.fits import check_fits
-from residual_mpc.models.model_file import Written, model_in
+from residual_mpc.models.fits import fitting
+from residual_mpc.models.model_file import Written
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile, noise_over
 from residual_mpc.models.settings import Settings, Values, assemble
@@ -93,8 +93,7 @@ def explaining(model: Written | None, robot: Robot) -> Explaining:
     of another robot."""
     if model is None:
         return Explaining({}, False, None, False)
-    of, values, leaves_out = model_in(model)
-    check_fits(values, robot, of, model.where)
+    values, leaves_out = fitting(model, robot)
     residual = residual_for(model, robot.name)
     return Explaining(values, leaves_out, None if residual is None else (residual, model.where), True)
 

@@ -12,7 +12,7 @@ from residual_mpc.api.display import page
 from residual_mpc.api.gap_figures import kept_back_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs, usable
-from residual_mpc.api.written import Source, name_robot_file, written
+from residual_mpc.api.written import Source, placed, written
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically, write_json
 from residual_mpc.learning.batch import checkpoint
@@ -21,8 +21,8 @@ from residual_mpc.learning.batch.window_updates import LearnSettings
 from residual_mpc.learning.forms.registry import check_form
 from residual_mpc.learning.network.residual import KEY, to_json
 from residual_mpc.learning.network.written import residual_in
-from residual_mpc.models.fits import check_fits
-from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_in
+from residual_mpc.models.fits import fitting
+from residual_mpc.models.model_file import MODEL_SCHEMA, Written
 from residual_mpc.models.settings import Values
 from residual_mpc.report.learned import learned_page
 
@@ -65,7 +65,7 @@ class LearnedModel:
     def save(self, folder: str | Path) -> Path:
         """Write model.json, learn.json and report.html."""
         out = Path(folder)
-        model = name_robot_file(self.model, self.robot.file.source, out)
+        model = placed(self.model, self.robot, out)
         write_atomically(out / "model.json", json.dumps(model, allow_nan=False) + "\n")
         write_json(out / "learn.json", self.document)
         write_atomically(out / "report.html", learned_page(self.document, self.robot.name))
@@ -157,8 +157,7 @@ def _task(
                 "the model already contains a learned network; a new one would replace it", below.where,
                 "give the diagnosis that it was learned on as --on, and this file as --warm-start to go on from it",
             )  # fmt: skip
-        of, values, leaves_out = model_in(below)
-        check_fits(values, runs.models[0], of, below.where)
+        values, leaves_out = fitting(below, runs.models[0])
         held = kept_back_of(below, set(runs.names))
     earlier, earlier_file = None, ""
     if warm_start is not None:

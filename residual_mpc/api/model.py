@@ -13,8 +13,7 @@ import numpy as np
 from residual_mpc.api.display import page
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.shapes import check_last
-from residual_mpc.api.written import Source, name_robot_file, written
-from residual_mpc.effects.library import BY_NAME
+from residual_mpc.api.written import Source, placed, written
 from residual_mpc.errors import BadInput
 from residual_mpc.export.actuators import write_actuators
 from residual_mpc.export.augmented import Augmented, Build, augmented_from, settings_from
@@ -27,6 +26,7 @@ from residual_mpc.files import write_json
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models import optional
 from residual_mpc.models.model_file import MODEL_SCHEMA, Written, diagnosis_in, model_content, model_in
+from residual_mpc.models.parameter_units import parameter_unit
 from residual_mpc.models.settings import TUNE
 
 if TYPE_CHECKING:
@@ -199,9 +199,14 @@ class AugmentedModel:
         """One row a number in which the model differs from the nominal one, without the network's weights."""
         import pandas as pd
 
-        unit = {(e.name, p.name): p.unit for e in BY_NAME.values() for p in e.parameters}
         rows = [
-            (None if k.effect == TUNE else k.effect, k.target, k.parameter, value, unit.get((k.effect, k.parameter)))
+            (
+                None if k.effect == TUNE else k.effect,
+                k.target,
+                k.parameter,
+                value,
+                parameter_unit(self.robot.model, k) or None,
+            )
             for k, value in model_in(self.source)[1].items()
         ]
         return pd.DataFrame(rows, columns=["effect", "target", "parameter", "value", "unit"])
@@ -209,7 +214,7 @@ class AugmentedModel:
     def save(self, folder: str | Path) -> Path:
         """Write model.json, for `export`, `measure_gap` and `learn`; dt, smooth and disturbances are not kept."""
         out = Path(folder)
-        write_json(out / "model.json", name_robot_file(self.source.content, self.robot.file.source, out))
+        write_json(out / "model.json", placed(self.source.content, self.robot, out))
         return out
 
     def as_written(self) -> Written:

@@ -1,7 +1,9 @@
 """The command line: parsing and printing only. Heavy imports happen inside the commands."""
 
 import sys
+import warnings
 from collections.abc import Sequence
+from typing import TextIO
 
 import click
 
@@ -56,6 +58,7 @@ def cli() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line. Exit status 0 done, 2 bad input, 1 anything else."""
+    _tell_warnings()
     try:
         cli.main(args=None if arguments is None else list(arguments), standalone_mode=False)
     except BadInput as error:
@@ -73,6 +76,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         sys.exit(1)
     sys.exit(0)
+
+
+def _tell_warnings() -> None:
+    """What this package warns of is told like its errors, without the line of code; what other packages warn of is
+    shown as usual."""
+    usual = warnings.showwarning
+
+    def show(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int,
+        file: TextIO | None = None, line: str | None = None,
+    ) -> None:  # fmt: skip
+        if category.__module__.startswith("residual_mpc."):
+            click.echo(f"warning: {message}", err=True)
+        else:
+            usual(message, category, filename, lineno, file, line)
+
+    warnings.showwarning = show
 
 
 if __name__ == "__main__":

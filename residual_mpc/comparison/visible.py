@@ -6,8 +6,8 @@ import numpy as np
 
 from residual_mpc.comparison.contrast import Contrast
 from residual_mpc.comparison.records import VisibleChange
-from residual_mpc.diagnosis.results.causes import unit_of
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Term
 

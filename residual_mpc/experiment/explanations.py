@@ -8,6 +8,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.logged_laws import at_values
 from residual_mpc.models.model_file import values_of
+from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Values
 
@@ -44,6 +45,7 @@ def explanations_of(
         )
     for explanation in found:
         check_fits(explanation.values, robot, of, where)
+    warn_of_differences(document["model"], robot, where)
     return found
 
 

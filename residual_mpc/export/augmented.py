@@ -16,7 +16,8 @@ from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models import optional
 from residual_mpc.models.fits import check_fits
 from residual_mpc.models.logged_laws import NOTHING, at_values, carriers_of, columns_at, columns_of
-from residual_mpc.models.model_file import Written, model_in, read_written
+from residual_mpc.models.model_file import Written, model_content, model_in, read_written
+from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
 from residual_mpc.models.stepping import StepOptions, Stepped, Stepping
@@ -150,6 +151,7 @@ def _of_robot(written: Written, robot: Robot) -> tuple[str, Values, bool]:
             written.where,
             "give the robot file of that model",
         )
+    warn_of_differences(model_content(written), robot, written.where)
     return name, values, leaves_out
 
 

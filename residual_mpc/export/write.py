@@ -17,7 +17,9 @@ from residual_mpc.files import write_atomically
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.logged_laws import columns_at
 from residual_mpc.models.model_file import Written, model_in
+from residual_mpc.models.parameter_units import command_units, parameter_unit
 from residual_mpc.models.protocol import Robot
+from residual_mpc.models.settings import Knob
 from residual_mpc.models.simulating import WritesMjcf
 
 Target = Literal["casadi", "c", "jax", "onnx"]
@@ -87,7 +89,10 @@ def describe(model: Augmented, c: CasadiModel, to: str, files: Mapping[str, str]
         ],
         "left_out": list(model.stepped.left_out),
         "commands": list(c.u_names),
-        "parameters": [{"name": n, "value": float(v)} for n, v in zip(c.p_names, c.p0, strict=True)],
+        "command_units": list(command_units(model.robot)),
+        "parameters": [
+            {"name": n, "value": float(v), "unit": u} for n, v, u in zip(c.p_names, c.p0, _units(model), strict=True)
+        ],
         "rest": model.start().tolist(),
         "sensor_effects": {
             e: {p: v[0].tolist() for p, v in ps.items()}
@@ -97,6 +102,13 @@ def describe(model: Augmented, c: CasadiModel, to: str, files: Mapping[str, str]
         "files": dict(files),
         "largest_difference": {**asdict(apart), "largest": apart.largest},
     }
+
+
+def _units(model: Augmented) -> list[str]:
+    """Of p; the network's weights have none."""
+    numbers = model.stepped.numbers
+    known = [parameter_unit(model.robot, Knob(n.effect, n.slot or None, n.parameter)) or n.unit for n in numbers]
+    return [*known, *("1",) * (len(model.parameters) - len(known))]
 
 
 def _casadi(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], Step]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from residual_mpc.learning.forms.residual_robot import with_residual
 from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.network.written import residual_for
-from residual_mpc.models.fits import check_fits
+from residual_mpc.models.fits import fitting
 from residual_mpc.models.logged_laws import at_values
-from residual_mpc.models.model_file import Written, model_in
+from residual_mpc.models.model_file import Written
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Settings, Values, assemble
 from residual_mpc.models.targets import Targets
@@ -41,7 +41,6 @@ def watched_model(nominal: Robot, nominal_of: RobotOf, model: Written | None) ->
     """Raises BadInput for a model of another robot."""
     if model is None:
         return WatchedModel(nominal_of, {}, False, None, "")
-    of, values, leaves_out = model_in(model)
-    check_fits(values, nominal, of, model.where)
+    values, leaves_out = fitting(model, nominal)
     residual = residual_for(model, nominal.name)
     return WatchedModel(nominal_of, at_values(values), leaves_out, residual, model.where)

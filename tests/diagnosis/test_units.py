@@ -8,8 +8,8 @@ import pytest
 from diagnosis.linear import ROVER
 from oracles.arms import robot_of
 
-from residual_mpc.diagnosis.results.causes import unit_of
 from residual_mpc.effects.library import BY_NAME
+from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.settings import Term
 
 GANTRY = """<mujoco><worldbody><body><joint name="lift" type="slide" axis="0 0 1"/><geom size="0.1" mass="1"/>

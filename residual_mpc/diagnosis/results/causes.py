@@ -22,10 +22,8 @@ from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.effects.sensor import SENSOR_OUTLIERS
-from residual_mpc.models import optional
-from residual_mpc.models.protocol import Robot
+from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.settings import TUNE, Knob, Term
-from residual_mpc.models.sliding_units import sliding_unit
 
 T95 = 1.96
 ANGLES = ("heading", "phase")  # numbers that come round after a turn
@@ -232,35 +230,6 @@ def most_sure(
     shadow = max(most - tuned.shadow * float(np.log(max(times_floor / AS_GOOD, 1.0))), tuned.least_sure)
     useful = max(min(beats_forecast / tuned.useful, 1.0), tuned.least_sure)
     return tuned.most_sure * (1.0 - unexplained) * shadow * useful
-
-
-def unit_of(robot: Robot, term: Term, unit: str) -> str:
-    """The unit of a number of this effect on this robot: what "command unit" and the like are there, and
-    what it is on a joint that slides."""
-    kinds = robot.command_kinds
-    kind = kinds[robot.actuators.index(term.target)] if term.target in robot.actuators else kinds[0]
-    if unit == "channel unit":
-        unit = "rad" if (term.target or "").startswith(("position.", "pose.theta")) else "rad/s"
-    elif unit == "actuator unit":
-        unit = "rad/s" if kind == "speed" else "N m"
-    elif unit == "command unit":
-        unit = {"speed": "rad/s", "velocity": "rad/s", "position": "rad", "torque": "N m"}[kind]
-    elif unit == "command unit/s":
-        unit = {"speed": "rad/s^2", "velocity": "rad/s^2", "position": "rad/s", "torque": "N m/s"}[kind]
-    return sliding_unit(unit) if _slides(robot, term) else unit
-
-
-def _slides(robot: Robot, term: Term) -> bool:
-    """Whether the effect acts on joints that slide, or on what drives or measures them."""
-    slides, kind = optional.sliding(robot), BY_NAME[term.effect].target
-    if not slides:
-        return False
-    if term.target is None:
-        reached = optional.actuator_joints(robot) if kind == "actuator" else optional.joints(robot)
-        return kind in ("actuator", "joint", "channel") and slides >= set(reached)
-    if kind == "actuator":
-        return dict(zip(robot.actuators, optional.actuator_joints(robot), strict=True)).get(term.target) in slides
-    return term.target.split(".", 1)[-1] in slides
 
 
 def _dose(space: Space, knob: Knob, value: float) -> float:

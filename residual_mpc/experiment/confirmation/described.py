@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from residual_mpc.diagnosis.results.causes import unit_of
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.experiment.confirmation.effect_tests import whole_of
 from residual_mpc.experiment.confirmation.known_change import KnownChange
 from residual_mpc.experiment.confirmation.records import Confirmation, EffectTest, ExplanationTest
+from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import Term
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
-from residual_mpc.diagnosis.results.causes import T95, unit_of
+from residual_mpc.diagnosis.results.causes import T95
 from residual_mpc.diagnosis.search.stepwise import without
 from residual_mpc.effects.laws import is_law
 from residual_mpc.effects.library import BY_NAME
@@ -25,6 +25,7 @@ from residual_mpc.experiment.confirmation.known_change import changed_values
 from residual_mpc.experiment.confirmation.problem import FittedExplanations
 from residual_mpc.experiment.confirmation.records import EffectTest, ExplanationTest, Outcome, Size
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
+from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.settings import TUNE, Knob, Term, Values
 
 
