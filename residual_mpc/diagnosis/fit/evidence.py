@@ -12,6 +12,8 @@ from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term
 
+T95 = 1.96  # half of a 95 % interval over its 1-sigma
+
 
 def blocks_of(data: Dataset, settings: FitSettings) -> np.ndarray:
     """(W,) block number of each window: stretches of a few seconds of one run."""

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual_mpc.diagnosis.fit.evidence import T95
 from residual_mpc.diagnosis.predict.space import Space
 from residual_mpc.effects.laws import LawKind, kind_of, points_of
 from residual_mpc.models import optional
 from residual_mpc.models.settings import Knob, Term, Values
 
-T95 = 1.96
 NEAR = 1e-6  # of a typical size, for difference quotients
 CHOSEN = ("cycles", "at", "from", "to")
 RATE_UNITS = {"forward": "m/s", "sideways": "m/s", "yaw": "rad/s"}

@@ -1,18 +1,19 @@
 """The causes of a diagnosis: each chosen effect with its probability, and its numbers with their intervals."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 import numpy as np
 
 from residual_mpc.diagnosis.data.outlier_share import expected_jumps
-from residual_mpc.diagnosis.fit.evidence import blocks_of, covariance, dispersion, profile_sigma
+from residual_mpc.diagnosis.fit.evidence import T95, blocks_of, covariance, dispersion, profile_sigma
 from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.diagnosis.fit.polish import carry_on
 from residual_mpc.diagnosis.laws.figures import FittedLaw, fitted_law
 from residual_mpc.diagnosis.predict.noise_floor import AS_GOOD
 from residual_mpc.diagnosis.predict.problem import Problem
 from residual_mpc.diagnosis.predict.space import Space
+from residual_mpc.diagnosis.results.between_runs import sigma_between_runs
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.records import Cause, Estimate
 from residual_mpc.diagnosis.results.settings import ResultSettings
@@ -25,7 +26,6 @@ from residual_mpc.effects.sensor import SENSOR_OUTLIERS
 from residual_mpc.models.parameter_units import unit_of
 from residual_mpc.models.settings import TUNE, Knob, Term
 
-T95 = 1.96
 ANGLES = ("heading", "phase")  # numbers that come round after a turn
 AT_BOUND = "at the bound of its search range"
 # dead times and the lags that they trade with: a motor or filter of second order is neither
@@ -39,15 +39,20 @@ def causes_of(
     supports: Mapping[Term, Support],
     doubt: Mapping[Term, float],
     lacking: Mapping[Knob, tuple[float, ...]],
+    varying: Container[Term],
     settings: ResultSettings,
 ) -> tuple[Cause, ...]:
     """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets;
-    supports and doubt: of each effect, see `support`; lacking: see `without_doubtful`."""
+    supports and doubt: of each effect, see `support`; lacking: see `without_doubtful`; varying: effects whose sizes
+    in parts of the runs are told."""
     final, problem = of.final, of.problem
-    sigma = sigmas(problem, final, settings=settings)
+    within = sigmas(problem, final, settings=settings)
+    blocks = int(blocks_of(problem.data, settings=settings.fit).max()) + 1
+    between = sigma_between_runs(final, problem.data.run, within, blocks, settings=settings)
+    sigma = np.where([k.term in varying for k in final.knobs], within, between)
     aside = _aside(of, sigma, settings=settings)
     finer = finely_stepped(problem, final)
-    within = {k: (*aside.get(k, ()), *lacking.get(k, ())) for k in final.knobs}
+    spanned = {k: (*aside.get(k, ()), *lacking.get(k, ())) for k in final.knobs}
     beside = _beside_others(of)
     others = {k: (*beside[k], *([finer[k]] if k in finer else ())) for k in final.knobs}
     causes = []
@@ -60,7 +65,7 @@ def causes_of(
             )
             continue
         estimates = [
-            _estimate(of, i, float(sigma[i]), unexplained, within[k], others[k], settings=settings)
+            _estimate(of, i, float(sigma[i]), unexplained, spanned[k], others[k], settings=settings)
             for i, k in enumerate(final.knobs)
             if k.effect != TUNE and k.term == term
         ]

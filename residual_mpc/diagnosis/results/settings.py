@@ -24,7 +24,8 @@ class CauseSettings:
     down to that factor. coarse: the most where the model's time step may be the cause. resting: factor on an effect
     with a number that rests on the bound of what is tried, or that may do nothing by its intervals. doubtful:
     factor on an effect's probability below which the other numbers' intervals do without it too. apart: half-widths
-    beyond which an interval is that wide since two fits end apart."""
+    beyond which an interval is that wide since two fits end apart. fewest_runs: from which their disagreement widens
+    intervals; agree: how often runs that agree do so too."""
 
     form: float = 0.5
     law: float = 0.03
@@ -38,11 +39,13 @@ class CauseSettings:
     resting: float = 0.5
     doubtful: float = 0.75
     apart: float = 2.5
+    fewest_runs: int = 4
+    agree: float = 0.2
 
     def __post_init__(self) -> None:
         check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "useful",
-                    "coarse", "resting", "doubtful")  # fmt: skip
-        check_positive(self, "apart")
+                    "coarse", "resting", "doubtful", "agree")  # fmt: skip
+        check_positive(self, "apart", "fewest_runs")
 
 
 @dataclass(frozen=True)

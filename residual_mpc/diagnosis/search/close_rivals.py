@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual_mpc.diagnosis.fit.evidence import covariance
+from residual_mpc.diagnosis.fit.evidence import T95, covariance
 from residual_mpc.diagnosis.fit.least_squares import Fit, fit_all
 from residual_mpc.diagnosis.predict.effect_sets import EffectSet
 from residual_mpc.diagnosis.predict.problem import Problem, tolerating
@@ -15,8 +15,6 @@ from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.substitutes import imitate
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.models.settings import TUNE, Knob, Term
-
-T95 = 1.96
 
 
 @dataclass(frozen=True)

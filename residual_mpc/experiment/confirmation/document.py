@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from residual_mpc.diagnosis.results.causes import T95
+from residual_mpc.diagnosis.fit.evidence import T95
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.experiment.confirmation.effect_tests import whole_of
 from residual_mpc.experiment.confirmation.inputs import DiagnosedExplanation
