@@ -12,8 +12,8 @@ from residual_mpc.diagnosis.phases.describe import describe
 from residual_mpc.diagnosis.phases.early_answers import Told, first_look, unheard
 from residual_mpc.diagnosis.phases.laws import find_laws
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
-from residual_mpc.diagnosis.phases.refine import refine
-from residual_mpc.diagnosis.phases.search import search_effects
+from residual_mpc.diagnosis.phases.refine import Refined, refine
+from residual_mpc.diagnosis.phases.search import search_effects, search_without
 from residual_mpc.diagnosis.phases.validate import validate
 from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
@@ -51,13 +51,20 @@ def diagnose(
             progress("taking a first look", 0.02)
             told(first_look(prepared))
         # what the search holds is not kept once it is refined
-        refined = keep(
-            "refine",
-            lambda: refine(keep("search", lambda: search_effects(prepared, rng, progress, keep, told)), rng, progress),
-        )
+        refined = keep("refine", lambda: _refined(prepared, keep, rng, progress, told))
         validated = keep("validate", lambda: validate(refined, rng, progress))
         explained = keep("laws", lambda: find_laws(prepared, refined, validated, rng, progress))
         return describe(explained, learners, rng, progress, answered)
+
+
+def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progress: Progress, told: Told) -> Refined:
+    """What the search found, fitted to the end. Where that refutes effects, another may explain what these stood for:
+    the search goes on once."""
+    searched = keep("search", lambda: search_effects(prepared, rng, progress, keep, told))
+    refined = refine(searched, rng, progress)
+    last = refined.explanation
+    again = search_without(searched, last.final, last.left_out, progress)
+    return refined if again is None else refine(again, rng, progress)
 
 
 def _known(prepared: Prepared) -> list[Any]:

@@ -13,6 +13,7 @@ from typing import Any
 from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.files import write_atomically
+from residual_mpc.learning.network.written import network_in
 from residual_mpc.models.actuator_values import ActuatorValues, ListsActuators
 from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_content
 from residual_mpc.models.protocol import Robot
@@ -52,7 +53,7 @@ def write_actuators(
             f"{robot.name!r} has no table of actuators", "--to actuators", "export to casadi, c or jax"
         )  # fmt: skip
     dt = physics_dt or robot.step
-    values, left_out = robot.actuator_values(settings), robot.not_of_actuators(settings)
+    values, left_out = robot.actuator_values(settings), (*robot.not_of_actuators(settings), *network_in(written))
     intervals = _intervals(written, explanation, robot, values)
     notes = [f"{v.actuator}: a filter of {v.lag:.3g} s, which neither tool has: see lag" for v in values if v.lag > 0]
     notes += [f"{v.actuator}: its command is {v.gear:g} times the joint's position" for v in values if v.gear != 1.0]

@@ -13,6 +13,7 @@ from residual_mpc.errors import BadInput
 from residual_mpc.export.augmented import settings_from
 from residual_mpc.export.servo_choices import Across, across
 from residual_mpc.files import write_atomically
+from residual_mpc.learning.network.written import network_in
 from residual_mpc.models.model_file import Written, model_content
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.robot_file import RobotFile
@@ -55,7 +56,7 @@ def write_servo_table(
         "files": {TABLE: f"a row a servo{variants}", NUMBERS_FILE: "the same, a row a number, with units"},
         "servos": [row.document() for row in rows],
         "across": [{"actuator": a, "number": n, **asdict(x)} for (a, n), x in together.items() if x.named],
-        "left_out": [],
+        "left_out": list(network_in(written)),
     }
     write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
     return document

@@ -33,7 +33,7 @@ from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_els
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found, Step, prune, refit, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
-from residual_mpc.models.settings import TUNE, Values
+from residual_mpc.models.settings import TUNE, Term, Values
 
 Keep = Callable[[str, Callable[[], Found]], Found]  # a step's name and the step -> its result, maybe of before
 
@@ -76,15 +76,47 @@ def search_effects(
         elif gap.total < options.phases.near * floor.total and data.cost <= options.final_steps:
             windows.append((data, scales))  # these sharpen the numbers of the last fit
     progress("comparing with alternative explanations", behind)
-    rivalry = _rivals_that_hold(prepared, found)
-    seen = {makeup(rivalry.fit.values)}  # a rival may drop the addition again
-    while (more := _closed_by_one(found, rivalry, settings)) is not None and makeup(more.fit.values) not in seen:
-        progress("comparing with alternative explanations again", behind + 0.03)
-        seen.add(makeup(more.fit.values))
-        found, rivalry = more, _rivals_that_hold(prepared, more)
+    found, rivalry = _finished(prepared, found, (), lambda text: progress(f"{text} again", behind + 0.03))
     by_noise = reweigh(first.problem, first.problem.data.sigma)
     untestable = not_testable(by_noise, first.base, rivalry.fit.terms, settings=settings.search)
     return Searched(prepared, found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])
+
+
+def search_without(searched: Searched, final: Fit, gone: tuple[Term, ...], progress: Progress) -> Searched | None:
+    """The search gone on from the last fit, which refuted some of its effects; None where none of the others closes a
+    good part of what is left without them.
+
+    Args:
+        searched: the search that found these effects.
+        final: the last fit, without them.
+        gone: the effects that it refuted, which are not tried again.
+    """
+    prepared, found, settings = searched.prepared, searched.found, searched.prepared.options.settings
+    if not gone or not final.terms:
+        return None
+    less = _extended(found, on_problem(found.problem, final, settings=settings.fit), settings=settings.search)
+    more = _closed_by_one(less, less.fit, gone, settings)
+    if more is None:
+        return None
+    progress("searching again without what all windows refute", 0.61)
+    found, rivalry = _finished(prepared, more, gone, lambda text: progress(f"{text} again", 0.62))
+    return replace(searched, found=found, rivalry=rivalry)
+
+
+def _finished(
+    prepared: Prepared, found: Found, gone: tuple[Term, ...], report: Callable[[str], None]
+) -> tuple[Found, Rivalry]:
+    """The result and its rivals, with each effect beside that closes a good part of what is left. gone: effects that
+    are not tried."""
+    settings, rivalry = prepared.options.settings, _rivals_that_hold(prepared, found)
+    seen = {makeup(rivalry.fit.values)}  # a rival may drop the addition again
+    while (more := _closed_by_one(found, rivalry.fit, gone, settings)) is not None:
+        if makeup(more.fit.values) in seen:
+            break
+        report("comparing with alternative explanations")
+        seen.add(makeup(more.fit.values))
+        found, rivalry = more, _rivals_that_hold(prepared, more)
+    return found, rivalry
 
 
 def searched(done: float) -> float:
@@ -136,12 +168,13 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
     return find_rivals(exchanged, most=0, prefer_first=False, settings=settings.search)
 
 
-def _closed_by_one(found: Found, rivalry: Rivalry, settings: ResultSettings) -> Found | None:
-    """The result with the effect that closes a good part of the remaining gap, less what it makes redundant; None if
-    there is none, or nothing is left beyond the noise and the error of the model's own time step. Where little is left,
-    small differences of everything may make it up, and an effect has to close most of it by itself. They may also hide
-    an effect from the first look: without them it has to make the gap far smaller."""
-    search, ruler, current = settings.search.without_tolerances(), found.ruler, rivalry.fit
+def _closed_by_one(found: Found, current: Fit, gone: tuple[Term, ...], settings: ResultSettings) -> Found | None:
+    """The current set with the effect, none of those `gone`, that closes a good part of the remaining gap, less
+    what it makes redundant; None if there is none, or nothing is left beyond the noise and the error of the model's
+    own time step. Where little is left, small differences of everything may make it up, and an effect has to close
+    most of it by itself. They may also hide an effect from the first look: without them it has to make the gap far
+    smaller."""
+    search, ruler = settings.search.without_tolerances(), found.ruler
     much = ruler.much_left(current)
     gap = float(ruler.squared([current])[0])
     left = much or gap > settings.predict.floor.margin**2 * ruler.floor
@@ -153,7 +186,7 @@ def _closed_by_one(found: Found, rivalry: Rivalry, settings: ResultSettings) -> 
     near, enough = None, search.sizeable if much else search.most
     far = max(enough, (1.0 - search.rivals.far_smaller) * gap / max(gap - ruler.floor, 1e-12))
     for problem, least in ((found.problem, enough), (plain, far)):
-        near = closest(problem, current, (), ruler, settings.remainder)
+        near = closest(problem, current, gone, ruler, settings.remainder)
         if near is not None and near[1] >= least:
             break
     else:

@@ -15,7 +15,7 @@ from residual_mpc.diagnosis.predict.noise_floor import as_good_as_told, floor_of
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import within_step_error
 from residual_mpc.experiment.confirmation.agreement import costs_at, expected_numbers, score, sigmas_of
-from residual_mpc.experiment.confirmation.effect_tests import Scored, tested_effects
+from residual_mpc.experiment.confirmation.effect_tests import Quality, Scored, tested_effects
 from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
 from residual_mpc.experiment.confirmation.known_change import changed_values
 from residual_mpc.experiment.confirmation.problem import FittedExplanations, fit_explanations
@@ -47,21 +47,20 @@ def confirm(
         nominal = {k: space.null(k) for k in space.tunables}
         progress("testing each effect", 0.6)
         refitted = space.settings([nominal, fitted.fits[kept].values])
-        effects = tested_effects(scored, explanations, _fits(prepared, refitted, rng, settings))
+        quality = _quality(prepared, refitted, rng, settings)
+        effects = tested_effects(scored, explanations, quality)
         progress("measuring the gap on the new runs", 0.8)
         gaps = _gaps(prepared, space.settings([nominal, changed[kept]]), rng, settings)
-    return Confirmation(explanations, kept, effects, gaps)
+    return Confirmation(explanations, kept, effects, gaps, quality.whole)
 
 
-def _fits(prepared: Prepared, rows: Settings, rng: np.random.Generator, settings: ConfirmationSettings) -> bool:
-    """Whether the second of two models removes enough of the first one's squared gap, or is as good as the sensors can
-    tell."""
+def _quality(prepared: Prepared, rows: Settings, rng: np.random.Generator, settings: ConfirmationSettings) -> Quality:
+    """How well the second of two models fits the new runs, beside the first one."""
     data, scales = prepared.clean, prepared.scales
     nominal, fitted = (gap_of(data, scales, data.y - p) for p in predict(data, rows))
-    if fitted.total**2 <= (1.0 - settings.explains) * nominal.total**2:
-        return True
     floor = floor_of(data, scales, rows.take(np.array([1])), rng, settings=settings.results.predict)
-    return as_good_as_told(fitted, floor)
+    whole = as_good_as_told(fitted, floor)
+    return Quality(whole or fitted.total**2 <= (1.0 - settings.explains) * nominal.total**2, whole)
 
 
 def _scored(

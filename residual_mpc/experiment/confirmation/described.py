@@ -33,6 +33,7 @@ def described(
              "noise_floor": g.noise_floor, "as_good_as_told": g.as_good}
             for g in confirmation.gaps
         ],
+        "explains_all": confirmation.whole,
     }  # fmt: skip
 
 

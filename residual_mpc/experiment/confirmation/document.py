@@ -56,7 +56,7 @@ def confirmed_document(
     gone = kept.instead_of if replaced else ()
     tests = {t.term: t for t in confirmation.effects}
     probabilities = updated(probabilities_in(document), confirmation, settings)
-    named = [e for e in document["explanation"] if term_in(e) not in gone]
+    named = [_refitted(e, kept.values) for e in document["explanation"] if term_in(e) not in gone]
     explanation = [_supported(e, probabilities[term_in(e)], tests.get(term_in(e))) for e in named]
     if replaced:
         explanation += [_new(t, kept.values, probabilities[t], tests.get(t), changed) for t in kept.terms]
@@ -80,6 +80,19 @@ def confirmed_document(
         "next_experiment": document["next_experiment"] if groups or alternatives else None,
         "notes": notes,
     }
+
+
+def _refitted(effect: Document, values: Values) -> dict[str, Any]:
+    """An effect with its numbers in the explanation that is kept, which replacing another effect has moved; their
+    intervals include both."""
+    parameters = {}
+    for name, p in effect["parameters"].items():
+        value = values.get(Knob(effect["effect"], effect["target"], name)) if isinstance(p, Mapping) else None
+        if value is not None and value != p["value"]:
+            ci95 = p["ci95"] and [min(p["ci95"][0], value), max(p["ci95"][1], value)]
+            p = {**p, "value": value, "ci95": ci95}
+        parameters[name] = p
+    return {**effect, "parameters": parameters}
 
 
 def _supported(effect: Document, probability: float, test: EffectTest | None) -> dict[str, Any]:

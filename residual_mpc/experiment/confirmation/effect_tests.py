@@ -21,7 +21,7 @@ from residual_mpc.experiment.confirmation.agreement import (
     sigmas_of,
 )
 from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
-from residual_mpc.experiment.confirmation.known_change import changed_values
+from residual_mpc.experiment.confirmation.known_change import KnownChange, changed_values
 from residual_mpc.experiment.confirmation.problem import FittedExplanations
 from residual_mpc.experiment.confirmation.records import EffectTest, ExplanationTest, Outcome, Size
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
@@ -45,10 +45,19 @@ class Scored:
     settings: ConfirmationSettings
 
 
-def tested_effects(scored: Scored, explanations: Sequence[ExplanationTest], fits: bool) -> tuple[EffectTest, ...]:
-    """The effects that the diagnosis names, then those of the explanation that replaces it. fits: whether the kept
-    explanation, refitted, fits the new runs: in a model that fits poorly, an unmodelled effect may mask the one being
-    tested, so that nothing is denied."""
+@dataclass(frozen=True)
+class Quality:
+    """How well the kept explanation, refitted, fits the new runs. most: whether it removes most of the nominal model's
+    squared gap; where it does not, an unmodelled effect may mask the one being tested, and nothing is denied. whole:
+    whether it is as good as the sensors can tell; where it is not, an unmodelled effect may look like the one being
+    tested on these runs as on the diagnosed ones, and only a known change confirms anything."""
+
+    most: bool
+    whole: bool
+
+
+def tested_effects(scored: Scored, explanations: Sequence[ExplanationTest], quality: Quality) -> tuple[EffectTest, ...]:
+    """The effects that the diagnosis names, then those of the explanation that replaces it."""
     own, kept = explanations[0], explanations[scored.kept]
     new = kept.terms if scored.kept else ()
     stays = [t for t in own.terms if not (scored.kept and t in kept.instead_of)]
@@ -70,8 +79,17 @@ def tested_effects(scored: Scored, explanations: Sequence[ExplanationTest], fits
         k = there.index(term)
         removed = _Removed(fewer[k], costs[1 + k] / scored.phi, costs[0] / scored.phi)
         test = _tested(scored, term, removed, any(term not in terms for terms in left), term in new)
-        out.append(test if fits or test.outcome != "denies" else replace(test, outcome="open"))
+        out.append(test if _may_be_told(test, quality) else replace(test, outcome="open"))
     return tuple(out)
+
+
+def _may_be_told(test: EffectTest, quality: Quality) -> bool:
+    """Whether the model fits well enough for this outcome."""
+    if test.outcome == "denies":
+        return quality.most
+    if test.outcome == "other size":
+        return quality.most if test.changed else quality.whole
+    return test.changed or quality.whole
 
 
 def whole_of(explanation: ExplanationTest, own: ExplanationTest) -> EffectSet:
@@ -105,9 +123,13 @@ def _tested(scored: Scored, term: Term, removed: _Removed, open_: bool, new: boo
     agree = all(s.agrees for s in sizes)
     if any(c.term == term for c in scored.given.changes):
         difference = _after_change(scored, term, removed)
-        gone = term not in {k.term for k in scored.changed[scored.kept] if k.effect != TUNE}
-        holds = difference > doubt and (agree or gone) and not open_
-        outcome: Outcome = "agrees" if holds else "denies" if difference < -doubt else "open"
+        was = _sizes(scored, term, fit, _as_it_was(scored, term))
+        if shown and not agree and was and not all(s.agrees for s in was):
+            outcome: Outcome = "other size"  # neither the stated one nor the old one
+        elif difference > doubt and (agree or _gone(scored, term)) and not open_:
+            outcome = "agrees"
+        else:
+            outcome = "denies" if difference < -doubt else "open"
         return EffectTest(term, outcome, True, new, difference, sizes)
     difference = score(removed.fit, scored.phi, expected, removed.cost * scored.phi) - scored.scores[scored.kept]
     needed, worse = difference > doubt, removed.cost_with - removed.cost
@@ -117,6 +139,23 @@ def _tested(scored: Scored, term: Term, removed: _Removed, open_: bool, new: boo
         absent = not agree or (_by_cost(term) and worse > doubt)
         outcome = "denies" if absent and not needed else "open"
     return EffectTest(term, outcome, False, new, difference, sizes)
+
+
+def _gone(scored: Scored, term: Term) -> bool:
+    """Whether the known changes remove it."""
+    return term not in {k.term for k in scored.changed[scored.kept] if k.effect != TUNE}
+
+
+def _as_it_was(scored: Scored, term: Term) -> dict[Knob, Expected]:
+    """The expected numbers if this effect had not changed."""
+    given = scored.given
+    values, sigma = given.explanations[scored.kept].values, sigmas_of(given)[scored.kept]
+    return expected_numbers(values, _others(scored, term), sigma, scored.settings.varies)
+
+
+def _others(scored: Scored, term: Term) -> list[KnownChange]:
+    """The known changes of other effects."""
+    return [c for c in scored.given.changes if c.term != term]
 
 
 def _by_cost(term: Term) -> bool:
@@ -129,16 +168,13 @@ def _by_cost(term: Term) -> bool:
 def _after_change(scored: Scored, term: Term, removed: _Removed) -> float:
     """By how much the score of the effect as it was before its known change is higher than that of the effect after
     it."""
-    given, phi, values = scored.given, scored.phi, scored.given.explanations[scored.kept].values
+    phi, values = scored.phi, scored.given.explanations[scored.kept].values
     expected, fit = scored.expected[scored.kept], scored.fitted.fits[scored.kept]
-    others = [c for c in given.changes if c.term != term]
-    before = changed_values(values, others)
+    before = changed_values(values, _others(scored, term))
     (cost_before,) = costs_at(scored.fitted.problem, [before])
     if _by_cost(term):
         return cost_before / phi - removed.cost_with
-    sigma = sigmas_of(given)[scored.kept]
-    as_it_was = expected_numbers(values, others, sigma, scored.settings.varies)
-    return score(fit, phi, as_it_was, cost_before) - score(fit, phi, expected, removed.cost_with * phi)
+    return score(fit, phi, _as_it_was(scored, term), cost_before) - score(fit, phi, expected, removed.cost_with * phi)
 
 
 def _sizes(scored: Scored, term: Term, fit: Fit, expected: dict[Knob, Expected]) -> tuple[Size, ...]:

@@ -28,7 +28,8 @@ def updated(
         if test.outcome in rates and test.term in there:
             present, absent = rates[test.outcome]
             p = min(out[test.term], most)
-            out[test.term] = p * present / (p * present + (1.0 - p) * absent)
+            p = p * present / (p * present + (1.0 - p) * absent)
+            out[test.term] = min(p, settings.denied) if test.outcome == "denies" else p
     return {t: min(p, most) if t in there else p for t, p in out.items()}
 
 

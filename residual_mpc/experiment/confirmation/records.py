@@ -77,9 +77,11 @@ class NewGap:
 @dataclass(frozen=True)
 class Confirmation:
     """explanations: the diagnosed one first, then its alternatives; kept: index of the one that is kept, which is the
-    diagnosed one unless it is excluded; gaps: one for each horizon, the headline's first."""
+    diagnosed one unless it is excluded; gaps: one for each horizon, the headline's first; whole: whether the kept
+    explanation, refitted, is as good as the sensors can tell over that."""
 
     explanations: tuple[ExplanationTest, ...]
     kept: int
     effects: tuple[EffectTest, ...]
     gaps: tuple[NewGap, ...]
+    whole: bool

@@ -24,3 +24,8 @@ def residual_for(written: Written, robot: str) -> Residual | None:
             "give the robot file that was used for learning",
         )
     return residual
+
+
+def network_in(written: Written) -> tuple[str, ...]:
+    """What a table of numbers leaves out of such a model: its network, if it has one."""
+    return () if residual_in(written) is None else ("the learned network, which a table cannot hold",)

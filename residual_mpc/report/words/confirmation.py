@@ -15,6 +15,10 @@ OUTCOMES = {
     "denies": "not supported",
     "open": "undecided on these runs",
 }
+MASKED = (
+    "Even refitted, the model leaves more than the noise on these runs: what it lacks may look like the effects that "
+    "it names, so only a known change can confirm them."
+)
 LITTLE = 0.1  # share of the nominal gap below which a reduction says nothing
 
 
@@ -38,8 +42,11 @@ def confirmation_sentence(document: Document) -> str:
         clauses.append(f"exclude {listed(excluded)}")
     said = _prediction(document["gaps"][0], _model(document))
     if not clauses:
-        return f"The new runs neither confirm nor contradict the diagnosis; {said}."
-    return f"The new runs {listed(clauses)}; {said}."
+        decided = f"The new runs neither confirm nor contradict the diagnosis; {said}."
+    else:
+        decided = f"The new runs {listed(clauses)}; {said}."
+    masked = by["open"] and not document["explains_all"]
+    return f"{decided} {MASKED}" if masked else decided
 
 
 def confirmed_sentence(document: Mapping[str, Any], verdict_before: str) -> str:
