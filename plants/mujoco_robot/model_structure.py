@@ -59,7 +59,8 @@ def _couplings(model: "mujoco.MjModel") -> list[int]:
 def _actuator(model: "mujoco.MjModel", i: int) -> ActuatorFacts:
     bias = model.actuator_biasprm[i]
     kind: CommandKind = "position" if bias[1] != 0 else "velocity" if bias[2] != 0 else "torque"
-    return ActuatorFacts(model.actuator(i).name, model.joint(int(model.actuator_trnid[i, 0])).name, kind)
+    gear = float(model.actuator_gear[i, 0]) if kind != "torque" else 1.0
+    return ActuatorFacts(model.actuator(i).name, model.joint(int(model.actuator_trnid[i, 0])).name, kind, gear or 1.0)
 
 
 def _torque(model: "mujoco.MjModel", q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

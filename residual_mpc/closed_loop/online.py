@@ -35,7 +35,7 @@ class OnlineSettings:
     kalman: FilterSettings = FilterSettings(process=1e-6)
     halvings: int = 3
     memory: float = 0.7
-    better: float = 0.8
+    better: float = 0.5
 
 
 SHORTENED = FilterSettings(process=0.0)  # a shortened update keeps the covariance as it was

@@ -20,10 +20,10 @@ def facts_of(robot: Robot) -> RobotFacts:
         "speed": "velocity",
         "velocity": "velocity",
     }
+    gears = (g if g else 1.0 for g in optional.gear_ratios(robot))
+    driven = zip(robot.actuators, joints, robot.command_kinds, gears, strict=True)
     return RobotFacts(
-        tuple(
-            ActuatorFacts(a, j, kinds[k]) for a, j, k in zip(robot.actuators, joints, robot.command_kinds, strict=True)
-        ),
+        tuple(ActuatorFacts(a, j, kinds[k], 1.0 if k == "torque" else g) for a, j, k, g in driven),
         robot.channels,
         optional.sliding(robot),
         optional.limits(robot),

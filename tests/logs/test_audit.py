@@ -98,6 +98,22 @@ def test_a_delay_is_no_fault() -> None:
 DEG = 180.0 / np.pi
 
 
+@pytest.mark.parametrize("gear", [-1.0, 50.0, -9.5])
+def test_a_servos_command_is_compared_over_its_gear(gear: float) -> None:
+    """The command of such a servo is what its motor turns by: the same columns without the gear are a fault."""
+    geared = replace(ARM, actuators=(replace(ARM.actuators[0], gear=gear), *ARM.actuators[1:]))
+    runs = arms()
+    for run in runs:
+        run.columns["command.a"][:] *= gear
+    assert kinds(audit(runs, geared)) == set()
+    if gear < 0.0:
+        assert ("sign", "position.a") in kinds(audit(arms(), geared))
+    for run in runs:
+        run.columns["position.a"][:] *= DEG
+        run.columns["velocity.a"][:] *= DEG
+    assert ("degrees", "position.a") in kinds(audit(runs, geared), "error")
+
+
 @pytest.mark.parametrize(
     ("fault", "severity", "kind", "column"),
     [

@@ -43,7 +43,7 @@ def find_signs(
             zero = _middle(case, column, units)
             if zero is not None:
                 turned[column] = zero
-    driven = [JointDrive(d.name, d.joint, kinds[d.name]) for d in case.driven if d.name in roles.of("command")]
+    driven = [replace(d, kind=kinds[d.name]) for d in case.driven if d.name in roles.of("command")]
     against = {d.name: _turned_one(case, roles, d, turned) for d in driven if _against(case, roles, d)}
     turned |= {column: turn for found in against.values() for column, turn in found.items()}
     for d in (d for d in driven if d.kind == "position"):
@@ -70,7 +70,8 @@ def _rest(
     case: ColumnEvidence, roles: Roles, units: Mapping[str, UnitGuess], turned: Mapping[str, SignAndZero]
 ) -> StandstillSamples:
     places = {j: true_values(case, c, units, turned) for j, c in roles.of("position").items()}
-    sent = {a: true_values(case, c, units, turned) for a, c in roles.of("command").items()}
+    gears = {d.name: d.gear for d in case.driven}
+    sent = {a: true_values(case, c, units, turned) / gears[a] for a, c in roles.of("command").items()}
     return at_rest(case, places, sent)
 
 
@@ -214,7 +215,7 @@ def _zero(
     if position is None or position == command or not case.signals.moves(position):
         return {}, ()
     joint = [j.name for j in case.structure.joints].index(driven.joint)
-    q, u = (true_values(case, c, units, turned) for c in (position, command))
+    q, u = true_values(case, position, units, turned), true_values(case, command, units, turned) / driven.gear
     rest = still(case, (q, u))
     if rest.sum() < FEW:
         return {}, ()

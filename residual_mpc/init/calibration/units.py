@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from math import log, pi
 
@@ -12,6 +12,7 @@ import numpy as np
 from residual_mpc.init.columns.evidence import ColumnEvidence, Roles, joint_response
 from residual_mpc.init.columns.signals import SignalMatch
 from residual_mpc.init.columns.words import Quantity
+from residual_mpc.logs.run import FloatArray
 
 RANGE, RANGE_SPREAD = 1.0, 1.5  # rad that a joint usually moves over, and the spread of its logarithm
 SLIDE, SLIDE_SPREAD = 0.1, 1.5  # m
@@ -87,6 +88,12 @@ class _Chain:
     answer: SignalMatch | None  # of what `kind` says, to the command
     answering: str  # "position" or "velocity"
     rate: SignalMatch | None  # the velocity over the rate of the position
+    gear: float  # the command over what it asks of the joint
+
+    def at_joint(self, case: ColumnEvidence, column: str) -> FloatArray:
+        """(n,) the raw numbers of a column, of the command over the gear."""
+        x = case.signals.raw[column]
+        return x / self.gear if column == self.columns.get("command") else x
 
 
 def find_units(case: ColumnEvidence, roles: Roles, kinds: Mapping[str, Quantity]) -> dict[str, UnitGuess]:
@@ -112,7 +119,7 @@ def _chains(case: ColumnEvidence, roles: Roles, kinds: Mapping[str, Quantity]) -
             columns["command"] = groups["command"][d.name]
             kind = kinds[d.name]
             if kind in ("position", "velocity"):
-                of, by = joint_response(case, roles, columns["command"], type(d)(d.name, d.joint, kind))
+                of, by = joint_response(case, roles, columns["command"], replace(d, kind=kind))
                 seen = of if abs(of.correlation) > 0.7 and columns["command"] != by else None
                 answering = "velocity" if by == columns.get("velocity") else "position"
         rate = None
@@ -120,7 +127,8 @@ def _chains(case: ColumnEvidence, roles: Roles, kinds: Mapping[str, Quantity]) -
             of = case.signals.follows(columns["position"], columns["velocity"], source_rate=True)
             rate = of if abs(of.correlation) > 0.8 else None
         if columns:
-            chains.append(_Chain(joint.name, joint.slides, kind, columns, seen, answering, rate))
+            gear = 1.0 if d is None else d.gear
+            chains.append(_Chain(joint.name, joint.slides, kind, columns, seen, answering, rate, gear))
     return chains
 
 
@@ -216,7 +224,7 @@ def _odds(
 
 def _alone(case: ColumnEvidence, chain: _Chain, column: str, unit: Unit) -> float:
     """How likely a place is in a unit, by its name and by where it goes."""
-    x = case.signals.raw[column]
+    x = chain.at_joint(case, column)
     x = x[np.isfinite(x)]
     odds = _said(case, column, unit)
     if not len(x):
@@ -239,7 +247,7 @@ def _alone(case: ColumnEvidence, chain: _Chain, column: str, unit: Unit) -> floa
 
 def _speed(case: ColumnEvidence, chain: _Chain, column: str, unit: Unit) -> float:
     """How likely a speed is in a unit, by its name and its size."""
-    x = np.abs(case.signals.raw[column])
+    x = np.abs(chain.at_joint(case, column))
     x = x[np.isfinite(x)]
     odds = _said(case, column, unit)
     largest = float(np.quantile(x, 0.99)) * unit.size if len(x) else 0.0
@@ -270,10 +278,11 @@ def _why(case: ColumnEvidence, chain: _Chain, group: str, unit: Unit, apart: boo
     reasons = []
     if case.words[column].unit in unit.words:
         reasons.append("the name says so")
-    x = case.signals.raw[column]
+    x = chain.at_joint(case, column)
     x = x[np.isfinite(x)]
     if len(x) and (group == "position" or group == "command" and chain.kind == "position"):
-        reasons.append(f"its values range from {x.min():.4g} to {x.max():.4g}")
+        over = f" over its gear of {chain.gear:g}" if group == "command" and chain.gear != 1.0 else ""
+        reasons.append(f"its values{over} range from {x.min():.4g} to {x.max():.4g}")
         limits = next(j.limits for j in case.structure.joints if j.name == chain.joint)
         if limits is not None and not unit.counts:
             size = "" if unit.size == 1.0 else f" in {unit.name}"

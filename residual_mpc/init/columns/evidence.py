@@ -18,11 +18,13 @@ from residual_mpc.models.model_structure import ModelStructure
 
 @dataclass(frozen=True)
 class JointDrive:
-    """What drives a joint: an actuator of the model, or one that its file does not declare, whose kind is None."""
+    """What drives a joint: an actuator of the model, or one that its file does not declare, whose kind is None. gear:
+    of a servo, its command over the joint's position or velocity."""
 
     name: str
     joint: str
     kind: Quantity | None
+    gear: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +88,11 @@ def where_on(case: ColumnEvidence, roles: Roles) -> ColumnEvidence:
 
 def _driven(actuator: ActuatorFacts) -> JointDrive:
     kinds: Mapping[str, Quantity] = {"position": "position", "velocity": "velocity", "torque": "effort"}
-    return JointDrive(actuator.name, actuator.joint or actuator.name, kinds[actuator.kind])
+    return JointDrive(actuator.name, actuator.joint or actuator.name, kinds[actuator.kind], actuator.gear)
 
 
 def joint_response(case: ColumnEvidence, roles: Roles, column: str, driven: JointDrive) -> tuple[SignalMatch, str]:
-    """How the joint answers a column that may be its command, and the column by which it was seen."""
+    """How the joint answers a column that may be its command, over the gear, and the column by which it was seen."""
     position, velocity = (roles.of(g).get(driven.joint) for g in ("position", "velocity"))
     seen: list[tuple[SignalMatch, str]] = []
     s = case.signals
@@ -101,4 +103,5 @@ def joint_response(case: ColumnEvidence, roles: Roles, column: str, driven: Join
             seen.append((s.follows(column, velocity, levels=True), velocity))
         if position:
             seen.append((s.follows(column, position, answer_rate=True, levels=True), f"the derivative of {position}"))
-    return max(seen, key=lambda x: abs(x[0].correlation), default=(NOTHING, ""))
+    answer, by = max(seen, key=lambda x: abs(x[0].correlation), default=(NOTHING, ""))
+    return (answer if driven.gear == 1.0 else answer.per(driven.gear)), by

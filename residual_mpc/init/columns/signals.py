@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,6 +36,10 @@ class SignalMatch:
     correlation: float
     slope: float
     against: float = 0.0
+
+    def per(self, gear: float) -> SignalMatch:
+        """How the answer follows the source divided by a gear."""
+        return replace(self, correlation=self.correlation if gear > 0.0 else -self.correlation, slope=self.slope * gear)
 
     def words(self, source: str) -> str:
         """What it says of an answer, such as `follows it by 85 ms (correlation 0.83)`."""

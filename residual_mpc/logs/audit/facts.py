@@ -17,11 +17,13 @@ class ActuatorFacts:
         name: as in `command.<name>`.
         joint: as in `position.<joint>`, None where it drives no single joint.
         kind: what the command asks of the joint.
+        gear: of a servo, its command over the joint's position or velocity; negative where they go opposite ways.
     """
 
     name: str
     joint: str | None
     kind: CommandKind
+    gear: float = 1.0
 
 
 @dataclass(frozen=True)

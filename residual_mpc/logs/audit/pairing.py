@@ -71,12 +71,14 @@ def _answers(actuator: ActuatorFacts, name: str, runs: Sequence[Run], dt: float)
 
 
 def _sources(actuator: ActuatorFacts, runs: Sequence[Run], dt: float) -> list[FloatArray]:
+    """The commands as the joint would follow them, whatever gear lies between."""
     column = f"command.{actuator.name}"
     signals = [
         command_on_grid(run, column, dt) if column in run.columns else on_grid(run, np.full(len(run.t), np.nan), dt)
         for run in runs
     ]
-    return clipped_deviations(signals, _on(actuator, runs, dt), each=actuator.kind == "position")
+    at_joint = [x / actuator.gear for x in signals]
+    return clipped_deviations(at_joint, _on(actuator, runs, dt), each=actuator.kind == "position")
 
 
 def _on(actuator: ActuatorFacts, runs: Sequence[Run], dt: float) -> list[FloatArray]:
@@ -126,7 +128,8 @@ def _units(actuator: ActuatorFacts, name: str, seen: Follow) -> list[Finding]:
     if strength < SURE:
         return []
     for column, factor in ((name, ratio), (f"command.{actuator.name}", 1.0 / ratio)):
-        said = f"{name} is {ratio:.4g} times command.{actuator.name} (correlation {strength:.2f})"
+        sent = f"command.{actuator.name}" if actuator.gear == 1.0 else f"command.{actuator.name} / {actuator.gear:g}"
+        said = f"{name} is {ratio:.4g} times {sent} (correlation {strength:.2f})"
         if 0.6 < factor / DEGREES < 1.6:
             remedy = f"multiply {column} by pi / 180"
             return [Finding("error", "degrees", "", column, None, f"{said}: {column} appears to be in degrees", remedy)]
