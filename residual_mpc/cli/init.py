@@ -105,7 +105,8 @@ def _report(drafted: "Draft", trial: "Trial", out: Path, following: str, mended:
     if trial.errors:
         click.echo(f"the runs cannot be used yet: fix {_errors(len(trial.errors))} listed above")
     elif drafted.mends and mended is None:
-        click.echo(f"usable once {len(drafted.mends)} columns of the log are corrected")
+        many = len(drafted.mends)
+        click.echo(f"usable once {many} {'column of the log is' if many == 1 else 'columns of the log are'} corrected")
     else:
         click.echo("usable")
     click.echo(f"next: {following}")

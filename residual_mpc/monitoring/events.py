@@ -56,7 +56,8 @@ class GapFigure:
 @dataclass(frozen=True)
 class GapChanged:
     """The gap has changed for certain. what: the channel, or all; grew: else it shrank; gap: of what, since then;
-    reference: of what, in steady running."""
+    reference: of what, in steady running that is driven like these windows;
+    unlike: share of them that are driven less alike than nine in ten of the reference's own windows."""
 
     at: Moment
     since: Moment
@@ -65,6 +66,7 @@ class GapChanged:
     gap: float
     reference: float
     windows: int
+    unlike: float
 
     kind = "change"
 

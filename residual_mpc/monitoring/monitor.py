@@ -29,21 +29,12 @@ from residual_mpc.monitoring.events import (
     Trouble,
 )
 from residual_mpc.monitoring.model import WatchedModel
+from residual_mpc.monitoring.places import Place, gaps_of
 from residual_mpc.monitoring.settings import WatchSettings
 from residual_mpc.monitoring.windows import LEAD, new_windows
 
 RECENT = 20_000  # windows whose place in the stream is remembered
 BEFORE = 2  # blocks before the sum's last zero, or the stretch of large errors, in which a change may have begun
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    """Where a window of the stream lies, and its relative squared errors and their scores, each (1 + C,)."""
-
-    segment: int
-    moment: Moment
-    error: np.ndarray
-    scores: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -210,7 +201,7 @@ class Watch:
                 continue
             at = Moment(segment.name, float(t + self._horizon), segment.begun + float(t + self._horizon))
             begun = Moment(segment.name, float(t), segment.begun + float(t))
-            self._places.append(Place(segment.number, begun, error, scores))
+            self._places.append(Place(segment.number, begun, error, scored.rest[k], scores, bool(scored.far[k])))
             self._block.append(scores)
             self._rest.append(scored.rest[k])
             self._total.windows += 1
@@ -266,9 +257,9 @@ class Watch:
         since = list(self._places)[-max(min(found.windows, len(self._places)), 1) :]
         self._change = Change(since[0], at, len(since) * self._horizon)
         self._total.changes += 1
-        now = float(np.sqrt(np.nanmean([p.error[found.series] for p in since])))
-        usual = float(np.sqrt(np.nanmean(r.error[:, found.series])))
-        return GapChanged(at, since[0].moment, r.series[found.series], found.grows, now, usual, len(since))
+        now, usual = gaps_of(since, found.series)
+        unlike = float(np.mean([p.far for p in since]))
+        return GapChanged(at, since[0].moment, r.series[found.series], found.grows, now, usual, len(since), unlike)
 
     def _look(self, final: bool) -> Iterator[Event]:
         """Compare the reference with the stream since the change."""

@@ -15,6 +15,7 @@ Document = Mapping[str, Any]  # one event
 EVERYTHING = "all channels"
 REFRESH = 5.0  # s between two versions of the page, and its reloads
 POINTS = 600  # of the history that is drawn; beyond it neighbours are merged
+UNLIKE = 0.25  # share of such windows from which the driving may be what changed
 MANY = 0.5  # share of unfamiliar windows from which the line says so
 
 
@@ -37,17 +38,19 @@ def _gap(e: Document) -> list[str]:
     strange = f"  {percent(e['unfamiliar'])} of windows driven unlike the reference, not tested"
     return [
         f"{_moment(e['at']):<28} gap {number(e['gap']):<8} {ratio:<26} "
-        f"evidence of a change {percent(min(e['evidence'], 1.0))}"
-        + (strange if e["unfamiliar"] >= MANY else "")
+        f"evidence of a change {percent(min(e['evidence'], 1.0))}" + (strange if e["unfamiliar"] >= MANY else "")
     ]
 
 
 def _change(e: Document) -> list[str]:
     grew = "grown" if e["grew"] else "shrunk"
     what = "the gap" if e["what"] == EVERYTHING else f"the gap of {e['what']}"
+    figures = f"from {number(e['reference'])} to {number(e['gap'])}, since about {_moment(e['since'])}"
+    if e["unlike"] < UNLIKE:
+        return [f"CHANGED: {what} has {grew} for certain, {figures} (told at {_moment(e['at'])})"]
     return [
-        f"CHANGED: {what} has {grew} for certain, from {number(e['reference'])} to {number(e['gap'])}, since about "
-        f"{_moment(e['since'])} (told at {_moment(e['at'])})"
+        f"CHANGED, or driven differently: {what} has {grew} {figures} (told at {_moment(e['at'])}), and "
+        f"{percent(e['unlike'])} of the windows since then were driven unlike most of the reference (usually 10 %)"
     ]
 
 

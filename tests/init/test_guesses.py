@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from init.arm_logs import JOINTS, KP, URDF, mjcf, simulate, simulate_six_joints, six_joint_mjcf, write
 
+from residual_mpc.init.columns.signals import Signals
 from residual_mpc.init.draft import Draft, draft
 from residual_mpc.logs.columns import group, member
 
@@ -137,6 +138,20 @@ def test_a_turned_sensor_is_turned_back_with_its_rate(model: Path, recorded: pd.
     turned = {m.column for m in found.mends}
     assert turned == {"position.elbow", "velocity.elbow"} or turned == {"command.elbow"}
     assert all(m.factor == -1.0 for m in found.mends) and "moves opposite to" in " ".join(m.why for m in found.mends)
+
+
+def test_a_turned_sensor_of_a_smooth_motion_is_no_late_speed() -> None:
+    """A smooth motion is nearly its own negative half a swing later: an answer of 40 ms turned is exact."""
+    t = 0.01 * np.arange(2400)
+    sent = np.sin(6.3 * t) + 0.25 * np.sin(7.9 * t + 1.0)
+    raw = {"sent": sent, "seen": -np.concatenate([np.full(4, sent[0]), sent[:-4]])}
+    signals = Signals(0.01, raw, np.zeros(len(t), dtype=int))
+    match = signals.follows("sent", "seen")
+    assert match.opposite and match.correlation < -0.99
+    assert match.against > -match.correlation - 0.15  # the other sign is as near as this, half a swing later
+    assert match.lag == pytest.approx(0.04, abs=0.005)
+    forward = signals.follows("seen", "sent").per(-1.0)
+    assert forward.correlation > 0.99
 
 
 def test_a_zero_a_quarter_turn_away(model: Path, recorded: pd.DataFrame) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -113,6 +114,49 @@ def test_a_log_that_is_emptied_and_written_anew_is_read_from_its_beginning(tmp_p
 
     (tmp_path / "log.csv").write_text("\n".join([HEADER, *(line(0.1 * k) for k in range(20))]) + "\n")
     assert followed(tmp_path, anew) == [line(0.1 * k) for k in range(50)]
+
+
+@pytest.mark.parametrize("copy", ["log.csv.1", "log-1.csv"])
+@pytest.mark.parametrize("mode", ["a", "r+"], ids=["appends", "leaves a hole"])
+@pytest.mark.parametrize("headed", [False, True])
+def test_a_log_that_is_copied_and_emptied_goes_on(tmp_path: Path, copy: str, mode: str, headed: bool) -> None:
+    """As logrotate's copytruncate does: the logger keeps the file open and may write no second header."""
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join([HEADER, *(line(0.1 * k) for k in range(20))]) + "\n")
+    logger = open(log, mode)
+    logger.seek(0, 2)
+
+    def rotate() -> None:
+        (tmp_path / copy).write_bytes(log.read_bytes())
+        os.truncate(log, 0)
+        rows = [*([HEADER] if headed else []), *(line(0.1 * k) for k in range(20, 50))]
+        logger.write("\n".join(rows) + "\n")
+        logger.close()
+
+    assert followed(tmp_path, rotate) == [line(0.1 * k) for k in range(50)]
+
+
+def test_a_copy_of_a_log_is_read_from_where_the_log_was(tmp_path: Path) -> None:
+    """What was written after the last look is in the copy alone."""
+
+    def rotate() -> None:
+        every = [HEADER, *(line(0.1 * k) for k in range(30))]
+        (tmp_path / "log-1.csv").write_text("\n".join(every) + "\n")
+        (tmp_path / "log.csv").write_text("\n".join(line(0.1 * k) for k in range(30, 50)) + "\n")
+
+    (tmp_path / "log.csv").write_text("\n".join([HEADER, *(line(0.1 * k) for k in range(20))]) + "\n")
+    assert sorted(followed(tmp_path, rotate), key=lambda row: float(row.split(",")[0])) == [
+        line(0.1 * k) for k in range(50)
+    ]
+
+
+def test_another_log_with_the_same_header_and_first_row_is_read_whole(tmp_path: Path) -> None:
+    def another() -> None:
+        rows = [line(0.0), *(line(0.1 * k + 0.05) for k in range(1, 30))]
+        (tmp_path / "other.csv").write_text("\n".join([HEADER, *rows]) + "\n")
+
+    (tmp_path / "log.csv").write_text("\n".join([HEADER, *(line(0.1 * k) for k in range(20))]) + "\n")
+    assert len(followed(tmp_path, another)) == 50
 
 
 def test_a_log_that_a_longer_copy_replaces_goes_on(tmp_path: Path) -> None:

@@ -22,8 +22,8 @@ def no_encoder(clip: Clip) -> bytes:
 
 def found(verdict: str = "effects") -> api.Diagnosis:
     """A finished diagnosis of which only the report is still to be written."""
-    robot = SimpleNamespace(file=SimpleNamespace(source=""), given="rover")
-    whole = {"model": {}, "notes": [], "next_experiment": None} | document(verdict)
+    robot = SimpleNamespace(file=SimpleNamespace(source=""), given="rover", model=SimpleNamespace(nominal=dict))
+    whole = {"model": {"values": []}, "notes": [], "next_experiment": None} | document(verdict)
     return api.Diagnosis(robot, whole, SimpleNamespace(), None, ())
 
 

@@ -88,7 +88,8 @@ def _middle(case: ColumnEvidence, column: str, units: Mapping[str, UnitGuess]) -
 def _against(case: ColumnEvidence, roles: Roles, driven: JointDrive) -> bool:
     column = roles.of("command")[driven.name]
     seen, by = joint_response(case, roles, column, driven)
-    return by != column and seen.correlation < -CLEAR and seen.against < max(0.5, -seen.correlation - 0.3)
+    clear = seen.correlation < -CLEAR and seen.against < max(0.5, -seen.correlation - 0.3)
+    return by != column and (clear or seen.opposite)
 
 
 def _turned_one(

@@ -37,6 +37,11 @@ class SignalMatch:
     slope: float
     against: float = 0.0
 
+    @property
+    def opposite(self) -> bool:
+        """Whether the answer goes against the source, and explains it far better so than any later answer with it."""
+        return self.correlation < 0.0 and _far_better(-self.correlation, self.against)
+
     def per(self, gear: float) -> SignalMatch:
         """How the answer follows the source divided by a gear."""
         return replace(self, correlation=self.correlation if gear > 0.0 else -self.correlation, slope=self.slope * gear)
@@ -50,6 +55,12 @@ class SignalMatch:
 CLEAR = 0.85  # correlation
 NOTHING = SignalMatch(0.0, 0.0, 0.0)
 MARGIN = 0.15  # correlation by which the other sign has to be ahead
+NEARLY, SHARE = 0.95, 0.2  # or its correlation, and the share of what one sign leaves unexplained that the other leaves
+
+
+def _far_better(one: float, other: float) -> bool:
+    """Whether a correlation explains nearly all, and leaves far less unexplained than another one."""
+    return one > NEARLY and 1.0 - one**2 < SHARE * (1.0 - other**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +119,9 @@ class Signals:
         ways = {sign: int(np.argmax(sign * product)) for sign in (1, -1)}
         scale = float(np.sqrt(power_u * power_y))
         sizes = {sign: max(0.0, float(sign * product[k]) / scale) for sign, k in ways.items()}
-        sign = -1 if sizes[-1] > sizes[1] + MARGIN else 1
+        sooner = abs(lags[ways[-1]]) < abs(lags[ways[1]])
+        ahead = sizes[-1] > sizes[1] + MARGIN or (sooner and _far_better(sizes[-1], sizes[1]))
+        sign = -1 if ahead else 1
         k = ways[sign]
         lag = float(lags[k])
         if 0 < k < len(lags) - 1:

@@ -121,4 +121,23 @@ def _no_run(folder: Path, inside: Sequence[Path]) -> BadInput:
         other = recognise_file(file)
         if other is not None and other.remedy:
             return BadInput(f"this folder contains no runs; {file.name} is {other.name}", str(folder), other.remedy)
+    deeper = _table_below(folder)
+    if deeper is not None:
+        return BadInput(
+            f"this folder contains no runs itself; {deeper.relative_to(folder)} lies below it", str(folder),
+            f"give {deeper.parent}, or a pattern such as '{folder}/**/*{deeper.suffix}': tables are not looked for in "
+            "folders below",
+        )  # fmt: skip
     return BadInput("this folder contains no runs", str(folder), f"runs are files ending in {', '.join(SUFFIXES)}")
+
+
+def _table_below(folder: Path) -> Path | None:
+    """The first table in the folders below, by name; None where the first MANY of them have none."""
+    for k, (where, folders, files) in enumerate(os.walk(folder)):
+        folders[:] = sorted(f for f in folders if not f.startswith("."))
+        tables = sorted(f for f in files if f.lower().endswith(TABLES))
+        if tables:
+            return Path(where) / tables[0]
+        if k >= MANY:
+            break
+    return None

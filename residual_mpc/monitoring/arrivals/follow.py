@@ -7,6 +7,7 @@ import select
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from hashlib import blake2b
 from pathlib import Path
 from typing import BinaryIO
 
@@ -17,6 +18,8 @@ from residual_mpc.monitoring.settings import ArrivalSettings
 TEXT = (".csv", ".tsv")
 PIPE = "-"
 HEAD = 1024  # bytes by which a log is known again
+COPIES = 100  # emptied logs whose copies are known
+CHUNK = 1 << 20  # bytes
 Identity = tuple[int, int] | Path  # of a file under any name: its device and its number on it
 
 
@@ -62,13 +65,14 @@ def follow_files(
         if not path.exists():
             raise BadInput("file or folder not found", str(path), "give a file, a folder, or - for a pipe")
     tails: dict[Identity, Tail] = {}
+    emptied: dict[bytes, Tail] = {}  # logs that were emptied, by how they began: a copy of one may turn up
     sizes: dict[Path, int] = {}
     done: set[tuple[Identity, int | Path]] = set()
     while True:
         for path in _logs(paths):
             same = _identity(path)
             if path.name.lower().endswith(TEXT):
-                tail = tails[same] = _tail_of(path, same, tails)
+                tail = tails[same] = _tail_of(path, same, tails, emptied)
                 yield from _grown(path, tail, settings)
                 continue
             # the content under any name, and the file under this one
@@ -86,8 +90,9 @@ def follow_files(
         sleep(settings.poll)
 
 
-def _tail_of(path: Path, same: Identity, tails: Mapping[Identity, Tail]) -> Tail:
-    """What was read of a log so far: of the file, renamed or not, or of one that a longer copy of itself replaced."""
+def _tail_of(path: Path, same: Identity, tails: Mapping[Identity, Tail], emptied: dict[bytes, Tail]) -> Tail:
+    """What was read of a log so far: of the file, renamed or not, of one that a longer copy of itself replaced, or of
+    one that was copied and then emptied."""
     size = _size(path)
     mine = tails.get(same)
     if mine is not None and mine.path == path and mine.at == size:  # nothing happened
@@ -97,43 +102,103 @@ def _tail_of(path: Path, same: Identity, tails: Mapping[Identity, Tail]) -> Tail
         if size >= tail.at and tail.is_of(path):
             tail.path = path
             return tail
-    return Tail(stem(path), str(path), path)
+    for tail in (*tails.values(), *emptied.values()):
+        if tail.path != path and size >= tail.at and tail.is_copied_to(path):
+            return tail.copied(path)
+    before = next((tail for tail in others if tail.header), mine if mine is not None and mine.path == path else None)
+    if before is not None and before.head:
+        emptied[before.head] = before
+        while len(emptied) > COPIES:
+            emptied.pop(next(iter(emptied)))
+    return Tail(stem(path), str(path), path, None if before is None else before.header)
 
 
 class Tail:
-    """The lines of one growing text: what is after the last line's end waits for the rest of its line."""
+    """The lines of one growing text: what is after the last line's end waits for the rest of its line. earlier: the
+    header of the log that stood here before it was emptied: its logger may go on without another one."""
 
-    def __init__(self, name: str, source: str, path: Path | None = None) -> None:
+    def __init__(self, name: str, source: str, path: Path | None = None, earlier: str | None = None) -> None:
         self.name, self.source, self.path = name, source, path
         self.at = 0  # bytes that were read
-        self._head = b""  # the first of them
+        self.head = b""  # the first of them
+        self.header: str | None = None
+        self._earlier = earlier
         self._rest = b""
-        self._header: str | None = None
+        self._begun = False  # whether a row was read
+        self._content = blake2b()  # of all that was read
+
+    def copied(self, path: Path) -> Tail:
+        """The same log in another file, read as far."""
+        copy = Tail(stem(path), str(path), path)
+        copy.at, copy.head, copy.header = self.at, self.head, self.header
+        copy._rest, copy._begun, copy._content = self._rest, self._begun, self._content.copy()
+        return copy
+
+    def is_copied_to(self, path: Path) -> bool:
+        """Whether a file begins with all that was read, at least one row."""
+        content, left = blake2b(), self.at
+        try:
+            with open(path, "rb") as file:
+                if not self._begun or file.read(len(self.head)) != self.head:
+                    return False
+                file.seek(0)
+                while left and (part := file.read(min(left, CHUNK))):
+                    content.update(part)
+                    left -= len(part)
+        except OSError:
+            return False
+        return not left and content.digest() == self._content.digest()
 
     def is_of(self, path: Path) -> bool:
         """Whether a file still begins as what was read: a log that is renamed (rotated) is the same log, and another
         one may have got the place on the disk of one that was removed."""
         try:
             with open(path, "rb") as file:
-                return file.read(len(self._head)) == self._head
+                return file.read(len(self.head)) == self.head
         except OSError:  # not now
             return True
 
     def add(self, content: bytes) -> Iterator[Arrival]:
         """The whole lines that these bytes complete."""
-        self._head += content[: max(HEAD - len(self._head), 0)]
+        self.head += content[: max(HEAD - len(self.head), 0)]
         self.at += len(content)
-        whole, end, self._rest = (self._rest + content).rpartition(b"\n")
+        self._content.update(content)
+        # a logger that goes on where it was in a file that was emptied leaves a hole, which reads as zeros
+        whole, end, self._rest = (self._rest + content.replace(b"\0", b"")).rpartition(b"\n")
         if not end:
             return
         lines = [line for line in whole.decode("utf-8", "replace").splitlines() if line.strip()]
-        fresh = self._header is None
-        if fresh and lines:
-            self._header, lines = lines[0].removeprefix("\ufeff"), lines[1:]
-        if lines and self._header is not None:
-            yield Arrival(self.name, self.source, self._header, tuple(lines), fresh=fresh)
-        elif fresh and self._header is not None:
-            yield Arrival(self.name, self.source, self._header, (), fresh=True)
+        fresh = self.header is None
+        if fresh and lines and self._earlier is not None and _continues(self._earlier, lines[0]):
+            self.header, fresh = self._earlier, False
+        elif fresh and lines:
+            self.header, lines = lines[0].removeprefix("\ufeff"), lines[1:]
+        self._begun |= bool(lines)
+        if lines and self.header is not None:
+            yield Arrival(self.name, self.source, self.header, tuple(lines), fresh=fresh)
+        elif fresh and self.header is not None:
+            yield Arrival(self.name, self.source, self.header, (), fresh=True)
+
+
+def _continues(header: str, line: str) -> bool:
+    """Whether a line is a row under a header, and no header itself."""
+    mark = delimiter(header)
+    cells = line.split(mark)
+    return len(cells) == len(header.split(mark)) and all(map(is_number, cells)) and any(c.strip() for c in cells)
+
+
+def delimiter(header: str) -> str:
+    """What stands between the cells."""
+    return max(",;\t", key=lambda m: (header.count(m), -",;\t".index(m)))
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number or empty."""
+    try:
+        float(cell.strip() or 0.0)
+    except ValueError:
+        return False
+    return True
 
 
 def _grown(path: Path, tail: Tail, settings: ArrivalSettings) -> Iterator[Arrival]:

@@ -16,7 +16,7 @@ from residual_mpc.logs.readers.headers import read_headers
 from residual_mpc.logs.readers.layout import ColumnNames, lay_out
 from residual_mpc.logs.readers.read import read_runs
 from residual_mpc.logs.run import FloatArray, Run, hold
-from residual_mpc.monitoring.arrivals.follow import Arrival
+from residual_mpc.monitoring.arrivals.follow import Arrival, delimiter, is_number
 from residual_mpc.monitoring.settings import ArrivalSettings
 
 
@@ -126,17 +126,12 @@ class _as_file:
         self._folder.cleanup()
 
 
-def _mark(header: str) -> str:
-    """What stands between the cells."""
-    return max(",;\t", key=lambda m: (header.count(m), -",;\t".index(m)))
-
-
 def _usual(header: str, lines: tuple[str, ...]) -> tuple[str, ...]:
     """The lines with as many cells as the header, and numbers or nothing where most lines have that."""
-    mark = _mark(header)
+    mark = delimiter(header)
     cells, *rows = (next(csv.reader([line], delimiter=mark), []) for line in (header, *lines))
     count = len(cells)
-    numbers = [[_is_number(cell) for cell in row] for row in rows]
+    numbers = [[is_number(cell) for cell in row] for row in rows]
     whole = np.array([of for of in numbers if len(of) == count], dtype=bool).reshape(-1, count)
     expected = whole.mean(axis=0) > 0.5 if len(whole) else np.zeros(count, dtype=bool)
     return tuple(
@@ -144,18 +139,9 @@ def _usual(header: str, lines: tuple[str, ...]) -> tuple[str, ...]:
     )
 
 
-def _is_number(cell: str) -> bool:
-    """Whether a cell is a number or empty."""
-    try:
-        float(cell.strip() or 0.0)
-    except ValueError:
-        return False
-    return True
-
-
 def _last_filled(header: str, lines: tuple[str, ...]) -> str:
     """The last line, its empty cells as they were last filled."""
-    mark = _mark(header)
+    mark = delimiter(header)
     last = [""] * len(header.split(mark))
     for row in csv.reader(lines, delimiter=mark):
         if len(row) == len(last):

@@ -31,11 +31,13 @@ EVERYTHING = "all channels"
 @dataclass(frozen=True, eq=False)
 class Scored:
     """Windows of the stream. error (W, 1 + C): relative squared errors; familiar (W,) bool: whether the reference has
-    windows that were driven alike; rest, scores (W, 1 + C): what of the errors' logarithm the driving does not tell,
-    and its normal score among these, NaN where there are none."""
+    windows that were driven alike; far (W,) bool: whether they were driven less alike than nine in ten of the
+    reference's own; rest, scores (W, 1 + C): what of the errors' logarithm the driving does not tell, and its normal
+    score among these, NaN where there are none."""
 
     error: np.ndarray
     familiar: np.ndarray
+    far: np.ndarray
     rest: np.ndarray
     scores: np.ndarray
 
@@ -45,11 +47,11 @@ class Reference:
     """names: of all channels, with their scales; channels (C,): those that are compared and move.
 
     windows: of the reference; error (W, 1 + C): relative squared errors of all channels together and of each; rest
-    (W, 1 + C): what of their logarithm the driving does not tell (`usual`); place (W, K) in the driving's space; reach:
-    distance within which a window has neighbours; whole (C,): samples of a whole window; block: windows of a block;
-    centre, spread (1 + C,): of the means of a block's scores; limits (1 + C,): what the mean `rest` of the last
-    windows exceeds after a large change; described: where it comes from; runs: for the comparison with what comes after
-    a change."""
+    (W, 1 + C): what of their logarithm the driving does not tell (`usual`); place (W, K) in the driving's space;
+    reach: distance within which a window has neighbours; usual_reach: that within which nine in ten of its own
+    have; whole (C,): samples of a whole window; block: windows of a block; centre, spread (1 + C,): of the means of
+    a block's scores; limits (1 + C,): what the mean `rest` of the last windows exceeds after a large change;
+    described: where it comes from; runs: for the comparison with what comes after a change."""
 
     names: tuple[str, ...]
     channels: tuple[str, ...]
@@ -61,6 +63,7 @@ class Reference:
     driving: Driving
     place: np.ndarray
     reach: float
+    usual_reach: float
     whole: np.ndarray
     block: int
     centre: np.ndarray
@@ -93,10 +96,11 @@ class Reference:
         rest = self.usual.without(error, _numbers(windows, place, self.names, self.channels))
         apart = np.linalg.norm(place[:, None] - self.place[None], axis=2)
         nearest = np.argsort(apart, axis=1, kind="stable")[:, :k]
-        familiar = np.take_along_axis(apart, nearest[:, k // 2 : k // 2 + 1], axis=1)[:, 0] <= self.reach
+        middle = np.take_along_axis(apart, nearest[:, k // 2 : k // 2 + 1], axis=1)[:, 0]
+        familiar, far = middle <= self.reach, middle > self.usual_reach
         known = np.isfinite(error) & familiar[:, None]
         scores = ranked(rest, self.rest[nearest])
-        return Scored(error, familiar, np.where(known, rest, np.nan), np.where(known, scores, np.nan))
+        return Scored(error, familiar, far, np.where(known, rest, np.nan), np.where(known, scores, np.nan))
 
     def standardised(self, scores: np.ndarray) -> np.ndarray:
         """(1 + C,) the mean of a block's scores (block, 1 + C) in standard deviations of such means; NaN where fewer
@@ -140,26 +144,29 @@ def build_reference(
     numbers = _numbers(windows, place, names, channels)
     fitted = usual_errors(error, numbers, settings)
     rest = fitted.without(error, numbers)
-    own, reach = _own_scores(rest, place, settings)
+    own, (usual_reach, reach) = _own_scores(rest, place, settings)
     block, means = _blocks(own, settings)
     centre, spread = means.mean(axis=0), np.maximum(means.std(axis=0, ddof=1), 1e-9)
     thresholds = calibrate(means, block, horizon, rng, settings)
     return Reference(
-        names, channels, scales, windows, error, fitted, rest, space, place, reach, usual, block, centre, spread,
-        limits(rest, horizon, settings), thresholds, described, tuple(runs), settings,
+        names, channels, scales, windows, error, fitted, rest, space, place, reach, usual_reach, usual, block, centre,
+        spread, limits(rest, horizon, settings), thresholds, described, tuple(runs), settings,
     )  # fmt: skip
 
 
-def _own_scores(rest: np.ndarray, place: np.ndarray, settings: DetectionSettings) -> tuple[np.ndarray, float]:
-    """(W, 1 + C) scores of the reference's windows among each other, those near in time left out, and the distance
-    within which a window has neighbours."""
+def _own_scores(
+    rest: np.ndarray, place: np.ndarray, settings: DetectionSettings
+) -> tuple[np.ndarray, tuple[float, float]]:
+    """(W, 1 + C) scores of the reference's windows among each other, those near in time left out, and the distances
+    within which nine in ten of them, and a window of the stream, have neighbours."""
     k = neighbour_count(len(rest), settings)
     apart = np.linalg.norm(place[:, None] - place[None], axis=2)
     index = np.arange(len(rest))
     apart[np.abs(index[:, None] - index[None]) < settings.blocks[0]] = np.inf
     nearest = np.argsort(apart, axis=1, kind="stable")[:, :k]
     middle = np.take_along_axis(apart, nearest[:, k // 2 : k // 2 + 1], axis=1)
-    return ranked(rest, rest[nearest]), settings.familiar * float(np.quantile(middle, 0.99))
+    reaches = float(np.quantile(middle, 0.9)), settings.familiar * float(np.quantile(middle, 0.99))
+    return ranked(rest, rest[nearest]), reaches
 
 
 def _blocks(scores: np.ndarray, settings: DetectionSettings) -> tuple[int, np.ndarray]:
