@@ -18,7 +18,7 @@ from residual_mpc.effects.library import BY_NAME, ORDER, present
 from residual_mpc.effects.ops import Array
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Settings
-from residual_mpc.models.stepping import Correction, Kinks, Number, StepOptions, Stepped
+from residual_mpc.models.stepping import ENDLESS, Correction, Kinks, Number, StepOptions, Stepped
 
 WHEELS = ("left", "right")
 POSE = ("pose.x", "pose.y", "pose.theta")
@@ -29,7 +29,6 @@ RATES = ("forward", "sideways", "yaw")  # of the base, in its own frame
 GROUND: tuple[Site, ...] = ("rolling", "roundness", "rim", "side", "drift", "rate")
 SLOTS: Mapping[int, tuple[str, ...]] = {1: ("",), 2: WHEELS, 3: RATES}  # by number
 HOSTED = frozenset(("command", *OUTPUT, "pair", "play", *GROUND))  # what a sensor reports is the estimator's part
-ENDLESS = 1e4  # rad/s for a wheel that has no limit: a smoothed minimum would make NaN of infinity
 UNIT = dict(zip((*POSE, *BODY, *WORLD), ("m", "m", "rad", *("m/s", "m/s", "rad/s") * 2), strict=True))
 
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from residual_mpc.api.diagnosis import effect_names
 from residual_mpc.api.display import page
+from residual_mpc.api.given import check_given, check_horizon
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.run_models import RunModels
-from residual_mpc.api.runs import Runs, usable
+from residual_mpc.api.runs import Runs
 from residual_mpc.api.servos import with_motors_changed
 from residual_mpc.comparison.compare import compare as run_comparison
 from residual_mpc.comparison.document import to_document
@@ -115,8 +116,8 @@ def compare(
         BadInput: runs that cannot be used or are in both sets, a set too short to tell how much runs of it differ, or
             an effect that does not exist.
     """
-    for runs in (before, after):
-        usable(runs)
+    check_given(robot, before, after)
+    check_horizon(horizon)
     if not before.runs or not after.runs:
         raise BadInput("must name at least one run", "--after" if before.runs else "--before")
     settings = ComparisonSettings()

@@ -10,8 +10,9 @@ import numpy as np
 
 from residual_mpc.api.diagnosis_files import COMMANDS, excite_command, write_whole
 from residual_mpc.api.display import page
+from residual_mpc.api.given import check_given
 from residual_mpc.api.robot import NominalRobot
-from residual_mpc.api.runs import Runs, usable
+from residual_mpc.api.runs import Runs
 from residual_mpc.api.servos import with_servos
 from residual_mpc.api.written import Source, placed, written
 from residual_mpc.diagnosis.options import Options
@@ -158,7 +159,7 @@ def confirm(
         BadInput: if the diagnosis names no effect, is of another robot or was made from one of the runs; if the runs
             cannot be used or compared; or if a change cannot be parsed, or gives a parameter an impossible value.
     """
-    usable(runs)
+    check_given(robot, runs)
     earlier = written(diagnosis)
     document = diagnosis_in(earlier)
     explanations_of(document, robot.model, earlier.where)  # fits the robot, and can be read

@@ -14,9 +14,10 @@ import numpy as np
 from residual_mpc.api.diagnosis_files import excite_command, write_answer, write_whole
 from residual_mpc.api.display import page
 from residual_mpc.api.early_answers import SO_FAR, EarlyAnswers
+from residual_mpc.api.given import check_given, check_horizon
 from residual_mpc.api.resume import checkpoint_in, key_of
 from residual_mpc.api.robot import NominalRobot
-from residual_mpc.api.runs import Runs, usable
+from residual_mpc.api.runs import Runs
 from residual_mpc.api.servos import with_servos
 from residual_mpc.api.written import Source, placed, written
 from residual_mpc.diagnosis.data.hold_out import KeptBack
@@ -181,7 +182,8 @@ def diagnose(
         BadInput: runs that cannot be used or compared, an effect or run that does not exist, or a start of another
             robot.
     """
-    usable(runs)
+    check_given(robot, runs)
+    check_horizon(horizon)
     because = not_commanded(robot.model, measured_over(robot.file, list(runs.names)))
     options = Options(
         horizon=horizon,
@@ -265,7 +267,7 @@ def _command(
 
 def effect_names(names: Iterable[str], option: str) -> tuple[str, ...]:
     """The names. Raises BadInput for one that is no effect."""
-    names = tuple(names)
+    names = (names,) if isinstance(names, str) else tuple(names)
     for name in names:
         if name not in KNOWN:
             raise BadInput(f"unknown effect {name!r}", option, did_you_mean(name, KNOWN))

@@ -10,13 +10,15 @@ import numpy as np
 
 from residual_mpc.api.display import page
 from residual_mpc.api.gap_figures import kept_back_of
+from residual_mpc.api.given import check_given, check_not_over
 from residual_mpc.api.robot import NominalRobot
-from residual_mpc.api.runs import Runs, usable
+from residual_mpc.api.runs import Runs
 from residual_mpc.api.written import Source, placed, written
 from residual_mpc.errors import BadInput
 from residual_mpc.files import write_atomically, write_json
 from residual_mpc.learning.batch import checkpoint
 from residual_mpc.learning.batch.training import Report, Task, TrainingResult, train
+from residual_mpc.learning.batch.turned_over import turned_over
 from residual_mpc.learning.batch.window_updates import LearnSettings
 from residual_mpc.learning.forms.registry import check_form
 from residual_mpc.learning.network.residual import KEY, to_json
@@ -121,12 +123,24 @@ def learn(
         BadInput: runs with too little to learn from, a diagnosis or residual of another robot, a model to learn on that
             has a network already, or a form that the robot cannot have.
     """
-    usable(runs)
+    check_given(robot, runs)
+    folder = None if out is None else Path(out)
+    for source in (on, warm_start):
+        if isinstance(source, str | Path):
+            check_not_over(str(source), folder)
+    if step is not None and not (np.isfinite(step) and step > 0.0):
+        raise BadInput(
+            f"must be a positive number of seconds, got {step!r}", "--step", "leave it out for the usual one"
+        )
+    if passes < 1 or not hidden or min(hidden) < 1:
+        raise BadInput(
+            f"passes and the nodes of each hidden layer must be 1 or more, got {passes} and {tuple(hidden)}", "learn",
+            "passes=5 and hidden=(10, 10) are usual",
+        )  # fmt: skip
     task = _task(robot, runs, case, on, warm_start, form)
     settings = LearnSettings(
         hidden=tuple(hidden), passes=passes, step=step, method=method, costs=tuple((weights or {}).items())
     )
-    folder = None if out is None else Path(out)
     history: list[tuple[float, float]] = []
 
     def heard(update: int, of: int, seconds: float, h2: float) -> None:
@@ -214,6 +228,7 @@ def _document(made: TrainingResult, task: Task, history: Sequence[tuple[float, f
             "holds": condition.holds,
             "kept": made.kept_earlier,
         },
+        "turned_over": turned_over(task.runs, made.learned.inputs),
         "seconds": made.seconds,
         "history": [[float(f"{x:.4g}") for x in history[k]] for k in _few(len(history))],
         "note": NOTE,
@@ -245,7 +260,16 @@ def _lines(d: dict[str, Any]) -> list[str]:
     h2 = {k: "-" if v is None else f"{v:.3g}" for k, v in d["h2_norm"].items()}
     out.append(f"  H2 norm {h2['first']} -> {h2['last']}; held out {h2['held_out_before']} -> {h2['held_out_after']}")
     done = d["converged_after"]
-    out.append("  the H2 norm did not decrease" if done is None else f"  converged after {done:.0f} s of data")
+    if d["gap"]["after"] == d["gap"]["before"]:
+        why = ": no pass over the data predicts the windows set aside better; try more --passes"
+        out.append(f"  nothing was kept of what was learned{why if d['chosen_pass'] == 0 else ''}")
+    else:
+        out.append("  the H2 norm did not decrease" if done is None else f"  converged after {done:.0f} s of data")
+    for odd in d["turned_over"]:
+        out.append(
+            f"  run {odd['run']}: {odd['channel']} goes over {odd['range']:.3g} rad, in most runs over "
+            f"{odd['usual']:.3g}; the network takes an angle as it is, so learn without such runs"
+        )
     if d["condition"]:
         c = d["condition"]
         said = "is kept" if c["holds"] else "is set to zero"

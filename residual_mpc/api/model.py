@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from residual_mpc.api.display import page
+from residual_mpc.api.given import check_apart, check_robot
 from residual_mpc.api.robot import NominalRobot
-from residual_mpc.api.shapes import check_last
+from residual_mpc.api.shapes import check_batches, check_last
 from residual_mpc.api.written import Source, placed, written
 from residual_mpc.errors import BadInput
 from residual_mpc.export.actuators import write_actuators
@@ -21,7 +22,7 @@ from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.export.servo_table import write_servo_table
 from residual_mpc.export.sysid import write_sysid
 from residual_mpc.export.urdf import write_urdf
-from residual_mpc.export.write import TARGETS, write_mjcf, write_model
+from residual_mpc.export.write import TARGETS, write_mjcf, write_model, write_network
 from residual_mpc.files import write_json
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models import optional
@@ -111,7 +112,8 @@ class AugmentedModel:
         """x+ (..., nx) from x (..., nx) and u (..., nu), in numpy. Raises BadInput for arrays of another size."""
         for name, given, names in (("x", x, self.states), ("u", u, self.commands)):
             check_last(name, given, names)
-        return self.augmented.numpy_step(x, u)
+        check_batches(x, u)
+        return self.augmented.numpy_step(np.asarray(x, dtype=float), np.asarray(u, dtype=float))
 
     def linearize(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A = dx+/dx (nx, nx) and B = dx+/du (nx, nu) at x (nx,), u (nu,), exact but for kinks. Raises BadInput for
@@ -132,7 +134,7 @@ class AugmentedModel:
                 "actuators" or "servo-table".
             seed: of the points at which the files are compared with their source.
             physics_dt: s, step of the simulation that "actuators" are for; by default the model's own.
-            beside: other diagnoses of this robot, from other motions, that "servo-table" pools.
+            beside: other diagnoses of this robot, from other runs, that "servo-table" pools.
 
         Raises:
             BadInput: a target that this model cannot have.
@@ -148,6 +150,8 @@ class AugmentedModel:
             document = write_actuators(self.source, self.explanation, self.robot.model, physics_dt, where)
         elif to == "servo-table":
             document = self._servo_table(where, beside)
+        elif to == "onnx":
+            document = write_network(residual_in(self.source), self.robot.name, where)
         elif to in TARGETS:
             document = write_model(self.augmented, to, where, np.random.default_rng(seed))
         else:
@@ -159,6 +163,7 @@ class AugmentedModel:
         for other in others:
             _check_robot(other, self.robot)
         contents = [diagnosis_in(other) for other in others]
+        check_apart([(self.source.where, self.found or {}), *((o.where, o.content) for o in others)])
         return write_servo_table(self.source, self.found, self.robot.model, self.robot.file, where, contents)
 
     def mpc(self, horizon: int = 20, settings: Any = None) -> Any:
@@ -199,16 +204,9 @@ class AugmentedModel:
         """One row a number in which the model differs from the nominal one, without the network's weights."""
         import pandas as pd
 
-        rows = [
-            (
-                None if k.effect == TUNE else k.effect,
-                k.target,
-                k.parameter,
-                value,
-                parameter_unit(self.robot.model, k) or None,
-            )
-            for k, value in model_in(self.source)[1].items()
-        ]
+        of, values = self.robot.model, model_in(self.source)[1]
+        named = [(None if k.effect == TUNE else k.effect, k.target, k.parameter) for k in values]
+        rows = [(*n, x, parameter_unit(of, k) or None) for n, (k, x) in zip(named, values.items(), strict=True)]
         return pd.DataFrame(rows, columns=["effect", "target", "parameter", "value", "unit"])
 
     def save(self, folder: str | Path) -> Path:
@@ -273,6 +271,7 @@ def augment(
         BadInput: a time step that is not positive, a model of another robot, a column that no law depends on, a network
             learned on other effects, or a residual that contains no network.
     """
+    check_robot(robot)
     above = None if residual is None else written(residual)
     below = above if diagnosis is None else written(diagnosis)
     for source in (below, above):

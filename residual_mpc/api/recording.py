@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from residual_mpc.api.gap_figures import as_seen, explaining, gap_figures
+from residual_mpc.api.given import check_given
 from residual_mpc.api.robot import NominalRobot
-from residual_mpc.api.runs import Runs, usable
+from residual_mpc.api.runs import Runs
 from residual_mpc.api.watch import diagnosed_runs
 from residual_mpc.api.written import Source, written
 from residual_mpc.diagnosis.data.dataset import build_dataset
@@ -51,7 +52,7 @@ def export_runs(
         raise BadInput(f"unknown format {to!r}", "to", f"give one of {', '.join(SUFFIXES)}")
     check_package(to)
     places = _places(Path(out), runs.names, to)
-    usable(runs)
+    check_given(robot, runs)
     source, tuning = written(model), FitSettings()
     horizon = _horizon_of(source) if horizon is None else horizon
     figures = gap_figures(runs.runs, runs.models, robot.file, horizon, source, None, seed, tuning)

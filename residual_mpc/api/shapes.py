@@ -18,3 +18,14 @@ def check_last(name: str, given: np.ndarray, names: Sequence[str], most: int | N
             f"{name} must have {len(names)} values in its last axis, got shape {shape}", name,
             f"give {', '.join(names)} in this order",
         )  # fmt: skip
+
+
+def check_batches(x: np.ndarray, u: np.ndarray) -> None:
+    """Raises BadInput where states and commands are batches of different shapes, none of which repeats."""
+    try:
+        np.broadcast_shapes(np.shape(x)[:-1], np.shape(u)[:-1])
+    except ValueError as error:
+        raise BadInput(
+            f"x and u must have the same leading axes, got shapes {np.shape(x)} and {np.shape(u)}", "u",
+            "give a command for each state, or one for all",
+        ) from error  # fmt: skip

@@ -7,6 +7,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from residual_mpc.api.given import check_robot
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.run_models import RunModels
 from residual_mpc.api.runs import Paths, Runs, listed, read_runs, usable
@@ -59,6 +60,7 @@ def watch(
     Raises:
         BadInput: a log that is missing or cannot be read, a model of another robot, or a reference that is too short.
     """
+    check_robot(robot)
     paths = listed(logs)
     if PIPE in paths and len(paths) > 1:
         raise BadInput("a pipe cannot be combined with files", PIPE, "give either - or files and folders")

@@ -62,7 +62,7 @@ def setup_from_runs(
         ) from error
     if set(known) != set(robot.actuators):
         raise BadInput("its commands are not those of this robot", where, "diagnose the runs again")
-    _check_actuators(robot, limits)
+    _check_limits(robot, limits)
     low, high, home = _ranges(robot, {**known, **limits})
     return DriveSetup(robot.actuators, low, high, home, period, sigma, start, switches, dispersion)
 
@@ -79,7 +79,7 @@ def setup_from_model(robot: Robot, limits: Mapping[str, tuple[float, float]]) ->
             f"no command limits are known for {', '.join(missing)}", robot.name,
             "set them with " + " ".join(f"--limit {a}=LOW:HIGH" for a in missing),
         )  # fmt: skip
-    _check_actuators(robot, limits)
+    _check_limits(robot, limits)
     low, high, home = _ranges(robot, known)
     start = dict.fromkeys((s.position for s in robot.states), 0.0)
     joints = optional.actuator_joints(robot)
@@ -97,12 +97,17 @@ def with_encoders(setup: DriveSetup, robot: Robot) -> tuple[DriveSetup, tuple[st
     return replace(setup, sigma={**setup.sigma, **dict.fromkeys(added, noise)}), added
 
 
-def _check_actuators(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> None:
-    for actuator in limits:
+def _check_limits(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> None:
+    for actuator, (low, high) in limits.items():
         if actuator not in robot.actuators:
             raise BadInput(
                 f"unknown actuator {actuator!r}", "--limit", f"the actuators are {', '.join(robot.actuators)}"
             )
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise BadInput(
+                f"the limits of {actuator} must be two finite numbers, the lower one first, got {low} and {high}",
+                "--limit", "the commands of the plan go as far as these limits",
+            )  # fmt: skip
 
 
 def _ranges(robot: Robot, known: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -188,7 +188,7 @@ def _settings(robot: Robot, values: Values, of: str, where: str, logged: Mapping
 def _build(robot: Robot, settings: Settings, residual: Residual | None, build: Build) -> Augmented:
     if not isinstance(robot, Stepping):
         raise BadInput(
-            f"the plant of {robot.name!r} has no symbolic step, since its dynamics are computed by a physics engine",
+            f"the plant of {robot.name!r} has no symbolic step",
             robot.name,
             "implement residual_mpc.models.stepping.Stepping for it, as plants/diff_drive.py and "
             "plants/scaler_arm/dynamics/step.py do",

@@ -1,6 +1,7 @@
 """An augmented model written to files for others, each with how far it lies from its source."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +15,7 @@ from residual_mpc.export.augmented import Augmented, settings_from
 from residual_mpc.export.casadi_model import CasadiModel, casadi_model
 from residual_mpc.extras import extra
 from residual_mpc.files import write_atomically
+from residual_mpc.learning.network.residual import Residual
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models.logged_laws import columns_at
 from residual_mpc.models.model_file import Written, model_in
@@ -33,13 +35,20 @@ def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Gener
     """
     folder.mkdir(parents=True, exist_ok=True)
     if to == "onnx":
-        return _onnx(model, folder)
+        return write_network(model.residual, model.robot.name, folder)
     if to == "jax":
         _import_jax()  # first, since its extra installs CasADi as well
     c = casadi_model(model)
     writers = {"casadi": _casadi, "c": _c, "jax": _jax}
     files, step = writers[to](model, c, folder)
     apart = agreement(model, step, rng)
+    if not math.isfinite(apart.largest):
+        for name in files:
+            (folder / name).unlink()
+        raise BadInput(
+            "the exported step gives values that are not finite where the model is sampled", f"--to {to}",
+            "export without --smooth; if that fails too, a number of the model may be far out of range",
+        )  # fmt: skip
     document = describe(model, c, to, files, apart)
     write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
     return document
@@ -83,10 +92,11 @@ def describe(model: Augmented, c: CasadiModel, to: str, files: Mapping[str, str]
         "dt": model.build.dt,
         "smooth": model.build.smooth,
         "logged": dict(model.build.logged),
-        "states": [{"name": n, "unit": u} for n, u in zip(c.x_names, model.stepped.units, strict=True)],
+        "states": [{"name": n, "unit": u} for n, u in zip(c.x_names, _state_units(model), strict=True)],
         "outputs": [
             {"name": n, "unit": u} for n, u in zip(model.stepped.outputs, model.stepped.output_units, strict=True)
         ],
+        "approximated": _at_another_step(model),
         "left_out": list(model.stepped.left_out),
         "commands": list(c.u_names),
         "command_units": list(command_units(model.robot)),
@@ -102,6 +112,25 @@ def describe(model: Augmented, c: CasadiModel, to: str, files: Mapping[str, str]
         "files": dict(files),
         "largest_difference": {**asdict(apart), "largest": apart.largest},
     }
+
+
+def _at_another_step(model: Augmented) -> list[str]:
+    """What a network loses at another step than its own is not measured here."""
+    r, dt = model.residual, model.build.dt
+    if r is None or math.isclose(r.step, dt):
+        return []
+    return [f"the network, learned at a step of {r.step:.3g} s and used at {dt:.3g} s: what that costs is not measured"]
+
+
+def _state_units(model: Augmented) -> list[str]:
+    """Of x; a command that is remembered has that of its actuator."""
+    units = dict(zip(model.robot.actuators, command_units(model.robot), strict=True))
+    out = []
+    for name, unit in zip(model.stepped.states, model.stepped.units, strict=True):
+        rest = name.partition(".")[2]
+        mine = next((u for a, u in units.items() if rest == a or rest.startswith(f"{a}.")), unit)
+        out.append(mine if unit == "command unit" else unit)
+    return out
 
 
 def _units(model: Augmented) -> list[str]:
@@ -133,12 +162,14 @@ def _c(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], 
 
     from residual_mpc.export.compiled import compiled, compiler
 
-    generator = ca.CodeGenerator("model.c", {"with_header": True, "casadi_int": "int"})
+    generator = ca.CodeGenerator("model.c", {"with_header": True})
     generator.add(c.f)
     generator.add(c.stage)
     if c.output is not None:
         generator.add(c.output)
     generator.generate(f"{folder}/")
+    header = folder / "model.h"
+    write_atomically(header, _signature(model, c) + header.read_text(encoding="utf-8"))
     # where no compiler is found the functions behind the source are compared, and the file says so
     files = {
         "model.c": "C functions step and stage (and output, if the robot tracks a task), which need only libm"
@@ -146,6 +177,21 @@ def _c(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], 
         "model.h": "their declarations",
     }
     return files, _mapped(compiled(c.f, compiler()), c.p0)
+
+
+def _signature(model: Augmented, c: CasadiModel) -> str:
+    """A comment that names the entries of x, u and p with their units and values."""
+    commands = command_units(model.robot)
+    rows = [
+        *(f"x[{i}] {n} [{u}]" for i, (n, u) in enumerate(zip(c.x_names, _state_units(model), strict=True))),
+        *(f"u[{i}] {n} [{u}]" for i, (n, u) in enumerate(zip(c.u_names, commands, strict=True))),
+        *(
+            f"p[{i}] {n} [{u}] = {v:.12g}"
+            for i, (n, u, v) in enumerate(zip(c.p_names, _units(model), c.p0, strict=True))
+        ),
+    ]
+    lines = "".join(f"\n   {row.replace('*/', '* /')}" for row in rows)
+    return f"/* step: (x, u, p) -> x_next of {model.robot.name}, dt = {model.build.dt:g} s{lines}\n*/\n"
 
 
 def _jax(model: Augmented, c: CasadiModel, folder: Path) -> tuple[dict[str, str], Step]:
@@ -176,17 +222,19 @@ def _import_jax() -> tuple[Any, Any]:
     return jax, jnp
 
 
-def _onnx(model: Augmented, folder: Path) -> dict[str, Any]:
+def write_network(residual: Residual | None, robot: str, folder: Path) -> dict[str, Any]:
+    """Write a learned network as ONNX, which needs nothing else of the robot. Raises BadInput where there is none."""
     from residual_mpc.export.onnx_network import to_onnx
 
-    if model.residual is None:
+    if residual is None:
         raise BadInput("the model contains no network", "--to onnx", "learn one with `residual-mpc learn`")
-    apart = to_onnx(model.residual, folder / "residual.onnx")
+    folder.mkdir(parents=True, exist_ok=True)
+    apart = to_onnx(residual, folder / "residual.onnx")
     document = {
         "to": "onnx",
-        "robot": model.robot.name,
-        "inputs": list(model.residual.inputs),
-        "outputs": list(model.residual.outputs),
+        "robot": robot,
+        "inputs": list(residual.inputs),
+        "outputs": list(residual.outputs),
         "files": {"residual.onnx": "only the network: z -> delta, in physical units"},
         "largest_difference": {"network": apart, "largest": apart, "points": 500},
     }

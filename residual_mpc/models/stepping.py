@@ -15,6 +15,9 @@ Signals = Mapping[str, Array]
 Correction = Callable[[Signals], Signals]  # signals of the step by name -> what is added to some of them
 
 
+ENDLESS = 1e6  # SI units, for what has no limit: a smoothed minimum would make NaN of infinity, and JSON has none
+
+
 @dataclass(frozen=True)
 class Number:
     """One number of the model that may change without building it anew.

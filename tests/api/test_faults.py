@@ -12,6 +12,7 @@ import pytest
 from oracles.rover_log import ROBOT, rover_run, write_run
 
 import residual_mpc as rm
+from residual_mpc.api.given import check_apart
 from residual_mpc.diagnosis.results.document import MODEL_SCHEMA
 
 WIDE: Mapping[str, float] = {"track_width": 1.2}
@@ -100,6 +101,59 @@ def test_paths_that_name_nothing_are_a_finding(robot: rm.NominalRobot, tmp_path:
 def test_a_case_that_there_is_not_is_refused_with_those_that_there_are(robot: rm.NominalRobot, runs: rm.Runs) -> None:
     with pytest.raises(rm.BadInput, match=r"unknown case 'x'.*sim-to-dyn, real-to-dyn, real-to-sim"):
         rm.learn(robot, runs, case="x")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda robot, runs: rm.learn(robot, "runs"), "runs must be Runs, got str 'runs'"),
+        (lambda robot, runs: rm.measure_gap(robot, None), "runs must be Runs, got NoneType"),
+        (lambda robot, runs: rm.diagnose("robot.toml", runs), "robot must be a NominalRobot, got str 'robot.toml'"),
+        (lambda robot, runs: rm.augment("robot.toml"), "robot must be a NominalRobot"),
+        (lambda robot, runs: rm.excite("robot.toml"), "robot must be a NominalRobot"),
+        (lambda robot, runs: rm.compare(robot, runs, [runs]), "runs must be Runs, got list"),
+        (lambda robot, runs: rm.diagnose(robot, runs, only="nope"), "unknown effect 'nope'"),
+        (lambda robot, runs: rm.diagnose(robot, runs, horizon=-1.0), "positive number of seconds, got -1.0"),
+        (lambda robot, runs: rm.measure_gap(robot, runs, horizon=float("nan")), "positive number of seconds, got nan"),
+        (lambda robot, runs: rm.learn(robot, runs, step=-1.0), "positive number of seconds, got -1.0"),
+        (lambda robot, runs: rm.learn(robot, runs, passes=0), "must be 1 or more, got 0"),
+        (lambda robot, runs: rm.learn(robot, runs, hidden=(0,)), "must be 1 or more"),
+        (lambda robot, runs: rm.excite(robot, seconds=-3.0), "positive number of seconds, got -3.0"),
+        (lambda robot, runs: rm.excite(robot, limits={"left": (1, -1), "right": (-1, 1)}), "the lower one first"),
+    ],
+)
+def test_what_is_no_robot_no_run_or_no_time_is_refused(
+    robot: rm.NominalRobot, runs: rm.Runs, call: Callable[[object, object], object], said: str
+) -> None:
+    with pytest.raises(rm.BadInput) as fault:
+        call(robot, runs)
+    assert said in str(fault.value)
+
+
+def test_a_step_takes_lists_and_refuses_batches_that_do_not_fit(robot: rm.NominalRobot) -> None:
+    model = rm.augment(robot)
+    x, u = model.x0.tolist(), [1.0, 2.0]
+    np.testing.assert_array_equal(model.step(x, u), model.step(np.array(x), np.array(u)))
+    assert model.step(np.zeros((3, len(x))), u).shape == (3, len(x))
+    with pytest.raises(rm.BadInput, match="same leading axes"):
+        model.step(np.zeros((3, len(x))), np.zeros((2, 2)))
+
+
+def test_what_is_learned_does_not_overwrite_its_diagnosis(
+    robot: rm.NominalRobot, runs: rm.Runs, tmp_path: Path
+) -> None:
+    file = model_file(tmp_path, "rover", {})
+    before = file.read_bytes()
+    with pytest.raises(rm.BadInput, match=r"would overwrite rover\.json"):
+        rm.learn(robot, runs, on=file, passes=1, hidden=(2,), out=tmp_path)
+    assert file.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["rover.json"]
+
+
+def test_diagnoses_that_are_pooled_share_no_run() -> None:
+    of = [{"name": "r0", "digest": "aa"}, {"name": "r1", "digest": "bb"}]
+    check_apart([("a.json", {"runs": of}), ("b.json", {"runs": [{"name": "r2", "digest": "cc"}]}), ("c.json", {})])
+    with pytest.raises(rm.BadInput, match=r"b\.json: run r9 was used in a\.json too"):
+        check_apart([("a.json", {"runs": of}), ("b.json", {"runs": [{"name": "r9", "digest": "bb"}]})])
 
 
 def test_a_target_that_there_is_not_is_refused_with_those_that_there_are(

@@ -17,6 +17,7 @@ from residual_mpc.diagnosis.fit.least_squares import Fit
 from residual_mpc.errors import BadInput
 from residual_mpc.experiment.confirmation.agreement import Expected, found_sigma, mismatch
 from residual_mpc.experiment.confirmation.document import confirmed_document, explanations_in
+from residual_mpc.experiment.confirmation.inputs import DiagnosedExplanation, with_combinations
 from residual_mpc.experiment.confirmation.records import Confirmation, ExplanationTest
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
 from residual_mpc.models.model_file import values_of
@@ -183,6 +184,83 @@ def test_what_stays_beside_a_replaced_effect_has_the_numbers_of_the_kept_model(g
     track = next(e for e in found["explanation"] if e["effect"] == "track_width")
     assert track["parameters"]["scale"] == {"value": 1.14, "ci95": [1.08, 1.14], "unit": "1"}
     assert {v["effect"]: v["value"] for v in found["model"]["values"]} == {"sensor_delay": 0.05, "track_width": 1.14}
+
+
+@pytest.fixture(scope="module")
+def ambiguous(late: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a rover with a diagnosis that names the wrong one of two twins twice: a late sensor for late
+    commands, and a gain for a wheel radius."""
+    folder = tmp_path_factory.mktemp("ambiguous")
+    (folder / "robot.toml").write_text(ROBOT)
+    document = json.loads((late / "out" / "diagnosis.json").read_text())
+    sizes = {"sensor_delay": ("delay", 0.08, "s"), "actuator_gain": ("gain", 0.9, "1"),
+             "command_delay": ("delay", 0.08, "s"), "wheel_radius": ("scale", 0.9, "1")}  # fmt: skip
+
+    def row(effect: str) -> dict[str, Any]:
+        return {"effect": effect, "target": None, "parameter": sizes[effect][0], "value": sizes[effect][1]}
+
+    def named(effect: str) -> dict[str, Any]:
+        name, value, unit = sizes[effect]
+        size = {name: {"value": value, "ci95": [0.97 * value, 1.03 * value], "unit": unit}}
+        return {**document["explanation"][0], "effect": effect, "probability": 0.48, "parameters": size}
+
+    own, twin = ("sensor_delay", "actuator_gain"), ("command_delay", "wheel_radius")
+    document["explanation"] = [named(e) for e in own]
+    document["model"]["values"] = [row(e) for e in own]
+    document["alternatives"] = [
+        {"effects": [{"effect": b, "target": None}], "instead_of": [{"effect": a, "target": None}], "confounded": True,
+         "values": [row(b), *(row(x) for x in own if x != a)], "ratio": 0.1}
+        for a, b in zip(own, twin, strict=True)
+    ]  # fmt: skip
+    members = [[{"effect": e, "target": None} for e in pair] for pair in zip(own, twin, strict=True)]
+    document["confounded"] = members
+    document["candidates"] = [{**m, "probability": 0.48, "shrink": 0.5} for pair in members for m in pair]
+    document["run_files"], document["runs"] = [], []
+    (folder / "out").mkdir()
+    (folder / "out" / "diagnosis.json").write_text(json.dumps(document))
+    return folder
+
+
+def test_a_change_that_settles_one_ambiguity_leaves_the_other(ambiguous: Path) -> None:
+    """The radius was put right: the gain goes for that, and nothing tells which delay it is."""
+    found = confirmed(ambiguous, LATE, "radius", "wheel_radius=none")
+    assert found.outcomes["wheel_radius"] == "agrees" and found.outcomes["actuator_gain"] == "denies"
+    assert found.outcomes["sensor_delay"] == "open"
+    (other,) = found.document["alternatives"]
+    assert other["instead_of"] == [{"effect": "sensor_delay", "target": None}]
+    assert [e["effect"] for e in other["effects"]] == ["command_delay"]
+    assert {v["effect"] for v in other["values"]} == {"command_delay", "wheel_radius"}
+    assert [[m["effect"] for m in g] for g in found.document["confounded"]] == [["sensor_delay", "command_delay"]]
+    listed = {c["effect"]: c["probability"] for c in found.document["candidates"]}
+    assert listed["wheel_radius"] > 0.9 and listed["actuator_gain"] < 0.1
+    assert listed["sensor_delay"] == pytest.approx(0.48, abs=0.03) == listed["command_delay"]
+
+
+def test_the_truth_may_be_on_the_other_side_of_both_ambiguities(ambiguous: Path) -> None:
+    """Both causes were removed by the amounts that their twins had: what is named is neither of the first two."""
+    changes = ("command_delay=none", "wheel_radius=none")
+    found = confirmed(ambiguous, {}, "both", *changes)
+    assert {e["effect"] for e in found.explanation} == {"command_delay", "wheel_radius"}
+    assert found.outcomes["sensor_delay"] == found.outcomes["actuator_gain"] == "denies"
+    assert found.document["alternatives"] == [] and found.document["confounded"] == []
+    assert {v["effect"] for v in found.document["model"]["values"]} == {"command_delay", "wheel_radius"}
+    said = "\n".join(found.lines())
+    assert "with command delay and wheel radius instead of sensor delay and actuator gain" in said
+
+
+def test_combinations_exchange_different_effects() -> None:
+    a, b, c, d = (Term(e, None) for e in ("sensor_delay", "actuator_gain", "command_delay", "wheel_radius"))
+
+    def explained(terms: tuple[Term, ...], instead: tuple[Term, ...], size: float) -> DiagnosedExplanation:
+        values = {Knob(t.effect, None, "x"): size for t in {a, b, *terms} - set(instead)}
+        return DiagnosedExplanation(terms, instead, values)
+
+    own = explained((a, b), (), 1.0)
+    others = [explained((c,), (a,), 2.0), explained((d,), (a,), 3.0), explained((d,), (b,), 4.0)]
+    first, *more = with_combinations([own, *others], 12)[4:]
+    assert first.terms == (c, d) and first.instead_of == (a, b) and more == []
+    assert first.values == {Knob("command_delay", None, "x"): 2.0, Knob("wheel_radius", None, "x"): 4.0}
+    assert len(with_combinations([own, *others], 0)) == 4
 
 
 def test_a_change_that_does_not_show_speaks_against_the_effect(late: Path) -> None:

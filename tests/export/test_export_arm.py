@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from oracles.arms import arm_xml
 
 from plants.mujoco_robot import MujocoRobot
 from plants.scaler_arm.dynamics.step import TASK
@@ -15,7 +16,7 @@ from plants.scaler_arm.servo_robot import ServoArm
 from residual_mpc.cli.main import main
 from residual_mpc.errors import BadInput
 from residual_mpc.export import Augmented, Build, augment, casadi_model
-from residual_mpc.export.agreement import Sampling, agreement, sample
+from residual_mpc.export.agreement import Agreement, Sampling, agreement, sample
 from residual_mpc.export.write import write_model
 from residual_mpc.learning.network.mlp import Mlp
 from residual_mpc.learning.network.residual import Residual, to_json
@@ -58,6 +59,37 @@ def learned(size: float = 1.0) -> Residual:
 def mapped(m: Augmented):
     f, p = casadi_model(m).f, m.p
     return lambda x, u: np.array(f.map(len(x))(x.T, u.T, np.tile(p[:, None], len(x)))).T
+
+
+ENDLESS: dict[str, dict[Knob, float]] = {
+    "saturation": {Knob("saturation", "j1", "limit"): 3.0},
+    "rate_limit": {Knob("rate_limit", "j1", "rate"): 1.2},
+    "torque_speed_limit": {
+        Knob("torque_speed_limit", "j1", "stall_torque"): 4.0,
+        Knob("torque_speed_limit", "j1", "no_load_speed"): 5.0,
+    },
+}
+
+
+@pytest.mark.parametrize("smooth", [0.0, 0.01])
+@pytest.mark.parametrize("effect", ENDLESS)
+def test_what_limits_one_actuator_leaves_the_others_finite(effect, smooth, tmp_path):
+    """The null of these effects is infinity, of which a smoothed minimum makes NaN, and JSON and source have none."""
+    (tmp_path / "arm.xml").write_text(arm_xml())
+    m = augment(load_robot(read_robot_file(tmp_path / "arm.xml")), ENDLESS[effect], None, Build(DT, smooth=smooth))
+    document = write_model(m, "jax", tmp_path / "out", np.random.default_rng(0))
+    assert np.isfinite(document["largest_difference"]["largest"])
+    assert json.loads((tmp_path / "out" / "export.json").read_text(), parse_constant=pytest.fail) == document
+    slots = {p["name"]: p for p in document["parameters"]}
+    name = f"{effect}.j2.{'limit' if effect == 'saturation' else 'rate' if effect == 'rate_limit' else 'stall_torque'}"
+    assert slots[name]["value"] == 1e6 and slots[name]["unit"] in ("N m", "rad/s")
+
+
+def test_an_export_that_is_not_finite_is_refused_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr("residual_mpc.export.write.agreement", lambda *_: Agreement(np.nan, 0.0, 0.0, 1))
+    with pytest.raises(BadInput, match="not finite"):
+        write_model(augment(SERVO, {}, None, Build(DT)), "jax", tmp_path, np.random.default_rng(0))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_step_is_the_replay():

@@ -64,6 +64,25 @@ def test_the_jax_file_stands_alone_and_differentiates(tmp_path):
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
+def test_the_c_file_is_loaded_by_casadi_and_its_header_names_every_number(tmp_path):
+    import casadi as ca
+
+    m = model("together", learned())
+    document = write_model(m, "c", tmp_path, np.random.default_rng(0))
+    subprocess.run([compiler(), "-shared", "-fPIC", "model.c", "-o", "model.so", "-lm"], cwd=tmp_path, check=True)
+    step = ca.external("step", str(tmp_path / "model.so"))
+    x, u = sample(m, np.random.default_rng(1), Sampling(points=1))
+    np.testing.assert_allclose(np.array(step(x[0], u[0], m.p)).ravel(), m.numpy_step(x, u)[0], atol=1e-12)
+    header = (tmp_path / "model.h").read_text()
+    for letter, entries in (("x", document["states"]), ("p", document["parameters"])):
+        assert all(f"{letter}[{i}] {e['name']} [{e['unit']}]" in header for i, e in enumerate(entries))
+    assert "u[1] command.right [rad/s]" in header
+    assert not {"command unit", "actuator unit", ""} & {
+        e["unit"] for k in ("states", "parameters") for e in document[k]
+    }
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler")
 def test_the_c_file_compiles_without_a_warning(tmp_path):
     write_model(model("together", learned()), "c", tmp_path, np.random.default_rng(0))
     command = [compiler(), "-std=c99", "-Wall", "-Werror", "-Wno-unused", "-c", "model.c", "-o", "model.o"]

@@ -16,7 +16,7 @@ from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import within_step_error
 from residual_mpc.experiment.confirmation.agreement import costs_at, expected_numbers, score, sigmas_of
 from residual_mpc.experiment.confirmation.effect_tests import Quality, Scored, tested_effects
-from residual_mpc.experiment.confirmation.inputs import ConfirmationInput
+from residual_mpc.experiment.confirmation.inputs import ConfirmationInput, with_combinations
 from residual_mpc.experiment.confirmation.known_change import changed_values
 from residual_mpc.experiment.confirmation.problem import FittedExplanations, fit_explanations
 from residual_mpc.experiment.confirmation.records import Confirmation, ExplanationTest, NewGap
@@ -38,6 +38,8 @@ def confirm(
         options = replace(given.options, held_out=())
         prepared = prepare(DiagnosisInput(given.runs, given.robots, given.noise, given.tunable, options), rng, progress)
         progress("fitting each explanation to the new runs", 0.2)
+        every = with_combinations(given.explanations, settings.combinations)
+        given = replace(given, explanations=every, combined=len(every) - len(given.explanations))
         changed = [changed_values(e.values, given.changes) for e in given.explanations]
         begin = [{**e.values, **values} for e, values in zip(given.explanations, changed, strict=True)]
         fitted = fit_explanations(prepared, begin, settings)
@@ -49,6 +51,7 @@ def confirm(
         refitted = space.settings([nominal, fitted.fits[kept].values])
         quality = _quality(prepared, refitted, rng, settings)
         effects = tested_effects(scored, explanations, quality)
+        explanations = _among_combinations(explanations, given.combined)
         progress("measuring the gap on the new runs", 0.8)
         gaps = _gaps(prepared, space.settings([nominal, changed[kept]]), rng, settings)
     return Confirmation(explanations, kept, effects, gaps, quality.whole)
@@ -79,9 +82,9 @@ def _scored(
         score(fit, phi, numbers, cost) for fit, numbers, cost in zip(fitted.fits, expected, at_expected, strict=True)
     ]
     scores = _told_apart(scores, fitted, prepared, settings)
-    kept = int(np.argmin(scores))
-    if scores[0] - scores[kept] <= settings.beyond_doubt:
-        kept = 0  # the diagnosed explanation is kept unless it is excluded
+    open_ = [i for i, its in enumerate(scores) if its - min(scores) <= settings.beyond_doubt]
+    # what was diagnosed is kept unless it is excluded, and of what takes its place as much of it as may be
+    kept = min(open_, key=lambda i: (len(given.explanations[i].instead_of) if i else 0, scores[i]))
     return Scored(given, fitted, phi, tuple(changed), tuple(expected), tuple(scores), kept, settings)
 
 
@@ -112,6 +115,18 @@ def _explanations(scored: Scored, prepared: Prepared, changed: Sequence[Values])
         excluded = above > scored.settings.beyond_doubt
         out.append(ExplanationTest(e.terms, e.instead_of, e.values, told, refitted, above, excluded))
     return tuple(out)
+
+
+def _among_combinations(explanations: Sequence[ExplanationTest], combined: int) -> tuple[ExplanationTest, ...]:
+    """The explanations with what is said of an alternative whatever else is exchanged: it is excluded where every
+    combination with it is."""
+    count = len(explanations) - combined
+    out = list(explanations[:1])
+    for e in explanations[1:count]:
+        mine = [c for c in explanations[count:] if set(e.terms) <= set(c.terms)]
+        best = min((e, *mine), key=lambda c: c.above)
+        out.append(replace(e, above=best.above, excluded=best.excluded))
+    return (*out, *(replace(c, combined=True) for c in explanations[count:]))
 
 
 def _total(data: Dataset, scales: Scales, row: Settings) -> float:

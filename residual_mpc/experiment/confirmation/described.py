@@ -27,7 +27,11 @@ def described(
         "runs": list(runs),
         "changed": [_change(c, robot) for c in changes],
         "effects": [_effect(t, before.get(t.term, 0.0), after.get(t.term, 0.0)) for t in confirmation.effects],
-        "explanations": [_explanation(e, own, e is kept) for e in confirmation.explanations],
+        "explanations": [
+            _explanation(e, own, e is kept)
+            for e in confirmation.explanations
+            if e is kept or not (e.combined or (kept.combined and set(e.terms) <= set(kept.terms)))
+        ],
         "gaps": [
             {"horizon": g.horizon, "windows": g.windows, "nominal": g.nominal, "explained": g.explained,
              "noise_floor": g.noise_floor, "as_good_as_told": g.as_good}

@@ -148,21 +148,28 @@ def _rivals(document: Document, confirmation: Confirmation) -> list[dict[str, An
 
 def _open_alternatives(document: Document, confirmation: Confirmation) -> list[dict[str, Any]]:
     """The alternatives that the new runs do not exclude, beside the explanation that is kept."""
-    own, *others = confirmation.explanations
-    here = whole_of(confirmation.explanations[confirmation.kept], own)
+    own, *others = (e for e in confirmation.explanations if not e.combined)
+    kept = confirmation.explanations[confirmation.kept]
+    here = whole_of(kept, own)
+    every = {frozenset(whole_of(e, own)): e for e in confirmation.explanations}
     out = []
-    for k, (entry, other) in enumerate(zip(document.get("alternatives", ()), others, strict=True), start=1):
-        if other.excluded or k == confirmation.kept:
+    for entry, other in zip(document.get("alternatives", ()), others, strict=True):
+        if other.excluded or (confirmation.kept and set(other.terms) <= set(kept.terms)):
             continue
         whole = whole_of(other, own)
+        if confirmation.kept and not set(other.instead_of) & set(kept.instead_of):  # on top of what was exchanged
+            whole = (*(t for t in here if t not in other.instead_of), *other.terms)
+        together = every.get(frozenset(whole))
+        if together is None or (together.combined and together.excluded):
+            continue
         effects, instead = ([_named(t) for t in a if t not in b] for a, b in ((whole, here), (here, whole)))
-        out.append({**entry, "effects": effects, "instead_of": instead})
+        out.append({**entry, "effects": effects, "instead_of": instead, "values": _rows(together.values)})
     return out
 
 
 def _open_groups(document: Document, confirmation: Confirmation) -> list[Any]:
     """The confounded groups without the members that the new runs exclude; a group left with one member is dropped."""
-    _, *others = confirmation.explanations
+    _, *others = (e for e in confirmation.explanations if not e.combined)
     kept = confirmation.explanations[confirmation.kept]
     excluded = {e.terms for e in others if e.excluded}
     gone = set(kept.instead_of) if confirmation.kept else set()
@@ -171,7 +178,7 @@ def _open_groups(document: Document, confirmation: Confirmation) -> list[Any]:
         members = [(m, terms_in([m] if isinstance(m, Mapping) else m)) for m in group]
         left = [m for m, terms in members if terms not in excluded and not gone & set(terms)]
         if confirmation.kept:  # what is named stands first
-            left.sort(key=lambda m: terms_in([m] if isinstance(m, Mapping) else m) != kept.terms)
+            left.sort(key=lambda m: not set(terms_in([m] if isinstance(m, Mapping) else m)) <= set(kept.terms))
         if len(left) > 1:
             out.append(left)
     return out

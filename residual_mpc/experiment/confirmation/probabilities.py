@@ -37,7 +37,7 @@ def _in_place_of(
     term: Term, listed: Mapping[Term, float], confirmation: Confirmation, settings: ConfirmationSettings
 ) -> dict[Term, float]:
     """The probabilities of an effect of the diagnosed explanation and of those that may stand in its place."""
-    own, *others = confirmation.explanations
+    own, *others = (e for e in confirmation.explanations if not e.combined)
     kept = confirmation.explanations[confirmation.kept]
     places: list[tuple[EffectSet, bool]] = [((term,), kept is own or term not in kept.instead_of)]
     for other in others:

@@ -50,7 +50,8 @@ class ExplanationTest:
     """One explanation of the diagnosis on the new runs. terms: the effects that it adds to the diagnosed explanation
     (of that one itself: all its effects); instead_of: the effects that they replace; values: parameters of the whole
     model, as diagnosed. gap: with known changes applied and nothing refitted; refitted: with the parameters fitted to
-    these runs; above: its score above the lowest."""
+    these runs; above: its score above the lowest, for an alternative the lowest of all combinations with it; excluded:
+    whether that is too much; combined: whether it exchanges more than one ambiguous effect."""
 
     terms: EffectSet
     instead_of: EffectSet
@@ -59,6 +60,7 @@ class ExplanationTest:
     refitted: float
     above: float
     excluded: bool
+    combined: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,9 +78,9 @@ class NewGap:
 
 @dataclass(frozen=True)
 class Confirmation:
-    """explanations: the diagnosed one first, then its alternatives; kept: index of the one that is kept, which is the
-    diagnosed one unless it is excluded; gaps: one for each horizon, the headline's first; whole: whether the kept
-    explanation, refitted, is as good as the sensors can tell over that."""
+    """explanations: the diagnosed one first, then its alternatives, then combinations of these; kept: index of the
+    one that is kept, which is the diagnosed one unless it is excluded; gaps: one for each horizon, the headline's
+    first; whole: whether the kept explanation, refitted, is as good as the sensors can tell over that."""
 
     explanations: tuple[ExplanationTest, ...]
     kept: int

@@ -14,7 +14,7 @@ class ConfirmationSettings:
     explains: share of the nominal model's squared gap that the fitted model must remove before an effect in it can be
     denied; shown: standard deviation, relative to the expected size, above which a parameter counts as not determined;
     excluded: share of its probability that an excluded explanation keeps; denied: the most that an effect keeps which
-    new runs deny.
+    new runs deny; combinations: of alternatives that exchange different effects, which are tested as well.
 
     agrees, denies: rates at which new runs agree with or deny an effect that the robot has, and one that it does not
     have. The odds of an effect are multiplied by the ratio of the two (Bayes' rule).
@@ -28,12 +28,13 @@ class ConfirmationSettings:
     shown: float = 3.0
     excluded: float = 0.05
     denied: float = 0.45
+    combinations: int = 12
     agrees: tuple[float, float] = (0.5, 0.1)
     denies: tuple[float, float] = (0.04, 0.2)
     results: ResultSettings = field(default_factory=ResultSettings)
 
     def __post_init__(self) -> None:
-        check_positive(self, "beyond_doubt", "steps", "fit_steps", "varies", "shown")
+        check_positive(self, "beyond_doubt", "steps", "fit_steps", "varies", "shown", "combinations")
         check_share(self, "explains", "excluded", "denied")
         for rates in (self.agrees, self.denies):
             if not all(0.0 < rate < 1.0 for rate in rates):

@@ -1,0 +1,56 @@
+"""Whether the functions of the API were given what they work on."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from residual_mpc.api.robot import NominalRobot
+from residual_mpc.api.runs import Runs, usable
+from residual_mpc.errors import BadInput
+
+
+def check_robot(robot: Any) -> None:
+    """Raises BadInput for anything but a robot, such as the path of its file."""
+    if not isinstance(robot, NominalRobot):
+        raise BadInput(f"robot must be a NominalRobot, got {_shown(robot)}", "robot", "give rm.load_robot(file)")
+
+
+def check_given(robot: Any, *runs: Any) -> None:
+    """Raises BadInput for anything but a robot and runs that can be used."""
+    check_robot(robot)
+    for some in runs:
+        if not isinstance(some, Runs):
+            raise BadInput(f"runs must be Runs, got {_shown(some)}", "runs", "give rm.read_runs(robot, paths)")
+        usable(some)
+
+
+def check_horizon(horizon: Any) -> None:
+    """Raises BadInput unless a horizon is a positive number of seconds."""
+    if not (isinstance(horizon, int | float | np.number) and np.isfinite(horizon) and horizon > 0.0):
+        raise BadInput(f"must be a positive number of seconds, got {horizon!r}", "horizon", "1.0 is usual")
+
+
+def check_not_over(source: str, folder: Path | None) -> None:
+    """Raises BadInput where results would overwrite the file that they are made from."""
+    file = Path(source)
+    if folder is not None and file.exists() and file.resolve().parent == folder.resolve():
+        raise BadInput(f"would overwrite {file.name}, which it is made from", str(folder), "choose another folder")
+
+
+def check_apart(diagnoses: Sequence[tuple[str, Mapping[str, Any]]]) -> None:
+    """Raises BadInput where two diagnoses, as (file, content), share a run: they are not independent."""
+    seen: dict[str, str] = {}
+    for file, content in diagnoses:
+        for run in content.get("runs") or ():
+            if run["digest"] in seen:
+                raise BadInput(
+                    f"run {run['name']} was used in {seen[run['digest']]} too: diagnoses that are pooled must share no "
+                    "runs", file, "give diagnoses of other runs",
+                )  # fmt: skip
+        seen |= {run["digest"]: file for run in content.get("runs") or ()}
+
+
+def _shown(thing: Any) -> str:
+    return f"{type(thing).__name__} {thing!r:.60}" if isinstance(thing, str | Path) else type(thing).__name__

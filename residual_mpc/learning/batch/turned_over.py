@@ -1,0 +1,26 @@
+"""Runs in which a joint goes round, as it does in no other: a network that takes its angle cannot serve both."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from residual_mpc.logs.run import Run
+
+TURN = 2.0 * np.pi
+FARTHER = 3.0  # times as far as in the median run
+
+
+def turned_over(runs: Sequence[Run], inputs: Sequence[str]) -> list[dict[str, Any]]:
+    """The runs in which one of the network's angles goes over more than a turn, and far more than in most runs."""
+    out = []
+    for channel in (i for i in inputs if i.startswith("position.")):
+        measured = {r.name: r.columns[channel] for r in runs if np.isfinite(r.columns.get(channel, np.nan)).any()}
+        ranges = {name: float(np.nanmax(x) - np.nanmin(x)) for name, x in measured.items()}
+        usual = float(np.median(list(ranges.values()))) if ranges else 0.0
+        out += [
+            {"run": name, "channel": channel, "range": size, "usual": usual}
+            for name, size in ranges.items()
+            if size > max(TURN, FARTHER * usual)
+        ]
+    return out
