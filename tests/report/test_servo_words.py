@@ -16,7 +16,7 @@ from residual_mpc.report import Evidence
 from residual_mpc.report.report import compose
 from residual_mpc.report.terminal import diagnosis_lines
 from residual_mpc.report.words.numbers import plain
-from residual_mpc.report.words.servo import motor_lines, readings_sentence
+from residual_mpc.report.words.servo import motor_lines, readings_sentence, servo_lines
 from residual_mpc.report.words.summary import sentence
 
 ACTUATORS = '<position name="s1" joint="j1" kp="30" kv="1.5"/><position name="s2" joint="j2" kp="30" kv="0.8"/>'
@@ -155,3 +155,13 @@ def test_a_changed_gain_is_said_as_another_supply(tmp_path: Path) -> None:
         "As if the supply were 6.07 V (5.92 to 6.22) rather than 7.4 V; or as if the motor's resistance were 4.88 ohm "
         "(4.76 to 5.00) rather than 4 ohm"
     )
+
+
+@pytest.mark.parametrize(("probability", "doubted"), [(0.49, True), (0.5, False), (None, False)])
+def test_a_number_of_an_effect_that_is_less_likely_than_not_is_only_possible(
+    probability: float | None, doubted: bool
+) -> None:
+    number = {"name": "dry_friction", "unit": "N m", "nominal": 0.0, "value": 0.03, "ci95": [0.02, 0.04],
+              "probability": probability, "status": "corrected" if probability is not None else "retuned"}  # fmt: skip
+    (line,) = servo_lines({"servos": [{"actuator": "servo", "values": [number]}]})
+    assert line.startswith("servo servo: possibly dry friction" if doubted else "servo servo: dry friction")

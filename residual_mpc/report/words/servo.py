@@ -9,6 +9,7 @@ from residual_mpc.report.words.numbers import ARROW, listed, measure, measure_in
 
 Reading = Mapping[str, Any]  # an entry of "motor" of an effect in diagnosis.json
 CHANGED = ("corrected", "retuned")
+STATED = 0.5  # probability from which a number is stated without "possibly"
 TAKEN = 0.05  # share by which the model's stiffness has to differ from the constants' to be worth a word
 
 
@@ -105,7 +106,7 @@ def servo_lines(document: Mapping[str, Any]) -> list[str]:
     for several servos, all of them, is said once."""
     said = {
         servo["actuator"]: [
-            f"{BY_NAME[v['name']].text} {nominal_text(v)} {ARROW} {value_text(v)}"
+            f"{_hedge(v)}{BY_NAME[v['name']].text} {nominal_text(v)} {ARROW} {value_text(v)}"
             for v in servo["values"]
             if is_changed(v, servo)
         ]
@@ -118,6 +119,12 @@ def servo_lines(document: Mapping[str, Any]) -> list[str]:
         rest = [text for text in own if text not in shared]
         lines += [f"servo {actuator}: {', '.join(rest)}"] if rest else []
     return lines
+
+
+def _hedge(value: Mapping[str, Any]) -> str:
+    """ "possibly " before a number whose effects are less likely than not."""
+    probability = value.get("probability")
+    return "possibly " if probability is not None and probability < STATED else ""
 
 
 def _concerns(effect: Mapping[str, Any], servo: Mapping[str, Any], explanation: Sequence[Mapping[str, Any]]) -> bool:
