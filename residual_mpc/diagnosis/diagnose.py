@@ -13,7 +13,7 @@ from residual_mpc.diagnosis.phases.early_answers import Told, first_look, unhear
 from residual_mpc.diagnosis.phases.laws import find_laws
 from residual_mpc.diagnosis.phases.prepare import DiagnosisInput, Prepared, prepare
 from residual_mpc.diagnosis.phases.refine import Refined, refine
-from residual_mpc.diagnosis.phases.search import search_effects, search_without
+from residual_mpc.diagnosis.phases.search import search_effects, search_further
 from residual_mpc.diagnosis.phases.validate import validate
 from residual_mpc.diagnosis.predict.longer_steps import longer_steps_of
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
@@ -58,12 +58,11 @@ def diagnose(
 
 
 def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progress: Progress, told: Told) -> Refined:
-    """What the search found, fitted to the end. Where that refutes effects, another may explain what these stood for:
-    the search goes on once."""
+    """What the search found, fitted to the end. Where all windows show that the search is not finished, it goes on
+    once."""
     searched = keep("search", lambda: search_effects(prepared, rng, progress, keep, told))
     refined = refine(searched, rng, progress)
-    last = refined.explanation
-    again = search_without(searched, last.final, last.left_out, progress)
+    again = search_further(searched, refined.explanation, rng.spawn(1)[0], progress)
     return refined if again is None else refine(again, rng, progress)
 
 

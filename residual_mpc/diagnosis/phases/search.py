@@ -25,10 +25,12 @@ from residual_mpc.diagnosis.predict.problem import build_problem, reweigh, times
 from residual_mpc.diagnosis.predict.replay import predict
 from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.remainder.resemblance import closest
+from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.search.acceptance import STEP_WINDOWS, convincing, judge
+from residual_mpc.diagnosis.search.acceptance import STEP_WINDOWS, build_ruler, convincing, judge, squared_gaps
 from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import makeup
+from residual_mpc.diagnosis.search.other_starts import begun_with, other_start
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found, Step, prune, refit, stepwise_search
@@ -82,25 +84,50 @@ def search_effects(
     return Searched(prepared, found, rivalry, untestable, joined([d for d, _ in windows]), windows[-1][1])
 
 
-def search_without(searched: Searched, final: Fit, gone: tuple[Term, ...], progress: Progress) -> Searched | None:
-    """The search gone on from the last fit, which refuted some of its effects; None where none of the others closes a
-    good part of what is left without them.
+def search_further(
+    searched: Searched, last: FittedExplanation, rng: np.random.Generator, progress: Progress
+) -> Searched | None:
+    """The search gone on from the last fit where it is not finished; None where it is.
+
+    The search sees few and short windows. On all windows that fits may see, some of its effects may be refuted, so that
+    others explain what these stood for, and another effect may close most of what is left.
 
     Args:
-        searched: the search that found these effects.
-        final: the last fit, without them.
-        gone: the effects that it refuted, which are not tried again.
+        searched: the search that found the effects.
+        last: their last fit, without those that it refuted; these are not tried again.
     """
     prepared, found, settings = searched.prepared, searched.found, searched.prepared.options.settings
-    if not gone or not final.terms:
+    if not last.final.terms:
         return None
-    less = _extended(found, on_problem(found.problem, final, settings=settings.fit), settings=settings.search)
-    more = _closed_by_one(less, less.fit, gone, settings)
+    less = on_problem(found.problem, last.final, settings=settings.fit)
+    more = None
+    if last.left_out:
+        found = _extended(found, less, settings=settings.search)
+        more = _closed_by_one(found, found.fit, last.left_out, settings)
     if more is None:
-        return None
-    progress("searching again without what all windows refute", 0.61)
-    found, rivalry = _finished(prepared, more, gone, lambda text: progress(f"{text} again", 0.62))
+        values = _closed_everywhere(searched, last, rng)
+        if values is None:
+            return None
+        (fit,) = fit_all(found.problem, [values], settings=settings.fit)
+        more = _extended(found, fit, settings=settings.search)
+    progress("searching again with all windows", 0.61)
+    found, rivalry = _finished(prepared, more, last.left_out, lambda text: progress(f"{text} again", 0.62))
     return replace(searched, found=found, rivalry=rivalry)
+
+
+def _closed_everywhere(searched: Searched, last: FittedExplanation, rng: np.random.Generator) -> Values | None:
+    """The numbers of the last fit with one more effect that closes most of what it leaves on all windows that fits may
+    see; None where none does."""
+    prepared, options = searched.prepared, searched.prepared.options
+    settings = options.settings
+    everywhere = prepared.fitting.take(evenly(prepared.fitting, options.final_steps, settings=settings.data))
+    times, sigma = times_longer(searched.found.problem), 1.0 / last.problem.weight
+    problem = build_problem(everywhere, prepared.space, sigma, times=times, settings=settings.predict)
+    final, base = (on_problem(problem, f, settings=settings.fit) for f in (last.final, last.base))
+    ruler = build_ruler(problem.replays, prepared.scales, base, rng, settings.data)
+    there = replace(searched.found, problem=problem, fit=final, base=base, ruler=ruler)
+    more = _closed_by_one(there, final, last.left_out, settings)
+    return None if more is None else more.fit.values
 
 
 def _finished(
@@ -126,8 +153,26 @@ def searched(done: float) -> float:
 
 
 def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Progress, told: Told = unheard) -> Found:
-    """The search on the windows of the headline's horizon alone."""
-    return _on(prepared, *prepared.headline, None, rng, progress, told)
+    """The search on the windows of the headline's horizon alone, from another start as well where much is left."""
+    found = _on(prepared, *prepared.headline, None, rng, progress, told)
+    first = other_start(found)
+    if first is None:
+        return found
+    begun = rng.spawn(1)[0]
+    other = _on(prepared, *prepared.headline, None, begun, lambda text, _: progress(f"{text}, anew", 1.0), told, first)
+    return _better_everywhere(prepared, found, other)
+
+
+def _better_everywhere(prepared: Prepared, found: Found, other: Found) -> Found:
+    """The first of two results, unless the other one's gap is clearly smaller on all windows that fits may see, of
+    which the searches saw few. The last set of the one that is left is among those that were come across."""
+    settings = prepared.options.settings
+    everywhere = prepared.fitting.take(evenly(prepared.fitting, prepared.options.final_steps, settings=settings.data))
+    replays = PredictionCache(everywhere, prepared.space)
+    gaps = squared_gaps(replays, prepared.scales, [found.fit, other.fit], settings.search)
+    if gaps[1] < settings.search.rivals.other_start * gaps[0]:
+        found, other = other, found
+    return replace(found, met=(other.fit, *found.met))
 
 
 def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:
@@ -221,8 +266,9 @@ def _on(
     rng: np.random.Generator,
     report: Progress,
     told: Told,
+    first: Term | None = None,
 ) -> Found:
-    """The search on these windows, from what an earlier one found."""
+    """The search on these windows, from what an earlier one found; first: the effect to begin with if nothing was."""
     accepted = improving(told)
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
     # a step of a small robot costs less: a servo on the bench is looked at more closely than an arm
@@ -234,7 +280,7 @@ def _on(
     problem = build_problem(quick, space, few.sigma, scales.motion, own, settings=settings.predict)
     ripples = RippleFinder(quick, space, scales, settings.remainder, settings.laws.ripples)
     if start is None:
-        earlier = _earlier(prepared)
+        earlier = _earlier(prepared) if first is None else begun_with(problem, first, settings.search)
         return stepwise_search(
             problem, scales, settings.search, rng, report, earlier, bool(earlier), accepted, suggest=ripples
         )

@@ -1,5 +1,6 @@
 """Whether an effect is accepted: what an engineer would see of it, and what the likelihood says."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,6 +77,13 @@ class Ruler:
     def much_left(self, fit: Fit) -> bool:
         """Whether a fit leaves that much."""
         return bool(self.squared([fit])[0] > self.much)
+
+
+def squared_gaps(replays: PredictionCache, scales: Scales, fits: Sequence[Fit], settings: SearchSettings) -> np.ndarray:
+    """(H,) squared gap of each fit, in which a window counts at most as one whose motion is missed altogether."""
+    y, lost = replays.data.y, settings.rivals.lost
+    squares = [per_window(replays.data, scales, y - p) for p in replays([f.values for f in fits])]
+    return np.array([np.mean(np.minimum(np.nan_to_num(s, nan=lost), lost)) for s in squares])
 
 
 def build_ruler(

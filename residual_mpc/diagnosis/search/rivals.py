@@ -4,14 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual_mpc.diagnosis.data.gap import per_window
 from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import Fit, Race, fit_all, on_problem
 from residual_mpc.diagnosis.fit.start_values import possible
 from residual_mpc.diagnosis.predict.effect_sets import ConfoundedGroup, EffectSet
 from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem, wider_start
-from residual_mpc.diagnosis.search.acceptance import Ruler
+from residual_mpc.diagnosis.search.acceptance import Ruler, squared_gaps
 from residual_mpc.diagnosis.search.additions import NONE, closer
 from residual_mpc.diagnosis.search.close_rivals import (
     Rival,
@@ -93,9 +92,7 @@ def holds_elsewhere(
     sees few and short windows; a set that fits them by chance fails on the others."""
     tuned = settings.rivals
     fits = [rivalry.fit, *(r.fit for r in rivalry.rivals if r.ratio < tuned.far), *met]
-    y = replays.data.y
-    squares = [per_window(replays.data, ruler.scales, y - p) for p in replays([f.values for f in fits])]
-    gaps = np.array([np.mean(np.minimum(np.nan_to_num(s, nan=tuned.lost), tuned.lost)) for s in squares])
+    gaps = squared_gaps(replays, ruler.scales, fits, settings)
     least = float(gaps.min())
     near = np.flatnonzero(gaps <= least + max(tuned.visible * ruler.floor, tuned.share * least))
     best = min(near.tolist(), key=lambda i: (len(fits[i].knobs), gaps[i]))  # the simplest of those that do as well

@@ -116,7 +116,8 @@ class RivalSettings:
     below `hardly`; works: of what one of them
     removes of the squared gap, that the other has to remove; wide_steps: iterations when a low-pass of the
     readings and its rival are refitted with the larger uncertainty of the start. law: smallest half-width of a number's
-    interval, relative to it."""
+    interval, relative to it; other_start: times the squared gap on all windows, below which a search from another start
+    counts."""
 
     parallel: float = 0.08
     per_knob: float = 2.0
@@ -138,11 +139,12 @@ class RivalSettings:
     works: float = 0.5
     wide_steps: int = 3
     law: float = 0.03
+    other_start: float = 0.8
 
     def __post_init__(self) -> None:
         check_positive(self, "of_left", "hardly", "leaner", "parallel", "looked_at", "best", "far", "visible")
         check_positive(self, "gap_steps", "lost", "wide_steps")
-        check_share(self, "resembles", "share", "far_smaller", "falling", "works", "law")
+        check_share(self, "resembles", "share", "far_smaller", "falling", "works", "law", "other_start")
 
 
 @dataclass(frozen=True)

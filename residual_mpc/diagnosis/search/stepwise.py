@@ -299,10 +299,12 @@ def prune(
                 fresh=known,
                 settings=settings.fit,
             )
-        # an effect that stands for where another acts is needless once that is free
+        # an effect that stands for where another acts is needless once that is free; with as many numbers it has to fit
+        # better for that
         anew = [replace(f, fresh=None) for f in fewer if len(f.terms) < len(full.terms)]
-        shown = with_shown(here, anew, dispersion(full, blocks), 1.0, settings)
-        weakest = min([*fewer, *(f for f in shown if f is not None)], key=lambda f: f.cost)
+        shown = [f for f in with_shown(here, anew, dispersion(full, blocks), 1.0, settings) if f is not None]
+        simpler = [f for f in shown if len(f.knobs) < len(full.knobs) or f.cost <= full.cost]
+        weakest = min([*fewer, *simpler], key=lambda f: f.cost)
         kept = convincing(problem, ruler, weakest, full, base, blocks, settings)
         if kept is not None:
             return kept
