@@ -59,6 +59,16 @@ def drive_training_runs(
     task: ClosedLoopTask, setup: RobotSetup, options: RunOptions, progress: Progress
 ) -> TrainingOutcome:
     """Drive every training motion once with the nominal MPC, diagnose the runs, teach the networks."""
+    log = recorded(task, setup, options, progress)
+    progress("diagnosing the log", 0.1)
+    made = diagnosed(log, setup, options)
+    progress("training the networks", 0.35)
+    on_top = setup.teach(log, made.diagnosis.values, options.seed)
+    return TrainingOutcome(log, made, setup.teach(log, {}, options.seed), on_top)
+
+
+def recorded(task: ClosedLoopTask, setup: RobotSetup, options: RunOptions, progress: Progress) -> tuple[Run, ...]:
+    """Every training motion driven once with the nominal MPC."""
     from controllers.mpc import build_mpc
 
     model = augment(setup.robot, {}, None, Build(task.dt))
@@ -72,13 +82,13 @@ def drive_training_runs(
             np.random.default_rng((PRACTICE_SEED, options.seed, i)), f"practice_{i}", at=start_reading(reference),
         )  # fmt: skip
         runs.append(episode.run())
-    progress("diagnosing the log", 0.1)
-    robots = [setup.robot] * len(runs)
-    made = diagnose(runs, robots, dict(setup.noise), (), Options(), np.random.default_rng(options.seed))
-    progress("training the networks", 0.35)
-    log = tuple(runs)
-    on_top = setup.teach(log, made.diagnosis.values, options.seed)
-    return TrainingOutcome(log, made, setup.teach(log, {}, options.seed), on_top)
+    return tuple(runs)
+
+
+def diagnosed(runs: Sequence[Run], setup: RobotSetup, options: RunOptions) -> DiagnosisResult:
+    """The diagnosis of these runs, which is told nothing of what is withheld."""
+    rng = np.random.default_rng(options.seed)
+    return diagnose(runs, [setup.robot] * len(runs), dict(setup.noise), (), Options(), rng)
 
 
 def closed_loop_gap(episodes: Sequence[Episode], learned: TrainingOutcome, setup: RobotSetup) -> dict[str, Any]:
