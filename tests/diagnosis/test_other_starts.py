@@ -1,0 +1,59 @@
+"""Where a second search begins: with a gain, or with friction where a gain came first, and only where much is left."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from oracles.rover_log import ROBOT, rover_run
+
+import residual_mpc as rm
+from residual_mpc.diagnosis.data.dataset import build_dataset
+from residual_mpc.diagnosis.predict.problem import build_problem
+from residual_mpc.diagnosis.predict.space import build_space
+from residual_mpc.diagnosis.search.other_starts import begun_with, other_start
+from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.models.settings import Knob, Term
+
+GAIN, FRICTION, DELAY = (Term(e, None) for e in ("actuator_gain", "coulomb_friction", "command_delay"))
+
+
+def found(first: tuple[Term, ...] | None, candidates: tuple[Term, ...], much: bool = True) -> Any:
+    """What `other_start` reads of a search that took `first` first."""
+    steps = () if first is None else (SimpleNamespace(terms=first),)
+    ruler = SimpleNamespace(much_left=lambda fit: much)
+    problem = SimpleNamespace(space=SimpleNamespace(candidates=candidates))
+    return SimpleNamespace(steps=steps, ruler=ruler, fit=None, problem=problem)
+
+
+@pytest.mark.parametrize(
+    ("first", "candidates", "then"),
+    [
+        ((FRICTION,), (GAIN, FRICTION, DELAY), GAIN),
+        ((DELAY,), (GAIN, FRICTION, DELAY), GAIN),
+        ((GAIN,), (GAIN, FRICTION, DELAY), FRICTION),
+        ((GAIN, FRICTION), (GAIN, FRICTION, DELAY), None),
+        ((Term("actuator_gain", "j1"),), (GAIN, Term("actuator_gain", "j1"), DELAY), None),
+        ((DELAY,), (Term("actuator_gain", "j1"), DELAY), Term("actuator_gain", "j1")),
+        ((DELAY,), (Term("actuator_gain", "j1"), Term("actuator_gain", "j2")), None),
+        (None, (GAIN, FRICTION), None),
+    ],
+)
+def test_the_other_kind_comes_first(
+    first: tuple[Term, ...] | None, candidates: tuple[Term, ...], then: Term | None
+) -> None:
+    assert other_start(found(first, candidates)) == then
+    assert other_start(found(first, candidates, much=False)) is None
+
+
+def test_a_start_is_the_fit_of_its_effect_alone(tmp_path: Any) -> None:
+    """A gain of 0.3, far from the model's own, beside a delay that stays unexplained."""
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    robot = rm.load_robot(tmp_path / "robot.toml")
+    run = rover_run("r", {"actuator_gain": {"gain": 0.3}, "command_delay": {"delay": 0.05}}, seconds=12.0)
+    data = build_dataset([run], [robot.model], {"pose.x": 0.001, "pose.y": 0.001, "pose.theta": 0.002}, 1.0)
+    problem = build_problem(data, build_space(data, (), only=("actuator_gain", "dead_zone")), data.sigma)
+    values = begun_with(problem, GAIN, SearchSettings())
+    assert values is not None and {k.term for k in values} == {GAIN}
+    assert values[Knob("actuator_gain", None, "gain")] == pytest.approx(0.3, abs=0.03)
