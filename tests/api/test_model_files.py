@@ -92,7 +92,7 @@ def test_a_model_that_does_not_compile_is_named(arm: Path) -> None:
 def test_a_saved_model_names_its_mjcf(arm: Path, gain: Path, tmp_path: Path) -> None:
     folder = rm.augment(rm.load_robot(arm), gain).save(tmp_path / "deep" / "out")
     saved = json.loads((folder / "model.json").read_text())
-    assert saved["robot_file"] == "../../arm.xml" and saved["values"] == [GAIN]
+    assert saved["robot_file"] == "../../arm.xml" and saved["values"] == [{**GAIN, "unit": "1"}]
     weak = driven(folder / "model.json")
     np.testing.assert_array_equal(weak, driven(gain, arm))
     nominal = rm.augment(rm.load_robot(arm)).save(tmp_path / "nominal")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,18 +13,22 @@ from oracles.rover_log import SIGMA, rover_run
 from plants.diff_drive import DiffDrive
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.data.gap import measure_scales
+from residual_mpc.diagnosis.fit.evidence import blocks_of
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.phases import search
 from residual_mpc.diagnosis.phases.search import _closed_by_one, _made_by_step
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
 from residual_mpc.diagnosis.results.settings import ResultSettings
+from residual_mpc.diagnosis.search import stepwise
 from residual_mpc.diagnosis.search.acceptance import Ruler, build_ruler
 from residual_mpc.diagnosis.search.stepwise import Found
-from residual_mpc.models.settings import Knob
+from residual_mpc.models.settings import Knob, Term
 
 ROVER = DiffDrive("rover", 0.033, 0.16)
 TRACK = Knob("track_width", None, "scale")
+LAG = Knob("actuator_lag", None, "time_constant")
+FREED = Knob("payload", None, "z")
 SETTINGS = ResultSettings()
 
 
@@ -40,17 +45,42 @@ def answer(faults: dict[str, dict[str, float]]) -> tuple[Found, Any]:
 
 def test_what_closes_the_rest_is_added() -> None:
     found, rivalry = answer({"track_width": {"scale": 1.2}, "actuator_lag": {"time_constant": 0.2}})
-    more = _closed_by_one(found, rivalry, SETTINGS)
+    more = _closed_by_one(found, rivalry.fit, (), SETTINGS)
     assert more is not None and {t.effect for t in more.fit.terms} == {"track_width", "actuator_lag"}
     assert more.fit.values[Knob("actuator_lag", None, "time_constant")] == pytest.approx(0.2, abs=0.02)
     assert more.steps[-1].after < more.steps[-1].before
+
+
+def test_what_was_refuted_is_not_added_again() -> None:
+    found, rivalry = answer({"track_width": {"scale": 1.2}, "actuator_lag": {"time_constant": 0.2}})
+    more = _closed_by_one(found, rivalry.fit, (Term("actuator_lag", None),), SETTINGS)
+    assert more is None or "actuator_lag" not in {t.effect for t in more.fit.terms if t.target is None}
+
+
+def test_a_freed_number_takes_the_place_of_an_effect_only_if_it_fits_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With as many numbers: here a set with a freed one that costs a little more stands beside the effects."""
+    found, _ = answer({"track_width": {"scale": 1.2}, "actuator_lag": {"time_constant": 0.2}})
+    (both,) = fit_all(found.problem, [{TRACK: 1.2, LAG: 0.2}], settings=SETTINGS.fit)
+    blocks = blocks_of(found.problem.data, settings=SETTINGS.fit)
+
+    def kept(more: float) -> set[str]:
+        freer = replace(both, terms=found.fit.terms, values={TRACK: 1.2, FREED: 0.2}, cost=both.cost + more)
+        monkeypatch.setattr(stepwise, "with_shown", lambda *_: [freer])
+        monkeypatch.setattr(stepwise, "convincing", lambda *given: None if given[2] is freer else given[3])
+        monkeypatch.setattr(stepwise, "refit", lambda problem, fits, *_, **__: [both])
+        monkeypatch.setattr(stepwise, "freed", lambda values: ())
+        args = (found.problem, found.ruler, both, found.base, found.problem.data.sigma, blocks, SETTINGS.search)
+        return {k.parameter for k in stepwise.prune(*args).values}
+
+    assert kept(1.0) == {"scale", "time_constant"}
+    assert kept(-1.0) == {"scale", "z"}
 
 
 def test_what_closes_most_of_a_little_is_added() -> None:
     """Less than twice the noise floor, which small differences of everything might make up."""
     found, rivalry = answer({"track_width": {"scale": 1.1}, "actuator_lag": {"time_constant": 0.015}})
     assert not found.ruler.much_left(found.fit)
-    more = _closed_by_one(found, rivalry, SETTINGS)
+    more = _closed_by_one(found, rivalry.fit, (), SETTINGS)
     assert more is not None and len(more.fit.terms) == 2
     (size,) = (v for k, v in more.fit.values.items() if k != TRACK)
     assert size == pytest.approx(0.015, abs=0.002)  # of a lag; which one is for the rivals to say
@@ -61,7 +91,7 @@ def test_what_the_time_step_makes_is_not_looked_at(monkeypatch: pytest.MonkeyPat
     found, rivalry = answer({"track_width": {"scale": 1.1}, "actuator_lag": {"time_constant": 0.015}})
     left = float(found.ruler.squared([found.fit])[0]) - found.ruler.floor
     monkeypatch.setattr(Ruler, "step_error", lambda *_: 1.01 * left)
-    assert _closed_by_one(found, rivalry, SETTINGS) is None
+    assert _closed_by_one(found, rivalry.fit, (), SETTINGS) is None
 
 
 @pytest.mark.parametrize(("error", "expected"), [(0.005, True), (0.003, False), (None, False)])
@@ -78,10 +108,11 @@ def test_a_rest_over_longer_windows_may_be_the_time_step_s(
 def test_what_it_makes_redundant_is_dropped() -> None:
     """The track was named for a lag."""
     found, rivalry = answer({"actuator_lag": {"time_constant": 0.2}})
-    more = _closed_by_one(found, rivalry, SETTINGS)
+    more = _closed_by_one(found, rivalry.fit, (), SETTINGS)
     assert more is not None and {t.effect for t in more.fit.terms} == {"actuator_lag"}
 
 
 def test_nothing_is_added_where_nothing_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("residual_mpc.diagnosis.phases.search.convincing", lambda *args: True)
-    assert _closed_by_one(*answer({"track_width": {"scale": 1.2}}), SETTINGS) is None
+    found, rivalry = answer({"track_width": {"scale": 1.2}})
+    assert _closed_by_one(found, rivalry.fit, (), SETTINGS) is None

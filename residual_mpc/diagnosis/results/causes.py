@@ -39,8 +39,8 @@ def causes_of(
     supports: Mapping[Term, Support],
     doubt: Mapping[Term, float],
     lacking: Mapping[Knob, tuple[float, ...]],
-    varying: Container[Term],
     settings: ResultSettings,
+    varying: Container[Term] = (),
 ) -> tuple[Cause, ...]:
     """unexplained: share of the squared gap beyond the floor that is left; sure: what a cause without a rival gets;
     supports and doubt: of each effect, see `support`; lacking: see `without_doubtful`; varying: effects whose sizes
