@@ -18,11 +18,14 @@ TRUE = np.array([0.8, 0.05])
 WINDOWS, SAMPLES = 12, 20  # of a run
 
 
-def fitted(runs: int, apart: float, rng: np.random.Generator) -> tuple[Fit, np.ndarray]:
+def fitted(
+    runs: int, apart: float, rng: np.random.Generator, shown: np.ndarray | float = 1.0
+) -> tuple[Fit, np.ndarray]:
     """A linear fit of two numbers, of which the first differs between runs with a standard deviation of `apart`; the
-    windows' runs."""
+    windows' runs. shown: how much each run excites the first number."""
     run = np.repeat(np.arange(runs), WINDOWS)
     design = rng.normal(size=(len(run), SAMPLES, 2)) * rng.uniform(0.5, 1.5, size=(runs, 1, 1))[run]
+    design[:, :, 0] *= np.broadcast_to(shown, runs)[run, None]
     own = TRUE + np.stack([apart * rng.normal(size=runs), np.zeros(runs)], axis=1)
     y = np.einsum("wnp,wp->wn", design, own[run]) + 0.5 * rng.normal(size=(len(run), SAMPLES))
     found = np.linalg.lstsq(design.reshape(-1, 2), y.ravel(), rcond=None)[0]
@@ -31,9 +34,11 @@ def fitted(runs: int, apart: float, rng: np.random.Generator) -> tuple[Fit, np.n
     return Fit((), KNOBS, values, np.ones(2), float(np.sum(r * r)), r, design, np.zeros(2, dtype=bool)), run
 
 
-def intervals(runs: int, apart: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def intervals(
+    runs: int, apart: float, rng: np.random.Generator, shown: np.ndarray | float = 1.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(2,) errors, half-widths as stated, and half-widths as if no run differed."""
-    fit, run = fitted(runs, apart, rng)
+    fit, run = fitted(runs, apart, rng, shown)
     blocks = np.arange(len(run))
     within = np.sqrt(np.diag(covariance(fit, blocks)))
     sigma = sigma_between_runs(fit, run, within, len(blocks), ResultSettings())
@@ -58,6 +63,15 @@ def test_they_stay_as_they_are_where_runs_agree(runs: int) -> None:
     ratio = np.array([half / plain for _, half, plain in drawn])
     assert np.median(ratio) == 1.0
     assert np.mean(ratio > 1.0) <= 1.3 * ResultSettings().causes.agree
+
+
+@pytest.mark.parametrize("others", [0.3, 0.1, 0.01, 1e-6, 0.0])
+def test_one_run_that_shows_a_number_alone_does_not_disagree_with_the_others(others: float) -> None:
+    """Without it the rest says next to nothing of the number, whatever that is."""
+    rng, shown = np.random.default_rng(7), np.array([1.0, *(others,) * 4])
+    drawn = [intervals(5, 0.0, rng, shown) for _ in range(200)]
+    ratio = np.array([half / plain for _, half, plain in drawn])
+    assert np.median(ratio[:, 0]) == 1.0 and np.quantile(ratio[:, 0], 0.9) < 3.0
 
 
 @pytest.mark.parametrize("runs", [1, 3])

@@ -18,8 +18,10 @@ def sigma_between_runs(
     """(P,) 1-sigma of each number, so that 1.96 of it are half of a 95 % interval; `within` where the runs agree.
 
     The runs are left out one by one (jackknife; Efron 1982, eq. 3.1), each time by one Gauss-Newton step. They
-    disagree where that variance exceeds the one within them beyond what chance makes of so few runs (F test). The
-    interval is then Student's for one run less than there are.
+    disagree where that variance exceeds, beyond what chance makes of so few runs (F test), what it would be if nothing
+    but the scatter within them moved the numbers. The interval is then Student's for one run less than there are. A run
+    that determines a number alone moves it much either way: nothing is said of a number to which only a few of the runs
+    contribute (effective number; Satterthwaite 1946).
 
     Args:
         fit: the last fit.
@@ -34,8 +36,18 @@ def sigma_between_runs(
     j = fit.jacobian[:, :, free]
     h = np.stack([np.einsum("wnp,wnq->pq", part, part) for part in (j[run == i] for i in present)])
     g = np.stack([np.einsum("wnp,wn->p", j[run == i], fit.r[run == i]) for i in present])
-    moved = np.stack([np.linalg.pinv(h.sum(axis=0) - a) @ (b - g.sum(axis=0)) for a, b in zip(h, g, strict=True)])
-    jackknife = np.zeros(len(fit.knobs))
-    jackknife[free] = fit.scales[free] * np.sqrt((n - 1) * np.var(moved, axis=0))
-    disagree = jackknife**2 > within**2 * fdtri(n - 1, max(blocks - len(free), 1), 1.0 - tuned.agree)
-    return np.where(disagree, np.maximum(jackknife * stdtrit(n - 1, 0.975) / T95, within), within)
+    whole, inverse = h.sum(axis=0), np.linalg.pinv(h.sum(axis=0), hermitian=True)
+    less = [np.linalg.pinv(whole - a, hermitian=True) for a in h]
+    moved = np.stack([a @ (b - g.sum(axis=0)) for a, b in zip(less, g, strict=True)])
+    # of each run, if its windows scattered as all do: (n, P), in units of the variance of the fit
+    alone = np.stack([np.diag(a @ b @ a) for a, b in zip(less, h, strict=True)]) / np.maximum(np.diag(inverse), 1e-300)
+    variance = np.var(moved, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = n * variance / ((within[free] / fit.scales[free]) ** 2 * alone.sum(axis=0))
+        count = alone.sum(axis=0) ** 2 / (alone**2).sum(axis=0)
+    quantile = float(fdtri(n - 1, max(blocks - len(free), 1), 1.0 - tuned.agree))
+    disagree = np.isfinite(times) & (count >= tuned.contributing * n) & (times > quantile)
+    jackknife = fit.scales[free] * np.sqrt((n - 1) * variance) * stdtrit(n - 1, 0.975) / T95
+    out = within.copy()
+    out[free] = np.where(disagree, np.maximum(jackknife, within[free]), within[free])
+    return out

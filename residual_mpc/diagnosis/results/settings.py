@@ -25,7 +25,8 @@ class CauseSettings:
     with a number that rests on the bound of what is tried, or that may do nothing by its intervals. doubtful:
     factor on an effect's probability below which the other numbers' intervals do without it too. apart: half-widths
     beyond which an interval is that wide since two fits end apart. fewest_runs: from which their disagreement widens
-    intervals; agree: how often runs that agree do so too."""
+    intervals; agree: how often runs that agree do so too; contributing:
+    share of the runs that a number has to depend on for that."""
 
     form: float = 0.5
     law: float = 0.03
@@ -41,10 +42,11 @@ class CauseSettings:
     apart: float = 2.5
     fewest_runs: int = 4
     agree: float = 0.2
+    contributing: float = 0.35
 
     def __post_init__(self) -> None:
         check_share(self, "form", "law", "order", "most_sure", "most_partial", "shadow", "least_sure", "useful",
-                    "coarse", "resting", "doubtful", "agree")  # fmt: skip
+                    "coarse", "resting", "doubtful", "agree", "contributing")  # fmt: skip
         check_positive(self, "apart", "fewest_runs")
 
 
