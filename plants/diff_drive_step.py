@@ -18,7 +18,7 @@ from residual_mpc.effects.library import BY_NAME, ORDER, present
 from residual_mpc.effects.ops import Array
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Settings
-from residual_mpc.models.stepping import ENDLESS, Correction, Kinks, Number, StepOptions, Stepped
+from residual_mpc.models.stepping import Correction, Kinks, Number, StepOptions, Stepped, finite
 
 WHEELS = ("left", "right")
 POSE = ("pose.x", "pose.y", "pose.theta")
@@ -180,7 +180,7 @@ def drive_step(
             row = settings.effects[effect][q.name][0]
             slots = SLOTS[len(row)]
             numbers += [
-                Number(effect, s, q.name, min(float(v), ENDLESS), q.unit) for s, v in zip(slots, row, strict=True)
+                Number(effect, s, q.name, finite(float(v)), q.unit) for s, v in zip(slots, row, strict=True)
             ]
     effects = {e: settings.effects[e] for e in live}
     span = max(1, round(response / options.dt)) if any(present(effects, "rim")) else 0

@@ -10,7 +10,7 @@ import numpy as np
 
 from residual_mpc.api.diagnosis import effect_names
 from residual_mpc.api.display import page
-from residual_mpc.api.given import check_given, check_horizon
+from residual_mpc.api.given import check_given, check_seconds
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.run_models import RunModels
 from residual_mpc.api.runs import Runs
@@ -117,7 +117,7 @@ def compare(
             an effect that does not exist.
     """
     check_given(robot, before, after)
-    check_horizon(horizon)
+    check_seconds(horizon, "horizon")
     if not before.runs or not after.runs:
         raise BadInput("must name at least one run", "--after" if before.runs else "--before")
     settings = ComparisonSettings()

@@ -14,7 +14,7 @@ import numpy as np
 from residual_mpc.api.diagnosis_files import excite_command, write_answer, write_whole
 from residual_mpc.api.display import page
 from residual_mpc.api.early_answers import SO_FAR, EarlyAnswers
-from residual_mpc.api.given import check_given, check_horizon
+from residual_mpc.api.given import check_given, check_seconds
 from residual_mpc.api.resume import checkpoint_in, key_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs
@@ -183,7 +183,7 @@ def diagnose(
             robot.
     """
     check_given(robot, runs)
-    check_horizon(horizon)
+    check_seconds(horizon, "horizon")
     because = not_commanded(robot.model, measured_over(robot.file, list(runs.names)))
     options = Options(
         horizon=horizon,

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from residual_mpc.api.display import page
-from residual_mpc.api.given import check_robot
+from residual_mpc.api.given import check_robot, check_seconds
 from residual_mpc.api.resume import key_of
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.written import Source, written
 from residual_mpc.checkpoint import Checkpoint, Keeper
-from residual_mpc.errors import BadInput
 from residual_mpc.experiment.choose import PARTS
 from residual_mpc.experiment.command_file import command_table
 from residual_mpc.experiment.plan import SECONDS, plan_first, plan_next
@@ -84,8 +83,7 @@ def excite(
         BadInput: a diagnosis that cannot be read, or is of another robot.
     """
     check_robot(robot)
-    if not (np.isfinite(seconds) and seconds > 0.0):
-        raise BadInput(f"must be a positive number of seconds, got {seconds!r}", "seconds", "20 are usual")
+    check_seconds(seconds, "seconds")
     rng, within = np.random.default_rng(seed), dict(limits or {})
     if diagnosis is None:
         plan = plan_first(robot.model, within, seconds, rng)

@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from residual_mpc.api.display import page
 from residual_mpc.api.gap_figures import gap_figures
-from residual_mpc.api.given import check_given, check_horizon
+from residual_mpc.api.given import check_given, check_seconds
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs
 from residual_mpc.api.written import Source, written
 from residual_mpc.files import write_json
+from residual_mpc.models.model_file import model_content
+from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.report import gap_lines
 
 if TYPE_CHECKING:
@@ -88,7 +90,9 @@ def measure_gap(
         BadInput: runs that cannot be used, a model of another robot, or held-out runs that are not there.
     """
     check_given(robot, runs)
-    check_horizon(horizon)
+    check_seconds(horizon, "horizon")
     other = None if model is None else written(model)
+    if other is not None:
+        warn_of_differences(model_content(other), robot.model, other.where)
     held_out = None if held_out_of is None else written(held_out_of)
     return Gap(gap_figures(runs.runs, runs.models, robot.file, horizon, other, held_out, seed))

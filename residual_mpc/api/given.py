@@ -26,17 +26,21 @@ def check_given(robot: Any, *runs: Any) -> None:
         usable(some)
 
 
-def check_horizon(horizon: Any) -> None:
-    """Raises BadInput unless a horizon is a positive number of seconds."""
-    if not (isinstance(horizon, int | float | np.number) and np.isfinite(horizon) and horizon > 0.0):
-        raise BadInput(f"must be a positive number of seconds, got {horizon!r}", "horizon", "1.0 is usual")
+def check_seconds(seconds: Any, where: str) -> None:
+    """Raises BadInput unless a time is a positive number of seconds."""
+    if not (isinstance(seconds, int | float | np.number) and np.isfinite(seconds) and seconds > 0.0):
+        raise BadInput(
+            f"must be a positive number of seconds, got {seconds!r}", where, "leave it out for the usual one"
+        )
 
 
-def check_not_over(source: str, folder: Path | None) -> None:
-    """Raises BadInput where results would overwrite the file that they are made from."""
+def check_not_over(source: str | Path, folder: Path | None) -> None:
+    """Raises BadInput where a learned model would overwrite the files of what it is made from."""
     file = Path(source)
-    if folder is not None and file.exists() and file.resolve().parent == folder.resolve():
-        raise BadInput(f"would overwrite {file.name}, which it is made from", str(folder), "choose another folder")
+    own = file.name in ("diagnosis.json", "model.json")
+    if own and folder is not None and file.exists() and file.resolve().parent == folder.resolve():
+        which = "model.json" if file.name == "model.json" else f"model.json and report.html beside {file.name}"
+        raise BadInput(f"would overwrite {which}, which it is made from", str(folder), "choose another folder")
 
 
 def check_apart(diagnoses: Sequence[tuple[str, Mapping[str, Any]]]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from residual_mpc.api.display import page
 from residual_mpc.api.gap_figures import kept_back_of
-from residual_mpc.api.given import check_given, check_not_over
+from residual_mpc.api.given import check_given, check_not_over, check_seconds
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs
 from residual_mpc.api.written import Source, placed, written
@@ -23,8 +23,11 @@ from residual_mpc.learning.batch.window_updates import LearnSettings
 from residual_mpc.learning.forms.registry import check_form
 from residual_mpc.learning.network.residual import KEY, to_json
 from residual_mpc.learning.network.written import residual_in
+from residual_mpc.models import optional
 from residual_mpc.models.fits import fitting
-from residual_mpc.models.model_file import MODEL_SCHEMA, Written
+from residual_mpc.models.model_file import MODEL_SCHEMA, Written, model_content
+from residual_mpc.models.nominal_numbers import KEY as NOMINAL
+from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.models.settings import Values
 from residual_mpc.report.learned import learned_page
 
@@ -127,11 +130,9 @@ def learn(
     folder = None if out is None else Path(out)
     for source in (on, warm_start):
         if isinstance(source, str | Path):
-            check_not_over(str(source), folder)
-    if step is not None and not (np.isfinite(step) and step > 0.0):
-        raise BadInput(
-            f"must be a positive number of seconds, got {step!r}", "--step", "leave it out for the usual one"
-        )
+            check_not_over(source, folder)
+    if step is not None:
+        check_seconds(step, "--step")
     if passes < 1 or not hidden or min(hidden) < 1:
         raise BadInput(
             f"passes and the nodes of each hidden layer must be 1 or more, got {passes} and {tuple(hidden)}", "learn",
@@ -148,7 +149,9 @@ def learn(
         report(update, of, seconds, h2)
 
     made = train(task, settings, np.random.default_rng(seed), heard, folder)
-    learned = LearnedModel(robot, _document(made, task, history), _model(made, task, robot.name))
+    # on effects that were fitted to an earlier nominal model, the network does not change what they belong to
+    stated = None if on is None else {NOMINAL: model_content(written(on)).get(NOMINAL)}
+    learned = LearnedModel(robot, _document(made, task, history), {**_model(made, task, robot.name), **(stated or {})})
     if folder is not None:
         learned.save(folder)
         checkpoint.clear(folder / "checkpoint.npz")
@@ -172,6 +175,7 @@ def _task(
                 "give the diagnosis that it was learned on as --on, and this file as --warm-start to go on from it",
             )  # fmt: skip
         values, leaves_out = fitting(below, runs.models[0])
+        warn_of_differences(model_content(below), robot.model, below.where)
         held = kept_back_of(below, set(runs.names))
     earlier, earlier_file = None, ""
     if warm_start is not None:
@@ -228,7 +232,7 @@ def _document(made: TrainingResult, task: Task, history: Sequence[tuple[float, f
             "holds": condition.holds,
             "kept": made.kept_earlier,
         },
-        "turned_over": turned_over(task.runs, made.learned.inputs),
+        "turned_over": turned_over(task.runs, made.learned.inputs, optional.sliding(task.robots[0])),
         "seconds": made.seconds,
         "history": [[float(f"{x:.4g}") for x in history[k]] for k in _few(len(history))],
         "note": NOTE,

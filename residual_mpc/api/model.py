@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.metadata import entry_points
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from residual_mpc.api.controllers import controller
 from residual_mpc.api.display import page
 from residual_mpc.api.given import check_apart, check_robot
 from residual_mpc.api.robot import NominalRobot
@@ -24,9 +24,11 @@ from residual_mpc.export.sysid import write_sysid
 from residual_mpc.export.urdf import write_urdf
 from residual_mpc.export.write import TARGETS, write_mjcf, write_model, write_network
 from residual_mpc.files import write_json
+from residual_mpc.learning.network.residual import KEY
 from residual_mpc.learning.network.written import residual_in
 from residual_mpc.models import optional
 from residual_mpc.models.model_file import MODEL_SCHEMA, Written, diagnosis_in, model_content, model_in
+from residual_mpc.models.nominal_numbers import KEY as NOMINAL
 from residual_mpc.models.parameter_units import parameter_unit
 from residual_mpc.models.settings import TUNE
 
@@ -34,7 +36,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 MODELS = ("mjcf", "urdf", "sysid", "actuators", "servo-table")  # targets that are models or tables for other tools
-CONTROLLERS = "residual_mpc.controllers"  # entry points: "mpc" and "lqr"
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +180,7 @@ class AugmentedModel:
         """
         if not isinstance(horizon, Integral) or horizon < 2:
             raise BadInput(f"the horizon must be at least two steps, got {horizon!r}", "horizon", "give a whole number")
-        return _controller("mpc")(self.augmented, horizon, settings)
+        return controller("mpc")(self.augmented, horizon, settings)
 
     def lqr(self, path: np.ndarray, settings: Any = None) -> Any:
         """A linear quadratic regulator along a path (controllers.lqr.Lqr).
@@ -198,21 +199,24 @@ class AugmentedModel:
                 f"the path must have a row a sample and finite values, got {np.shape(path)} with "
                 f"{np.count_nonzero(~np.isfinite(path))} that are not", "path", f"give (n, {len(tracked)}) values",
             )  # fmt: skip
-        return _controller("lqr")(self.augmented, path, settings)
+        return controller("lqr")(self.augmented, path, settings)
 
     def to_frame(self) -> "DataFrame":
         """One row a number in which the model differs from the nominal one, without the network's weights."""
         import pandas as pd
 
-        of, values = self.robot.model, model_in(self.source)[1]
-        named = [(None if k.effect == TUNE else k.effect, k.target, k.parameter) for k in values]
-        rows = [(*n, x, parameter_unit(of, k) or None) for n, (k, x) in zip(named, values.items(), strict=True)]
+        values = model_in(self.source)[1].items()
+        units = [parameter_unit(self.robot.model, k) or None for k, _ in values]
+        effects = [None if k.effect == TUNE else k.effect for k, _ in values]
+        rows = [(e, *k[1:3], x, u) for e, (k, x), u in zip(effects, values, units, strict=True)]
         return pd.DataFrame(rows, columns=["effect", "target", "parameter", "value", "unit"])
 
     def save(self, folder: str | Path) -> Path:
         """Write model.json, for `export`, `measure_gap` and `learn`; dt, smooth and disturbances are not kept."""
         out = Path(folder)
-        write_json(out / "model.json", placed(self.source.content, self.robot, out))
+        made = self.source.content  # what is of another file has the nominal numbers that it states, or none
+        other = {NOMINAL: None} if made["values"] or KEY in made else {}
+        write_json(out / "model.json", placed({**other, **made}, self.robot, out))
         return out
 
     def as_written(self) -> Written:
@@ -311,11 +315,3 @@ def _source(robot: NominalRobot, given: Written | None) -> Written:
     if given is None:
         return Written({"schema": MODEL_SCHEMA, "robot": robot.name, "values": []}, "the nominal model")
     return Written({k: v for k, v in model_content(given).items() if k != "robot_file"}, given.where)
-
-
-def _controller(name: str) -> Any:
-    """What builds a controller, from whoever is installed."""
-    found = [e for e in entry_points(group=CONTROLLERS) if e.name == name]
-    if not found:
-        raise BadInput(f"no controller {name!r} is installed", "", "install the package `controllers`")
-    return found[0].load()

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from residual_mpc.api.gap_figures import as_seen, explaining, gap_figures
-from residual_mpc.api.given import check_given
+from residual_mpc.api.given import check_given, check_seconds
 from residual_mpc.api.robot import NominalRobot
 from residual_mpc.api.runs import Runs
 from residual_mpc.api.watch import diagnosed_runs
@@ -19,7 +19,8 @@ from residual_mpc.export.recording.recording import Recording
 from residual_mpc.export.recording.trace import replay, traces
 from residual_mpc.export.recording.write import SUFFIXES, check_package, file_names, write_recording
 from residual_mpc.files import write_json
-from residual_mpc.models.model_file import Written
+from residual_mpc.models.model_file import Written, model_content
+from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.models.settings import Settings
 
 USUAL_HORIZON = 1.0  # s
@@ -53,7 +54,10 @@ def export_runs(
     check_package(to)
     places = _places(Path(out), runs.names, to)
     check_given(robot, runs)
+    if horizon is not None:
+        check_seconds(horizon, "horizon")
     source, tuning = written(model), FitSettings()
+    warn_of_differences(model_content(source), robot.model, source.where)
     horizon = _horizon_of(source) if horizon is None else horizon
     figures = gap_figures(runs.runs, runs.models, robot.file, horizon, source, None, seed, tuning)
     data = build_dataset(runs.runs, runs.models, runs.noise, horizon, settings=tuning.data)

@@ -16,7 +16,8 @@ from residual_mpc.diagnosis.options import Options
 from residual_mpc.diagnosis.search.measured_commands import not_commanded
 from residual_mpc.errors import BadInput
 from residual_mpc.models.facts import check_columns
-from residual_mpc.models.model_file import Written
+from residual_mpc.models.model_file import Written, model_content
+from residual_mpc.models.nominal_numbers import warn_of_differences
 from residual_mpc.models.robot_file import measured_over, noise_over
 from residual_mpc.monitoring.arrivals.follow import PIPE, follow_files, follow_pipe
 from residual_mpc.monitoring.arrivals.rows import RowReader
@@ -66,6 +67,8 @@ def watch(
         raise BadInput("a pipe cannot be combined with files", PIPE, "give either - or files and folders")
     rng = np.random.default_rng(seed)
     file = None if model is None else written(model)
+    if file is not None:
+        warn_of_differences(model_content(file), robot.model, file.where)
     made = RunModels(robot)
     watched = watched_model(robot.model, made.of, file)
     noise = dict(robot.file.noise)

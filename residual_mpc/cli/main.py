@@ -58,6 +58,7 @@ def cli() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line. Exit status 0 done, 2 bad input, 1 anything else."""
+    usual = warnings.showwarning
     _tell_warnings()
     try:
         cli.main(args=None if arguments is None else list(arguments), standalone_mode=False)
@@ -75,6 +76,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(1)
     except BrokenPipeError:
         sys.exit(1)
+    finally:
+        warnings.showwarning = usual
     sys.exit(0)
 
 

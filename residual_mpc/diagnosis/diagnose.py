@@ -1,6 +1,7 @@
 """The whole diagnosis: prepare, search, refine, validate, fit laws, describe."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -62,8 +63,17 @@ def _refined(prepared: Prepared, keep: Keeper, rng: np.random.Generator, progres
     once."""
     searched = keep("search", lambda: search_effects(prepared, rng, progress, keep, told))
     refined = refine(searched, rng, progress)
-    again = search_further(searched, refined.explanation, rng.spawn(1)[0], progress)
-    return refined if again is None else refine(again, rng, progress)
+    first = refined.explanation
+    again = search_further(searched, first, rng.spawn(1)[0], progress)
+    if again is None:
+        return refined
+    more = refine(again, rng, progress)
+    last = more.explanation
+    vetoed, doubtful = (
+        tuple(dict.fromkeys(t for t in (*before, *now) if t not in last.final.terms))
+        for before, now in ((first.vetoed, last.vetoed), (first.doubtful, last.doubtful))
+    )
+    return replace(more, explanation=replace(last, vetoed=vetoed, doubtful=doubtful))
 
 
 def _known(prepared: Prepared) -> list[Any]:

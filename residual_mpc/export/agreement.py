@@ -49,7 +49,7 @@ class Agreement:
 
     @property
     def largest(self) -> float:
-        return max(self.step, self.replay, self.network)
+        return float(np.max([self.step, self.replay, self.network]))  # NaN if any of them is
 
 
 def agreement(model: Augmented, step: Step, rng: np.random.Generator, sampling: Sampling | None = None) -> Agreement:
@@ -128,7 +128,7 @@ def _from_replay(model: Augmented, rng: np.random.Generator, s: Sampling) -> flo
     for k in range(lead, steps):
         x = bare.numpy_step(x, u[:, k])
         there = np.stack([nodes[c][:, (k + 1) * grid] for c in bare.stepped.poses], axis=-1)
-        worst = max(worst, float(np.abs(x[:, where] - there).max()))
+        worst = float(np.maximum(worst, np.abs(x[:, where] - there).max()))  # NaN stays
     return worst
 
 

@@ -43,14 +43,14 @@ def write_model(model: Augmented, to: Target, folder: Path, rng: np.random.Gener
     files, step = writers[to](model, c, folder)
     apart = agreement(model, step, rng)
     if not math.isfinite(apart.largest):
-        for name in files:
-            (folder / name).unlink()
+        for name in (*files, "export.json"):
+            (folder / name).unlink(missing_ok=True)
         raise BadInput(
             "the exported step gives values that are not finite where the model is sampled", f"--to {to}",
             "export without --smooth; if that fails too, a number of the model may be far out of range",
         )  # fmt: skip
     document = describe(model, c, to, files, apart)
-    write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
+    write_atomically(folder / "export.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
     return document
 
 
@@ -80,7 +80,7 @@ def write_mjcf(written: Written, robot: Robot, folder: Path) -> dict[str, Any]:
             "joints": made.apart, "largest": made.apart, "points": made.points, "from_all_effects": made.apart_from_all,
         },
     }  # fmt: skip
-    write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
+    write_atomically(folder / "export.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
     return document
 
 
@@ -238,7 +238,7 @@ def write_network(residual: Residual | None, robot: str, folder: Path) -> dict[s
         "files": {"residual.onnx": "only the network: z -> delta, in physical units"},
         "largest_difference": {"network": apart, "largest": apart, "points": 500},
     }
-    write_atomically(folder / "export.json", json.dumps(document, indent=2) + "\n")
+    write_atomically(folder / "export.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
     return document
 
 

@@ -2,8 +2,7 @@
 
 from residual_mpc.effects.library import BY_NAME
 from residual_mpc.errors import BadInput
-from residual_mpc.models.model_file import Written, model_content, model_in
-from residual_mpc.models.nominal_numbers import warn_of_differences
+from residual_mpc.models.model_file import Written, model_in
 from residual_mpc.models.protocol import Robot
 from residual_mpc.models.settings import TUNE, Knob, Values
 from residual_mpc.models.targets import targets_of
@@ -12,12 +11,10 @@ from residual_mpc.models.targets import targets_of
 def fitting(written: Written, robot: Robot) -> tuple[Values, bool]:
     """(values, whether flagged samples are left out) of a diagnosis.json or model.json, for this robot.
 
-    Raises BadInput for neither of the two, and where this robot lacks what they name. Warns (OtherNominal) where the
-    nominal robot has changed since.
+    Raises BadInput for neither of the two, and where this robot lacks what they name.
     """
     of, values, leaves_out = model_in(written)
     check_fits(values, robot, of, written.where)
-    warn_of_differences(model_content(written), robot, written.where)
     return values, leaves_out
 
 

@@ -18,6 +18,11 @@ Correction = Callable[[Signals], Signals]  # signals of the step by name -> what
 ENDLESS = 1e6  # SI units, for what has no limit: a smoothed minimum would make NaN of infinity, and JSON has none
 
 
+def finite(value: float) -> float:
+    """A number of the model, ENDLESS in place of infinity."""
+    return ENDLESS if value == float("inf") else value
+
+
 @dataclass(frozen=True)
 class Number:
     """One number of the model that may change without building it anew.

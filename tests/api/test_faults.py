@@ -119,6 +119,8 @@ def test_a_case_that_there_is_not_is_refused_with_those_that_there_are(robot: rm
         (lambda robot, runs: rm.learn(robot, runs, passes=0), "must be 1 or more, got 0"),
         (lambda robot, runs: rm.learn(robot, runs, hidden=(0,)), "must be 1 or more"),
         (lambda robot, runs: rm.excite(robot, seconds=-3.0), "positive number of seconds, got -3.0"),
+        (lambda robot, runs: rm.excite(robot, seconds="20"), "positive number of seconds, got '20'"),
+        (lambda robot, runs: rm.learn(robot, runs, step="x"), "positive number of seconds, got 'x'"),
         (lambda robot, runs: rm.excite(robot, limits={"left": (1, -1), "right": (-1, 1)}), "the lower one first"),
     ],
 )
@@ -142,11 +144,14 @@ def test_a_step_takes_lists_and_refuses_batches_that_do_not_fit(robot: rm.Nomina
 def test_what_is_learned_does_not_overwrite_its_diagnosis(
     robot: rm.NominalRobot, runs: rm.Runs, tmp_path: Path
 ) -> None:
-    file = model_file(tmp_path, "rover", {})
-    before = file.read_bytes()
-    with pytest.raises(rm.BadInput, match=r"would overwrite rover\.json"):
-        rm.learn(robot, runs, on=file, passes=1, hidden=(2,), out=tmp_path)
-    assert file.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["rover.json"]
+    made = model_file(tmp_path, "rover", {})
+    for name, said in (("model.json", "would overwrite model.json"), ("diagnosis.json", "beside diagnosis.json")):
+        file = made.rename(tmp_path / name)
+        before = file.read_bytes()
+        with pytest.raises(rm.BadInput, match=said):
+            rm.learn(robot, runs, on=file, passes=1, hidden=(2,), out=tmp_path)
+        assert file.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [name]
+        made = file
 
 
 def test_diagnoses_that_are_pooled_share_no_run() -> None:

@@ -25,9 +25,10 @@ def arm(tmp_path: Path) -> Path:
 
 def saved(arm: Path, folder: Path) -> Path:
     """A model.json as the program writes it, of the arm with a weaker servo."""
-    given = folder / "given.json"
-    given.write_text(json.dumps({"schema": "residual-mpc/model/1", "robot": "arm", "values": [GAIN]}))
-    rm.augment(rm.load_robot(arm), diagnosis=given).save(folder / "made")
+    given, robot = folder / "given.json", rm.load_robot(arm)
+    made = {"schema": "residual-mpc/model/1", "robot": "arm", "values": [GAIN], "nominal": nominal_numbers(robot.model)}
+    given.write_text(json.dumps(made))
+    rm.augment(robot, diagnosis=given).save(folder / "made")
     return folder / "made" / "model.json"
 
 
@@ -51,6 +52,16 @@ def test_a_written_model_states_its_nominal_numbers_and_units(arm: Path, tmp_pat
     assert content["nominal"] == nominal_numbers(rm.load_robot(arm).model)
     assert content["nominal"]["actuator.j1.kp"] > 0.0
     assert [(v["parameter"], v["unit"]) for v in content["values"]] == [("gain", "1")]
+
+
+def test_a_file_that_states_no_nominal_numbers_is_not_given_those_of_today(arm: Path, tmp_path: Path) -> None:
+    given = tmp_path / "given.json"
+    given.write_text(json.dumps({"schema": "residual-mpc/model/1", "robot": "arm", "values": [GAIN]}))
+    rm.augment(rm.load_robot(arm), diagnosis=given).save(tmp_path / "made")
+    assert json.loads((tmp_path / "made" / "model.json").read_text())["nominal"] is None
+    assert told(arm, tmp_path / "made" / "model.json") == []
+    rm.augment(rm.load_robot(arm)).save(tmp_path / "nominal")
+    assert json.loads((tmp_path / "nominal" / "model.json").read_text())["nominal"]
 
 
 def test_the_same_model_raises_no_warning(arm: Path, tmp_path: Path) -> None:

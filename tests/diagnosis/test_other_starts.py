@@ -12,8 +12,10 @@ import residual_mpc as rm
 from residual_mpc.diagnosis.data.dataset import build_dataset
 from residual_mpc.diagnosis.predict.problem import build_problem
 from residual_mpc.diagnosis.predict.space import build_space
-from residual_mpc.diagnosis.search.other_starts import begun_with, other_start
+from residual_mpc.diagnosis.search import other_starts
+from residual_mpc.diagnosis.search.other_starts import begun_with, better_everywhere, other_start
 from residual_mpc.diagnosis.search.settings import SearchSettings
+from residual_mpc.diagnosis.search.stepwise import Found
 from residual_mpc.models.settings import Knob, Term
 
 GAIN, FRICTION, DELAY = (Term(e, None) for e in ("actuator_gain", "coulomb_friction", "command_delay"))
@@ -45,6 +47,19 @@ def test_the_other_kind_comes_first(
 ) -> None:
     assert other_start(found(first, candidates)) == then
     assert other_start(found(first, candidates, much=False)) is None
+
+
+@pytest.mark.parametrize(("other", "taken"), [(0.7, True), (0.9, False), (1.2, False)])
+def test_the_second_result_counts_if_it_is_clearly_better(
+    monkeypatch: pytest.MonkeyPatch, other: float, taken: bool
+) -> None:
+    monkeypatch.setattr(other_starts, "squared_gaps", lambda *_: [1.0, other])
+    monkeypatch.setattr(other_starts, "PredictionCache", lambda *_: None)
+    space: Any = SimpleNamespace(space=None)
+    one, two = (Found(space, fit, None, 1.0, None, (), ("met",), None) for fit in ("one", "two"))  # type: ignore[arg-type]
+    result = better_everywhere(None, None, one, two, SearchSettings())  # type: ignore[arg-type]
+    assert result.fit == ("two" if taken else "one")
+    assert result.met == ("one" if taken else "two", "met")
 
 
 def test_a_start_is_the_fit_of_its_effect_alone(tmp_path: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -177,9 +178,9 @@ def test_what_stays_beside_a_replaced_effect_has_the_numbers_of_the_kept_model(g
     size = {"scale": {"value": 1.1, "ci95": [1.08, 1.12], "unit": "1"}}
     document["explanation"].append({**document["explanation"][0], "effect": "track_width", "parameters": size})
     document["model"]["values"].append(row)
-    own = ExplanationTest((gone, stays), (), values_of(document["model"]["values"]), 0.3, 0.3, 100.0, True)
+    own = ExplanationTest((gone, stays), (), values_of(document["model"]["values"]), 0.3, 0.3, 100.0, True, True)
     values = {Knob("sensor_delay", None, "delay"): 0.05, Knob("track_width", None, "scale"): 1.14}
-    new = ExplanationTest((came,), (gone,), values, 0.02, 0.02, 0.0, False)
+    new = ExplanationTest((came,), (gone,), values, 0.02, 0.02, 0.0, False, False, (1,))
     found = confirmed_document(document, Confirmation((own, new), 1, (), (), True), False, ConfirmationSettings())
     track = next(e for e in found["explanation"] if e["effect"] == "track_width")
     assert track["parameters"]["scale"] == {"value": 1.14, "ci95": [1.08, 1.14], "unit": "1"}
@@ -246,6 +247,34 @@ def test_the_truth_may_be_on_the_other_side_of_both_ambiguities(ambiguous: Path)
     assert {v["effect"] for v in found.document["model"]["values"]} == {"command_delay", "wheel_radius"}
     said = "\n".join(found.lines())
     assert "with command delay and wheel radius instead of sensor delay and actuator gain" in said
+
+
+def test_what_stays_open_of_three_members_beside_a_replaced_pair(ambiguous: Path) -> None:
+    """A delay or a lag for one effect, a radius for the other: delay and radius are kept, lag and radius are open;
+    an interval with an open end is no obstacle."""
+    document = json.loads((ambiguous / "out" / "diagnosis.json").read_text())
+    document["explanation"][0]["parameters"]["delay"]["ci95"][1] = None
+    sensor, gain, delay, radius, lag = (
+        Term(e, None) for e in ("sensor_delay", "actuator_gain", "command_delay", "wheel_radius", "actuator_lag")
+    )
+    third = {**document["alternatives"][0], "effects": [{"effect": "actuator_lag", "target": None}]}
+    document["alternatives"].append(third)
+    values = values_of(document["model"]["values"])
+
+    def explained(came: Any, gone: Any, above: float, parts: tuple[int, ...], nowhere: bool = False) -> ExplanationTest:
+        return ExplanationTest(came, gone, values, 0.1, 0.1, above, above > 14.0, nowhere, parts)
+
+    tests = (
+        explained((sensor, gain), (), 100.0, (), True),
+        explained((delay,), (sensor,), 0.0, (1,)), explained((radius,), (gain,), 0.0, (2,)),
+        explained((lag,), (sensor,), 3.0, (3,)),
+        explained((delay, radius), (sensor, gain), 0.0, (1, 2)), explained((radius, lag), (gain, sensor), 3.0, (2, 3)),
+    )  # fmt: skip
+    singles = [replace(t, excluded=len(t.parts) == 1 or t.excluded) for t in tests]
+    found = confirmed_document(document, Confirmation(tuple(singles), 4, (), (), True), False, ConfirmationSettings())
+    (other,) = found["alternatives"]
+    assert [e["effect"] for e in other["effects"]] == ["actuator_lag"]
+    assert [e["effect"] for e in other["instead_of"]] == ["command_delay"]
 
 
 def test_combinations_exchange_different_effects() -> None:

@@ -9,7 +9,7 @@ from residual_mpc.effects.effect import Quantity, Site
 from residual_mpc.effects.library import BY_NAME, ORDER, present
 from residual_mpc.effects.ops import Array
 from residual_mpc.models.settings import TUNE, Settings, is_null
-from residual_mpc.models.stepping import ENDLESS, Number
+from residual_mpc.models.stepping import Number, finite
 
 HOSTED: tuple[Site, ...] = (
     "command", "strength", "limit", "speed limit", "damping", "dry friction", "friction", "elastic", "rotor", "tool",
@@ -60,7 +60,7 @@ class Parameters:
         slot = "" if target == self.robot.name else target
         found = {q.name: self.index.get((effect, slot, q.name)) for q in BY_NAME[effect].parameters}
         every = BY_NAME[effect].parameters
-        return {q.name: min(q.null, ENDLESS) if (i := found[q.name]) is None else p[i] for q in every}
+        return {q.name: finite(q.null) if (i := found[q.name]) is None else p[i] for q in every}
 
     def at(self, target: str, p: Sequence[Array], *sites: Site) -> dict[str, dict[str, Array]]:
         """The effects at these sites of a target, with their parameters there; without the laws of others."""
@@ -87,7 +87,7 @@ def parameters(robot: CompiledRobot, settings: Settings) -> Parameters:
                 if q.optional and value == q.null:
                     continue
                 at = "" if slot == robot.name else slot
-                numbers.append(Number(effect, at, q.name, min(float(value), ENDLESS), q.unit))
+                numbers.append(Number(effect, at, q.name, finite(float(value)), q.unit))
     index = {(n.effect, n.slot, n.parameter): i for i, n in enumerate(numbers)}
     order = tuple(e.name for e, _ in present({e: settings.effects[e] for e in hosted}, *HOSTED))
     return Parameters(robot, tuple(numbers), order, left_out, index)

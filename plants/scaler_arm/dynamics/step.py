@@ -25,7 +25,7 @@ from residual_mpc.effects.library import BY_NAME, ORDER, changes, present
 from residual_mpc.effects.ops import Array, Ops
 from residual_mpc.errors import BadInput
 from residual_mpc.models.settings import TUNE, Settings
-from residual_mpc.models.stepping import ENDLESS, Correction, Kinks, Number, StepOptions, Stepped
+from residual_mpc.models.stepping import Correction, Kinks, Number, StepOptions, Stepped, finite
 
 POSITIONS = tuple(f"position.{m}" for m in MOTORS)
 COMMANDS = tuple(f"command.{m}" for m in MOTORS)
@@ -242,7 +242,7 @@ def arm_step(
                     continue
                 if q.optional and v == q.null:
                     continue
-                numbers.append(Number(effect, "" if slot == name else slot, q.name, min(float(v), ENDLESS), q.unit))
+                numbers.append(Number(effect, "" if slot == name else slot, q.name, finite(float(v)), q.unit))
     effects = {e: settings.effects[e] for e in hosted}
     sent, errors = (chain_of(effects, ("command",), MOTORS, options.dt, on_error=own) for own in (False, True))
     index = {(n.effect, n.slot, n.parameter): i for i, n in enumerate(numbers)}

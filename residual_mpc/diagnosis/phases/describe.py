@@ -80,8 +80,8 @@ def _diagnosis(validated: Validated, extras: Extras) -> Diagnosis:
     # a size that varies with the motion speaks against the named member alone
     every_doubt = {**shared(weak, groups), **doubt}
     others = alternatives(of.rivalry, groups, final, settings=settings) if helps else ()
-    told = (of, share, sure, supports, doubt, validated.lacking, settings)
-    causes = causes_of(*told, varying=validated.varying) if helps else ()
+    told = (of, share, sure, supports, doubt, validated.lacking)
+    causes = causes_of(*told, settings=settings, varying=validated.varying) if helps else ()
     looked_at = candidates(of.rivalry, of.base, final, sure, of.left_out, every_doubt) if helps else ()
     if verdict == "effects" and not found.told and not _likely(causes, looked_at, groups):
         verdict = "partial"  # a gap that is small anyway confirms nothing

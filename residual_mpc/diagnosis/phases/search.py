@@ -27,13 +27,13 @@ from residual_mpc.diagnosis.predict.step_error import step_error
 from residual_mpc.diagnosis.remainder.resemblance import closest
 from residual_mpc.diagnosis.results.fitted_explanation import FittedExplanation
 from residual_mpc.diagnosis.results.settings import ResultSettings
-from residual_mpc.diagnosis.search.acceptance import STEP_WINDOWS, build_ruler, convincing, judge, squared_gaps
+from residual_mpc.diagnosis.search.acceptance import STEP_WINDOWS, build_ruler, convincing, judge
 from residual_mpc.diagnosis.search.off_bounds import off_bounds
 from residual_mpc.diagnosis.search.optional_numbers import makeup
-from residual_mpc.diagnosis.search.other_starts import begun_with, other_start
+from residual_mpc.diagnosis.search.other_starts import begun_with, better_everywhere, other_start
 from residual_mpc.diagnosis.search.rivals import Rivalry, find_rivals, holds_elsewhere
 from residual_mpc.diagnosis.search.settings import SearchSettings
-from residual_mpc.diagnosis.search.stepwise import Found, Step, prune, refit, stepwise_search
+from residual_mpc.diagnosis.search.stepwise import Accepted, Found, Step, prune, refit, stepwise_search
 from residual_mpc.diagnosis.search.testable import NotTestable, not_testable
 from residual_mpc.models.settings import TUNE, Term, Values
 
@@ -72,7 +72,7 @@ def search_effects(
         if _worth_searching(data, gap, floor, options) and not _made_by_step(data, scales, gap, floor, found):
             behind = 0.56
             progress(f"searching over windows of {data.horizon:g} s", 0.36)
-            more = _on(prepared, data, scales, found, rng, lambda text, done: None, told)
+            more = _on(prepared, data, scales, found, rng, lambda text, done: None, improving(told))
         if more is not None and more.steps:
             found, windows = more, [(data, scales)]
         elif gap.total < options.phases.near * floor.total and data.cost <= options.final_steps:
@@ -94,7 +94,7 @@ def search_further(
 
     Args:
         searched: the search that found the effects.
-        last: their last fit, without those that it refuted; these are not tried again.
+        last: their last fit, without those that it refuted; these are not added again.
     """
     prepared, found, settings = searched.prepared, searched.found, searched.prepared.options.settings
     if not last.final.terms:
@@ -120,9 +120,8 @@ def _closed_everywhere(searched: Searched, last: FittedExplanation, rng: np.rand
     see; None where none does."""
     prepared, options = searched.prepared, searched.prepared.options
     settings = options.settings
-    everywhere = prepared.fitting.take(evenly(prepared.fitting, options.final_steps, settings=settings.data))
     times, sigma = times_longer(searched.found.problem), 1.0 / last.problem.weight
-    problem = build_problem(everywhere, prepared.space, sigma, times=times, settings=settings.predict)
+    problem = build_problem(_everywhere(prepared), prepared.space, sigma, times=times, settings=settings.predict)
     final, base = (on_problem(problem, f, settings=settings.fit) for f in (last.final, last.base))
     ruler = build_ruler(problem.replays, prepared.scales, base, rng, settings.data)
     there = replace(searched.found, problem=problem, fit=final, base=base, ruler=ruler)
@@ -154,25 +153,26 @@ def searched(done: float) -> float:
 
 def search_headline(prepared: Prepared, rng: np.random.Generator, progress: Progress, told: Told = unheard) -> Found:
     """The search on the windows of the headline's horizon alone, from another start as well where much is left."""
-    found = _on(prepared, *prepared.headline, None, rng, progress, told)
+    accepted = improving(told)
+    found = _on(prepared, *prepared.headline, None, rng, progress, accepted)
+    assert found is not None
     first = other_start(found)
     if first is None:
         return found
-    begun = rng.spawn(1)[0]
-    other = _on(prepared, *prepared.headline, None, begun, lambda text, _: progress(f"{text}, anew", 1.0), told, first)
-    return _better_everywhere(prepared, found, other)
+    begun, anew, search = rng.spawn(1)[0], _renamed(progress), prepared.options.settings.search
+    other = _on(prepared, *prepared.headline, None, begun, anew, accepted, first)
+    return found if other is None else better_everywhere(_everywhere(prepared), prepared.scales, found, other, search)
 
 
-def _better_everywhere(prepared: Prepared, found: Found, other: Found) -> Found:
-    """The first of two results, unless the other one's gap is clearly smaller on all windows that fits may see, of
-    which the searches saw few. The last set of the one that is left is among those that were come across."""
-    settings = prepared.options.settings
-    everywhere = prepared.fitting.take(evenly(prepared.fitting, prepared.options.final_steps, settings=settings.data))
-    replays = PredictionCache(everywhere, prepared.space)
-    gaps = squared_gaps(replays, prepared.scales, [found.fit, other.fit], settings.search)
-    if gaps[1] < settings.search.rivals.other_start * gaps[0]:
-        found, other = other, found
-    return replace(found, met=(other.fit, *found.met))
+def _renamed(progress: Progress) -> Progress:
+    """The progress of a second search, whose share is not counted."""
+    return lambda text, _: progress(f"{text}, from another start", 1.0)
+
+
+def _everywhere(prepared: Prepared) -> Dataset:
+    """All windows of the headline's horizon that fits may see, evenly fewer of a long log."""
+    data, options = prepared.fitting, prepared.options
+    return data.take(evenly(data, options.final_steps, settings=options.settings.data))
 
 
 def _worth_searching(data: Dataset, gap: Gap, floor: NoiseFloor, options: Options) -> bool:
@@ -203,8 +203,7 @@ def _rivals_that_hold(prepared: Prepared, found: Found) -> Rivalry:
     """The rivals of what was found; of the rival that holds far better on all windows, where there is one."""
     settings = prepared.options.settings
     rivalry = find_rivals(found, settings=settings.search)
-    everywhere = prepared.fitting.take(evenly(prepared.fitting, prepared.options.final_steps, settings=settings.data))
-    replays = PredictionCache(everywhere, prepared.space)
+    replays = PredictionCache(_everywhere(prepared), prepared.space)
     ruler = replace(found.ruler, scales=prepared.scales)
     better = holds_elsewhere(rivalry, found.met, replays, ruler, settings=settings.search)
     if better is None:
@@ -265,11 +264,11 @@ def _on(
     start: Found | None,
     rng: np.random.Generator,
     report: Progress,
-    told: Told,
+    accepted: Accepted,
     first: Term | None = None,
-) -> Found:
-    """The search on these windows, from what an earlier one found; first: the effect to begin with if nothing was."""
-    accepted = improving(told)
+) -> Found | None:
+    """The search on these windows, from what an earlier one found; first: the effect to begin with if nothing was. None
+    where that promises nothing."""
     options, space, settings = prepared.options, prepared.space, prepared.options.settings
     # a step of a small robot costs less: a servo on the bench is looked at more closely than an arm
     budget = int(options.search_steps * np.clip(6.0 / len(space.robot.states), 1.0, 2.0))
@@ -281,6 +280,8 @@ def _on(
     ripples = RippleFinder(quick, space, scales, settings.remainder, settings.laws.ripples)
     if start is None:
         earlier = _earlier(prepared) if first is None else begun_with(problem, first, settings.search)
+        if first is not None and earlier is None:
+            return None
         return stepwise_search(
             problem, scales, settings.search, rng, report, earlier, bool(earlier), accepted, suggest=ripples
         )

@@ -4,11 +4,17 @@ A greedy search adds to what it has. A stiff servo with strong friction and a we
 much the same over half a second, and whichever comes first keeps the other away: every single exchange makes it worse.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
+from residual_mpc.diagnosis.data.dataset import Dataset
+from residual_mpc.diagnosis.data.gap import Scales
 from residual_mpc.diagnosis.fit.least_squares import fit_all
 from residual_mpc.diagnosis.fit.start_values import possible
+from residual_mpc.diagnosis.predict.prediction_cache import PredictionCache
 from residual_mpc.diagnosis.predict.problem import Problem
+from residual_mpc.diagnosis.search.acceptance import squared_gaps
 from residual_mpc.diagnosis.search.screen import screen
 from residual_mpc.diagnosis.search.settings import SearchSettings
 from residual_mpc.diagnosis.search.stepwise import Found
@@ -43,3 +49,12 @@ def begun_with(problem: Problem, term: Term, settings: SearchSettings) -> Values
     fits = fit_all(problem, [{**base.values, **lead.start} for lead in leads], settings=settings.fit)
     good = [f for f in fits if possible(f.values) and np.isfinite(f.cost)]
     return min(good, key=lambda f: f.cost).values if good else None
+
+
+def better_everywhere(windows: Dataset, scales: Scales, found: Found, other: Found, settings: SearchSettings) -> Found:
+    """The first of two results, unless the other one's gap is clearly smaller on these windows, of which the searches
+    saw few. The last set of the one that is left is among those that were come across."""
+    gaps = squared_gaps(PredictionCache(windows, found.problem.space), scales, [found.fit, other.fit], settings)
+    if gaps[1] < settings.rivals.other_start * gaps[0]:
+        found, other = other, found
+    return replace(found, met=(other.fit, *found.met))

@@ -39,7 +39,7 @@ def confirm(
         prepared = prepare(DiagnosisInput(given.runs, given.robots, given.noise, given.tunable, options), rng, progress)
         progress("fitting each explanation to the new runs", 0.2)
         every = with_combinations(given.explanations, settings.combinations)
-        given = replace(given, explanations=every, combined=len(every) - len(given.explanations))
+        given = replace(given, explanations=every)
         changed = [changed_values(e.values, given.changes) for e in given.explanations]
         begin = [{**e.values, **values} for e, values in zip(given.explanations, changed, strict=True)]
         fitted = fit_explanations(prepared, begin, settings)
@@ -51,7 +51,7 @@ def confirm(
         refitted = space.settings([nominal, fitted.fits[kept].values])
         quality = _quality(prepared, refitted, rng, settings)
         effects = tested_effects(scored, explanations, quality)
-        explanations = _among_combinations(explanations, given.combined)
+        explanations = _among_combinations(explanations)
         progress("measuring the gap on the new runs", 0.8)
         gaps = _gaps(prepared, space.settings([nominal, changed[kept]]), rng, settings)
     return Confirmation(explanations, kept, effects, gaps, quality.whole)
@@ -84,7 +84,7 @@ def _scored(
     scores = _told_apart(scores, fitted, prepared, settings)
     open_ = [i for i, its in enumerate(scores) if its - min(scores) <= settings.beyond_doubt]
     # what was diagnosed is kept unless it is excluded, and of what takes its place as much of it as may be
-    kept = min(open_, key=lambda i: (len(given.explanations[i].instead_of) if i else 0, scores[i]))
+    kept = min(open_, key=lambda i: (len(given.explanations[i].instead_of) if i else -1, scores[i]))
     return Scored(given, fitted, phi, tuple(changed), tuple(expected), tuple(scores), kept, settings)
 
 
@@ -93,7 +93,7 @@ def _told_apart(
 ) -> list[float]:
     """The scores, of which none is beyond doubt where the predictions differ from those of the best explanation by less
     than the error of the model's own time step."""
-    best, most = int(np.argmin(scores)), min(scores) + settings.beyond_doubt
+    best, most = int(np.argmin(scores)), min(scores) + 0.999 * settings.beyond_doubt
     doubted = [i for i, score in enumerate(scores) if score > most]
     out = list(scores)
     if doubted:
@@ -107,26 +107,26 @@ def _told_apart(
 def _explanations(scored: Scored, prepared: Prepared, changed: Sequence[Values]) -> tuple[ExplanationTest, ...]:
     data, scales, space = prepared.clean, prepared.scales, scored.fitted.problem.space
     lowest = min(scored.scores)
-    out = []
+    out: list[ExplanationTest] = []
     rows = zip(scored.given.explanations, scored.fitted.fits, changed, scored.scores, strict=True)
     for e, fit, values, its in rows:
         told, refitted = (_total(data, scales, space.settings([v])) for v in (values, fit.values))
         above = its - lowest
         excluded = above > scored.settings.beyond_doubt
-        out.append(ExplanationTest(e.terms, e.instead_of, e.values, told, refitted, above, excluded))
+        parts = e.parts or ((len(out),) if out else ())
+        out.append(ExplanationTest(e.terms, e.instead_of, e.values, told, refitted, above, excluded, excluded, parts))
     return tuple(out)
 
 
-def _among_combinations(explanations: Sequence[ExplanationTest], combined: int) -> tuple[ExplanationTest, ...]:
-    """The explanations with what is said of an alternative whatever else is exchanged: it is excluded where every
-    combination with it is."""
-    count = len(explanations) - combined
-    out = list(explanations[:1])
-    for e in explanations[1:count]:
-        mine = [c for c in explanations[count:] if set(e.terms) <= set(c.terms)]
-        best = min((e, *mine), key=lambda c: c.above)
-        out.append(replace(e, above=best.above, excluded=best.excluded))
-    return (*out, *(replace(c, combined=True) for c in explanations[count:]))
+def _among_combinations(explanations: Sequence[ExplanationTest]) -> tuple[ExplanationTest, ...]:
+    """The explanations with what is said of an alternative whatever else is exchanged: it holds nowhere if every
+    combination with it is excluded, too."""
+    out = []
+    for k, e in enumerate(explanations):
+        mine = [c for c in explanations if c.combined and k in c.parts]
+        above = min(c.above for c in (e, *mine))
+        out.append(replace(e, above=above, nowhere=e.excluded and all(c.excluded for c in mine)))
+    return tuple(out)
 
 
 def _total(data: Dataset, scales: Scales, row: Settings) -> float:

@@ -30,7 +30,7 @@ def described(
         "explanations": [
             _explanation(e, own, e is kept)
             for e in confirmation.explanations
-            if e is kept or not (e.combined or (kept.combined and set(e.terms) <= set(kept.terms)))
+            if e is kept or not (e.combined or (kept.combined and set(e.parts) & set(kept.parts)))
         ],
         "gaps": [
             {"horizon": g.horizon, "windows": g.windows, "nominal": g.nominal, "explained": g.explained,
@@ -72,7 +72,7 @@ def _explanation(e: ExplanationTest, own: ExplanationTest, kept: bool) -> dict[s
         "gap": e.gap,
         "gap_refitted": e.refitted,
         "score_difference": e.above,
-        "excluded": e.excluded,
+        "excluded": e.nowhere,
         "kept": kept,
     }
 

@@ -89,7 +89,9 @@ def _refitted(effect: Document, values: Values) -> dict[str, Any]:
     for name, p in effect["parameters"].items():
         value = values.get(Knob(effect["effect"], effect["target"], name)) if isinstance(p, Mapping) else None
         if value is not None and value != p["value"]:
-            ci95 = p["ci95"] and [min(p["ci95"][0], value), max(p["ci95"][1], value)]
+            low, high = p["ci95"] or (None, None)  # an open end stays open
+            ends = [None if low is None else min(low, value), None if high is None else max(high, value)]
+            ci95 = p["ci95"] and ends
             p = {**p, "value": value, "ci95": ci95}
         parameters[name] = p
     return {**effect, "parameters": parameters}
@@ -153,17 +155,22 @@ def _open_alternatives(document: Document, confirmation: Confirmation) -> list[d
     here = whole_of(kept, own)
     every = {frozenset(whole_of(e, own)): e for e in confirmation.explanations}
     out = []
-    for entry, other in zip(document.get("alternatives", ()), others, strict=True):
-        if other.excluded or (confirmation.kept and set(other.terms) <= set(kept.terms)):
+    for k, (entry, other) in enumerate(zip(document.get("alternatives", ()), others, strict=True), start=1):
+        if other.nowhere or k in kept.parts:
             continue
-        whole = whole_of(other, own)
-        if confirmation.kept and not set(other.instead_of) & set(kept.instead_of):  # on top of what was exchanged
-            whole = (*(t for t in here if t not in other.instead_of), *other.terms)
+        # on top of what else was exchanged, in place of what the same effects were exchanged for
+        there = [confirmation.explanations[p] for p in kept.parts]
+        back = [e for e in there if set(e.instead_of) & set(other.instead_of)]
+        gone = {t for e in back for t in e.terms} | set(other.instead_of)
+        returned = [t for e in back for t in e.instead_of if t not in other.instead_of]
+        whole = (*(t for t in here if t not in gone), *returned, *other.terms)
         together = every.get(frozenset(whole))
-        if together is None or (together.combined and together.excluded):
+        if together is not None and together.excluded:
             continue
         effects, instead = ([_named(t) for t in a if t not in b] for a, b in ((whole, here), (here, whole)))
-        out.append({**entry, "effects": effects, "instead_of": instead, "values": _rows(together.values)})
+        out.append({**entry, "effects": effects, "instead_of": instead})
+        if together is not None:  # else there were too many combinations to test them all
+            out[-1]["values"] = _rows(together.values)
     return out
 
 
@@ -171,14 +178,15 @@ def _open_groups(document: Document, confirmation: Confirmation) -> list[Any]:
     """The confounded groups without the members that the new runs exclude; a group left with one member is dropped."""
     _, *others = (e for e in confirmation.explanations if not e.combined)
     kept = confirmation.explanations[confirmation.kept]
-    excluded = {e.terms for e in others if e.excluded}
+    excluded = {e.terms for e in others if e.nowhere}
+    parts = {t for p in kept.parts for t in confirmation.explanations[p].terms}
     gone = set(kept.instead_of) if confirmation.kept else set()
     out = []
     for group in document["confounded"]:
         members = [(m, terms_in([m] if isinstance(m, Mapping) else m)) for m in group]
         left = [m for m, terms in members if terms not in excluded and not gone & set(terms)]
         if confirmation.kept:  # what is named stands first
-            left.sort(key=lambda m: not set(terms_in([m] if isinstance(m, Mapping) else m)) <= set(kept.terms))
+            left.sort(key=lambda m: not set(terms_in([m] if isinstance(m, Mapping) else m)) <= parts)
         if len(left) > 1:
             out.append(left)
     return out

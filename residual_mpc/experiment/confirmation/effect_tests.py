@@ -123,9 +123,12 @@ def _tested(scored: Scored, term: Term, removed: _Removed, open_: bool, new: boo
     agree = all(s.agrees for s in sizes)
     if any(c.term == term for c in scored.given.changes):
         difference = _after_change(scored, term, removed)
-        was = _sizes(scored, term, fit, _as_it_was(scored, term))
-        if shown and not agree and was and not all(s.agrees for s in was):
-            outcome: Outcome = "other size"  # neither the stated one nor the old one
+        was = {s.name: s.agrees for s in _sizes(scored, term, fit, _as_it_was(scored, term))}
+        changed = {c.knob.parameter for c in scored.given.changes if c.term == term and c.amount is not None}
+        neither = any(not s.agrees and not was.get(s.name, True) for s in sizes if not changed or s.name in changed)
+        needed = (removed.fit.cost - fit.cost) / scored.phi > doubt
+        if shown and needed and neither and not open_:
+            outcome: Outcome = "other size"
         elif difference > doubt and (agree or _gone(scored, term)) and not open_:
             outcome = "agrees"
         else:

@@ -15,11 +15,13 @@ from residual_mpc.models.settings import TUNE, Knob, Values
 @dataclass(frozen=True, eq=False)
 class DiagnosedExplanation:
     """terms: the effects that it adds to the diagnosed explanation (of that one itself: all its effects); instead_of:
-    the effects that they replace; values: parameters of the whole model, before any known change."""
+    the effects that they replace; values: parameters of the whole model, before any known change; parts: of a
+    combination, the places of its alternatives."""
 
     terms: EffectSet
     instead_of: EffectSet
     values: Values
+    parts: tuple[int, ...] = ()
 
 
 def with_combinations(explanations: Sequence[DiagnosedExplanation], most: int) -> tuple[DiagnosedExplanation, ...]:
@@ -31,14 +33,16 @@ def with_combinations(explanations: Sequence[DiagnosedExplanation], most: int) -
     own, *others = explanations
     found: list[DiagnosedExplanation] = []
     for size in range(2, len(others) + 1):
-        for chosen in combinations(others, size):
+        for places in combinations(range(len(others)), size):
+            chosen = [others[i] for i in places]
             gone = [t for e in chosen for t in e.instead_of]
             came = [t for e in chosen for t in e.terms]
             if len(set(gone)) == len(gone) and len(set(came)) == len(came) and all(e.instead_of for e in chosen):
                 values = {k: v for k, v in own.values.items() if k.effect == TUNE or k.term not in gone}
                 for e in chosen:
                     values |= {k: v for k, v in e.values.items() if k.effect != TUNE and k.term in e.terms}
-                found.append(DiagnosedExplanation(tuple(came), tuple(gone), values))
+                parts = tuple(i + 1 for i in places)
+                found.append(DiagnosedExplanation(tuple(came), tuple(gone), values, parts))
             if len(found) == most:
                 return (*explanations, *found)
         if size > 2 and not found:
@@ -49,9 +53,9 @@ def with_combinations(explanations: Sequence[DiagnosedExplanation], most: int) -
 @dataclass(frozen=True, eq=False)
 class ConfirmationInput:
     """runs: the new runs; robots: the nominal model of each; noise, tunable, options: as for a diagnosis.
-    explanations: the diagnosed one, then its alternatives, of which `combined` follow that exchange more than one
-    effect; sigma: standard deviations of the parameters that have an interval, in their units; dispersion: of the
-    residuals of the diagnosis. changes: made to the robot before these runs."""
+    explanations: the diagnosed one, then its alternatives; sigma: standard deviations of the parameters that have
+    an interval, in their units; dispersion: of the residuals of the diagnosis. changes: made to the robot before
+    these runs."""
 
     runs: tuple[Run, ...]
     robots: tuple[Robot, ...]
@@ -62,4 +66,3 @@ class ConfirmationInput:
     dispersion: float
     changes: tuple[KnownChange, ...]
     options: Options
-    combined: int = 0

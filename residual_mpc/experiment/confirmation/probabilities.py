@@ -42,7 +42,7 @@ def _in_place_of(
     places: list[tuple[EffectSet, bool]] = [((term,), kept is own or term not in kept.instead_of)]
     for other in others:
         if term in other.instead_of:
-            places.append((tuple(t for t in other.terms if t not in own.terms), not other.excluded))
+            places.append((tuple(t for t in other.terms if t not in own.terms), not other.nowhere))
     before = [min((listed.get(t, 0.0) for t in terms), default=0.0) for terms, _ in places]
     total = min(sum(before), settings.results.causes.most_sure)
     after = [p if open_ else settings.excluded * p for p, (_, open_) in zip(before, places, strict=True)]

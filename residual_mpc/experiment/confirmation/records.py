@@ -50,8 +50,9 @@ class ExplanationTest:
     """One explanation of the diagnosis on the new runs. terms: the effects that it adds to the diagnosed explanation
     (of that one itself: all its effects); instead_of: the effects that they replace; values: parameters of the whole
     model, as diagnosed. gap: with known changes applied and nothing refitted; refitted: with the parameters fitted to
-    these runs; above: its score above the lowest, for an alternative the lowest of all combinations with it; excluded:
-    whether that is too much; combined: whether it exchanges more than one ambiguous effect."""
+    these runs; above: its score above the lowest, or that of the best combination with it; excluded: whether its own is
+    too much; nowhere: whether each combination with it is excluded as well. parts: the alternatives that it exchanges,
+    by their places among the explanations; none for the diagnosed one."""
 
     terms: EffectSet
     instead_of: EffectSet
@@ -60,7 +61,13 @@ class ExplanationTest:
     refitted: float
     above: float
     excluded: bool
-    combined: bool = False
+    nowhere: bool
+    parts: tuple[int, ...] = ()
+
+    @property
+    def combined(self) -> bool:
+        """Whether it exchanges more than one ambiguous effect."""
+        return len(self.parts) > 1
 
 
 @dataclass(frozen=True)

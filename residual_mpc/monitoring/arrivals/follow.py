@@ -105,12 +105,13 @@ def _tail_of(path: Path, same: Identity, tails: Mapping[Identity, Tail], emptied
     for tail in (*tails.values(), *emptied.values()):
         if tail.path != path and size >= tail.at and tail.is_copied_to(path):
             return tail.copied(path)
-    before = next((tail for tail in others if tail.header), mine if mine is not None and mine.path == path else None)
+    known = [tail for tail in others if tail.header or tail.earlier]
+    before = next(iter(known), mine if mine is not None and mine.path == path else None)
     if before is not None and before.head:
         emptied[before.head] = before
         while len(emptied) > COPIES:
             emptied.pop(next(iter(emptied)))
-    return Tail(stem(path), str(path), path, None if before is None else before.header)
+    return Tail(stem(path), str(path), path, None if before is None else before.header or before.earlier)
 
 
 class Tail:
@@ -122,7 +123,7 @@ class Tail:
         self.at = 0  # bytes that were read
         self.head = b""  # the first of them
         self.header: str | None = None
-        self._earlier = earlier
+        self.earlier = earlier
         self._rest = b""
         self._begun = False  # whether a row was read
         self._content = blake2b()  # of all that was read
@@ -169,8 +170,8 @@ class Tail:
             return
         lines = [line for line in whole.decode("utf-8", "replace").splitlines() if line.strip()]
         fresh = self.header is None
-        if fresh and lines and self._earlier is not None and _continues(self._earlier, lines[0]):
-            self.header, fresh = self._earlier, False
+        if fresh and lines and self.earlier is not None and _continues(self.earlier, lines[0]):
+            self.header, fresh = self.earlier, False
         elif fresh and lines:
             self.header, lines = lines[0].removeprefix("\ufeff"), lines[1:]
         self._begun |= bool(lines)
@@ -183,8 +184,9 @@ class Tail:
 def _continues(header: str, line: str) -> bool:
     """Whether a line is a row under a header, and no header itself."""
     mark = delimiter(header)
-    cells = line.split(mark)
-    return len(cells) == len(header.split(mark)) and all(map(is_number, cells)) and any(c.strip() for c in cells)
+    names, cells = header.split(mark), line.split(mark)
+    numbers = any(cell.strip() and is_number(cell) for cell in cells)
+    return len(cells) == len(names) and numbers and not any(a == b for a, b in zip(names, cells, strict=True))
 
 
 def delimiter(header: str) -> str:

@@ -45,7 +45,7 @@ def confirmation_sentence(document: Document) -> str:
         decided = f"The new runs neither confirm nor contradict the diagnosis; {said}."
     else:
         decided = f"The new runs {listed(clauses)}; {said}."
-    masked = by["open"] and not document["explains_all"]
+    masked = any(not e["changed"] for e in by["open"]) and not document["explains_all"]
     return f"{decided} {MASKED}" if masked else decided
 
 
