@@ -257,7 +257,7 @@ class Watch:
         since = list(self._places)[-max(min(found.windows, len(self._places)), 1) :]
         self._change = Change(since[0], at, len(since) * self._horizon)
         self._total.changes += 1
-        now, usual = gaps_of(since, found.series)
+        now, usual = gaps_of(since, found.series, r.rest[:, found.series])
         unlike = float(np.mean([p.far for p in since]))
         return GapChanged(at, since[0].moment, r.series[found.series], found.grows, now, usual, len(since), unlike)
 

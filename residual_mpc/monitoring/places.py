@@ -23,9 +23,13 @@ class Place:
     far: bool
 
 
-def gaps_of(places: Sequence[Place], series: int) -> tuple[float, float]:
-    """The gap of these windows as measured, and as the reference has it for such motions."""
+def gaps_of(places: Sequence[Place], series: int, rest_there: np.ndarray) -> tuple[float, float]:
+    """The gap of these windows as measured, and as the reference has it for such motions.
+
+    rest_there (W,): `rest` of the reference's windows, whose mean exponential makes a mean of squares of what is
+    expected of a logarithm (smearing; Duan 1983).
+    """
     error, rest = (np.array([getattr(p, of)[series] for p in places]) for of in ("error", "rest"))
     known = np.isfinite(error) & np.isfinite(rest)
-    measured, usual = error[known], error[known] * np.exp(-rest[known])
+    measured, usual = error[known], error[known] * np.exp(-rest[known]) * np.nanmean(np.exp(rest_there))
     return float(np.sqrt(measured.mean())), float(np.sqrt(usual.mean()))
