@@ -24,6 +24,9 @@ from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
 from residual_mpc.models.settings import Settings, Values
 
 
+ROUNDING = 1e-6  # of a difference of scores
+
+
 def confirm(
     given: ConfirmationInput,
     settings: ConfirmationSettings,
@@ -82,7 +85,7 @@ def _scored(
         score(fit, phi, numbers, cost) for fit, numbers, cost in zip(fitted.fits, expected, at_expected, strict=True)
     ]
     scores = _told_apart(scores, fitted, prepared, settings)
-    open_ = [i for i, its in enumerate(scores) if its - min(scores) <= settings.beyond_doubt]
+    open_ = [i for i, its in enumerate(scores) if its - min(scores) <= settings.beyond_doubt + ROUNDING]
     # what was diagnosed is kept unless it is excluded, and of what takes its place as much of it as may be
     kept = min(open_, key=lambda i: (len(given.explanations[i].instead_of) if i else -1, scores[i]))
     return Scored(given, fitted, phi, tuple(changed), tuple(expected), tuple(scores), kept, settings)
@@ -93,7 +96,7 @@ def _told_apart(
 ) -> list[float]:
     """The scores, of which none is beyond doubt where the predictions differ from those of the best explanation by less
     than the error of the model's own time step."""
-    best, most = int(np.argmin(scores)), min(scores) + 0.999 * settings.beyond_doubt
+    best, most = int(np.argmin(scores)), min(scores) + settings.beyond_doubt
     doubted = [i for i, score in enumerate(scores) if score > most]
     out = list(scores)
     if doubted:
@@ -112,7 +115,7 @@ def _explanations(scored: Scored, prepared: Prepared, changed: Sequence[Values])
     for e, fit, values, its in rows:
         told, refitted = (_total(data, scales, space.settings([v])) for v in (values, fit.values))
         above = its - lowest
-        excluded = above > scored.settings.beyond_doubt
+        excluded = above > scored.settings.beyond_doubt + ROUNDING
         parts = e.parts or ((len(out),) if out else ())
         out.append(ExplanationTest(e.terms, e.instead_of, e.values, told, refitted, above, excluded, excluded, parts))
     return tuple(out)
