@@ -23,7 +23,6 @@ from residual_mpc.experiment.confirmation.records import Confirmation, Explanati
 from residual_mpc.experiment.confirmation.settings import ConfirmationSettings
 from residual_mpc.models.settings import Settings, Values
 
-
 ROUNDING = 1e-6  # of a difference of scores
 
 
