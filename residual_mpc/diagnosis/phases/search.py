@@ -99,9 +99,9 @@ def search_further(
     prepared, found, settings = searched.prepared, searched.found, searched.prepared.options.settings
     if not last.final.terms:
         return None
-    less = on_problem(found.problem, last.final, settings=settings.fit)
     more = None
     if last.left_out:
+        less = on_problem(found.problem, last.final, settings=settings.fit)
         found = _extended(found, less, settings=settings.search)
         more = _closed_by_one(found, found.fit, last.left_out, settings)
     if more is None:
@@ -116,14 +116,16 @@ def search_further(
 
 
 def _closed_everywhere(searched: Searched, last: FittedExplanation, rng: np.random.Generator) -> Values | None:
-    """The numbers of the last fit with one more effect that closes most of what it leaves on all windows that fits may
-    see; None where none does."""
+    """The numbers of the last fit with one more effect that closes a good part of what it leaves on all windows that
+    fits may see; None where none does, or nothing is left beyond the noise."""
     prepared, options = searched.prepared, searched.prepared.options
     settings = options.settings
     times, sigma = times_longer(searched.found.problem), 1.0 / last.problem.weight
     problem = build_problem(_everywhere(prepared), prepared.space, sigma, times=times, settings=settings.predict)
+    ruler = build_ruler(problem.replays, prepared.scales, last.base, rng, settings.data)
+    if ruler.squared([last.final])[0] <= settings.predict.floor.margin**2 * ruler.floor:
+        return None
     final, base = (on_problem(problem, f, settings=settings.fit) for f in (last.final, last.base))
-    ruler = build_ruler(problem.replays, prepared.scales, base, rng, settings.data)
     there = replace(searched.found, problem=problem, fit=final, base=base, ruler=ruler)
     more = _closed_by_one(there, final, last.left_out, settings)
     return None if more is None else more.fit.values
