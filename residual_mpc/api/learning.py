@@ -150,8 +150,8 @@ def learn(
 
     made = train(task, settings, np.random.default_rng(seed), heard, folder)
     # on effects that were fitted to an earlier nominal model, the network does not change what they belong to
-    stated = None if on is None else {NOMINAL: model_content(written(on)).get(NOMINAL)}
-    learned = LearnedModel(robot, _document(made, task, history), {**_model(made, task, robot.name), **(stated or {})})
+    stated = {} if on is None else {NOMINAL: model_content(written(on)).get(NOMINAL)}
+    learned = LearnedModel(robot, _document(made, task, history), {**_model(made, task, robot.name), **stated})
     if folder is not None:
         learned.save(folder)
         checkpoint.clear(folder / "checkpoint.npz")

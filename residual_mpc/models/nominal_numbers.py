@@ -26,8 +26,8 @@ def nominal_numbers(robot: Robot) -> dict[str, float]:
 
 
 def differences(model: Mapping[str, Any], robot: Robot) -> dict[str, tuple[float | None, float | None]]:
-    """The nominal numbers that differ, (when the model was made, now); None for a number that there is not. Empty for a
-    model file that does not state them."""
+    """The nominal numbers that differ, (when the model was made, now); None where a number is absent. Empty for a model
+    file that does not state them."""
     then = model.get(KEY)
     if not isinstance(then, Mapping):
         return {}

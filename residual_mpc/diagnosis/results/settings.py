@@ -25,8 +25,8 @@ class CauseSettings:
     with a number that rests on the bound of what is tried, or that may do nothing by its intervals. doubtful:
     factor on an effect's probability below which the other numbers' intervals do without it too. apart: half-widths
     beyond which an interval is that wide since two fits end apart. fewest_runs: from which their disagreement widens
-    intervals; agree: how often runs that agree do so too; contributing:
-    share of the runs that a number has to depend on for that."""
+    intervals; agree: how often runs that agree do so too; contributing: share of the runs that a number has to depend
+    on for that."""
 
     form: float = 0.5
     law: float = 0.03
